@@ -1,0 +1,353 @@
+//! The checked model: names resolved, units verified, nothing left of the syntax.
+
+use crate::units::Dimension;
+
+/// A robot as described: the output of the language, the input of code generation.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Model {
+    /// Name, in upper camel case by custom.
+    pub name: String,
+    /// Lines of its doc comment.
+    pub docs: Vec<String>,
+    /// Whether the description says `pub`.
+    pub public: bool,
+    /// Tracks in order of declaration.
+    pub tracks: Vec<Track>,
+    /// Clusters in order of declaration.
+    pub clusters: Vec<Cluster>,
+    /// Links in order of declaration.
+    pub links: Vec<Link>,
+    /// Effects in order of declaration.
+    pub effects: Vec<Effect>,
+    /// Variants in order of declaration, with inheritance (`Full + …`) resolved.
+    pub variants: Vec<Variant>,
+}
+
+impl Model {
+    /// Number of commands: one per track, then one per link of actuated length.
+    pub fn commands(&self) -> usize {
+        self.tracks.len() + self.links.iter().filter(|link| link.actuated_by.is_some()).count()
+    }
+
+    /// Indices of the links of a cluster.
+    pub fn links_of_cluster(&self, cluster: usize) -> Vec<usize> {
+        (0..self.links.len()).filter(|&link| self.links[link].cluster == cluster).collect()
+    }
+
+    /// Indices of the links whose cluster rides on a track's cart.
+    pub fn links_of_track(&self, track: usize) -> Vec<usize> {
+        (0..self.links.len())
+            .filter(|&link| self.clusters[self.links[link].cluster].track == Some(track))
+            .collect()
+    }
+
+    /// Indices of the clusters that ride on a track's cart.
+    pub fn clusters_of_track(&self, track: usize) -> Vec<usize> {
+        (0..self.clusters.len()).filter(|&c| self.clusters[c].track == Some(track)).collect()
+    }
+
+    /// The variant of a name.
+    pub fn variant(&self, name: &str) -> Option<&Variant> {
+        self.variants.iter().find(|variant| variant.name == name)
+    }
+}
+
+/// A linear guideway with its cart.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Track {
+    /// Name.
+    pub name: String,
+}
+
+/// Links between one cart, or the fixed base, and the plate.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Cluster {
+    /// Name.
+    pub name: String,
+    /// The track whose cart carries it; `None` on the fixed base.
+    pub track: Option<usize>,
+}
+
+/// A rod between two spherical joints.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Link {
+    /// Name.
+    pub name: String,
+    /// Its cluster.
+    pub cluster: usize,
+    /// The command that drives its length (`actuated length`).
+    pub actuated_by: Option<usize>,
+    /// Values that the description itself gives.
+    pub defaults: LinkDefaults,
+}
+
+/// Nominal values and tolerances of a link, where the description gives them (SI).
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct LinkDefaults {
+    /// Length (m).
+    pub length: Quantity<1>,
+    /// Plate joint in TCP coordinates (m).
+    pub plate_joint: Quantity<3>,
+    /// Cart-side joint at q = 0 in the measurement frame (m).
+    pub track_offset: Quantity<3>,
+    /// Track direction; free, not normalised.
+    pub track_direction: Quantity<3>,
+}
+
+/// An optional nominal value with an optional tolerance.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Quantity<const N: usize> {
+    /// Nominal value, SI.
+    pub value: Option<[f64; N]>,
+    /// One standard deviation of its prior, SI.
+    pub tolerance: Option<f64>,
+}
+
+impl<const N: usize> Default for Quantity<N> {
+    fn default() -> Self {
+        Self { value: None, tolerance: None }
+    }
+}
+
+/// Closure per link or per cluster.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Arm {
+    /// One closure equation per cluster.
+    Reduced,
+    /// One closure equation per link.
+    Full,
+}
+
+/// Shape of a cart's path.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum TrackShape {
+    /// `C(q) = C0 + q v`.
+    Linear,
+    /// Interpolated between measured cart points.
+    Piecewise,
+}
+
+/// How a variant models one track.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct TrackModel {
+    /// Straight or interpolated.
+    pub shape: TrackShape,
+    /// Whether each link has its own direction (or rotation).
+    pub per_link: bool,
+}
+
+/// One choice of arm, tracks and effects.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Variant {
+    /// Name, in upper camel case by custom.
+    pub name: String,
+    /// Lines of its doc comment.
+    pub docs: Vec<String>,
+    /// Closure per link or per cluster.
+    pub arm: Arm,
+    /// One model per track.
+    pub tracks: Vec<TrackModel>,
+    /// Effects with their places, in order.
+    pub effects: Vec<EffectUse>,
+}
+
+/// An effect at a place.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct EffectUse {
+    /// Index of the effect.
+    pub effect: usize,
+    /// Where it acts.
+    pub place: Place,
+}
+
+/// Where an effect acts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Place {
+    /// The cart of a track; for an effect that reads another cart (`q(source)`), with that other track.
+    Cart {
+        /// The cart that is displaced.
+        track: usize,
+        /// The cart whose command is read as `q(source)`.
+        source: Option<usize>,
+    },
+    /// All carts, with one common set of parameters.
+    AllCarts,
+    /// One link.
+    Link(usize),
+    /// All links, with one common set of parameters.
+    AllLinks,
+    /// The measured TCP.
+    Tcp,
+}
+
+/// What kind of thing an effect acts on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Subject {
+    /// `on cart`.
+    Cart,
+    /// `on cart from source`: reads the command of another cart as `q(source)`.
+    CartFromSource,
+    /// `on link`.
+    Link,
+    /// `on tcp`.
+    Tcp,
+}
+
+/// A named physical error with its own parameters.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Effect {
+    /// Name, in snake case by custom.
+    pub name: String,
+    /// Lines of its doc comment.
+    pub docs: Vec<String>,
+    /// What it acts on.
+    pub subject: Subject,
+    /// Its parameters, in order; `search` parameters among them.
+    pub parameters: Vec<EffectParameter>,
+    /// What it adds, in order.
+    pub terms: Vec<Term>,
+}
+
+/// A parameter of an effect.
+#[derive(Debug, Clone, PartialEq)]
+pub struct EffectParameter {
+    /// Name.
+    pub name: String,
+    /// 1, or 3 for a vector.
+    pub components: usize,
+    /// Dimension of each component.
+    pub dimension: Dimension,
+    /// Value to start from, SI; zero where the description gives none (the middle of the range for
+    /// a searched parameter).
+    pub nominal: f64,
+    /// One standard deviation of the prior, SI.
+    pub tolerance: Option<f64>,
+    /// Range to search, SI, where it is declared with `search`.
+    pub search: Option<(f64, f64)>,
+}
+
+/// `target += formula;`
+#[derive(Debug, Clone, PartialEq)]
+pub struct Term {
+    /// What is added to.
+    pub target: Target,
+    /// The amount; a vector exactly where the target is one.
+    pub formula: Formula,
+}
+
+/// What an effect may add to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Target {
+    /// Displacement of the cart along its track (m).
+    Along,
+    /// Displacement along ẑ × v̂ (m).
+    Horizontal,
+    /// Displacement along the third axis (m).
+    Vertical,
+    /// Small rotation of the cart about the track's direction (rad).
+    Roll,
+    /// Small rotation about the horizontal axis (rad).
+    Pitch,
+    /// Small rotation about the vertical axis (rad).
+    Yaw,
+    /// Length of the link (m).
+    Length,
+    /// Plate joint in TCP coordinates (m, vector).
+    Joint,
+    /// Measured TCP position (m, vector).
+    Position,
+}
+
+/// A formula: a tree over the effect's parameters and the quantities it may read.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Formula {
+    /// A number, in SI units.
+    Number(f64),
+    /// A component of a parameter: index in [`Effect::parameters`], component (0 for a scalar).
+    Parameter(usize, usize),
+    /// A quantity of the sample or the model.
+    Read(Readable),
+    /// `-a`.
+    Negate(Box<Formula>),
+    /// `a + b`, and so on.
+    Binary(BinaryOperator, Box<Formula>, Box<Formula>),
+    /// `a ^ n` with a whole number.
+    Power(Box<Formula>, i32),
+    /// An elementary function.
+    Call(Function, Vec<Formula>),
+    /// `(a, b, c)`; vectors occur only at the top of a term for a vector target: scalar products and
+    /// sums with vectors are resolved into components by the checker.
+    Vector(Box<[Formula; 3]>),
+}
+
+/// A binary operator.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum BinaryOperator {
+    /// `+`
+    Add,
+    /// `-`
+    Subtract,
+    /// `*`
+    Multiply,
+    /// `/`
+    Divide,
+}
+
+/// An elementary function. Angles are in radians, arguments otherwise dimensionless, except that
+/// `sqrt`, `abs`, `min`, `max` carry units and `sign` takes any.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Function {
+    /// Sine.
+    Sin,
+    /// Cosine.
+    Cos,
+    /// Tangent.
+    Tan,
+    /// Arctangent.
+    Atan,
+    /// Exponential.
+    Exp,
+    /// Natural logarithm.
+    Ln,
+    /// Hyperbolic tangent.
+    Tanh,
+    /// Square root.
+    Sqrt,
+    /// Magnitude.
+    Abs,
+    /// −1, or +1 from zero upwards.
+    Sign,
+    /// The smaller of two.
+    Min,
+    /// The larger of two.
+    Max,
+}
+
+/// A quantity that a formula may read, SI.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Readable {
+    /// `q`: command of the cart it acts on, or of the cart of the link it acts on (m).
+    Command,
+    /// `q(track)`: command of a named track (m).
+    CommandOf(usize),
+    /// `q(source)`: command of the source cart (m).
+    SourceCommand,
+    /// `direction`: ±1, side of approach of that cart.
+    Direction,
+    /// `time` (s).
+    Time,
+    /// `temperature` (°C, as a number of kelvins above 0 °C).
+    Temperature,
+    /// `load_along` (N).
+    LoadAlong,
+    /// `load_horizontal` (N).
+    LoadHorizontal,
+    /// `load_vertical` (N).
+    LoadVertical,
+    /// `tension` of the link (N).
+    Tension,
+    /// `length`: calibrated length of the link (m), without effects.
+    Length,
+    /// `x`, `y` or `z` of the measured TCP (m).
+    Position(usize),
+}

@@ -1,0 +1,68 @@
+//! Residual families: functions of a sample's data and of parameters, with their Jacobian.
+
+/// The sizes of a residual family.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Shape {
+    /// Numbers that a sample brings (commands, measured coordinates, loads).
+    pub data: usize,
+    /// Numbers that [`ResidualFamily::prepare`] makes of them, once per sample.
+    pub prepared: usize,
+    /// Parameters that the residuals depend on.
+    pub parameters: usize,
+    /// Residuals per sample.
+    pub residuals: usize,
+}
+
+/// Where the entries of a Jacobian stand, in compressed rows.
+///
+/// Row `i` holds the entries `row_starts[i]..row_starts[i + 1]`; `columns` gives the parameter of each.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Pattern<'a> {
+    /// Start of each row in `columns`, and the number of entries at the end.
+    pub row_starts: &'a [u32],
+    /// Parameter index of each entry, ascending within a row.
+    pub columns: &'a [u32],
+}
+
+impl Pattern<'_> {
+    /// The number of entries that are not structurally zero.
+    pub const fn len(&self) -> usize {
+        self.columns.len()
+    }
+
+    /// Whether no residual depends on any parameter.
+    pub const fn is_empty(&self) -> bool {
+        self.columns.is_empty()
+    }
+}
+
+/// Residuals of one sample as a function of parameters, with a Jacobian of fixed sparsity.
+///
+/// The work is staged. [`prepare`](Self::prepare) does everything that depends on the sample's data
+/// alone (the trigonometry of measured angles, interpolation weights) and is called once per sample;
+/// [`value`](Self::value) and [`linearize`](Self::linearize) do the rest at every iteration.
+///
+/// All slices have exactly the lengths given by [`shape`](Self::shape) and [`pattern`](Self::pattern);
+/// implementations may panic on others.
+pub trait ResidualFamily: Send + Sync {
+    /// The sizes of all slices.
+    fn shape(&self) -> Shape;
+
+    /// The structural non-zeros of the Jacobian.
+    fn pattern(&self) -> Pattern<'_>;
+
+    /// Writes what depends on the sample's data only.
+    fn prepare(&self, data: &[f64], prepared: &mut [f64]);
+
+    /// Writes the residuals of one prepared sample.
+    fn value(&self, prepared: &[f64], parameters: &[f64], residuals: &mut [f64]);
+
+    /// Writes the residuals and the Jacobian's entries, in the order of [`pattern`](Self::pattern).
+    fn linearize(
+        &self,
+        prepared: &[f64],
+        parameters: &[f64],
+        residuals: &mut [f64],
+        jacobian: &mut [f64],
+    );
+}

@@ -1,0 +1,219 @@
+//! What a robot's variants are made of, as data.
+
+use crate::ResidualFamily;
+
+/// A robot: its structure and its variants.
+#[derive(Clone, Copy)]
+pub struct Robot {
+    /// Name in the description.
+    pub name: &'static str,
+    /// The whole description, in the language.
+    pub description: &'static str,
+    /// Names of the tracks, in order of declaration; carts carry the same numbers, from 1.
+    pub tracks: &'static [&'static str],
+    /// Clusters in order of declaration.
+    pub clusters: &'static [Cluster],
+    /// Links in order of declaration.
+    pub links: &'static [Link],
+    /// Number of commands `q1_m, q2_m, …`: one per track, then one per link of actuated length.
+    pub commands: usize,
+    /// Variants in order of declaration.
+    pub variants: &'static [Variant],
+}
+
+/// Links between one cart (or the fixed base) and the plate.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Cluster {
+    /// Name in the description.
+    pub name: &'static str,
+    /// Index of the track whose cart carries it; `None` on the fixed base.
+    pub track: Option<usize>,
+}
+
+/// A rod between a spherical joint on a cart (or the base) and one on the plate.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Link {
+    /// Name in the description.
+    pub name: &'static str,
+    /// Index of its cluster.
+    pub cluster: usize,
+    /// Index of the command that drives its length, where the length is actuated.
+    pub actuated_by: Option<usize>,
+}
+
+/// Whether closure is written per link or per cluster.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Arm {
+    /// One closure equation per cluster, plate offsets folded into the track offsets
+    /// (Dressler et al. 2010, eqs. 1 and 3).
+    Reduced,
+    /// One closure equation per link (eq. 5).
+    Full,
+}
+
+/// The path of a cart as a function of its command.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum TrackShape {
+    /// `C(q) = C0 + q v` (eq. 2).
+    Linear,
+    /// Interpolation between measured cart points, carried by a calibrated rigid transform (eq. 4).
+    Piecewise,
+}
+
+/// How a variant models one track.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct TrackModel {
+    /// Straight or interpolated.
+    pub shape: TrackShape,
+    /// Whether each link has a direction (or rotation) of its own.
+    pub per_link: bool,
+}
+
+/// A choice of arm, tracks and effects, with its generated functions.
+#[derive(Clone, Copy)]
+pub struct Variant {
+    /// Name in the description.
+    pub name: &'static str,
+    /// Closure per link or per cluster.
+    pub arm: Arm,
+    /// One model per track.
+    pub tracks: &'static [TrackModel],
+    /// Effects in the order in which they were added.
+    pub effects: &'static [EffectUse],
+    /// All parameters that any of its residuals depend on.
+    pub parameters: &'static [Parameter],
+    /// Residuals: each a family, with the parameters and data it takes.
+    pub instances: &'static [Instance],
+}
+
+/// An effect of a variant, at a place.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct EffectUse {
+    /// Name of the effect.
+    pub name: &'static str,
+    /// Its places: tracks, links, `all` or `tcp`.
+    pub places: &'static [&'static str],
+}
+
+/// What a parameter belongs to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Owner {
+    /// A link, by index.
+    Link(usize),
+    /// A cluster, by index (reduced arms).
+    Cluster(usize),
+    /// A track, by index (directions shared by the links of a cart).
+    Track(usize),
+    /// An effect of the variant, by index in its list.
+    Effect(usize),
+    /// The tracker frame of set 2 or 3.
+    Frame(u8),
+    /// The target on a cart in set 2 or 3.
+    Target {
+        /// 2 or 3.
+        set: u8,
+        /// Index of the track.
+        track: usize,
+    },
+}
+
+/// A scalar parameter.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Parameter {
+    /// Full name, such as `l1.track_offset.x` or `rack_pitch(two).sine`.
+    pub name: &'static str,
+    /// What it belongs to.
+    pub owner: Owner,
+    /// `length`, `plate_joint`, `track_offset`, `track_direction`, `track_rotation`, `translation`,
+    /// `rotation`, `position`, or the name of an effect's parameter.
+    pub quantity: &'static str,
+    /// Component 0, 1 or 2 of a vector.
+    pub component: Option<usize>,
+    /// SI unit, such as `m`, `rad`, `1`, `m/N`.
+    pub unit: &'static str,
+    /// Nominal value from the description, SI, where it gives one.
+    pub nominal: Option<f64>,
+    /// Tolerance (one standard deviation of the prior) from the description, SI.
+    pub tolerance: Option<f64>,
+    /// Range over which discovery searches it, SI.
+    pub search: Option<(f64, f64)>,
+}
+
+/// Which residual an instance writes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ResidualKind {
+    /// `L² − ‖T + R P − C(q)‖²` (m²) at a pose of set 1: of a link, or of a cluster where the arm is reduced.
+    Closure,
+    /// The same as a function of the plate's pose and the commands, for kinematics.
+    ///
+    /// The family's parameters are the pose `x, y, z, alpha, beta, gamma`, all commands of the robot
+    /// `q1, q2, …`, and then those listed in [`Instance::parameters`]. Its Jacobian has the columns
+    /// translation (x, y, z), rotation vector in the measurement frame (x, y, z; free of the Euler
+    /// angles' singularity), and the commands; none for the others.
+    ClosureByPose,
+    /// Position (m) and rotation (rad) of a cart's target in set 2: six residuals.
+    CartPose,
+    /// Position (m) of a cart's target in set 3: three residuals.
+    CartPosition,
+}
+
+/// A residual family applied to a link, a cluster or a cart.
+#[derive(Clone, Copy)]
+pub struct Instance {
+    /// Which residual.
+    pub kind: ResidualKind,
+    /// Index of the link (full arm), cluster (reduced arm) or track (`CartPose`, `CartPosition`).
+    pub of: usize,
+    /// The function; instances of the same form share it.
+    pub family: &'static dyn ResidualFamily,
+    /// For each parameter of the family, its index in [`Variant::parameters`]; in
+    /// [`ResidualKind::ClosureByPose`] for those that follow the pose and the commands.
+    pub parameters: &'static [u32],
+    /// For each datum of the family, what to fill in.
+    pub inputs: &'static [Input],
+}
+
+/// A number that a sample brings.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Input {
+    /// Commanded position (m), by index of the command.
+    Command(usize),
+    /// Measured position x, y, z (m): of the TCP (set 1) or of the target (sets 2 and 3, registered).
+    Position(usize),
+    /// Measured ZYZ Euler angle alpha, beta, gamma (rad).
+    Angle(usize),
+    /// Side of approach, ±1, by index of the command.
+    Direction(usize),
+    /// Time (s).
+    Time,
+    /// Temperature (°C).
+    Temperature,
+    /// Force of the arm on a cart (N): along, horizontal, vertical.
+    Load {
+        /// Index of the track.
+        track: usize,
+        /// 0 along, 1 horizontal, 2 vertical.
+        component: usize,
+    },
+    /// Tension of a link (N), by index.
+    Tension(usize),
+    /// Start of the track segment that holds the command, in the measurement frame relative to the
+    /// track's point at q = 0 (m).
+    SegmentStart {
+        /// Index of the track.
+        track: usize,
+        /// Component 0, 1 or 2.
+        component: usize,
+    },
+    /// End of that segment (m), likewise.
+    SegmentEnd {
+        /// Index of the track.
+        track: usize,
+        /// Component 0, 1 or 2.
+        component: usize,
+    },
+    /// Command at the start of that segment (m).
+    SegmentStartCommand(usize),
+    /// Command at its end (m).
+    SegmentEndCommand(usize),
+}

@@ -1,0 +1,224 @@
+//! A robot and its variants at run time, whether compiled in or read from a `.tau` file.
+
+use std::sync::Arc;
+
+use tau_runtime as runtime;
+pub use tau_runtime::{Arm, Input, Owner, ResidualFamily, ResidualKind, TrackModel, TrackShape};
+
+/// A robot: its structure and its variants.
+#[derive(Clone)]
+pub struct Robot {
+    /// Name in the description.
+    pub name: String,
+    /// The whole description, in the language.
+    pub description: String,
+    /// Names of the tracks; carts carry the same numbers, from 1.
+    pub tracks: Vec<String>,
+    /// Clusters in order of declaration.
+    pub clusters: Vec<Cluster>,
+    /// Links in order of declaration.
+    pub links: Vec<Link>,
+    /// Number of commands `q1_m, q2_m, …`.
+    pub commands: usize,
+    /// Variants in order of declaration.
+    pub variants: Vec<Variant>,
+}
+
+/// Links between one cart (or the fixed base) and the plate.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Cluster {
+    /// Name in the description.
+    pub name: String,
+    /// Index of the track whose cart carries it; `None` on the fixed base.
+    pub track: Option<usize>,
+}
+
+/// A rod between two spherical joints.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Link {
+    /// Name in the description.
+    pub name: String,
+    /// Index of its cluster.
+    pub cluster: usize,
+    /// Index of the command that drives its length, where the length is actuated.
+    pub actuated_by: Option<usize>,
+}
+
+/// A choice of arm, tracks and effects, with its functions.
+#[derive(Clone)]
+pub struct Variant {
+    /// Name in the description.
+    pub name: String,
+    /// Closure per link or per cluster.
+    pub arm: Arm,
+    /// One model per track.
+    pub tracks: Vec<TrackModel>,
+    /// Effects with their places, such as `("rack_pitch", ["two"])`.
+    pub effects: Vec<(String, Vec<String>)>,
+    /// All parameters.
+    pub parameters: Vec<Parameter>,
+    /// All residuals; see [`Variant::instances_of`].
+    pub instances: Vec<Instance>,
+}
+
+/// A scalar parameter.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Parameter {
+    /// Full name, such as `l1.track_offset.x` or `rack_pitch(two).sine`.
+    pub name: String,
+    /// What it belongs to.
+    pub owner: Owner,
+    /// `length`, `plate_joint`, `track_offset`, `track_direction`, `track_rotation`, `translation`,
+    /// `rotation`, `position`, or the name of an effect's parameter.
+    pub quantity: String,
+    /// Component 0, 1 or 2 of a vector.
+    pub component: Option<usize>,
+    /// SI unit.
+    pub unit: String,
+    /// Nominal value from the description, SI, where it gives one.
+    pub nominal: Option<f64>,
+    /// One standard deviation of the prior from the description, SI.
+    pub tolerance: Option<f64>,
+    /// Range over which discovery searches it, SI.
+    pub search: Option<(f64, f64)>,
+}
+
+/// A residual family applied to a link, a cluster or a cart.
+#[derive(Clone)]
+pub struct Instance {
+    /// Which residual.
+    pub kind: ResidualKind,
+    /// Index of the link (full arm), the cluster (reduced arm) or the track (sets 2 and 3).
+    pub of: usize,
+    /// The function.
+    pub family: Arc<dyn ResidualFamily>,
+    /// For each parameter of the family, its index in [`Variant::parameters`] (see
+    /// [`ResidualKind::ClosureByPose`] for the exception).
+    pub parameters: Vec<usize>,
+    /// For each datum of the family, what to fill in.
+    pub inputs: Vec<Input>,
+}
+
+impl Robot {
+    /// The variant of a name.
+    pub fn variant(&self, name: &str) -> Option<&Variant> {
+        self.variants.iter().find(|variant| variant.name == name)
+    }
+
+    /// Indices of the links of a cluster.
+    pub fn links_of_cluster(&self, cluster: usize) -> Vec<usize> {
+        (0..self.links.len()).filter(|&link| self.links[link].cluster == cluster).collect()
+    }
+
+    /// Indices of the links whose cluster rides on a track's cart.
+    pub fn links_of_track(&self, track: usize) -> Vec<usize> {
+        (0..self.links.len())
+            .filter(|&link| self.clusters[self.links[link].cluster].track == Some(track))
+            .collect()
+    }
+}
+
+impl Variant {
+    /// The instances of one kind, in order of link, cluster or track.
+    pub fn instances_of(&self, kind: ResidualKind) -> impl Iterator<Item = &Instance> {
+        self.instances.iter().filter(move |instance| instance.kind == kind)
+    }
+
+    /// Index of a parameter by its owner, quantity and component.
+    pub fn parameter(&self, owner: Owner, quantity: &str, component: Option<usize>) -> Option<usize> {
+        self.parameters.iter().position(|parameter| {
+            parameter.owner == owner
+                && parameter.quantity == quantity
+                && parameter.component == component
+        })
+    }
+}
+
+/// A family that is compiled in, behind the same pointer as one that is interpreted.
+struct Static(&'static dyn ResidualFamily);
+
+impl ResidualFamily for Static {
+    fn shape(&self) -> runtime::Shape {
+        self.0.shape()
+    }
+    fn pattern(&self) -> runtime::Pattern<'_> {
+        self.0.pattern()
+    }
+    fn prepare(&self, data: &[f64], prepared: &mut [f64]) {
+        self.0.prepare(data, prepared);
+    }
+    fn value(&self, prepared: &[f64], parameters: &[f64], residuals: &mut [f64]) {
+        self.0.value(prepared, parameters, residuals);
+    }
+    fn linearize(
+        &self,
+        prepared: &[f64],
+        parameters: &[f64],
+        residuals: &mut [f64],
+        jacobian: &mut [f64],
+    ) {
+        self.0.linearize(prepared, parameters, residuals, jacobian);
+    }
+}
+
+impl From<&runtime::Robot> for Robot {
+    fn from(robot: &runtime::Robot) -> Self {
+        Self {
+            name: robot.name.into(),
+            description: robot.description.into(),
+            tracks: robot.tracks.iter().map(|&name| name.into()).collect(),
+            clusters: robot
+                .clusters
+                .iter()
+                .map(|c| Cluster { name: c.name.into(), track: c.track })
+                .collect(),
+            links: robot
+                .links
+                .iter()
+                .map(|l| Link { name: l.name.into(), cluster: l.cluster, actuated_by: l.actuated_by })
+                .collect(),
+            commands: robot.commands,
+            variants: robot.variants.iter().map(Variant::from).collect(),
+        }
+    }
+}
+
+impl From<&runtime::Variant> for Variant {
+    fn from(variant: &runtime::Variant) -> Self {
+        Self {
+            name: variant.name.into(),
+            arm: variant.arm,
+            tracks: variant.tracks.to_vec(),
+            effects: variant
+                .effects
+                .iter()
+                .map(|e| (e.name.into(), e.places.iter().map(|&place| place.into()).collect()))
+                .collect(),
+            parameters: variant
+                .parameters
+                .iter()
+                .map(|p| Parameter {
+                    name: p.name.into(),
+                    owner: p.owner,
+                    quantity: p.quantity.into(),
+                    component: p.component,
+                    unit: p.unit.into(),
+                    nominal: p.nominal,
+                    tolerance: p.tolerance,
+                    search: p.search,
+                })
+                .collect(),
+            instances: variant
+                .instances
+                .iter()
+                .map(|i| Instance {
+                    kind: i.kind,
+                    of: i.of,
+                    family: Arc::new(Static(i.family)),
+                    parameters: i.parameters.iter().map(|&index| index as usize).collect(),
+                    inputs: i.inputs.to_vec(),
+                })
+                .collect(),
+        }
+    }
+}
