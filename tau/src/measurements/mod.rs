@@ -1,5 +1,13 @@
 //! Measurement folders: TCP poses (set 1), cart poses (set 2), cart positions (set 3).
 
+mod plausible;
+mod read;
+mod selection;
+pub(crate) mod table;
+
+pub use read::{Shape, Texts};
+pub use selection::{Division, Split};
+
 /// What a measurement folder holds, SI units.
 #[derive(Debug, Clone, Default)]
 pub struct Folder {

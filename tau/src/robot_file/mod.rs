@@ -1,5 +1,8 @@
 //! The instance of a robot: nominal or calibrated parameters with tolerances, noise and loads (`robot.toml`).
 
+mod read;
+mod write;
+
 use std::collections::BTreeMap;
 
 /// Contents of a `robot.toml`.
@@ -44,12 +47,14 @@ pub struct Payload {
 }
 
 /// Values with one tolerance: one component for a scalar, three for a vector.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct Value {
     /// Nominal or calibrated value, SI.
     pub value: Vec<f64>,
     /// One standard deviation of the prior, SI.
     pub tol: f64,
+    /// Standard deviations of calibrated values, SI, one per component.
+    pub sigma: Option<Vec<f64>>,
 }
 
 /// Values of a link, a cluster or a track; keys that do not apply are absent.

@@ -1,0 +1,160 @@
+//! Which poses take part: those in the measured range, split into calibration and validation.
+
+use std::str::FromStr;
+
+use super::{Folder, Shape};
+use crate::input_error::{InputError, Source};
+use crate::robot_file::RobotFile;
+
+impl Folder {
+    /// Lowest and highest measured value (m) of each command, where known: for a cart's command the
+    /// points of set 2 on its track, or on all tracks where its own has none; otherwise `[range]`
+    /// of the robot file.
+    pub fn measured_range(&self, robot: &RobotFile, shape: Shape) -> Vec<Option<(f64, f64)>> {
+        let over = |track: Option<usize>| {
+            self.cart_poses
+                .iter()
+                .filter(|pose| track.is_none_or(|track| pose.track == track))
+                .map(|pose| (pose.command_m, pose.command_m))
+                .reduce(|(low, high), (q, _)| (low.min(q), high.max(q)))
+        };
+        (0..shape.commands)
+            .map(|command| {
+                let measured = if command < shape.tracks {
+                    over(Some(command)).or_else(|| over(None))
+                } else {
+                    None
+                };
+                measured.or(robot.range_m)
+            })
+            .collect()
+    }
+
+    /// Indices into [`Folder::tcp_poses`] of the poses whose commands all lie in the
+    /// [measured range](Folder::measured_range); all poses where it is not known. Variants are
+    /// compared on these poses only, since piecewise tracks end where set 2 ends (Dressler et al.
+    /// 2010, section IV).
+    pub fn in_range(&self, robot: &RobotFile, shape: Shape) -> Vec<usize> {
+        let range = self.measured_range(robot, shape);
+        let is_inside = |commands: &[f64]| {
+            commands
+                .iter()
+                .zip(&range)
+                .all(|(q, range)| range.is_none_or(|(low, high)| (low..=high).contains(q)))
+        };
+        (0..self.tcp_poses.len())
+            .filter(|&i| is_inside(&self.tcp_poses[i].commands_m))
+            .collect()
+    }
+}
+
+/// Which poses calibrate and which validate.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub enum Split {
+    /// `alternate`: the 1st, 3rd, 5th … calibrate, the 2nd, 4th, 6th … validate.
+    #[default]
+    Alternate,
+    /// `all`: every pose does both.
+    All,
+    /// `first:N`: the first N calibrate, the rest validates.
+    First(usize),
+    /// `fraction:F` or `fraction:F:SEED`: a random share F calibrates, the rest validates.
+    Fraction {
+        /// Share of the poses, between 0 and 1.
+        share: f64,
+        /// Seed of the random choice; the same seed chooses the same poses.
+        seed: u64,
+    },
+}
+
+/// Poses that calibrate and poses that validate, in the order of the file.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Division {
+    /// Indices of the poses that calibrate.
+    pub calibration: Vec<usize>,
+    /// Indices of the poses that validate.
+    pub validation: Vec<usize>,
+}
+
+impl Split {
+    /// Divides poses, given by index.
+    pub fn divide(self, poses: &[usize]) -> Division {
+        let by = |calibrates: &dyn Fn(usize) -> bool| {
+            let places = |wanted: bool| {
+                (0..poses.len())
+                    .filter(|&i| calibrates(i) == wanted)
+                    .map(|i| poses[i])
+                    .collect()
+            };
+            Division {
+                calibration: places(true),
+                validation: places(false),
+            }
+        };
+        match self {
+            Self::Alternate => by(&|i| i % 2 == 0),
+            Self::All => Division {
+                calibration: poses.to_vec(),
+                validation: poses.to_vec(),
+            },
+            Self::First(count) => by(&|i| i < count),
+            Self::Fraction { share, seed } => {
+                let mut order: Vec<usize> = (0..poses.len()).collect();
+                order.sort_by_key(|&i| scrambled(seed, i as u64));
+                let mut rank = vec![0; order.len()];
+                for (place, &i) in order.iter().enumerate() {
+                    rank[i] = place;
+                }
+                by(&|i| (rank[i] as f64) < (share * poses.len() as f64).round())
+            }
+        }
+    }
+}
+
+/// The `index`th output of the SplitMix64 generator (Steele, Lea, Flood, OOPSLA 2014).
+fn scrambled(seed: u64, index: u64) -> u64 {
+    let mut z = seed.wrapping_add((index + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15));
+    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    z ^ (z >> 31)
+}
+
+impl FromStr for Split {
+    type Err = InputError;
+
+    fn from_str(text: &str) -> Result<Self, InputError> {
+        let wrong = |found: &str, expected: &str| {
+            InputError::at(
+                Source {
+                    name: "--split",
+                    text,
+                },
+                0..text.len(),
+                format!("found `{found}`, expected {expected}"),
+            )
+        };
+        let mut parts = text.split(':');
+        let kind = parts.next().unwrap_or_default();
+        let arguments: Vec<&str> = parts.collect();
+        match (kind, &arguments[..]) {
+            ("alternate", []) => Ok(Self::Alternate),
+            ("all", []) => Ok(Self::All),
+            ("first", [count]) => match count.parse() {
+                Ok(count) if count > 0 => Ok(Self::First(count)),
+                _ => Err(wrong(count, "a number of poses")),
+            },
+            ("fraction", [share, seed @ ..]) if seed.len() <= 1 => {
+                let seed = seed.first().map_or(Ok(0), |seed| {
+                    seed.parse()
+                        .map_err(|_| wrong(seed, "a seed, which is a whole number"))
+                })?;
+                match share.parse() {
+                    Ok(share) if share > 0.0 && share < 1.0 => Ok(Self::Fraction { share, seed }),
+                    _ => Err(wrong(share, "a share between 0 and 1")),
+                }
+            }
+            _ => Err(wrong(text, "a way to split the poses")
+                .help("`alternate`, `all`, `first:N`, `fraction:F` or `fraction:F:SEED`")),
+        }
+    }
+}

@@ -1,0 +1,82 @@
+//! The measurement folder that ships with the library: a simulated Gantry-Tau prototype.
+
+use crate::input_error::InputError;
+use crate::measurements::{Folder, Shape, Texts};
+use crate::robot_file::RobotFile;
+
+/// Name under which the folder appears in reports and errors.
+pub const NAME: &str = "prototype";
+/// Its three tracks, one command each.
+pub const SHAPE: Shape = Shape {
+    commands: 3,
+    tracks: 3,
+};
+/// Text of `tcp_poses.csv`, set 1.
+pub const TCP_POSES: &str = include_str!("../../data/prototype/tcp_poses.csv");
+/// Text of `cart_poses.csv`, set 2.
+pub const CART_POSES: &str = include_str!("../../data/prototype/cart_poses.csv");
+/// Text of `cart_positions.csv`, set 3.
+pub const CART_POSITIONS: &str = include_str!("../../data/prototype/cart_positions.csv");
+/// Text of `robot.toml`.
+pub const ROBOT: &str = include_str!("../../data/prototype/robot.toml");
+
+/// The measurements.
+///
+/// # Errors
+/// None with the data that ship.
+pub fn folder() -> Result<Folder, InputError> {
+    let texts = Texts {
+        tcp_poses: TCP_POSES,
+        cart_poses: Some(CART_POSES),
+        cart_positions: Some(CART_POSITIONS),
+    };
+    Folder::from_texts(NAME, texts, SHAPE)
+}
+
+/// Nominal parameters, tolerances and noise.
+///
+/// # Errors
+/// None with the data that ship.
+pub fn robot_file() -> Result<RobotFile, InputError> {
+    RobotFile::parse(ROBOT, "prototype/robot.toml")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::measurements::Split;
+
+    #[test]
+    fn the_prototype_has_the_poses_of_its_readme() {
+        let folder = folder().unwrap();
+        let robot = robot_file().unwrap();
+        let lengths = [
+            folder.tcp_poses.len(),
+            folder.cart_poses.len(),
+            folder.cart_positions.len(),
+        ];
+        assert_eq!(lengths, [176, 3 * 28, 3 * 150]);
+        assert_eq!(folder.remarks, Vec::<String>::new());
+        assert_eq!(robot.links.len(), 6);
+        let in_range = folder.in_range(&robot, SHAPE);
+        assert_eq!(in_range.len(), 121);
+        let division = Split::Alternate.divide(&in_range);
+        assert_eq!(
+            (division.calibration.len(), division.validation.len()),
+            (61, 60)
+        );
+    }
+
+    #[test]
+    fn values_are_those_of_the_files() {
+        let folder = folder().unwrap();
+        let pose = &folder.tcp_poses[0];
+        assert_eq!(pose.commands_m, [-0.507_175_4, -0.063_918_8, -0.785_616_7]);
+        assert_eq!(pose.position_m, [-1.903_438_3, -4.718_931_7, -0.369_854_0]);
+        assert_eq!(pose.angles_rad, [1.483_713_3, 1.765_194_2, -1.545_739_4]);
+        assert_eq!(pose.directions, Some(vec![1.0, 1.0, 1.0]));
+        assert_eq!(folder.cart_positions[1].track, 1);
+        let link = &robot_file().unwrap().links["l2b"];
+        assert_eq!(link.length.as_ref().unwrap().value, [2.043_10]);
+    }
+}

@@ -1,0 +1,122 @@
+//! From values to the text of a `robot.toml`.
+
+use std::fmt::{self, Write};
+
+use super::{LinkValues, RobotFile, Value};
+
+impl RobotFile {
+    /// The text of a file that [`RobotFile::parse`] reads again bit for bit.
+    pub fn to_toml(&self) -> String {
+        let mut text = String::new();
+        // Writing into a string can't fail.
+        let _ = self.write(&mut text);
+        text
+    }
+
+    fn write(&self, out: &mut String) -> fmt::Result {
+        writeln!(
+            out,
+            "# Parameters in SI units: lengths in m, angles in rad."
+        )?;
+        writeln!(
+            out,
+            "# tol is one standard deviation of the prior, sigma of the calibrated value."
+        )?;
+        writeln!(out, "robot = {}", string(&self.robot))?;
+        writeln!(
+            out,
+            "\n[noise]  # of the measurement, one standard deviation per axis"
+        )?;
+        writeln!(out, "position_m = {:?}", self.noise.position_m)?;
+        writeln!(out, "rotation_rad = {:?}", self.noise.rotation_rad)?;
+        if let Some(payload) = &self.payload {
+            writeln!(
+                out,
+                "\n[payload]  # centre in TCP coordinates, gravity in the measurement frame"
+            )?;
+            writeln!(out, "mass_kg = {:?}", payload.mass_kg)?;
+            writeln!(out, "centre_m = {:?}", payload.centre_m)?;
+            writeln!(out, "gravity_m_s2 = {:?}", payload.gravity_m_s2)?;
+        }
+        if let Some((low, high)) = self.range_m {
+            writeln!(out, "\n[range]  # of the commands that set 2 covers")?;
+            writeln!(out, "q_m = {:?}", [low, high])?;
+        }
+        for (section, entries) in [
+            ("links", &self.links),
+            ("clusters", &self.clusters),
+            ("tracks", &self.tracks),
+        ] {
+            for (name, values) in entries {
+                writeln!(out, "\n[{section}.{}]", key(name))?;
+                write_values(out, values)?;
+            }
+        }
+        for (name, parameters) in &self.effects {
+            writeln!(out, "\n[effects.{}]", key(name))?;
+            for (parameter, value) in parameters {
+                writeln!(out, "{} = {}", key(parameter), inline(value))?;
+            }
+        }
+        Ok(())
+    }
+}
+
+fn write_values(out: &mut String, values: &LinkValues) -> fmt::Result {
+    for (key, value) in [
+        ("length_m", &values.length),
+        ("plate_joint_m", &values.plate_joint),
+        ("track_offset_m", &values.track_offset),
+        ("track_direction", &values.track_direction),
+        ("track_rotation_rad", &values.track_rotation),
+    ] {
+        if let Some(value) = value {
+            writeln!(out, "{key} = {}", inline(value))?;
+        }
+    }
+    Ok(())
+}
+
+fn inline(value: &Value) -> String {
+    let sigma = value
+        .sigma
+        .as_ref()
+        .map(|sigma| format!(", sigma = {}", components(sigma)))
+        .unwrap_or_default();
+    format!(
+        "{{ value = {}, tol = {:?}{sigma} }}",
+        components(&value.value),
+        value.tol
+    )
+}
+
+fn components(components: &[f64]) -> String {
+    match components {
+        [scalar] => format!("{scalar:?}"),
+        vector => format!("{vector:?}"),
+    }
+}
+
+fn key(name: &str) -> String {
+    let is_bare = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '-';
+    if !name.is_empty() && name.chars().all(is_bare) {
+        name.to_owned()
+    } else {
+        string(name)
+    }
+}
+
+fn string(text: &str) -> String {
+    let mut quoted = String::from('"');
+    for c in text.chars() {
+        match c {
+            '"' | '\\' => quoted.extend(['\\', c]),
+            c if c.is_control() => {
+                let _ = write!(quoted, "\\u{:04X}", u32::from(c));
+            }
+            c => quoted.push(c),
+        }
+    }
+    quoted.push('"');
+    quoted
+}
