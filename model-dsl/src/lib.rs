@@ -1,3 +1,91 @@
-//! The language (placeholder while the parser is being written).
+//! The language: a declarative description of a parallel robot becomes a checked [`Model`].
+//!
+//! The same text stands inside `tau_model! { … }` and in a `.tau` file. This crate turns it into a
+//! syntax tree with spans, resolves names, checks units and hands over a [`Model`] of which nothing
+//! refers to the text any more. It emits no code. The grammar is in the project's book,
+//! `docs/language.md`.
+//!
+//! ```
+//! let model = tau_model_dsl::check_text(
+//!     "robot Slide {
+//!          track one;
+//!          cluster arm on one { link l1; }
+//!          variant Nominal { arm reduced; tracks linear; }
+//!      }",
+//! )?;
+//! assert_eq!(model.tracks[0].name, "one");
+//!
+//! let errors = tau_model_dsl::check_text("robot Slide { track one; cluster arm on on { link l1; } }")
+//!     .unwrap_err();
+//! assert_eq!(errors.diagnostics[0].message, "cannot find track `on`");
+//! # Ok::<(), tau_model_dsl::Errors>(())
+//! ```
+
+mod check;
+mod diagnostics;
 pub mod model;
+mod names;
+mod parse;
+mod syntax;
 pub mod units;
+
+#[cfg(test)]
+mod tests;
+
+use std::str::FromStr;
+
+use proc_macro2::TokenStream;
+
+pub use crate::diagnostics::{Diagnostic, Errors};
+pub use crate::model::Model;
+
+use crate::diagnostics::Diagnostics;
+
+/// Checks a description given as tokens, as the macro receives it.
+///
+/// The tokens hold one `robot` and any number of `effect` items.
+pub fn check_tokens(tokens: TokenStream) -> Result<Model, Errors> {
+    let mut diagnostics = Diagnostics::new();
+    let description = parse::description(tokens, true, &mut diagnostics);
+    let robot = description.robot_name();
+    // Follow-on errors of a broken item would hide the first mistake, so checking waits for a clean tree.
+    diagnostics.into_result(robot.clone())?;
+
+    let mut diagnostics = Diagnostics::new();
+    let model = check::robot(&description, &mut diagnostics);
+    diagnostics.into_result(robot)?;
+    model.ok_or_else(Errors::without_robot)
+}
+
+/// Checks a description given as text.
+///
+/// Positions in the errors count from the start of `text`.
+pub fn check_text(text: &str) -> Result<Model, Errors> {
+    check_tokens(tokens(text)?)
+}
+
+/// Adds the effects of a catalogue, a text of `effect` items, to a model.
+///
+/// An effect that the model already has by name stands: a description's own effect wins over the
+/// catalogue's.
+pub fn effects_from_text(text: &str, into: &Model) -> Result<Model, Errors> {
+    let mut diagnostics = Diagnostics::new();
+    let description = parse::description(tokens(text)?, false, &mut diagnostics);
+    diagnostics.into_result(None)?;
+
+    let mut diagnostics = Diagnostics::new();
+    let effects = check::catalogue(&description.effects, &into.tracks, &mut diagnostics);
+    diagnostics.into_result(None)?;
+
+    let mut model = into.clone();
+    for effect in effects {
+        if !model.effects.iter().any(|own| own.name == effect.name) {
+            model.effects.push(effect);
+        }
+    }
+    Ok(model)
+}
+
+fn tokens(text: &str) -> Result<TokenStream, Errors> {
+    TokenStream::from_str(text).map_err(|error| Errors::from_lexer(text, &error))
+}

@@ -26,12 +26,19 @@ pub struct Model {
 impl Model {
     /// Number of commands: one per track, then one per link of actuated length.
     pub fn commands(&self) -> usize {
-        self.tracks.len() + self.links.iter().filter(|link| link.actuated_by.is_some()).count()
+        self.tracks.len()
+            + self
+                .links
+                .iter()
+                .filter(|link| link.actuated_by.is_some())
+                .count()
     }
 
     /// Indices of the links of a cluster.
     pub fn links_of_cluster(&self, cluster: usize) -> Vec<usize> {
-        (0..self.links.len()).filter(|&link| self.links[link].cluster == cluster).collect()
+        (0..self.links.len())
+            .filter(|&link| self.links[link].cluster == cluster)
+            .collect()
     }
 
     /// Indices of the links whose cluster rides on a track's cart.
@@ -43,7 +50,9 @@ impl Model {
 
     /// Indices of the clusters that ride on a track's cart.
     pub fn clusters_of_track(&self, track: usize) -> Vec<usize> {
-        (0..self.clusters.len()).filter(|&c| self.clusters[c].track == Some(track)).collect()
+        (0..self.clusters.len())
+            .filter(|&c| self.clusters[c].track == Some(track))
+            .collect()
     }
 
     /// The variant of a name.
@@ -105,7 +114,10 @@ pub struct Quantity<const N: usize> {
 
 impl<const N: usize> Default for Quantity<N> {
     fn default() -> Self {
-        Self { value: None, tolerance: None }
+        Self {
+            value: None,
+            tolerance: None,
+        }
     }
 }
 

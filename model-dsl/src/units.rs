@@ -1,5 +1,7 @@
 //! Units and dimensions.
 
+use std::fmt::Write as _;
+
 /// Exponents of the base quantities. An angle is a dimension of its own here, so that adding an angle
 /// to a length is an error.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Hash, PartialOrd, Ord)]
@@ -14,4 +16,319 @@ pub struct Dimension {
     pub temperature: i8,
     /// Radian.
     pub angle: i8,
+}
+
+impl Dimension {
+    /// A number without unit.
+    pub const NUMBER: Self = Self {
+        length: 0,
+        mass: 0,
+        time: 0,
+        temperature: 0,
+        angle: 0,
+    };
+    /// Length (m).
+    pub const LENGTH: Self = Self {
+        length: 1,
+        ..Self::NUMBER
+    };
+    /// Mass (kg).
+    pub const MASS: Self = Self {
+        mass: 1,
+        ..Self::NUMBER
+    };
+    /// Time (s).
+    pub const TIME: Self = Self {
+        time: 1,
+        ..Self::NUMBER
+    };
+    /// Temperature (K).
+    pub const TEMPERATURE: Self = Self {
+        temperature: 1,
+        ..Self::NUMBER
+    };
+    /// Angle (rad).
+    pub const ANGLE: Self = Self {
+        angle: 1,
+        ..Self::NUMBER
+    };
+    /// Force (N).
+    pub const FORCE: Self = Self {
+        length: 1,
+        mass: 1,
+        time: -2,
+        ..Self::NUMBER
+    };
+
+    /// Dimension of a product; `None` if an exponent leaves the range of `i8`.
+    pub fn multiply(self, other: Self) -> Option<Self> {
+        self.combine(other, i8::checked_add)
+    }
+
+    /// Dimension of a quotient; `None` if an exponent leaves the range of `i8`.
+    pub fn divide(self, other: Self) -> Option<Self> {
+        self.combine(other, i8::checked_sub)
+    }
+
+    /// Dimension of a whole power; `None` if an exponent leaves the range of `i8`.
+    pub fn power(self, exponent: i32) -> Option<Self> {
+        self.map(|base| i8::try_from(i32::from(base).checked_mul(exponent)?).ok())
+    }
+
+    /// Dimension of a square root; `None` if an exponent is odd.
+    pub fn square_root(self) -> Option<Self> {
+        self.map(|base| (base % 2 == 0).then_some(base / 2))
+    }
+
+    /// Text of the coherent SI unit: `m`, `rad`, `1`, `m/N`, `m/s`. The language reads it back.
+    pub fn si_unit(self) -> String {
+        // With force in place of mass where that leaves no seconds: `m/N`, not `s^2/kg`.
+        let (mass, time) = (i16::from(self.mass), i16::from(self.time));
+        let force = if mass != 0 && time + 2 * mass == 0 {
+            mass
+        } else {
+            0
+        };
+        let factors = [
+            ("N", force),
+            ("kg", mass - force),
+            ("m", i16::from(self.length) - force),
+            ("rad", self.angle.into()),
+            ("K", self.temperature.into()),
+            ("s", time + 2 * force),
+        ];
+        let mut text = String::new();
+        for (unit, exponent) in factors.into_iter().filter(|(_, exponent)| *exponent > 0) {
+            append(&mut text, '*', unit, exponent);
+        }
+        if text.is_empty() {
+            text.push('1');
+        }
+        for (unit, exponent) in factors.into_iter().filter(|(_, exponent)| *exponent < 0) {
+            append(&mut text, '/', unit, -exponent);
+        }
+        text
+    }
+
+    /// The dimension in words where it has a name, with its unit: `length (m)`, `number`, `m/K`.
+    pub fn describe(self) -> String {
+        if self == Self::NUMBER {
+            return "number".to_owned();
+        }
+        let unit = self.si_unit();
+        match DIMENSIONS.iter().find(|(_, dimension)| *dimension == self) {
+            Some((name, _)) => format!("{name} ({unit})"),
+            None => format!("`{unit}`"),
+        }
+    }
+
+    fn combine(self, other: Self, operation: fn(i8, i8) -> Option<i8>) -> Option<Self> {
+        Some(Self {
+            length: operation(self.length, other.length)?,
+            mass: operation(self.mass, other.mass)?,
+            time: operation(self.time, other.time)?,
+            temperature: operation(self.temperature, other.temperature)?,
+            angle: operation(self.angle, other.angle)?,
+        })
+    }
+
+    fn map(self, operation: impl Fn(i8) -> Option<i8>) -> Option<Self> {
+        Some(Self {
+            length: operation(self.length)?,
+            mass: operation(self.mass)?,
+            time: operation(self.time)?,
+            temperature: operation(self.temperature)?,
+            angle: operation(self.angle)?,
+        })
+    }
+}
+
+fn append(text: &mut String, operator: char, unit: &str, exponent: i16) {
+    if operator == '/' || !text.is_empty() {
+        text.push(operator);
+    }
+    text.push_str(unit);
+    if exponent != 1 {
+        // Writing to a string cannot fail.
+        let _ = write!(text, "^{exponent}");
+    }
+}
+
+/// A unit: its name, its size in the coherent SI unit of its dimension, and that dimension.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Unit {
+    /// As it is written.
+    pub name: &'static str,
+    /// SI units in one of it.
+    pub factor: f64,
+    /// Its dimension.
+    pub dimension: Dimension,
+}
+
+const fn unit(name: &'static str, factor: f64, dimension: Dimension) -> Unit {
+    Unit {
+        name,
+        factor,
+        dimension,
+    }
+}
+
+/// Every unit that the language knows.
+pub const UNITS: [Unit; 28] = [
+    unit("m", 1.0, Dimension::LENGTH),
+    unit("km", 1e3, Dimension::LENGTH),
+    unit("cm", 1e-2, Dimension::LENGTH),
+    unit("mm", 1e-3, Dimension::LENGTH),
+    unit("um", 1e-6, Dimension::LENGTH),
+    unit("nm", 1e-9, Dimension::LENGTH),
+    unit("rad", 1.0, Dimension::ANGLE),
+    unit("mrad", 1e-3, Dimension::ANGLE),
+    unit("urad", 1e-6, Dimension::ANGLE),
+    unit("deg", std::f64::consts::PI / 180.0, Dimension::ANGLE),
+    unit("arcmin", std::f64::consts::PI / 10_800.0, Dimension::ANGLE),
+    unit("arcsec", std::f64::consts::PI / 648_000.0, Dimension::ANGLE),
+    unit("s", 1.0, Dimension::TIME),
+    unit("ms", 1e-3, Dimension::TIME),
+    unit("min", 60.0, Dimension::TIME),
+    unit("h", 3600.0, Dimension::TIME),
+    unit("K", 1.0, Dimension::TEMPERATURE),
+    unit("mK", 1e-3, Dimension::TEMPERATURE),
+    unit("kg", 1.0, Dimension::MASS),
+    unit("g", 1e-3, Dimension::MASS),
+    unit("N", 1.0, Dimension::FORCE),
+    unit("kN", 1e3, Dimension::FORCE),
+    unit("Pa", 1.0, PRESSURE),
+    unit("MPa", 1e6, PRESSURE),
+    unit("GPa", 1e9, PRESSURE),
+    unit("Hz", 1.0, FREQUENCY),
+    unit("percent", 1e-2, Dimension::NUMBER),
+    unit("ppm", 1e-6, Dimension::NUMBER),
+];
+
+/// A value in SI units, from one in units of a size.
+///
+/// Divides where the size is a decimal fraction, so that `100 um` is the number nearest to 1e-4.
+pub(crate) fn to_si(value: f64, size: f64) -> f64 {
+    let per_si = (1.0 / size).round();
+    let fraction = size < 1.0 && (per_si * size - 1.0).abs() <= f64::EPSILON;
+    if fraction {
+        value / per_si
+    } else {
+        value * size
+    }
+}
+
+/// The unit of a name.
+pub fn find_unit(name: &str) -> Option<Unit> {
+    UNITS.into_iter().find(|unit| unit.name == name)
+}
+
+const PRESSURE: Dimension = Dimension {
+    length: -1,
+    mass: 1,
+    time: -2,
+    ..Dimension::NUMBER
+};
+const FREQUENCY: Dimension = Dimension {
+    time: -1,
+    ..Dimension::NUMBER
+};
+
+/// Names for dimensions, usable wherever one is wanted: `param sine: length`.
+pub const DIMENSIONS: [(&str, Dimension); 20] = [
+    ("number", Dimension::NUMBER),
+    ("ratio", Dimension::NUMBER),
+    ("length", Dimension::LENGTH),
+    ("angle", Dimension::ANGLE),
+    ("time", Dimension::TIME),
+    ("temperature", Dimension::TEMPERATURE),
+    ("mass", Dimension::MASS),
+    ("force", Dimension::FORCE),
+    (
+        "torque",
+        Dimension {
+            length: 2,
+            mass: 1,
+            time: -2,
+            ..Dimension::NUMBER
+        },
+    ),
+    ("pressure", PRESSURE),
+    (
+        "area",
+        Dimension {
+            length: 2,
+            ..Dimension::NUMBER
+        },
+    ),
+    (
+        "volume",
+        Dimension {
+            length: 3,
+            ..Dimension::NUMBER
+        },
+    ),
+    (
+        "curvature",
+        Dimension {
+            length: -1,
+            ..Dimension::NUMBER
+        },
+    ),
+    (
+        "velocity",
+        Dimension {
+            length: 1,
+            time: -1,
+            ..Dimension::NUMBER
+        },
+    ),
+    (
+        "acceleration",
+        Dimension {
+            length: 1,
+            time: -2,
+            ..Dimension::NUMBER
+        },
+    ),
+    (
+        "angular_velocity",
+        Dimension {
+            angle: 1,
+            time: -1,
+            ..Dimension::NUMBER
+        },
+    ),
+    ("frequency", FREQUENCY),
+    (
+        "compliance",
+        Dimension {
+            mass: -1,
+            time: 2,
+            ..Dimension::NUMBER
+        },
+    ),
+    (
+        "stiffness",
+        Dimension {
+            mass: 1,
+            time: -2,
+            ..Dimension::NUMBER
+        },
+    ),
+    (
+        "expansion",
+        Dimension {
+            temperature: -1,
+            ..Dimension::NUMBER
+        },
+    ),
+];
+
+/// The dimension of a name.
+pub fn find_dimension(name: &str) -> Option<Dimension> {
+    DIMENSIONS
+        .iter()
+        .find(|(own, _)| *own == name)
+        .map(|(_, dimension)| *dimension)
 }

@@ -1,0 +1,313 @@
+//! Effects: subject, parameters, terms.
+
+use super::Declared;
+use super::formula::{self, FUNCTIONS, READABLES, Scope, Shape};
+use super::quantity::{dimension, scalar, tolerance, unit_help};
+use crate::diagnostics::{Diagnostic, Diagnostics};
+use crate::model::{Effect, EffectParameter, Subject, Target, Term, Track};
+use crate::names::nearest;
+use crate::syntax;
+use crate::units::{Dimension, find_unit};
+
+/// An effect with what is known about it beyond the model.
+pub(super) struct CheckedEffect {
+    pub(super) effect: Effect,
+    /// What it acts on; `None` after an error.
+    pub(super) subject: Option<Subject>,
+    /// A quantity of the link's cart that it reads: `q` or `direction`.
+    pub(super) reads_cart: Option<&'static str>,
+}
+
+/// What an effect may add to: name, target, dimension, whether it is a vector.
+const TARGETS: [(&str, Target, Dimension, bool); 9] = [
+    ("along", Target::Along, Dimension::LENGTH, false),
+    ("horizontal", Target::Horizontal, Dimension::LENGTH, false),
+    ("vertical", Target::Vertical, Dimension::LENGTH, false),
+    ("roll", Target::Roll, Dimension::ANGLE, false),
+    ("pitch", Target::Pitch, Dimension::ANGLE, false),
+    ("yaw", Target::Yaw, Dimension::ANGLE, false),
+    ("length", Target::Length, Dimension::LENGTH, false),
+    ("joint", Target::Joint, Dimension::LENGTH, true),
+    ("position", Target::Position, Dimension::LENGTH, true),
+];
+
+/// The word for what an effect acts on.
+pub(super) fn subject_word(subject: Subject) -> &'static str {
+    match subject {
+        Subject::Cart | Subject::CartFromSource => "cart",
+        Subject::Link => "link",
+        Subject::Tcp => "tcp",
+    }
+}
+
+fn subject_of(target: Target) -> &'static str {
+    match target {
+        Target::Along
+        | Target::Horizontal
+        | Target::Vertical
+        | Target::Roll
+        | Target::Pitch
+        | Target::Yaw => "cart",
+        Target::Length | Target::Joint => "link",
+        Target::Position => "tcp",
+    }
+}
+
+pub(super) fn effect(
+    effect: &syntax::Effect,
+    tracks: &[Track],
+    diagnostics: &mut Diagnostics,
+) -> CheckedEffect {
+    let subject = subject(effect, diagnostics);
+    let before = diagnostics.count();
+    let mut scope = Scope::new(effect, subject, tracks);
+    let mut names = Declared::default();
+    for declaration in &effect.parameters {
+        parameters(declaration, &mut names, &mut scope, diagnostics);
+    }
+    if effect.terms.is_empty() {
+        let help = "add a term, such as `along += …;`";
+        let message = format!("effect `{}` adds to nothing", effect.name);
+        diagnostics.push(Diagnostic::new(&effect.name, message).help(help));
+    }
+    let terms: Vec<Term> = effect
+        .terms
+        .iter()
+        .filter_map(|given| term(given, &mut scope, diagnostics))
+        .collect();
+    // A parameter may be unused because the formula that means it has an error.
+    if diagnostics.count() == before {
+        for (name, _) in scope.unused() {
+            diagnostics.push(
+                Diagnostic::new(name, format!("parameter `{name}` is used in no term"))
+                    .help("use it in a formula, or remove it"),
+            );
+        }
+    }
+    let reads_cart = scope.reads_cart;
+    let effect = Effect {
+        name: effect.name.to_string(),
+        docs: effect.docs.clone(),
+        subject: subject.unwrap_or(Subject::Cart),
+        parameters: scope.into_parameters(),
+        terms,
+    };
+    CheckedEffect {
+        effect,
+        subject,
+        reads_cart,
+    }
+}
+
+fn subject(effect: &syntax::Effect, diagnostics: &mut Diagnostics) -> Option<Subject> {
+    let word = effect.subject.to_string();
+    let subject = match (word.as_str(), &effect.source) {
+        ("cart", None) => Some(Subject::Cart),
+        ("cart", Some(_)) => Some(Subject::CartFromSource),
+        ("link", _) => Some(Subject::Link),
+        ("tcp", _) => Some(Subject::Tcp),
+        _ => {
+            let help = match nearest(&word, ["cart", "link", "tcp"]) {
+                Some(near) => format!("did you mean `{near}`?"),
+                None => {
+                    "an effect on a cart moves it, on a link changes its length or joint, on the \
+                         tcp shifts the measured position"
+                        .to_owned()
+                }
+            };
+            let message = format!("effects act on `cart`, `link` or `tcp`, found `{word}`");
+            diagnostics.push(Diagnostic::new(&effect.subject, message).help(help));
+            None
+        }
+    };
+    if let (Some(Subject::Link | Subject::Tcp), Some(source)) = (subject, &effect.source) {
+        let message = format!("only an effect on cart has a source, found `on {word} from source`");
+        let help = "leave out `from source`; `q(track)` reads the command of a named track";
+        diagnostics.push(Diagnostic::new(source, message).help(help));
+    }
+    subject
+}
+
+fn parameters<'a>(
+    declaration: &'a syntax::Parameters,
+    names: &mut Declared,
+    scope: &mut Scope<'a>,
+    diagnostics: &mut Diagnostics,
+) {
+    let dimension = dimension(&declaration.dimension, diagnostics);
+    let first = declaration
+        .names
+        .first()
+        .map_or_else(String::new, |one| format!("`{}`", one.name));
+    let nominal = declaration.nominal.as_ref().and_then(|quantity| {
+        scalar(
+            quantity,
+            dimension,
+            &format!("the value of {first}"),
+            diagnostics,
+        )
+    });
+    let tolerance = declaration
+        .tolerance
+        .as_ref()
+        .and_then(|quantity| tolerance(quantity, dimension, &first, diagnostics));
+    let search = declaration.search.as_ref().and_then(|(low, high)| {
+        let what = format!("the search range of {first}");
+        let ends = (
+            scalar(low, dimension, &what, diagnostics),
+            scalar(high, dimension, &what, diagnostics),
+        );
+        let (from, to) = ends.0.zip(ends.1)?;
+        if from < to {
+            return Some((from, to));
+        }
+        let location = low.location.to(high.location);
+        diagnostics.push(
+            Diagnostic::new(location, format!("{what} is empty"))
+                .help("write the smaller end first: `in 4 mm ..= 50 mm`"),
+        );
+        None
+    });
+    for given in &declaration.names {
+        let name = given.name.to_string();
+        names.declare(&given.name, "parameter", diagnostics);
+        if let Some(meaning) = meaning(&name) {
+            let message = format!("`{name}` is {meaning} and cannot be a parameter");
+            diagnostics.push(Diagnostic::new(&given.name, message).help("choose another name"));
+        }
+        let components = match given.components {
+            None => 1,
+            Some((3, location)) => {
+                if declaration.search.is_some() {
+                    diagnostics.push(
+                        Diagnostic::new(
+                            location,
+                            format!("`{name}` is searched and cannot be a vector"),
+                        )
+                        .help("search one number at a time"),
+                    );
+                }
+                3
+            }
+            Some((number, location)) => {
+                diagnostics.push(
+                    Diagnostic::new(
+                        location,
+                        format!("a vector has 3 components, found {number}"),
+                    )
+                    .help(format!("write `{name}[3]`, or `{name}` for a scalar")),
+                );
+                3
+            }
+        };
+        let middle = search.map(|(from, to)| from + 0.5 * (to - from));
+        let parameter = EffectParameter {
+            name,
+            components,
+            dimension: dimension.unwrap_or_default(),
+            nominal: nominal.or(middle).unwrap_or(0.0),
+            tolerance,
+            search,
+        };
+        scope.declare(&given.name, parameter, dimension.is_some());
+    }
+}
+
+/// What a word means in every formula, if it does.
+fn meaning(name: &str) -> Option<&'static str> {
+    if name == "q" || READABLES.iter().any(|(own, ..)| *own == name) {
+        Some("a quantity that formulas read")
+    } else if name == "pi" {
+        Some("a constant")
+    } else if find_unit(name).is_some() {
+        Some("a unit")
+    } else if FUNCTIONS.iter().any(|(own, ..)| *own == name) {
+        Some("a function")
+    } else {
+        None
+    }
+}
+
+fn term(
+    given: &syntax::Term,
+    scope: &mut Scope<'_>,
+    diagnostics: &mut Diagnostics,
+) -> Option<Term> {
+    let name = given.target.to_string();
+    let target = TARGETS.iter().find(|(own, ..)| *own == name);
+    match (target, scope.subject) {
+        (None, _) => {
+            let names = TARGETS.iter().map(|(name, ..)| *name);
+            let help = match nearest(&name, names.clone()) {
+                Some(near) => format!("did you mean `{near}`?"),
+                None => format!("effects add to {}", names.collect::<Vec<_>>().join(", ")),
+            };
+            let message = format!("an effect cannot add to `{name}`");
+            diagnostics.push(Diagnostic::new(&given.target, message).help(help));
+        }
+        (Some((_, target, ..)), Some(subject)) if subject_of(*target) != subject_word(subject) => {
+            let word = subject_word(subject);
+            let own: Vec<_> = TARGETS
+                .iter()
+                .filter(|(_, target, ..)| subject_of(*target) == word)
+                .map(|(name, ..)| *name)
+                .collect();
+            let message = format!("an effect on {word} cannot add to `{name}`");
+            let help = format!(
+                "it adds to {}; `{name}` needs an effect on {}",
+                own.join(", "),
+                subject_of(*target)
+            );
+            diagnostics.push(Diagnostic::new(&given.target, message).help(help));
+        }
+        _ => {}
+    }
+    let formula = formula::formula(&given.formula, scope, diagnostics)?;
+    let (_, target, expected, vector) = *target?;
+    let location = given.formula.location;
+    if vector != matches!(formula.shape, Shape::Vector(_)) {
+        let (wanted, found, help) = if vector {
+            (
+                "vector",
+                "scalar",
+                "write `(x, y, z)`, or use a parameter of 3 components",
+            )
+        } else {
+            ("scalar", "vector", "use one component, such as `rate[0]`")
+        };
+        let message = format!("`{name}` is a {wanted}, but this formula is a {found}");
+        diagnostics.push(Diagnostic::new(location, message).help(help));
+        return None;
+    }
+    let found = formula.dimension?;
+    let number_as_angle = expected == Dimension::ANGLE && found == Dimension::NUMBER;
+    if found != expected && !number_as_angle {
+        let message = format!(
+            "`{name}` is {}, but this formula is {}",
+            expected.describe(),
+            found.describe()
+        );
+        let help = found.divide(expected).map_or_else(
+            || unit_help(expected),
+            |factor| mismatch_help(factor, expected),
+        );
+        diagnostics.push(Diagnostic::new(location, message).help(help));
+        return None;
+    }
+    Some(Term {
+        target,
+        formula: formula.shape.into_formula(),
+    })
+}
+
+/// How to mend a formula that is off by a factor.
+fn mismatch_help(factor: Dimension, expected: Dimension) -> String {
+    if factor.angle != 0 && (Dimension { angle: 0, ..factor }) == Dimension::NUMBER {
+        return "divide an angle by `1 rad` to make a number of it".to_owned();
+    }
+    format!(
+        "the formula must come out in `{}`; it is off by a factor in `{}`",
+        expected.si_unit(),
+        factor.si_unit()
+    )
+}

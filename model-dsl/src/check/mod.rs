@@ -1,0 +1,96 @@
+//! Syntax tree to model: names are resolved and units verified.
+//!
+//! What has an error stays in scope, poisoned, so that its uses raise no errors of their own.
+
+mod effect;
+mod formula;
+mod quantity;
+mod robot;
+mod variant;
+
+use std::collections::BTreeMap;
+
+use proc_macro2::Ident;
+
+use self::effect::CheckedEffect;
+use crate::diagnostics::{Diagnostic, Diagnostics};
+use crate::model::{Effect, Model, Track};
+use crate::names::article;
+use crate::syntax;
+
+/// Checks a robot with all effects of its description; `None` without robot.
+pub(crate) fn robot(
+    description: &syntax::Description,
+    diagnostics: &mut Diagnostics,
+) -> Option<Model> {
+    let robot = description.robot.as_ref()?;
+    let geometry = robot::geometry(robot, diagnostics);
+    let effects = all_effects(
+        description.effects.iter().chain(&robot.effects),
+        &geometry.tracks,
+        diagnostics,
+    );
+    let variants = variant::variants(robot, &geometry, &effects, diagnostics);
+    Some(Model {
+        name: robot.name.to_string(),
+        docs: robot.docs.clone(),
+        public: robot.public,
+        tracks: geometry.tracks,
+        clusters: geometry.clusters,
+        links: geometry.links,
+        effects: effects.into_iter().map(|checked| checked.effect).collect(),
+        variants,
+    })
+}
+
+/// Checks the effects of a catalogue against the tracks that they may name.
+pub(crate) fn catalogue(
+    effects: &[syntax::Effect],
+    tracks: &[Track],
+    diagnostics: &mut Diagnostics,
+) -> Vec<Effect> {
+    all_effects(effects.iter(), tracks, diagnostics)
+        .into_iter()
+        .map(|checked| checked.effect)
+        .collect()
+}
+
+fn all_effects<'a>(
+    effects: impl Iterator<Item = &'a syntax::Effect>,
+    tracks: &[Track],
+    diagnostics: &mut Diagnostics,
+) -> Vec<CheckedEffect> {
+    let mut names = Declared::default();
+    effects
+        .map(|effect| {
+            names.declare(&effect.name, "effect", diagnostics);
+            effect::effect(effect, tracks, diagnostics)
+        })
+        .collect()
+}
+
+/// Names declared so far, with what they are and on which line.
+#[derive(Default)]
+struct Declared {
+    names: BTreeMap<String, (&'static str, usize)>,
+}
+
+impl Declared {
+    /// Declares a name; a second declaration is an error.
+    fn declare(&mut self, name: &Ident, what: &'static str, diagnostics: &mut Diagnostics) {
+        let here = (what, name.span().start().line);
+        let Some((first, line)) = self.names.get(&name.to_string()) else {
+            self.names.insert(name.to_string(), here);
+            return;
+        };
+        let message = format!(
+            "`{name}` is already declared as {} {first}, on line {line}",
+            article(first)
+        );
+        diagnostics.push(Diagnostic::new(name, message).help("choose another name"));
+    }
+
+    fn kind(&self, name: &Ident) -> Option<&'static str> {
+        self.names.get(&name.to_string()).map(|(what, _)| *what)
+    }
+}

@@ -1,0 +1,209 @@
+//! Values with units.
+
+use crate::diagnostics::{Diagnostic, Diagnostics};
+use crate::names::nearest;
+use crate::syntax::{Quantity, UnitExpression, UnitFactor};
+use crate::units::{DIMENSIONS, Dimension, UNITS, find_dimension, find_unit, to_si};
+
+/// Size in SI units, and dimension, of a product of units.
+pub(super) fn unit(
+    expression: &UnitExpression,
+    diagnostics: &mut Diagnostics,
+) -> Option<(f64, Dimension)> {
+    product(expression, false, diagnostics)
+}
+
+/// Dimension that a unit or the name of a dimension stands for.
+pub(super) fn dimension(
+    expression: &UnitExpression,
+    diagnostics: &mut Diagnostics,
+) -> Option<Dimension> {
+    product(expression, true, diagnostics).map(|(_, dimension)| dimension)
+}
+
+fn product(
+    expression: &UnitExpression,
+    dimensions: bool,
+    diagnostics: &mut Diagnostics,
+) -> Option<(f64, Dimension)> {
+    let mut known = Some((1.0, Dimension::NUMBER));
+    for factor in &expression.factors {
+        let one = match find_dimension(&factor.name.to_string()) {
+            Some(dimension) if dimensions => power(1.0, dimension, factor, diagnostics),
+            _ => unit_factor(factor, dimensions, diagnostics),
+        };
+        // Every factor is looked at, so that each unknown unit is reported.
+        known = known
+            .zip(one)
+            .map(|((size, dimension), (factor_size, factor_dimension))| {
+                (size * factor_size, dimension.multiply(factor_dimension))
+            })
+            .and_then(|(size, dimension)| match dimension {
+                Some(dimension) => Some((size, dimension)),
+                None => {
+                    diagnostics.push(too_large(expression.location));
+                    None
+                }
+            });
+    }
+    known
+}
+
+/// Size and dimension of a power of a unit.
+pub(super) fn unit_factor(
+    factor: &UnitFactor,
+    dimensions: bool,
+    diagnostics: &mut Diagnostics,
+) -> Option<(f64, Dimension)> {
+    let name = factor.name.to_string();
+    if let Some(unit) = find_unit(&name) {
+        return power(unit.factor, unit.dimension, factor, diagnostics);
+    }
+    let units = UNITS.iter().map(|unit| unit.name);
+    let (message, near) = if dimensions {
+        let names = DIMENSIONS.iter().map(|(name, _)| *name);
+        (
+            format!("unknown dimension or unit `{name}`"),
+            nearest(&name, names.chain(units)),
+        )
+    } else {
+        (format!("unknown unit `{name}`"), nearest(&name, units))
+    };
+    let help = match near {
+        Some(near) => format!("did you mean `{near}`?"),
+        None if dimensions => {
+            let names: Vec<_> = DIMENSIONS.iter().map(|(name, _)| *name).collect();
+            format!(
+                "dimensions are {}; units are {}",
+                names.join(", "),
+                unit_list(None)
+            )
+        }
+        None => format!("units are {}", unit_list(None)),
+    };
+    diagnostics.push(Diagnostic::new(&factor.name, message).help(help));
+    None
+}
+
+fn power(
+    size: f64,
+    dimension: Dimension,
+    factor: &UnitFactor,
+    diagnostics: &mut Diagnostics,
+) -> Option<(f64, Dimension)> {
+    let size = size.powi(factor.exponent);
+    match dimension.power(factor.exponent) {
+        Some(dimension) if size.is_normal() => Some((size, dimension)),
+        _ => {
+            diagnostics.push(too_large(&factor.name));
+            None
+        }
+    }
+}
+
+fn too_large(location: impl Into<crate::diagnostics::Location>) -> Diagnostic {
+    Diagnostic::new(location, "the power of this unit is too large").help("check the exponents")
+}
+
+/// Names of the units of a dimension, or of all.
+fn unit_list(dimension: Option<Dimension>) -> String {
+    let names: Vec<_> = UNITS
+        .iter()
+        .filter(|unit| dimension.is_none_or(|dimension| unit.dimension == dimension))
+        .map(|unit| unit.name)
+        .collect();
+    names.join(", ")
+}
+
+/// How to write something of a dimension.
+pub(super) fn unit_help(dimension: Dimension) -> String {
+    if dimension == Dimension::NUMBER {
+        return "write a number without unit".to_owned();
+    }
+    let units = unit_list(Some(dimension));
+    if units.is_empty() {
+        format!("write a unit such as `{}`", dimension.si_unit())
+    } else {
+        format!("write one of the units {units}")
+    }
+}
+
+/// Components of a quantity in SI units.
+///
+/// `expected` is `None` where the declaration of its dimension has an error.
+pub(super) fn values(
+    quantity: &Quantity,
+    expected: Option<Dimension>,
+    what: &str,
+    diagnostics: &mut Diagnostics,
+) -> Option<Vec<f64>> {
+    let (size, found) = match &quantity.unit {
+        Some(expression) => unit(expression, diagnostics)?,
+        None => (1.0, Dimension::NUMBER),
+    };
+    let expected = expected?;
+    if found != expected {
+        let message = format!(
+            "{what} must be {}, found {}",
+            expected.describe(),
+            found.describe()
+        );
+        diagnostics.push(Diagnostic::new(quantity.location, message).help(unit_help(expected)));
+        return None;
+    }
+    let values: Vec<f64> = quantity
+        .numbers
+        .iter()
+        .map(|number| to_si(*number, size))
+        .collect();
+    if values.iter().all(|value| value.is_finite()) {
+        return Some(values);
+    }
+    diagnostics.push(
+        Diagnostic::new(quantity.location, format!("{what} is too large"))
+            .help(format!("numbers end at {:e}", f64::MAX)),
+    );
+    None
+}
+
+/// The one value of a quantity in SI units.
+pub(super) fn scalar(
+    quantity: &Quantity,
+    expected: Option<Dimension>,
+    what: &str,
+    diagnostics: &mut Diagnostics,
+) -> Option<f64> {
+    match values(quantity, expected, what, diagnostics)?.as_slice() {
+        [value] => Some(*value),
+        _ => {
+            let message = format!("{what} must be one number, found a vector");
+            diagnostics.push(
+                Diagnostic::new(quantity.location, message)
+                    .help("one number holds for all three components"),
+            );
+            None
+        }
+    }
+}
+
+/// A standard deviation in SI units, which must be positive.
+pub(super) fn tolerance(
+    quantity: &Quantity,
+    expected: Option<Dimension>,
+    of: &str,
+    diagnostics: &mut Diagnostics,
+) -> Option<f64> {
+    let what = format!("the tolerance of {of}");
+    let value = scalar(quantity, expected, &what, diagnostics)?;
+    if value > 0.0 {
+        return Some(value);
+    }
+    diagnostics.push(
+        Diagnostic::new(
+            quantity.location,
+            format!("{what} must be greater than zero"),
+        )
+        .help("a tolerance is one standard deviation; leave it out where none is known"),
+    );
+    None
+}

@@ -1,0 +1,235 @@
+//! Tracks, clusters and links.
+
+use proc_macro2::Ident;
+
+use super::Declared;
+use super::quantity::{scalar, tolerance, values};
+use crate::diagnostics::{Diagnostic, Diagnostics};
+use crate::model::{Cluster, Link, LinkDefaults, Quantity, Track};
+use crate::names::suggest;
+use crate::syntax;
+use crate::units::Dimension;
+
+/// The moving parts of a robot, with the names of all.
+pub(super) struct Geometry {
+    pub(super) tracks: Vec<Track>,
+    pub(super) clusters: Vec<Cluster>,
+    pub(super) links: Vec<Link>,
+    pub(super) names: Declared,
+}
+
+pub(super) fn geometry(robot: &syntax::Robot, diagnostics: &mut Diagnostics) -> Geometry {
+    let mut geometry = Geometry {
+        tracks: robot
+            .tracks
+            .iter()
+            .map(|name| Track {
+                name: name.to_string(),
+            })
+            .collect(),
+        clusters: Vec::new(),
+        links: Vec::new(),
+        names: Declared::default(),
+    };
+    for track in &robot.tracks {
+        geometry.names.declare(track, "track", diagnostics);
+    }
+    let mut places_known = true;
+    let mut actuators = 0;
+    for cluster in &robot.clusters {
+        geometry
+            .names
+            .declare(&cluster.name, "cluster", diagnostics);
+        let on_base = cluster.place == "base";
+        let track = robot
+            .tracks
+            .iter()
+            .position(|track| *track == cluster.place);
+        if track.is_none() && !on_base {
+            places_known = false;
+            diagnostics.push(unknown_track(&cluster.place, &geometry.tracks));
+        }
+        if cluster.links.is_empty() {
+            let message = format!("cluster `{}` has no links", cluster.name);
+            diagnostics
+                .push(Diagnostic::new(&cluster.name, message).help("declare one: `link l1;`"));
+        }
+        for links in &cluster.links {
+            if let Some(actuated) = links.actuated.filter(|_| track.is_some()) {
+                let message = format!(
+                    "the links of cluster `{}` are driven by its cart already",
+                    cluster.name
+                );
+                diagnostics.push(
+                    Diagnostic::new(actuated, message)
+                        .help("leave out `actuated length`, or place the cluster `on base`"),
+                );
+            }
+            let defaults = defaults(links, on_base, diagnostics);
+            for name in &links.names {
+                geometry.names.declare(name, "link", diagnostics);
+                let actuated_by = links.actuated.map(|_| robot.tracks.len() + actuators);
+                actuators += usize::from(actuated_by.is_some());
+                let cluster = geometry.clusters.len();
+                let (name, defaults) = (name.to_string(), defaults.clone());
+                geometry.links.push(Link {
+                    name,
+                    cluster,
+                    actuated_by,
+                    defaults,
+                });
+            }
+        }
+        geometry.clusters.push(Cluster {
+            name: cluster.name.to_string(),
+            track,
+        });
+    }
+    whole(robot, &geometry, places_known, actuators, diagnostics);
+    geometry
+}
+
+/// What a robot must have as a whole.
+fn whole(
+    robot: &syntax::Robot,
+    geometry: &Geometry,
+    places_known: bool,
+    actuators: usize,
+    diagnostics: &mut Diagnostics,
+) {
+    let name = &robot.name;
+    let mut missing = |message: String, help: &str| {
+        diagnostics.push(Diagnostic::new(name, message).help(help));
+    };
+    if robot.tracks.is_empty() && robot.clusters.is_empty() {
+        missing(
+            format!("robot `{name}` has neither tracks nor clusters"),
+            "declare them: `track one; cluster arm1 on one { link l1; }`",
+        );
+        return;
+    }
+    if robot.clusters.is_empty() {
+        missing(
+            format!("robot `{name}` has no clusters"),
+            "declare one: `cluster arm1 on one { link l1; }`",
+        );
+        return;
+    }
+    if places_known && robot.tracks.is_empty() && actuators == 0 && !geometry.links.is_empty() {
+        missing(
+            format!("robot `{name}` has nothing that moves"),
+            "declare a track, or links of `actuated length`",
+        );
+    }
+    for (index, track) in robot.tracks.iter().enumerate().filter(|_| places_known) {
+        let first = robot.tracks.iter().position(|other| other == track) == Some(index);
+        if first
+            && !geometry
+                .clusters
+                .iter()
+                .any(|cluster| cluster.track == Some(index))
+        {
+            diagnostics.push(
+                Diagnostic::new(track, format!("track `{track}` carries no cluster")).help(
+                    format!("declare one, `cluster … on {track} {{ … }}`, or remove the track"),
+                ),
+            );
+        }
+    }
+}
+
+pub(super) fn unknown_track(name: &Ident, tracks: &[Track]) -> Diagnostic {
+    let names = tracks.iter().map(|track| track.name.as_str());
+    Diagnostic::new(name, format!("cannot find track `{name}`")).help(suggest(
+        "track",
+        &name.to_string(),
+        names,
+    ))
+}
+
+/// The values that a link's declaration gives.
+fn defaults(links: &syntax::Links, on_base: bool, diagnostics: &mut Diagnostics) -> LinkDefaults {
+    let mut defaults = LinkDefaults::default();
+    let mut names = Declared::default();
+    for given in &links.values {
+        names.declare(&given.name, "value of this link", diagnostics);
+        match given.name.to_string().as_str() {
+            "length" => {
+                defaults.length = length(given, diagnostics);
+            }
+            "plate_joint" => defaults.plate_joint = vector(given, Dimension::LENGTH, diagnostics),
+            "track_offset" => defaults.track_offset = vector(given, Dimension::LENGTH, diagnostics),
+            _ => {
+                defaults.track_direction = vector(given, Dimension::NUMBER, diagnostics);
+                direction(given, &defaults.track_direction, on_base, diagnostics);
+            }
+        }
+    }
+    defaults
+}
+
+fn length(given: &syntax::LinkValue, diagnostics: &mut Diagnostics) -> Quantity<1> {
+    let (dimension, what) = (Some(Dimension::LENGTH), "`length`");
+    let value = given
+        .value
+        .as_ref()
+        .and_then(|value| scalar(value, dimension, what, diagnostics).zip(Some(value)));
+    if let Some((length, value)) = value.filter(|(length, _)| *length <= 0.0) {
+        let message = format!("`length` must be greater than zero, found {length} m");
+        diagnostics.push(
+            Diagnostic::new(value.location, message).help("write the distance of the two joints"),
+        );
+    }
+    let tolerance = given
+        .tolerance
+        .as_ref()
+        .and_then(|value| tolerance(value, dimension, what, diagnostics));
+    Quantity {
+        value: value.map(|(length, _)| [length]),
+        tolerance,
+    }
+}
+
+fn vector(
+    given: &syntax::LinkValue,
+    dimension: Dimension,
+    diagnostics: &mut Diagnostics,
+) -> Quantity<3> {
+    let (dimension, what) = (Some(dimension), format!("`{}`", given.name));
+    let value = given.value.as_ref().and_then(|quantity| {
+        let values = values(quantity, dimension, &what, diagnostics)?;
+        let vector = values.try_into().ok();
+        if vector.is_none() {
+            let message = format!("{what} must be a vector, found one number");
+            diagnostics.push(Diagnostic::new(quantity.location, message).help("write `(x, y, z)`"));
+        }
+        vector
+    });
+    let tolerance = given
+        .tolerance
+        .as_ref()
+        .and_then(|value| tolerance(value, dimension, &what, diagnostics));
+    Quantity { value, tolerance }
+}
+
+fn direction(
+    given: &syntax::LinkValue,
+    direction: &Quantity<3>,
+    on_base: bool,
+    diagnostics: &mut Diagnostics,
+) {
+    if on_base {
+        diagnostics.push(
+            Diagnostic::new(
+                &given.name,
+                "a link on the fixed base has no track direction",
+            )
+            .help("leave it out"),
+        );
+    } else if direction.value == Some([0.0; 3]) {
+        diagnostics.push(
+            Diagnostic::new(&given.name, "the track direction is zero")
+                .help("write a vector along the track"),
+        );
+    }
+}

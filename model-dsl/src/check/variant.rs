@@ -1,0 +1,539 @@
+//! Variants: arm, tracks, effects at places, and inheritance.
+
+use proc_macro2::Ident;
+
+use super::Declared;
+use super::effect::{CheckedEffect, subject_word};
+use super::robot::{Geometry, unknown_track};
+use crate::diagnostics::{Diagnostic, Diagnostics, Location};
+use crate::model::{Arm, Effect, EffectUse, Place, Subject, Target, TrackModel, Variant};
+use crate::names::suggest;
+use crate::syntax::{self, VariantBody, VariantLine};
+
+struct Context<'a> {
+    robot: &'a syntax::Robot,
+    geometry: &'a Geometry,
+    effects: &'a [CheckedEffect],
+}
+
+/// What one variant declares itself.
+enum Own {
+    Structure {
+        arm: Arm,
+        tracks: Vec<TrackModel>,
+    },
+    /// Index of the base, and the effects added to it.
+    Derived {
+        base: usize,
+        effects: Vec<(EffectUse, Location)>,
+    },
+    /// An error has been reported.
+    Poisoned,
+}
+
+pub(super) fn variants(
+    robot: &syntax::Robot,
+    geometry: &Geometry,
+    effects: &[CheckedEffect],
+    diagnostics: &mut Diagnostics,
+) -> Vec<Variant> {
+    let context = Context {
+        robot,
+        geometry,
+        effects,
+    };
+    if robot.variants.is_empty() && !robot.clusters.is_empty() {
+        let message = format!("robot `{}` has no variants", robot.name);
+        let help = "declare one: `variant Full { arm full; tracks linear per link; }`";
+        diagnostics.push(Diagnostic::new(&robot.name, message).help(help));
+    }
+    let mut names = Declared::default();
+    let mut own = Vec::new();
+    for variant in &robot.variants {
+        names.declare(&variant.name, "variant", diagnostics);
+        own.push(match &variant.body {
+            VariantBody::Own(lines) => context.structure(&variant.name, lines, diagnostics),
+            VariantBody::Derived { base, effects } => context.derived(base, effects, diagnostics),
+        });
+    }
+    let mut variants = Vec::new();
+    for (index, variant) in robot.variants.iter().enumerate() {
+        if let Some(resolved) = context.resolve(index, &own, diagnostics) {
+            let (arm, tracks, effects) = resolved;
+            let (name, docs) = (variant.name.to_string(), variant.docs.clone());
+            variants.push(Variant {
+                name,
+                docs,
+                arm,
+                tracks,
+                effects,
+            });
+        }
+    }
+    variants
+}
+
+impl Context<'_> {
+    fn structure(&self, name: &Ident, lines: &[VariantLine], diagnostics: &mut Diagnostics) -> Own {
+        let before = diagnostics.count();
+        let mut arm: Option<(Arm, Location)> = None;
+        let mut tracks: Vec<Option<TrackModel>> = vec![None; self.geometry.tracks.len()];
+        let mut chosen = Declared::default();
+        let mut per_links = Vec::new();
+        for line in lines {
+            match line {
+                VariantLine::Arm {
+                    arm: choice,
+                    location,
+                } => {
+                    if let Some((_, first)) = arm {
+                        let message = format!(
+                            "the arm is already chosen, on line {}",
+                            first.start.start().line
+                        );
+                        let help = "a variant has one arm";
+                        diagnostics.push(Diagnostic::new(*location, message).help(help));
+                    }
+                    arm = arm.or(Some((*choice, *location)));
+                }
+                VariantLine::Tracks {
+                    track,
+                    shape,
+                    per_link,
+                    location,
+                } => {
+                    per_links.extend(*per_link);
+                    let model = TrackModel {
+                        shape: *shape,
+                        per_link: per_link.is_some(),
+                    };
+                    match track {
+                        None => {
+                            if tracks.is_empty() && !self.robot.clusters.is_empty() {
+                                let message = format!("robot `{}` has no tracks", self.robot.name);
+                                let help = "leave the line out";
+                                diagnostics.push(Diagnostic::new(*location, message).help(help));
+                            }
+                            tracks.fill(Some(model));
+                        }
+                        Some(track) => {
+                            chosen.declare(track, "line of this variant", diagnostics);
+                            self.one_track(track, model, &mut tracks, diagnostics);
+                        }
+                    }
+                }
+            }
+        }
+        if arm.is_none() {
+            let message = format!("variant `{name}` has no arm");
+            diagnostics
+                .push(Diagnostic::new(name, message).help("write `arm reduced;` or `arm full;`"));
+        }
+        if let Some((Arm::Reduced, location)) = arm {
+            self.reduced(location, &per_links, diagnostics);
+        }
+        let missing: Vec<_> = (self.geometry.tracks.iter().zip(&tracks))
+            .filter(|(_, model)| model.is_none())
+            .map(|(track, _)| format!("`{}`", track.name))
+            .collect();
+        if !missing.is_empty() && diagnostics.count() == before {
+            let plural = if missing.len() == 1 { "" } else { "s" };
+            let message = format!(
+                "variant `{name}` has no model for track{plural} {}",
+                missing.join(", ")
+            );
+            let help =
+                "write `tracks linear;` or `tracks piecewise;`, for one track `track name linear;`";
+            diagnostics.push(Diagnostic::new(name, message).help(help));
+        }
+        match (arm, tracks.into_iter().collect()) {
+            (Some((arm, _)), Some(tracks)) if diagnostics.count() == before => {
+                Own::Structure { arm, tracks }
+            }
+            _ => Own::Poisoned,
+        }
+    }
+
+    fn one_track(
+        &self,
+        name: &Ident,
+        model: TrackModel,
+        tracks: &mut [Option<TrackModel>],
+        diagnostics: &mut Diagnostics,
+    ) {
+        let index = self
+            .geometry
+            .tracks
+            .iter()
+            .position(|track| *name == track.name);
+        if let Some(slot) = index.and_then(|index| tracks.get_mut(index)) {
+            *slot = Some(model);
+        } else if *name == "base" {
+            let help = "its joints do not move; leave the line out";
+            diagnostics.push(Diagnostic::new(name, "the fixed base is not a track").help(help));
+        } else {
+            diagnostics.push(unknown_track(name, &self.geometry.tracks));
+        }
+    }
+
+    /// What a reduced arm does not go with.
+    fn reduced(&self, arm: Location, per_links: &[Location], diagnostics: &mut Diagnostics) {
+        for location in per_links {
+            let message = "tracks per link need the links, but the arm is reduced";
+            let help = "write `arm full;`, or leave out `per link`";
+            diagnostics.push(Diagnostic::new(*location, message).help(help));
+        }
+        for (index, cluster) in self.geometry.clusters.iter().enumerate() {
+            let links = self
+                .geometry
+                .links
+                .iter()
+                .filter(|link| link.cluster == index);
+            if links.filter(|link| link.actuated_by.is_some()).count() > 1 {
+                let message = format!(
+                    "a reduced arm has one length per cluster, but `{}` has several driven links",
+                    cluster.name
+                );
+                let help = "write `arm full;`, or give every driven link a cluster of its own";
+                diagnostics.push(Diagnostic::new(arm, message).help(help));
+            }
+        }
+    }
+
+    fn derived(
+        &self,
+        base: &Ident,
+        effects: &[syntax::EffectUse],
+        diagnostics: &mut Diagnostics,
+    ) -> Own {
+        let variants = &self.robot.variants;
+        let found = variants.iter().position(|variant| variant.name == *base);
+        if found.is_none() {
+            let names: Vec<_> = variants
+                .iter()
+                .map(|variant| variant.name.to_string())
+                .collect();
+            let help = suggest(
+                "variant",
+                &base.to_string(),
+                names.iter().map(String::as_str),
+            );
+            diagnostics
+                .push(Diagnostic::new(base, format!("cannot find variant `{base}`")).help(help));
+        }
+        let uses: Vec<_> = effects
+            .iter()
+            .filter_map(|used| self.effect_use(used, diagnostics))
+            .collect();
+        match found {
+            Some(base) => Own::Derived {
+                base,
+                effects: uses,
+            },
+            None => Own::Poisoned,
+        }
+    }
+
+    fn effect_use(
+        &self,
+        used: &syntax::EffectUse,
+        diagnostics: &mut Diagnostics,
+    ) -> Option<(EffectUse, Location)> {
+        let found = self
+            .effects
+            .iter()
+            .position(|checked| used.effect == checked.effect.name);
+        let Some((effect, checked)) =
+            found.and_then(|index| Some((index, self.effects.get(index)?)))
+        else {
+            let names = self
+                .effects
+                .iter()
+                .map(|checked| checked.effect.name.as_str());
+            let help = suggest("effect", &used.effect.to_string(), names);
+            let message = format!("cannot find effect `{}`", used.effect);
+            diagnostics.push(Diagnostic::new(&used.effect, message).help(help));
+            return None;
+        };
+        let subject = checked.subject?;
+        let (wanted, example) = match subject {
+            Subject::Cart => (1, "track"),
+            Subject::CartFromSource => (2, "moved, source"),
+            Subject::Link => (1, "link"),
+            Subject::Tcp => (1, "tcp"),
+        };
+        if used.places.len() != wanted {
+            let plural = if wanted == 1 { "" } else { "s" };
+            let message = format!(
+                "`{}` takes {wanted} place{plural}, found {}",
+                used.effect,
+                used.places.len()
+            );
+            let help = format!("write `{}({example})`", used.effect);
+            diagnostics.push(Diagnostic::new(used.location, message).help(help));
+            return None;
+        }
+        let place = match (subject, used.places.as_slice()) {
+            (Subject::Cart, [place]) if *place == "all" => {
+                self.some_cart(place, diagnostics)?;
+                Place::AllCarts
+            }
+            (Subject::Cart, [place]) => {
+                let track = self.track(place, &used.effect, diagnostics)?;
+                Place::Cart {
+                    track,
+                    source: None,
+                }
+            }
+            (Subject::CartFromSource, [moved, source]) => {
+                let track = self.track(moved, &used.effect, diagnostics);
+                let from = self.track(source, &used.effect, diagnostics);
+                let (track, from) = track.zip(from)?;
+                if track == from {
+                    let message = format!("`{moved}` cannot be its own source");
+                    let help = "name two tracks: the cart that moves, and the one that causes it";
+                    diagnostics.push(Diagnostic::new(source, message).help(help));
+                    return None;
+                }
+                Place::Cart {
+                    track,
+                    source: Some(from),
+                }
+            }
+            (Subject::Link, [place]) => self.links(place, &used.effect, checked, diagnostics)?,
+            (_, [place, ..]) if *place != "tcp" => {
+                let help = format!("write `{}(tcp)`", used.effect);
+                let message = format!("`{}` acts on the tcp, found `{place}`", used.effect);
+                diagnostics.push(Diagnostic::new(place, message).help(help));
+                return None;
+            }
+            _ => Place::Tcp,
+        };
+        Some((EffectUse { effect, place }, used.location))
+    }
+
+    fn some_cart(&self, place: &Ident, diagnostics: &mut Diagnostics) -> Option<()> {
+        if !self.geometry.tracks.is_empty() {
+            return Some(());
+        }
+        let message = format!("robot `{}` has no carts", self.robot.name);
+        diagnostics.push(Diagnostic::new(place, message).help("an effect on cart needs a track"));
+        None
+    }
+
+    fn track(&self, place: &Ident, effect: &Ident, diagnostics: &mut Diagnostics) -> Option<usize> {
+        let found = self
+            .geometry
+            .tracks
+            .iter()
+            .position(|track| *place == track.name);
+        if found.is_none() {
+            diagnostics.push(
+                self.wrong_kind(place, effect, "cart", "track")
+                    .unwrap_or_else(|| unknown_track(place, &self.geometry.tracks)),
+            );
+        }
+        found
+    }
+
+    fn links(
+        &self,
+        place: &Ident,
+        effect: &Ident,
+        checked: &CheckedEffect,
+        diagnostics: &mut Diagnostics,
+    ) -> Option<Place> {
+        let links = &self.geometry.links;
+        let found = links.iter().position(|link| *place == link.name);
+        let (on, found) =
+            if *place == "all" {
+                (links.as_slice(), Place::AllLinks)
+            } else if let Some(index) = found {
+                (links.get(index..=index)?, Place::Link(index))
+            } else {
+                let names = links.iter().map(|link| link.name.as_str());
+                diagnostics.push(
+                    self.wrong_kind(place, effect, "link", "link")
+                        .unwrap_or_else(|| {
+                            Diagnostic::new(place, format!("cannot find link `{place}`"))
+                                .help(suggest("link", &place.to_string(), names))
+                        }),
+                );
+                return None;
+            };
+        let on_base = on.iter().find(|link| {
+            self.geometry
+                .clusters
+                .get(link.cluster)
+                .is_some_and(|cluster| cluster.track.is_none())
+        });
+        // A cluster on an unknown track has no cart either, but that has been reported.
+        let places_known =
+            self.robot.clusters.iter().all(|cluster| {
+                cluster.place == "base" || self.robot.tracks.contains(&cluster.place)
+            });
+        if let (Some(quantity), Some(link), true) = (checked.reads_cart, on_base, places_known) {
+            let message = format!(
+                "`{effect}` reads `{quantity}` of the link's cart, but `{}` stands on the fixed base",
+                link.name
+            );
+            let help = "use it at links whose cluster is on a track";
+            diagnostics.push(Diagnostic::new(place, message).help(help));
+            return None;
+        }
+        Some(found)
+    }
+
+    /// The message for a place that exists but is of another kind.
+    fn wrong_kind(
+        &self,
+        place: &Ident,
+        effect: &Ident,
+        on: &str,
+        wanted: &str,
+    ) -> Option<Diagnostic> {
+        let found = match place.to_string().as_str() {
+            "tcp" => "the tcp".to_owned(),
+            "base" => "the fixed base".to_owned(),
+            "all" => "every place".to_owned(),
+            _ => format!("a {}", self.geometry.names.kind(place)?),
+        };
+        let message = format!("`{effect}` acts on a {on}, but `{place}` is {found}");
+        let names: Vec<_> = if wanted == "track" {
+            self.geometry
+                .tracks
+                .iter()
+                .map(|track| format!("`{}`", track.name))
+                .collect()
+        } else {
+            self.geometry
+                .links
+                .iter()
+                .map(|link| format!("`{}`", link.name))
+                .collect()
+        };
+        let help = if names.is_empty() {
+            format!("no {wanted} is declared")
+        } else {
+            format!("name a {wanted}: {}", names.join(", "))
+        };
+        Some(Diagnostic::new(place, message).help(help))
+    }
+
+    /// Structure and effects of a variant with those of its bases.
+    fn resolve(
+        &self,
+        index: usize,
+        own: &[Own],
+        diagnostics: &mut Diagnostics,
+    ) -> Option<(Arm, Vec<TrackModel>, Vec<EffectUse>)> {
+        let mut chain = vec![index];
+        let mut current = index;
+        let (arm, tracks) = loop {
+            match own.get(current)? {
+                Own::Structure { arm, tracks } => break (*arm, tracks.clone()),
+                Own::Poisoned => return None,
+                Own::Derived { base, .. } => {
+                    if let Some(start) = chain.iter().position(|seen| seen == base) {
+                        // The cycle is reported once, at its first variant in the text.
+                        if start == 0 && chain.iter().min() == Some(&index) {
+                            diagnostics.push(self.cycle(&chain));
+                        }
+                        return None;
+                    }
+                    chain.push(*base);
+                    current = *base;
+                }
+            }
+        };
+        let mut effects: Vec<EffectUse> = Vec::new();
+        for &member in chain.iter().rev() {
+            let Some(Own::Derived { effects: added, .. }) = own.get(member) else {
+                continue;
+            };
+            for (used, location) in added {
+                let twice = effects.contains(used);
+                effects.push(used.clone());
+                // What a base does wrong is reported at the base.
+                if member != index {
+                    continue;
+                }
+                let Some(effect) = self.effects.get(used.effect).map(|checked| &checked.effect)
+                else {
+                    continue;
+                };
+                if twice {
+                    let message = format!("`{}` acts at this place already", effect.name);
+                    diagnostics.push(Diagnostic::new(*location, message).help("name it once"));
+                }
+                if arm == Arm::Reduced
+                    && let Some(diagnostic) = self.needs_full(effect, used, *location)
+                {
+                    diagnostics.push(diagnostic);
+                }
+            }
+        }
+        Some((arm, tracks, effects))
+    }
+
+    fn cycle(&self, chain: &[usize]) -> Diagnostic {
+        let variants = &self.robot.variants;
+        let names: Vec<_> = chain
+            .iter()
+            .filter_map(|&index| variants.get(index))
+            .map(|variant| &variant.name)
+            .collect();
+        let Some(first) = names.first() else {
+            return Diagnostic::new(&self.robot.name, "a variant refers to itself");
+        };
+        let mut message = format!("variant `{first}` refers to itself");
+        if names.len() > 1 {
+            let path: Vec<_> = names
+                .iter()
+                .skip(1)
+                .map(|name| format!("`{name}`"))
+                .collect();
+            message.push_str(" through ");
+            message.push_str(&path.join(", "));
+        }
+        Diagnostic::new(*first, message)
+            .help("start from a variant that states its arm and tracks: `variant Name { … }`")
+    }
+
+    /// A reduced arm folds the plate joints into the track's offset, so that effects on single links and
+    /// rotations of the cart have nothing to act on.
+    fn needs_full(
+        &self,
+        effect: &Effect,
+        used: &EffectUse,
+        location: Location,
+    ) -> Option<Diagnostic> {
+        let word = subject_word(effect.subject);
+        let reason = effect
+            .terms
+            .iter()
+            .find_map(|term| match (term.target, used.place) {
+                (Target::Joint, _) => Some("it moves plate joints".to_owned()),
+                (Target::Roll | Target::Pitch | Target::Yaw, _) => {
+                    Some("it rotates the cart".to_owned())
+                }
+                (Target::Length, Place::Link(link)) => {
+                    let link = self.geometry.links.get(link)?;
+                    let together = self
+                        .geometry
+                        .links
+                        .iter()
+                        .filter(|other| other.cluster == link.cluster)
+                        .count();
+                    (together > 1)
+                        .then(|| format!("`{}` shares its cluster with other links", link.name))
+                }
+                _ => None,
+            })?;
+        let message = format!(
+            "effect `{}` on {word} needs a full arm: {reason}, but a reduced arm has no plate joints",
+            effect.name
+        );
+        Some(Diagnostic::new(location, message).help("start from a variant with `arm full;`"))
+    }
+}

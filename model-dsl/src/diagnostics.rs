@@ -1,0 +1,249 @@
+//! Errors with the place in the text that they concern.
+
+use std::fmt;
+use std::ops::Range;
+
+use proc_macro2::{Ident, LexError, Span, TokenStream, TokenTree};
+
+/// First and last token of the text that something concerns.
+///
+/// Two spans, because stable Rust cannot join spans inside a macro.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Location {
+    pub(crate) start: Span,
+    pub(crate) end: Span,
+}
+
+impl Location {
+    pub(crate) fn to(self, end: Self) -> Self {
+        Self {
+            start: self.start,
+            end: end.end,
+        }
+    }
+}
+
+impl From<Span> for Location {
+    fn from(span: Span) -> Self {
+        Self {
+            start: span,
+            end: span,
+        }
+    }
+}
+
+impl From<&Ident> for Location {
+    fn from(name: &Ident) -> Self {
+        name.span().into()
+    }
+}
+
+/// One mistake in a description.
+#[derive(Debug, Clone)]
+pub struct Diagnostic {
+    /// What is wrong, in lower case and without a full stop.
+    pub message: String,
+    /// How to mend it.
+    pub help: Option<String>,
+    /// The first token concerned.
+    pub span: Span,
+    /// The last token concerned.
+    pub end: Span,
+}
+
+impl Diagnostic {
+    pub(crate) fn new(location: impl Into<Location>, message: impl Into<String>) -> Self {
+        let location = location.into();
+        Self {
+            message: message.into(),
+            help: None,
+            span: location.start,
+            end: location.end,
+        }
+    }
+
+    #[must_use]
+    pub(crate) fn help(mut self, help: impl Into<String>) -> Self {
+        self.help = Some(help.into());
+        self
+    }
+
+    /// Line of the first character concerned, from 1.
+    pub fn line(&self) -> usize {
+        self.span.start().line
+    }
+
+    /// Column of the first character concerned, in characters from 1.
+    pub fn column(&self) -> usize {
+        self.span.start().column + 1
+    }
+
+    /// Bytes concerned, from the start of the text after a byte-order mark.
+    ///
+    /// Meaningful for [`check_text`](crate::check_text) only; inside a macro the compiler counts.
+    pub fn byte_range(&self) -> Range<usize> {
+        let (start, end) = (self.span.byte_range(), self.end.byte_range());
+        start.start..end.end.max(start.end)
+    }
+}
+
+impl fmt::Display for Diagnostic {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.write_str(&self.message)?;
+        match &self.help {
+            Some(help) => write!(formatter, "\nhelp: {help}"),
+            None => Ok(()),
+        }
+    }
+}
+
+impl From<&Diagnostic> for syn::Error {
+    fn from(diagnostic: &Diagnostic) -> Self {
+        let mut last = TokenTree::Group(proc_macro2::Group::new(
+            proc_macro2::Delimiter::None,
+            TokenStream::new(),
+        ));
+        let mut first = last.clone();
+        first.set_span(diagnostic.span);
+        last.set_span(diagnostic.end);
+        Self::new_spanned(TokenStream::from_iter([first, last]), diagnostic)
+    }
+}
+
+/// All mistakes of a description, in the order of the text as far as it was read.
+#[derive(Debug, Clone)]
+pub struct Errors {
+    /// Whether the robot is `pub`, and its name, where they could be read: a macro that fails still
+    /// declares the type, so that its uses elsewhere raise no errors of their own.
+    pub robot: Option<(bool, Ident)>,
+    /// The mistakes; never empty.
+    pub diagnostics: Vec<Diagnostic>,
+}
+
+impl Errors {
+    /// A text that is not even a sequence of tokens.
+    pub(crate) fn from_lexer(text: &str, error: &LexError) -> Self {
+        let span = error.span();
+        let found = text
+            .trim_start_matches('\u{feff}')
+            .get(span.byte_range().start..)
+            .and_then(|rest| rest.chars().next());
+        let diagnostic = match found {
+            Some(bracket @ ('(' | '[' | '{')) => {
+                Diagnostic::new(span, format!("`{bracket}` is never closed"))
+                    .help("every bracket needs its partner")
+            }
+            Some(bracket @ (')' | ']' | '}')) => {
+                Diagnostic::new(span, format!("`{bracket}` closes nothing that is open"))
+                    .help("every bracket needs its partner")
+            }
+            Some('/') => {
+                Diagnostic::new(span, "this comment is never closed").help("end it with `*/`")
+            }
+            Some('"' | '\'') => {
+                Diagnostic::new(span, "this quotation mark has no meaning in a model")
+                    .help("names and numbers are written without quotation marks")
+            }
+            Some(character) => Diagnostic::new(
+                span,
+                format!("`{}` has no meaning in a model", character.escape_debug()),
+            )
+            .help("a description consists of names, numbers, operators and brackets"),
+            None => Diagnostic::new(span, "this is not a description"),
+        };
+        Self {
+            robot: None,
+            diagnostics: vec![diagnostic],
+        }
+    }
+
+    pub(crate) fn without_robot() -> Self {
+        let diagnostic = Diagnostic::new(Span::call_site(), "the description holds no robot");
+        Self {
+            robot: None,
+            diagnostics: vec![diagnostic],
+        }
+    }
+}
+
+impl From<&Errors> for syn::Error {
+    fn from(errors: &Errors) -> Self {
+        let mut all = errors.diagnostics.iter().map(Self::from);
+        let mut combined = all
+            .next()
+            .unwrap_or_else(|| Self::new(Span::call_site(), "the description holds an error"));
+        combined.extend(all);
+        combined
+    }
+}
+
+impl From<Errors> for syn::Error {
+    fn from(errors: Errors) -> Self {
+        Self::from(&errors)
+    }
+}
+
+impl fmt::Display for Errors {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for (index, diagnostic) in self.diagnostics.iter().enumerate() {
+            if index > 0 {
+                formatter.write_str("\n")?;
+            }
+            let (line, column) = (diagnostic.line(), diagnostic.column());
+            write!(formatter, "{line}:{column}: {diagnostic}")?;
+        }
+        Ok(())
+    }
+}
+
+impl std::error::Error for Errors {}
+
+/// Collects the mistakes of a pass.
+///
+/// Dropping it unread is a bug of the pass, and panics in debug builds.
+#[derive(Debug)]
+pub(crate) struct Diagnostics {
+    list: Vec<Diagnostic>,
+    read: bool,
+}
+
+impl Diagnostics {
+    pub(crate) fn new() -> Self {
+        Self {
+            list: Vec::new(),
+            read: false,
+        }
+    }
+
+    pub(crate) fn push(&mut self, diagnostic: Diagnostic) {
+        self.list.push(diagnostic);
+    }
+
+    /// Number of mistakes so far, to learn whether a step found any.
+    pub(crate) fn count(&self) -> usize {
+        self.list.len()
+    }
+
+    /// Hands the mistakes over, as an error if there are any.
+    pub(crate) fn into_result(mut self, robot: Option<(bool, Ident)>) -> Result<(), Errors> {
+        self.read = true;
+        let mut diagnostics = std::mem::take(&mut self.list);
+        if diagnostics.is_empty() {
+            return Ok(());
+        }
+        diagnostics.sort_by_key(|diagnostic| {
+            let start = diagnostic.span.start();
+            (start.line, start.column)
+        });
+        Err(Errors { robot, diagnostics })
+    }
+}
+
+impl Drop for Diagnostics {
+    fn drop(&mut self) {
+        debug_assert!(
+            self.read || std::thread::panicking(),
+            "diagnostics were dropped unread"
+        );
+    }
+}

@@ -1,0 +1,157 @@
+//! Names: what they may be, and which one was probably meant.
+
+use proc_macro2::Ident;
+
+use crate::diagnostics::Diagnostic;
+
+/// Words with a meaning of their own where a place is named.
+const PLACES: [&str; 4] = ["all", "base", "source", "tcp"];
+
+/// Rust's keywords; generated code would be unable to use them.
+const KEYWORDS: [&str; 54] = [
+    "Self", "abstract", "as", "async", "await", "become", "box", "break", "const", "continue",
+    "crate", "do", "dyn", "else", "enum", "extern", "false", "final", "fn", "for", "gen", "if",
+    "impl", "in", "let", "loop", "macro", "match", "mod", "move", "mut", "override", "priv", "pub",
+    "ref", "return", "self", "static", "struct", "super", "trait", "true", "try", "type", "typeof",
+    "union", "unsafe", "unsized", "use", "virtual", "where", "while", "yield", "_",
+];
+
+/// Why a word cannot name anything, if it cannot.
+pub(crate) fn reserved(name: &Ident) -> Option<Diagnostic> {
+    let text = name.to_string();
+    let reason = if text.starts_with("r#") {
+        format!("`{text}` is a raw identifier")
+    } else if KEYWORDS.contains(&text.as_str()) {
+        format!("`{text}` is a keyword of Rust")
+    } else if PLACES.contains(&text.as_str()) {
+        format!("`{text}` is a word of the language")
+    } else if !text.is_ascii() {
+        format!("`{text}` has letters outside ASCII")
+    } else {
+        return None;
+    };
+    Some(
+        Diagnostic::new(name, format!("{reason} and cannot be a name"))
+            .help("choose another name, of ASCII letters, digits and `_`"),
+    )
+}
+
+/// Whether a word begins something of Rust that has no meaning in a model.
+pub(crate) fn is_rust(word: &str) -> bool {
+    KEYWORDS.contains(&word) && !matches!(word, "in" | "pub" | "_")
+}
+
+/// The candidate that was probably meant: the one at the least edit distance, at most a third of the
+/// name's length, or equal but for case.
+pub(crate) fn nearest<'a>(
+    name: &str,
+    candidates: impl IntoIterator<Item = &'a str>,
+) -> Option<&'a str> {
+    let limit = name.chars().count() / 3;
+    candidates
+        .into_iter()
+        .filter_map(|candidate| {
+            let distance = if candidate.eq_ignore_ascii_case(name) {
+                0
+            } else {
+                edit_distance(name, candidate)
+            };
+            (distance <= limit).then_some((distance, candidate))
+        })
+        .min_by_key(|(distance, _)| *distance)
+        .map(|(_, candidate)| candidate)
+}
+
+/// A help for an unknown name: the nearest one, or all there are.
+pub(crate) fn suggest<'a>(
+    what: &str,
+    name: &str,
+    candidates: impl IntoIterator<Item = &'a str> + Clone,
+) -> String {
+    if let Some(near) = nearest(name, candidates.clone()) {
+        return format!(
+            "{} {what} with a similar name exists: `{near}`",
+            article(what)
+        );
+    }
+    let all: Vec<_> = candidates
+        .into_iter()
+        .map(|candidate| format!("`{candidate}`"))
+        .collect();
+    match all.as_slice() {
+        [] => format!("no {what} is declared"),
+        [one] => format!("the only {what} is {one}"),
+        many => format!("the {} are {}", plural(what), many.join(", ")),
+    }
+}
+
+/// `a` or `an`.
+pub(crate) fn article(noun: &str) -> &'static str {
+    if noun.starts_with(['a', 'e', 'i', 'o', 'u']) {
+        "an"
+    } else {
+        "a"
+    }
+}
+
+fn plural(noun: &str) -> String {
+    match noun.strip_suffix('y') {
+        Some(stem) => format!("{stem}ies"),
+        None => format!("{noun}s"),
+    }
+}
+
+/// Insertions, deletions, substitutions and swaps of neighbours that lead from one word to the other
+/// (optimal string alignment).
+fn edit_distance(left: &str, right: &str) -> usize {
+    let left: Vec<char> = left.chars().collect();
+    let right: Vec<char> = right.chars().collect();
+    let mut before = Vec::new();
+    let mut above: Vec<usize> = (0..=right.len()).collect();
+    for (i, &a) in left.iter().enumerate() {
+        let mut row = vec![i + 1];
+        for (j, &b) in right.iter().enumerate() {
+            let mut best = (above[j] + usize::from(a != b))
+                .min(above[j + 1] + 1)
+                .min(row[j] + 1);
+            if i > 0 && j > 0 && a == right[j - 1] && left[i - 1] == b {
+                let swapped: &Vec<usize> = &before;
+                best = best.min(swapped[j - 1] + 1);
+            }
+            row.push(best);
+        }
+        before = above;
+        above = row;
+    }
+    above[right.len()]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{edit_distance, nearest};
+
+    #[test]
+    fn distances() {
+        for (left, right, distance) in [
+            ("", "", 0),
+            ("", "abc", 3),
+            ("kitten", "sitting", 3),
+            ("robto", "robot", 1),
+            ("varient", "variant", 1),
+            ("ca", "abc", 3),
+        ] {
+            assert_eq!(edit_distance(left, right), distance, "{left} {right}");
+            assert_eq!(edit_distance(right, left), distance, "{right} {left}");
+        }
+    }
+
+    #[test]
+    fn suggestions_are_close() {
+        let names = ["one", "two", "three"];
+        assert_eq!(nearest("thre", names), Some("three"));
+        assert_eq!(nearest("tow", names), Some("two"));
+        assert_eq!(nearest("ONE", names), Some("one"));
+        assert_eq!(nearest("four", names), None);
+        assert_eq!(nearest("o", names), None);
+    }
+}

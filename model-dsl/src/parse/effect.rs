@@ -1,0 +1,170 @@
+//! `effect`, with its parameters and terms.
+
+use proc_macro2::Delimiter;
+
+use super::cursor::Parser;
+use super::quantity::{quantity, unit, whole_number};
+use super::{Parse, formula, unknown_item};
+use crate::diagnostics::{Diagnostic, Diagnostics};
+use crate::names::nearest;
+use crate::syntax::{Effect, ParameterName, Parameters, Term};
+
+/// What the items of an effect may begin with; terms begin with their target.
+const STARTS: [&str; 11] = [
+    "param",
+    "search",
+    "along",
+    "horizontal",
+    "vertical",
+    "roll",
+    "pitch",
+    "yaw",
+    "length",
+    "joint",
+    "position",
+];
+
+/// `effect name on cart { … }` from the name on.
+pub(super) fn effect(
+    parser: &mut Parser<'_>,
+    docs: Vec<String>,
+    diagnostics: &mut Diagnostics,
+) -> Parse<Effect> {
+    let name = parser.new_name("the effect's name")?;
+    parser.expect_word(
+        "on",
+        "say what the effect acts on: `on cart`, `on link` or `on tcp`",
+    )?;
+    let subject = parser.name("`cart`, `link` or `tcp`")?;
+    let source = if parser.eat_word("from").is_some() {
+        let help = "the other cart is called `source`: `on cart from source`";
+        if !parser.at_word("source") {
+            return Err(parser.expected("`source`").help(help));
+        }
+        parser.eat_any_word()
+    } else {
+        None
+    };
+    let mut body = parser.expect_braces("an effect's parameters and terms stand in braces")?;
+    let mut effect = Effect {
+        docs,
+        name,
+        subject,
+        source,
+        parameters: Vec::new(),
+        terms: Vec::new(),
+    };
+    body.items(&STARTS, diagnostics, |parser, _| {
+        parser.docs()?;
+        if parser.eat_word("param").is_some() {
+            effect.parameters.push(parameters(parser)?);
+        } else if parser.eat_word("search").is_some() {
+            effect.parameters.push(searched(parser)?);
+        } else {
+            effect.terms.push(term(parser)?);
+        }
+        Ok(())
+    });
+    Ok(effect)
+}
+
+/// `param a, b[3]: length = 0 mm tol 1 mm;` from the first name on.
+fn parameters(parser: &mut Parser<'_>) -> Parse<Parameters> {
+    let mut names = vec![parameter_name(parser)?];
+    while parser.eat(",").is_some() {
+        names.push(parameter_name(parser)?);
+    }
+    parser.expect(":", "a parameter has a dimension: `param name: length;`")?;
+    let dimension = unit(parser, "a dimension or unit")?;
+    let nominal = if parser.eat("=").is_some() {
+        Some(quantity(parser)?)
+    } else {
+        None
+    };
+    let tolerance = if parser.eat_word("tol").is_some() {
+        Some(quantity(parser)?)
+    } else {
+        None
+    };
+    parser.semicolon()?;
+    Ok(Parameters {
+        names,
+        dimension,
+        nominal,
+        tolerance,
+        search: None,
+    })
+}
+
+/// `search period: length in 4 mm ..= 50 mm tol 1 mm;` from the name on.
+fn searched(parser: &mut Parser<'_>) -> Parse<Parameters> {
+    let name = parameter_name(parser)?;
+    let help = "a searched parameter reads `search name: length in 4 mm ..= 50 mm;`";
+    parser.expect(":", help)?;
+    let dimension = unit(parser, "a dimension or unit")?;
+    parser.expect_word("in", help)?;
+    let low = quantity(parser)?;
+    parser.expect("..=", help)?;
+    let high = quantity(parser)?;
+    let tolerance = if parser.eat_word("tol").is_some() {
+        Some(quantity(parser)?)
+    } else {
+        None
+    };
+    parser.semicolon()?;
+    let search = Some((low, high));
+    Ok(Parameters {
+        names: vec![name],
+        dimension,
+        nominal: None,
+        tolerance,
+        search,
+    })
+}
+
+fn parameter_name(parser: &mut Parser<'_>) -> Parse<ParameterName> {
+    let name = parser.new_name("the parameter's name")?;
+    let components = match parser.enter(Delimiter::Bracket) {
+        Some(mut inside) => {
+            let (number, span) = whole_number(&mut inside, "the number of components")?;
+            if !inside.at_end() {
+                return Err(inside.expected("`]`"));
+            }
+            Some((number, span.into()))
+        }
+        None => None,
+    };
+    Ok(ParameterName { name, components })
+}
+
+/// `along += formula;`
+fn term(parser: &mut Parser<'_>) -> Parse<Term> {
+    if parser.rust_code().is_some() {
+        return Err(unknown_item(parser, &STARTS));
+    }
+    let Some(target) = parser.eat_any_word() else {
+        return Err(parser.expected("`param`, `search` or a term such as `along += …;`"));
+    };
+    if !parser.at("+=") {
+        let help = match nearest(&target.to_string(), STARTS) {
+            Some(near) if target != near => format!("did you mean `{near}`?"),
+            _ => format!("effects add up: `{target} += …;`"),
+        };
+        let diagnostic = if STARTS.iter().any(|start| target == start) {
+            parser.expected("`+=`")
+        } else {
+            Diagnostic::new(
+                &target,
+                format!("expected `param`, `search` or a term, found `{target}`"),
+            )
+        };
+        return Err(diagnostic.help(help));
+    }
+    parser.eat("+=");
+    let formula = formula::formula(parser)?;
+    parser.expect(
+        ";",
+        "a term ends with `;`, and its formula has an operator between any two values",
+    )?;
+    Ok(Term { target, formula })
+}

@@ -1,0 +1,143 @@
+//! Tokens to syntax tree.
+//!
+//! A mistake ends its item only: parsing goes on at the next item, so that all are reported at once.
+
+mod cursor;
+mod effect;
+mod formula;
+mod quantity;
+mod robot;
+
+use proc_macro2::{Delimiter, Group, TokenStream, TokenTree};
+use syn::buffer::TokenBuffer;
+
+use self::cursor::Parser;
+use crate::diagnostics::{Diagnostic, Diagnostics};
+use crate::names::nearest;
+use crate::syntax::Description;
+
+/// Result of parsing one construct.
+type Parse<T> = Result<T, Diagnostic>;
+
+/// Deepest nesting of brackets; those that read and check recurse.
+const NESTING_LIMIT: usize = 64;
+
+/// Reads a whole text: effects and, if `with_robot`, exactly one robot.
+pub(crate) fn description(
+    tokens: TokenStream,
+    with_robot: bool,
+    diagnostics: &mut Diagnostics,
+) -> Description {
+    let mut description = Description::default();
+    if let Some(group) = too_deep(&tokens) {
+        let message = format!("brackets nested more than {NESTING_LIMIT} deep");
+        diagnostics.push(Diagnostic::new(group.span_open(), message).help("simplify the formula"));
+        return description;
+    }
+    let buffer = TokenBuffer::new2(tokens);
+    let mut parser = Parser::new(&buffer);
+    let starts: &[&str] = if with_robot {
+        &["robot", "pub", "effect"]
+    } else {
+        &["effect"]
+    };
+    parser.items(starts, diagnostics, |parser, diagnostics| {
+        let docs = parser.docs()?;
+        if parser.eat_word("effect").is_some() {
+            description
+                .effects
+                .push(effect::effect(parser, docs, diagnostics)?);
+            return Ok(());
+        }
+        let public = with_robot && parser.eat_word("pub").is_some();
+        if !(with_robot && parser.eat_word("robot").is_some()) {
+            return Err(if with_robot {
+                unknown_item(
+                    parser,
+                    if public {
+                        &["robot"]
+                    } else {
+                        &["robot", "effect"]
+                    },
+                )
+            } else {
+                unknown_item(parser, &["effect"]).help("a catalogue holds effects only")
+            });
+        }
+        let robot = robot::robot(parser, docs, public, &mut description.robot, diagnostics)?;
+        if let Some(second) = robot {
+            let message = format!("`{second}` is a second robot, but a description holds one");
+            diagnostics.push(
+                Diagnostic::new(&second, message)
+                    .help("put every robot in a description of its own"),
+            );
+        }
+        Ok(())
+    });
+    if with_robot && description.robot.is_none() && diagnostics.count() == 0 {
+        let diagnostic = if parser.was_empty() {
+            Diagnostic::new(parser.here(), "the description is empty")
+        } else {
+            Diagnostic::new(parser.here(), "the description holds no robot")
+        };
+        diagnostics.push(diagnostic.help("write `robot Name { track …; cluster …; variant …; }`"));
+    }
+    description
+}
+
+/// What stands where one of some keywords was expected.
+fn unknown_item(parser: &Parser<'_>, keywords: &[&str]) -> Diagnostic {
+    if let Some(rust) = parser.rust_code() {
+        return Diagnostic::new(rust, "this Rust code has no meaning in a model").help(
+            "a model is declared, without control flow; formulas stand in the terms of effects",
+        );
+    }
+    let expected = one_of(keywords);
+    let found = parser.found();
+    let diagnostic = Diagnostic::new(parser.here(), format!("expected {expected}, found {found}"));
+    match parser
+        .word()
+        .and_then(|word| nearest(&word.to_string(), keywords.iter().copied()))
+    {
+        Some(near) => diagnostic.help(format!("did you mean `{near}`?")),
+        None => diagnostic,
+    }
+}
+
+/// `` `a`, `b` or `c` ``
+fn one_of(words: &[&str]) -> String {
+    match words {
+        [] => String::new(),
+        [one] => format!("`{one}`"),
+        [first @ .., last] => {
+            let first: Vec<_> = first.iter().map(|word| format!("`{word}`")).collect();
+            format!("{} or `{last}`", first.join(", "))
+        }
+    }
+}
+
+/// The first group nested too deeply, found without recursion.
+fn too_deep(tokens: &TokenStream) -> Option<Group> {
+    let mut stack = vec![tokens.clone().into_iter()];
+    while let Some(top) = stack.last_mut() {
+        match top.next() {
+            Some(TokenTree::Group(group)) if stack.len() > NESTING_LIMIT => return Some(group),
+            Some(TokenTree::Group(group)) => stack.push(group.stream().into_iter()),
+            Some(_) => {}
+            None => {
+                stack.pop();
+            }
+        }
+    }
+    None
+}
+
+/// The brackets of a group, as text.
+fn brackets(delimiter: Delimiter) -> (&'static str, &'static str) {
+    match delimiter {
+        Delimiter::Parenthesis => ("(", ")"),
+        Delimiter::Brace => ("{", "}"),
+        Delimiter::Bracket => ("[", "]"),
+        Delimiter::None => ("", ""),
+    }
+}

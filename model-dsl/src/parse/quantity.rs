@@ -1,0 +1,171 @@
+//! Numbers and units.
+
+use proc_macro2::{Delimiter, Span};
+
+use super::{Parse, cursor::Parser};
+use crate::diagnostics::{Diagnostic, Location};
+use crate::syntax::{Quantity, UnitExpression, UnitFactor};
+use crate::units::find_unit;
+
+/// A number without sign, with its place.
+pub(super) fn number(parser: &mut Parser<'_>) -> Parse<(f64, Span)> {
+    let Some(text) = parser.literal() else {
+        return Err(parser.expected("a number"));
+    };
+    let span = parser.here();
+    let text = text.replace('_', "");
+    let (digits, suffix) = text.split_at(number_length(&text));
+    let Ok(value) = digits.parse::<f64>() else {
+        return Err(parser.expected("a number"));
+    };
+    parser.eat_literal();
+    if find_unit(suffix).is_some() {
+        return Err(
+            Diagnostic::new(span, format!("`{text}` lacks a space before its unit"))
+                .help(format!("write `{digits} {suffix}`")),
+        );
+    }
+    if !suffix.is_empty() {
+        return Err(
+            Diagnostic::new(span, format!("`{text}` is not a decimal number"))
+                .help(format!("`{suffix}` does not belong there")),
+        );
+    }
+    if !value.is_finite() {
+        return Err(Diagnostic::new(span, format!("`{text}` is too large"))
+            .help(format!("numbers end at {:e}", f64::MAX)));
+    }
+    Ok((value, span))
+}
+
+/// Length of the decimal number at the start of a text.
+fn number_length(text: &str) -> usize {
+    let bytes = text.as_bytes();
+    let digits = |from: usize| {
+        from + bytes
+            .iter()
+            .skip(from)
+            .take_while(|byte| byte.is_ascii_digit())
+            .count()
+    };
+    let mut end = digits(0);
+    if bytes.get(end) == Some(&b'.') {
+        end = digits(end + 1);
+    }
+    if matches!(bytes.get(end), Some(b'e' | b'E')) {
+        let exponent = end + 1 + usize::from(matches!(bytes.get(end + 1), Some(b'+' | b'-')));
+        if digits(exponent) > exponent {
+            end = digits(exponent);
+        }
+    }
+    end
+}
+
+/// A whole number without sign, with its place.
+pub(super) fn whole_number(parser: &mut Parser<'_>, what: &str) -> Parse<(u64, Span)> {
+    let Some(value) = parser
+        .literal()
+        .and_then(|text| text.replace('_', "").parse().ok())
+    else {
+        return Err(parser.expected(what));
+    };
+    let span = parser.here();
+    parser.eat_literal();
+    Ok((value, span))
+}
+
+/// `2`, `-2`: the exponent after `^`.
+pub(super) fn exponent(parser: &mut Parser<'_>) -> Parse<i32> {
+    let start = parser.here();
+    let negative = parser.eat("-").is_some();
+    let what = "a whole number as exponent";
+    let help = "write a whole number such as `^2` or `^-1`; for a square root, `sqrt(…)`";
+    let (value, _) = whole_number(parser, what).map_err(|diagnostic| diagnostic.help(help))?;
+    let value = i32::try_from(value)
+        .ok()
+        .filter(|value| *value <= 100)
+        .ok_or_else(|| {
+            Diagnostic::new(parser.since(start), "this exponent is too large")
+                .help("exponents end at 100")
+        })?;
+    Ok(if negative { -value } else { value })
+}
+
+/// `-2.5 um/h`, or `(1, 2, 3) mm`
+pub(super) fn quantity(parser: &mut Parser<'_>) -> Parse<Quantity> {
+    let start = parser.here();
+    let numbers = if let Some(mut inside) = parser.enter(Delimiter::Parenthesis) {
+        let mut numbers = vec![signed(&mut inside)?];
+        while inside.eat(",").is_some() {
+            numbers.push(signed(&mut inside)?);
+        }
+        if !inside.at_end() {
+            return Err(inside.expected("`,` or `)`"));
+        }
+        if numbers.len() != 3 {
+            let message = format!("a vector has 3 components, found {}", numbers.len());
+            return Err(Diagnostic::new(parser.since(start), message)
+                .help("write `(x, y, z)`, or one number without parentheses"));
+        }
+        numbers
+    } else {
+        vec![signed(parser)?]
+    };
+    let has_unit = parser
+        .word()
+        .is_some_and(|word| word != "tol" && word != "in")
+        || parser.literal().is_some_and(|text| text == "1");
+    let unit = if has_unit {
+        Some(unit(parser, "a unit")?)
+    } else {
+        None
+    };
+    Ok(Quantity {
+        numbers,
+        unit,
+        location: parser.since(start),
+    })
+}
+
+fn signed(parser: &mut Parser<'_>) -> Parse<f64> {
+    let negative = parser.eat("-").is_some();
+    let (value, _) = number(parser)?;
+    Ok(if negative { -value } else { value })
+}
+
+/// `m`, `um/N`, `1/K`, `N*m^2`; where a dimension is wanted also `length/time`.
+pub(super) fn unit(parser: &mut Parser<'_>, what: &str) -> Parse<UnitExpression> {
+    let start = parser.here();
+    let mut factors = Vec::new();
+    let mut sign = 1;
+    loop {
+        if parser.literal().is_some_and(|text| text == "1") {
+            parser.eat_literal();
+        } else {
+            factors.push(unit_factor(parser, what, sign)?);
+        }
+        sign = if parser.eat("*").is_some() {
+            1
+        } else if parser.eat("/").is_some() {
+            -1
+        } else {
+            break;
+        };
+    }
+    let location: Location = parser.since(start);
+    Ok(UnitExpression { factors, location })
+}
+
+/// `m`, `m^2`
+pub(super) fn unit_factor(parser: &mut Parser<'_>, what: &str, sign: i32) -> Parse<UnitFactor> {
+    let name = parser.name(what)?;
+    let exponent = if parser.eat("^").is_some() {
+        exponent(parser)?
+    } else {
+        1
+    };
+    Ok(UnitFactor {
+        name,
+        exponent: sign * exponent,
+    })
+}

@@ -1,0 +1,271 @@
+//! `robot`, with its tracks, clusters and variants.
+
+use proc_macro2::{Delimiter, Ident};
+
+use super::cursor::Parser;
+use super::quantity::quantity;
+use super::{Parse, effect, unknown_item};
+use crate::diagnostics::{Diagnostic, Diagnostics, Location};
+use crate::model::{Arm, TrackShape};
+use crate::names::nearest;
+use crate::syntax::{
+    Cluster, EffectUse, LinkValue, Links, Robot, Variant, VariantBody, VariantLine,
+};
+
+/// `robot Name { … }` from the name on; into `slot`, or if that is taken, returns the name.
+pub(super) fn robot(
+    parser: &mut Parser<'_>,
+    docs: Vec<String>,
+    public: bool,
+    slot: &mut Option<Robot>,
+    diagnostics: &mut Diagnostics,
+) -> Parse<Option<Ident>> {
+    let name = parser.new_name("the robot's name")?;
+    let mut second = None;
+    let mut spare;
+    let slot = if slot.is_some() {
+        second = Some(name.clone());
+        spare = None;
+        &mut spare
+    } else {
+        slot
+    };
+    let robot = slot.insert(Robot {
+        docs,
+        public,
+        name,
+        tracks: Vec::new(),
+        clusters: Vec::new(),
+        effects: Vec::new(),
+        variants: Vec::new(),
+    });
+    let help = "a robot's parts stand in braces: `robot Name { … }`";
+    let mut body = parser.expect_braces(help)?;
+    let keywords = ["track", "cluster", "effect", "variant"];
+    body.items(&keywords, diagnostics, |parser, diagnostics| {
+        let docs = parser.docs()?;
+        if parser.eat_word("track").is_some() {
+            robot.tracks.extend(parser.new_names("the track's name")?);
+            parser.semicolon()
+        } else if parser.eat_word("cluster").is_some() {
+            robot.clusters.push(cluster(parser, diagnostics)?);
+            Ok(())
+        } else if parser.eat_word("effect").is_some() {
+            robot
+                .effects
+                .push(effect::effect(parser, docs, diagnostics)?);
+            Ok(())
+        } else if parser.eat_word("variant").is_some() {
+            robot.variants.push(variant(parser, docs, diagnostics)?);
+            Ok(())
+        } else {
+            Err(unknown_item(parser, &keywords))
+        }
+    });
+    Ok(second)
+}
+
+/// `cluster arm1 on one { link l1; }` from the name on.
+fn cluster(parser: &mut Parser<'_>, diagnostics: &mut Diagnostics) -> Parse<Cluster> {
+    let name = parser.new_name("the cluster's name")?;
+    parser.expect_word(
+        "on",
+        "say what carries the cluster: `on` a track, or `on base`",
+    )?;
+    let place = parser.name("a track or `base`")?;
+    let mut body = parser.expect_braces("a cluster's links stand in braces: `{ link l1; }`")?;
+    let mut cluster = Cluster {
+        name,
+        place,
+        links: Vec::new(),
+    };
+    body.items(&["link"], diagnostics, |parser, diagnostics| {
+        parser.docs()?;
+        if parser.eat_word("link").is_none() {
+            return Err(unknown_item(parser, &["link"]));
+        }
+        cluster.links.push(links(parser, diagnostics)?);
+        Ok(())
+    });
+    Ok(cluster)
+}
+
+/// `link a, b actuated length { … }` from the first name on.
+fn links(parser: &mut Parser<'_>, diagnostics: &mut Diagnostics) -> Parse<Links> {
+    let names = parser.new_names("the link's name")?;
+    let actuated = match parser.eat_word("actuated") {
+        Some(start) => {
+            parser.expect_word(
+                "length",
+                "the length is what can be driven: `actuated length`",
+            )?;
+            Some(parser.since(start))
+        }
+        None => None,
+    };
+    let mut values = Vec::new();
+    if let Some(mut body) = parser.enter(Delimiter::Brace) {
+        let keywords = ["length", "plate_joint", "track_offset", "track_direction"];
+        body.items(&keywords, diagnostics, |parser, _| {
+            parser.docs()?;
+            if !keywords.iter().any(|keyword| parser.at_word(keyword)) {
+                return Err(unknown_item(parser, &keywords));
+            }
+            values.push(link_value(parser)?);
+            Ok(())
+        });
+    } else {
+        let help = "a link ends with `;`, or with its values in braces";
+        parser.expect(";", help)?;
+    }
+    Ok(Links {
+        names,
+        actuated,
+        values,
+    })
+}
+
+/// `length = 2.04 m tol 0.3 mm;`
+fn link_value(parser: &mut Parser<'_>) -> Parse<LinkValue> {
+    let name = parser.name("a quantity of the link")?;
+    let value = if parser.eat("=").is_some() {
+        Some(quantity(parser)?)
+    } else {
+        None
+    };
+    let tolerance = if parser.eat_word("tol").is_some() {
+        Some(quantity(parser)?)
+    } else {
+        None
+    };
+    if value.is_none() && tolerance.is_none() {
+        return Err(parser
+            .expected("`=` or `tol`")
+            .help(format!("write `{name} = value unit tol value unit;`")));
+    }
+    parser.semicolon()?;
+    Ok(LinkValue {
+        name,
+        value,
+        tolerance,
+    })
+}
+
+/// `variant Name { … }` or `variant Name = Base + …;` from the name on.
+fn variant(
+    parser: &mut Parser<'_>,
+    docs: Vec<String>,
+    diagnostics: &mut Diagnostics,
+) -> Parse<Variant> {
+    let name = parser.new_name("the variant's name")?;
+    if parser.eat("=").is_some() {
+        let base = parser.name("the variant to start from")?;
+        let mut effects = Vec::new();
+        while parser.eat("+").is_some() {
+            effects.push(effect_use(parser)?);
+        }
+        parser.expect(";", "a derived variant reads `Base + effect(place) + …;`")?;
+        return Ok(Variant {
+            docs,
+            name,
+            body: VariantBody::Derived { base, effects },
+        });
+    }
+    let Some(mut body) = parser.enter(Delimiter::Brace) else {
+        let help = "a variant reads `variant Name { … }` or `variant Name = Base + effect(place);`";
+        return Err(parser.expected("`{` or `=`").help(help));
+    };
+    let mut lines = Vec::new();
+    let keywords = ["arm", "tracks", "track"];
+    body.items(&keywords, diagnostics, |parser, _| {
+        parser.docs()?;
+        lines.push(variant_line(parser)?);
+        Ok(())
+    });
+    Ok(Variant {
+        docs,
+        name,
+        body: VariantBody::Own(lines),
+    })
+}
+
+fn effect_use(parser: &mut Parser<'_>) -> Parse<EffectUse> {
+    let effect = parser.name("an effect")?;
+    let Some(mut inside) = parser.enter(Delimiter::Parenthesis) else {
+        let help = "say where the effect acts: `effect(track)`, `effect(link)`, `effect(all)` or `effect(tcp)`";
+        return Err(parser.expected("`(`").help(help));
+    };
+    let mut places = Vec::new();
+    while !inside.at_end() {
+        places.push(inside.name("a place")?);
+        if inside.eat(",").is_none() && !inside.at_end() {
+            return Err(inside.expected("`,` or `)`"));
+        }
+    }
+    let location = parser.since(&effect);
+    Ok(EffectUse {
+        effect,
+        places,
+        location,
+    })
+}
+
+/// `arm full;`, `tracks linear;`, `track two piecewise per link;`
+fn variant_line(parser: &mut Parser<'_>) -> Parse<VariantLine> {
+    let start = parser.here();
+    if parser.eat_word("arm").is_some() {
+        let arm = choice(parser, &[("reduced", Arm::Reduced), ("full", Arm::Full)])?;
+        let location = parser.since(start);
+        parser.semicolon()?;
+        return Ok(VariantLine::Arm { arm, location });
+    }
+    let track = if parser.eat_word("track").is_some() {
+        Some(parser.name("a track")?)
+    } else if parser.eat_word("tracks").is_some() {
+        None
+    } else {
+        return Err(unknown_item(parser, &["arm", "tracks", "track"]));
+    };
+    let shape = choice(
+        parser,
+        &[
+            ("linear", TrackShape::Linear),
+            ("piecewise", TrackShape::Piecewise),
+        ],
+    )?;
+    let per_link: Option<Location> = match parser.eat_word("per") {
+        Some(start) => {
+            parser.expect_word("link", "each link may have its own path: `per link`")?;
+            Some(parser.since(start))
+        }
+        None => None,
+    };
+    let location = parser.since(start);
+    parser.semicolon()?;
+    Ok(VariantLine::Tracks {
+        track,
+        shape,
+        per_link,
+        location,
+    })
+}
+
+/// One of a few words.
+fn choice<T: Copy>(parser: &mut Parser<'_>, choices: &[(&str, T)]) -> Parse<T> {
+    for (word, value) in choices {
+        if parser.eat_word(word).is_some() {
+            return Ok(*value);
+        }
+    }
+    let words: Vec<_> = choices.iter().map(|(word, _)| *word).collect();
+    let diagnostic: Diagnostic = parser.expected(&super::one_of(&words));
+    Err(
+        match parser
+            .word()
+            .and_then(|word| nearest(&word.to_string(), words))
+        {
+            Some(near) => diagnostic.help(format!("did you mean `{near}`?")),
+            None => diagnostic,
+        },
+    )
+}

@@ -1,0 +1,173 @@
+//! The syntax tree: what was written, with the place of every part.
+
+use proc_macro2::Ident;
+
+use crate::diagnostics::Location;
+use crate::model::{Arm, BinaryOperator, TrackShape};
+
+#[derive(Debug, Default)]
+pub(crate) struct Description {
+    pub(crate) robot: Option<Robot>,
+    /// Effects beside the robot, in order.
+    pub(crate) effects: Vec<Effect>,
+}
+
+impl Description {
+    pub(crate) fn robot_name(&self) -> Option<(bool, Ident)> {
+        self.robot
+            .as_ref()
+            .map(|robot| (robot.public, robot.name.clone()))
+    }
+}
+
+#[derive(Debug)]
+pub(crate) struct Robot {
+    pub(crate) docs: Vec<String>,
+    pub(crate) public: bool,
+    pub(crate) name: Ident,
+    pub(crate) tracks: Vec<Ident>,
+    pub(crate) clusters: Vec<Cluster>,
+    pub(crate) effects: Vec<Effect>,
+    pub(crate) variants: Vec<Variant>,
+}
+
+#[derive(Debug)]
+pub(crate) struct Cluster {
+    pub(crate) name: Ident,
+    /// A track or `base`.
+    pub(crate) place: Ident,
+    pub(crate) links: Vec<Links>,
+}
+
+/// `link a, b actuated length { … }`
+#[derive(Debug)]
+pub(crate) struct Links {
+    pub(crate) names: Vec<Ident>,
+    /// The words `actuated length`.
+    pub(crate) actuated: Option<Location>,
+    pub(crate) values: Vec<LinkValue>,
+}
+
+/// `length = 2.04 m tol 0.3 mm;`
+#[derive(Debug)]
+pub(crate) struct LinkValue {
+    pub(crate) name: Ident,
+    pub(crate) value: Option<Quantity>,
+    pub(crate) tolerance: Option<Quantity>,
+}
+
+/// One number or three, with a unit.
+#[derive(Debug)]
+pub(crate) struct Quantity {
+    pub(crate) numbers: Vec<f64>,
+    pub(crate) unit: Option<UnitExpression>,
+    pub(crate) location: Location,
+}
+
+/// A product of powers of units, or of dimensions where one is wanted.
+#[derive(Debug)]
+pub(crate) struct UnitExpression {
+    pub(crate) factors: Vec<UnitFactor>,
+    pub(crate) location: Location,
+}
+
+#[derive(Debug)]
+pub(crate) struct UnitFactor {
+    pub(crate) name: Ident,
+    pub(crate) exponent: i32,
+}
+
+#[derive(Debug)]
+pub(crate) struct Effect {
+    pub(crate) docs: Vec<String>,
+    pub(crate) name: Ident,
+    /// `cart`, `link` or `tcp`.
+    pub(crate) subject: Ident,
+    /// `from source`.
+    pub(crate) source: Option<Ident>,
+    pub(crate) parameters: Vec<Parameters>,
+    pub(crate) terms: Vec<Term>,
+}
+
+/// `param a, b[3]: length = 0 mm tol 1 mm;` or `search p: length in 4 mm ..= 50 mm;`
+#[derive(Debug)]
+pub(crate) struct Parameters {
+    pub(crate) names: Vec<ParameterName>,
+    pub(crate) dimension: UnitExpression,
+    pub(crate) nominal: Option<Quantity>,
+    pub(crate) tolerance: Option<Quantity>,
+    pub(crate) search: Option<(Quantity, Quantity)>,
+}
+
+#[derive(Debug)]
+pub(crate) struct ParameterName {
+    pub(crate) name: Ident,
+    /// The number in brackets, with its place.
+    pub(crate) components: Option<(u64, Location)>,
+}
+
+#[derive(Debug)]
+pub(crate) struct Term {
+    pub(crate) target: Ident,
+    pub(crate) formula: Expression,
+}
+
+#[derive(Debug)]
+pub(crate) struct Expression {
+    pub(crate) kind: ExpressionKind,
+    pub(crate) location: Location,
+}
+
+#[derive(Debug)]
+pub(crate) enum ExpressionKind {
+    Number(f64),
+    /// `20 K`, `3 m^2`
+    Measure(f64, UnitFactor),
+    Name(Ident),
+    /// `rate[0]`
+    Component(Ident, u64),
+    /// `sin(a)`, `q(two)`
+    Call(Ident, Vec<Expression>),
+    Negate(Box<Expression>),
+    Binary(BinaryOperator, Box<Expression>, Box<Expression>),
+    Power(Box<Expression>, i32),
+    Tuple(Vec<Expression>),
+}
+
+#[derive(Debug)]
+pub(crate) struct Variant {
+    pub(crate) docs: Vec<String>,
+    pub(crate) name: Ident,
+    pub(crate) body: VariantBody,
+}
+
+#[derive(Debug)]
+pub(crate) enum VariantBody {
+    Own(Vec<VariantLine>),
+    /// `= Base + effect(place) + …;`
+    Derived {
+        base: Ident,
+        effects: Vec<EffectUse>,
+    },
+}
+
+#[derive(Debug)]
+pub(crate) enum VariantLine {
+    Arm {
+        arm: Arm,
+        location: Location,
+    },
+    Tracks {
+        track: Option<Ident>,
+        shape: TrackShape,
+        per_link: Option<Location>,
+        location: Location,
+    },
+}
+
+#[derive(Debug)]
+pub(crate) struct EffectUse {
+    pub(crate) effect: Ident,
+    pub(crate) places: Vec<Ident>,
+    pub(crate) location: Location,
+}
