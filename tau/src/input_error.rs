@@ -112,6 +112,9 @@ fn floor_char_boundary(text: &str, index: usize) -> usize {
 }
 
 impl InputError {
+    /// Mistakes of several files that are listed; nobody mends more at a time.
+    const LISTED: usize = 60;
+
     /// A mistake of a source as a whole, such as a missing file.
     pub fn whole(source: impl Into<String>, message: impl Into<String>) -> Self {
         Self::from(Problem {
@@ -141,11 +144,13 @@ impl InputError {
         self
     }
 
-    /// All mistakes of two sources.
+    /// The mistakes of both; of many, the first ones are listed.
     #[must_use]
     pub fn and(mut self, other: Self) -> Self {
         self.problems.extend(other.problems);
-        self.unlisted += other.unlisted;
+        let unlisted = self.problems.len().saturating_sub(Self::LISTED);
+        self.problems.truncate(Self::LISTED);
+        self.unlisted += other.unlisted + unlisted;
         self
     }
 
@@ -321,13 +326,18 @@ pub(crate) fn utf8(name: &str, bytes: Vec<u8>) -> Result<String, InputError> {
 pub(crate) struct Errors(Option<InputError>);
 
 impl Errors {
+    /// One error more.
+    pub(crate) fn add(&mut self, error: InputError) {
+        self.0 = Some(match self.0.take() {
+            Some(earlier) => earlier.and(error),
+            None => error,
+        });
+    }
+
     /// The value, or a stand-in for it and one error more.
     pub(crate) fn keep<T: Default>(&mut self, result: Result<T, InputError>) -> T {
         result.unwrap_or_else(|error| {
-            self.0 = Some(match self.0.take() {
-                Some(earlier) => earlier.and(error),
-                None => error,
-            });
+            self.add(error);
             T::default()
         })
     }

@@ -44,7 +44,7 @@ pub fn robot_file() -> Result<RobotFile, InputError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::measurements::Split;
+    use crate::measurements::{Conditions, Split, TcpPose};
 
     #[test]
     fn the_prototype_has_the_poses_of_its_readme() {
@@ -70,11 +70,15 @@ mod tests {
     #[test]
     fn values_are_those_of_the_files() {
         let folder = folder().unwrap();
-        let pose = &folder.tcp_poses[0];
-        assert_eq!(pose.commands_m, [-0.507_175_4, -0.063_918_8, -0.785_616_7]);
-        assert_eq!(pose.position_m, [-1.903_438_3, -4.718_931_7, -0.369_854_0]);
-        assert_eq!(pose.angles_rad, [1.483_713_3, 1.765_194_2, -1.545_739_4]);
-        assert_eq!(pose.directions, Some(vec![1.0, 1.0, 1.0]));
+        let expected = TcpPose {
+            pose: 1,
+            commands_m: vec![-0.507_175_4, -0.063_918_8, -0.785_616_7],
+            position_m: [-1.903_438_3, -4.718_931_7, -0.369_854_0],
+            angles_rad: [1.483_713_3, 1.765_194_2, -1.545_739_4],
+            conditions: Conditions { time_s: Some(0.0), temperature_c: Some(20.002_979_0) },
+            directions: Some(vec![1.0, 1.0, 1.0]),
+        };
+        assert_eq!(folder.tcp_poses[0], expected);
         assert_eq!(folder.cart_positions[1].track, 1);
         let link = &robot_file().unwrap().links["l2b"];
         assert_eq!(link.length.as_ref().unwrap().value, [2.043_10]);

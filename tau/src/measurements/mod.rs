@@ -1,5 +1,6 @@
 //! Measurement folders: TCP poses (set 1), cart poses (set 2), cart positions (set 3).
 
+mod checks;
 mod plausible;
 mod read;
 mod selection;

@@ -149,7 +149,7 @@ pub(crate) fn temperatures(table: &Table<'_>, column: &Column, mistakes: &mut Mi
 /// Directions are the sign of the last move.
 pub(crate) fn directions(table: &Table<'_>, column: &Column, mistakes: &mut Mistakes<'_>) {
     for (row, value) in column.values.iter().enumerate() {
-        if !value.is_nan() && value.abs() != 1.0 {
+        if !value.is_nan() && ![-1.0, 1.0].contains(value) {
             mistakes.push(
                 table.place(row, column.index),
                 format!(

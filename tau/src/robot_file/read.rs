@@ -296,13 +296,13 @@ impl<'a> Document<'a> {
         let sigma = table
             .get("sigma")
             .and_then(|sigma| self.components(sigma, kind).map(|s| (sigma, s)));
-        if let (Some((place, sigma)), Some(components)) = (&sigma, &components) {
-            if sigma.len() != components.len() || sigma.iter().any(|&sigma| sigma < 0.0) {
-                self.mistakes.push(
-                    place.span(),
-                    "expected one standard deviation, at least 0, per component of the value",
-                );
-            }
+        if let (Some((place, sigma)), Some(components)) = (&sigma, &components)
+            && (sigma.len() != components.len() || sigma.iter().any(|&sigma| sigma < 0.0))
+        {
+            self.mistakes.push(
+                place.span(),
+                "expected one standard deviation, at least 0, per component of the value",
+            );
         }
         Some(Value {
             value: components?,
@@ -312,10 +312,15 @@ impl<'a> Document<'a> {
     }
 
     fn components(&mut self, value: &Spanned<DeValue<'_>>, kind: Kind) -> Option<Vec<f64>> {
-        match (kind, value.get_ref()) {
-            (Kind::Length, _) => Some(vec![self.number(value)?]),
-            (Kind::Any, DeValue::Integer(_) | DeValue::Float(_)) => Some(vec![self.number(value)?]),
-            _ => Some(self.numbers::<3>(value)?.to_vec()),
+        let is_scalar = match kind {
+            Kind::Length => true,
+            Kind::Any => !value.get_ref().is_array(),
+            Kind::Point(_) | Kind::Direction | Kind::Angles => false,
+        };
+        if is_scalar {
+            Some(vec![self.number(value)?])
+        } else {
+            Some(self.numbers::<3>(value)?.to_vec())
         }
     }
 

@@ -1,0 +1,279 @@
+//! Whether a folder suffices for a robot: enough poses, within the reach of its links.
+
+use std::collections::BTreeSet;
+use std::path::Path;
+
+use nalgebra::{Rotation3, Vector3};
+
+use super::{Folder, TcpPose};
+use crate::input_error::{Errors, InputError};
+use crate::robot::Robot;
+use crate::robot_file::{RobotFile, Value};
+
+/// A link that would have to be longer or shorter than it is by this share is not meant: nominal
+/// values, and measurements in the right unit and frame, are far better.
+const LARGEST_MISFIT: f64 = 0.5;
+
+impl Folder {
+    /// Checks that there are as many calibration poses as parameters to be found from them: each
+    /// pose gives one closure equation per link.
+    ///
+    /// # Errors
+    /// Fewer poses than parameters.
+    pub fn check_pose_count(
+        &self,
+        calibration_poses: usize,
+        parameters: usize,
+        of: &str,
+    ) -> Result<(), InputError> {
+        if calibration_poses >= parameters {
+            return Ok(());
+        }
+        Err(InputError::whole(
+            self.tcp_poses_name(),
+            format!(
+                "{calibration_poses} of {} poses calibrate, expected at least {parameters}: as many as {of} \
+                 has parameters",
+                self.tcp_poses.len()
+            ),
+        )
+        .help("measure more poses, or let more of them calibrate with `--split`"))
+    }
+
+    /// Checks that the links of the robot, with the values of its file, reach from the cart at its
+    /// command to the plate at its measured pose.
+    ///
+    /// # Errors
+    /// A link that most poses are out of the reach of, with what would bring them into reach if it is
+    /// the unit, the sign or the order of the commands; otherwise each pose out of reach.
+    pub fn check_reach(
+        &self,
+        poses: &[usize],
+        robot: &Robot,
+        file: &RobotFile,
+    ) -> Result<(), InputError> {
+        let poses: Vec<&TcpPose> =
+            poses.iter().filter_map(|&index| self.tcp_poses.get(index)).collect();
+        let mut errors = Errors::default();
+        let mut blamed = BTreeSet::new();
+        for reach in Reach::of_links(robot, file) {
+            let beyond: Vec<&TcpPose> = poses
+                .iter()
+                .copied()
+                .filter(|pose| !reach.reaches(pose, reach.driving_command(pose)))
+                .collect();
+            if 2 * beyond.len() > poses.len() {
+                errors.add(self.most_beyond(&reach, &beyond));
+                continue;
+            }
+            for pose in beyond.into_iter().filter(|pose| blamed.insert(pose.pose)) {
+                errors.add(InputError::whole(
+                    self.tcp_poses_name(),
+                    format!("pose {} is out of reach: {}", pose.pose, reach.describe(pose)),
+                ));
+            }
+        }
+        errors.finish()
+    }
+
+    fn most_beyond(&self, reach: &Reach<'_>, poses: &[&TcpPose]) -> InputError {
+        let error = InputError::whole(
+            self.tcp_poses_name(),
+            format!(
+                "{} of {} poses are out of reach: {} at pose {}",
+                poses.len(),
+                self.tcp_poses.len(),
+                reach.describe(poses[0]),
+                poses[0].pose
+            ),
+        );
+        let fits = |command: &dyn Fn(&TcpPose) -> f64| {
+            let fitting = poses.iter().filter(|pose| reach.reaches(pose, command(pose))).count();
+            2 * fitting > poses.len()
+        };
+        let commands = poses.iter().map(|pose| pose.commands_m.len()).min().unwrap_or(0);
+        let Some(driven) = reach.command else {
+            return error.help(FRAME_ADVICE);
+        };
+        let others = (0..commands).filter(|&other| other != driven);
+        if fits(&|pose| reach.driving_command(pose) / 1000.0) {
+            error.help("the commands look like millimetres: divide by 1000")
+        } else if fits(&|pose| -reach.driving_command(pose)) {
+            error.help("with the opposite sign of the command they are in reach")
+        } else if let Some(other) = others.into_iter().find(|&k| fits(&|pose| pose.commands_m[k])) {
+            error.help(format!(
+                "with `q{}_m` in place of `q{}_m` they are in reach: commands are in the order of the tracks",
+                other + 1,
+                driven + 1
+            ))
+        } else {
+            error.help(FRAME_ADVICE)
+        }
+    }
+
+    fn tcp_poses_name(&self) -> String {
+        Path::new(&self.name).join("tcp_poses.csv").display().to_string()
+    }
+}
+
+const FRAME_ADVICE: &str =
+    "are the poses in the frame, and in the units, in which the robot file gives the track offsets?";
+
+/// What the reach of a link follows from.
+struct Reach<'a> {
+    link: &'a str,
+    length_m: f64,
+    plate_joint_m: Vector3<f64>,
+    track_offset_m: Vector3<f64>,
+    /// Zero where the cart-side joint is fixed.
+    track_direction: Vector3<f64>,
+    /// Length (m) per metre of command: 1 where the length is actuated.
+    extension: f64,
+    command: Option<usize>,
+}
+
+impl<'a> Reach<'a> {
+    /// Of the links whose values the file gives.
+    fn of_links(robot: &'a Robot, file: &RobotFile) -> Vec<Self> {
+        let of_link = |link: &'a crate::robot::Link| {
+            let values = file.links.get(&link.name)?;
+            let track = robot.clusters.get(link.cluster)?.track;
+            let track_direction = match track {
+                Some(_) => vector(values.track_direction.as_ref()?)?,
+                None => Vector3::zeros(),
+            };
+            Some(Self {
+                link: &link.name,
+                length_m: *values.length.as_ref()?.value.first()?,
+                plate_joint_m: vector(values.plate_joint.as_ref()?)?,
+                track_offset_m: vector(values.track_offset.as_ref()?)?,
+                track_direction,
+                extension: if link.actuated_by.is_some() { 1.0 } else { 0.0 },
+                command: link.actuated_by.or(track),
+            })
+        };
+        robot.links.iter().filter_map(of_link).collect()
+    }
+
+    fn driving_command(&self, pose: &TcpPose) -> f64 {
+        self.command.and_then(|command| pose.commands_m.get(command).copied()).unwrap_or(0.0)
+    }
+
+    /// Length of the link at a command.
+    fn length(&self, command_m: f64) -> f64 {
+        self.length_m + self.extension * command_m
+    }
+
+    /// Distance between the two joints that the link connects.
+    fn distance(&self, pose: &TcpPose, command_m: f64) -> f64 {
+        let plate = Vector3::from(pose.position_m) + rotation(pose) * self.plate_joint_m;
+        (plate - self.track_offset_m - command_m * self.track_direction).norm()
+    }
+
+    fn reaches(&self, pose: &TcpPose, command_m: f64) -> bool {
+        let length = self.length(command_m);
+        (self.distance(pose, command_m) - length).abs() <= LARGEST_MISFIT * length.abs()
+    }
+
+    fn describe(&self, pose: &TcpPose) -> String {
+        let command = self.driving_command(pose);
+        let with = match self.command {
+            Some(index) => format!(" with q{}_m = {command}", index + 1),
+            None => String::new(),
+        };
+        format!(
+            "link `{}` is {:.3} m long, its joints are {:.3} m apart{with}",
+            self.link,
+            self.length(command),
+            self.distance(pose, command)
+        )
+    }
+}
+
+fn vector(value: &Value) -> Option<Vector3<f64>> {
+    let components: [f64; 3] = value.value.as_slice().try_into().ok()?;
+    Some(components.into())
+}
+
+fn rotation(pose: &TcpPose) -> Rotation3<f64> {
+    let [alpha, beta, gamma] = pose.angles_rad;
+    let about = |axis, angle| Rotation3::from_axis_angle(&axis, angle);
+    about(Vector3::z_axis(), alpha) * about(Vector3::y_axis(), beta) * about(Vector3::z_axis(), gamma)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::prototype;
+    use crate::robot::{Cluster, Link};
+
+    fn gantry_tau() -> Robot {
+        let cluster = |name: &str, track| Cluster { name: name.into(), track: Some(track) };
+        let link = |name: &str, cluster| Link { name: name.into(), cluster, actuated_by: None };
+        Robot {
+            name: "GantryTau".into(),
+            description: String::new(),
+            tracks: ["one", "two", "three"].map(String::from).into(),
+            clusters: vec![cluster("arm1", 0), cluster("arm2", 1), cluster("arm3", 2)],
+            links: vec![
+                link("l1", 0),
+                link("l2a", 1),
+                link("l2b", 1),
+                link("l3a", 2),
+                link("l3b", 2),
+                link("l3c", 2),
+            ],
+            commands: 3,
+            variants: Vec::new(),
+        }
+    }
+
+    fn check(change: impl Fn(&mut TcpPose)) -> Result<(), InputError> {
+        let mut folder = prototype::folder()?;
+        folder.tcp_poses.iter_mut().for_each(change);
+        let all: Vec<usize> = (0..folder.tcp_poses.len()).collect();
+        folder.check_reach(&all, &gantry_tau(), &prototype::robot_file()?)
+    }
+
+    #[test]
+    fn the_prototype_is_in_reach() {
+        check(|_| {}).unwrap();
+    }
+
+    #[test]
+    fn a_single_wrong_command_is_named_by_its_pose() {
+        let error = check(|pose| {
+            if pose.pose == 17 {
+                pose.commands_m[0] += 5.0;
+            }
+        })
+        .unwrap_err();
+        assert_eq!(error.problems().len(), 1);
+        assert!(error.problems()[0].message.starts_with("pose 17 is out of reach: link `l1`"));
+    }
+
+    #[test]
+    fn commands_in_millimetres_or_in_another_order_are_recognised() {
+        let millimetres = check(|pose| pose.commands_m.iter_mut().for_each(|q| *q *= 1000.0));
+        let help = millimetres.unwrap_err().problems()[0].help.clone().unwrap();
+        assert!(help.contains("millimetres"), "{help}");
+        let shifted = check(|pose| pose.commands_m[2] += 40.0).unwrap_err();
+        assert_eq!(shifted.problems().len(), 3, "the links of cart 3");
+        assert!(shifted.problems()[0].message.starts_with("176 of 176 poses are out of reach: link `l3a`"));
+    }
+
+    #[test]
+    fn poses_in_another_frame_are_out_of_reach() {
+        let error = check(|pose| pose.position_m[1] += 30.0).unwrap_err();
+        assert_eq!(error.problems().len(), 6);
+        assert_eq!(error.problems()[0].help.as_deref(), Some(FRAME_ADVICE));
+    }
+
+    #[test]
+    fn as_many_poses_as_parameters_suffice() {
+        let folder = prototype::folder().unwrap();
+        folder.check_pose_count(10, 10, "link `l1`").unwrap();
+        let error = folder.check_pose_count(9, 10, "link `l1`").unwrap_err();
+        assert!(error.to_string().contains("9 of 176 poses calibrate, expected at least 10"));
+    }
+}
