@@ -65,4 +65,44 @@ pub trait ResidualFamily: Send + Sync {
         residuals: &mut [f64],
         jacobian: &mut [f64],
     );
+
+    /// [`prepare`](Self::prepare) for many samples, one after the other in each slice.
+    fn prepare_all(&self, data: &[f64], prepared: &mut [f64]) {
+        let shape = self.shape();
+        if shape.prepared == 0 {
+            return;
+        }
+        for (sample, prepared) in prepared.chunks_exact_mut(shape.prepared).enumerate() {
+            self.prepare(
+                &data[sample * shape.data..(sample + 1) * shape.data],
+                prepared,
+            );
+        }
+    }
+
+    /// [`value`](Self::value) for many samples.
+    fn value_all(&self, prepared: &[f64], parameters: &[f64], residuals: &mut [f64]) {
+        let shape = self.shape();
+        for (sample, residuals) in residuals.chunks_exact_mut(shape.residuals).enumerate() {
+            let prepared = &prepared[sample * shape.prepared..(sample + 1) * shape.prepared];
+            self.value(prepared, parameters, residuals);
+        }
+    }
+
+    /// [`linearize`](Self::linearize) for many samples.
+    fn linearize_all(
+        &self,
+        prepared: &[f64],
+        parameters: &[f64],
+        residuals: &mut [f64],
+        jacobian: &mut [f64],
+    ) {
+        let shape = self.shape();
+        let entries = self.pattern().len();
+        for (sample, residuals) in residuals.chunks_exact_mut(shape.residuals).enumerate() {
+            let prepared = &prepared[sample * shape.prepared..(sample + 1) * shape.prepared];
+            let jacobian = &mut jacobian[sample * entries..(sample + 1) * entries];
+            self.linearize(prepared, parameters, residuals, jacobian);
+        }
+    }
 }

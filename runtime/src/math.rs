@@ -45,17 +45,3 @@ elementary! {
 pub fn sin_cos(x: f64) -> (f64, f64) {
     (sin(x), cos(x))
 }
-
-/// `a * b + c`, in one rounding where the target has the instruction, in two elsewhere.
-#[inline(always)]
-#[allow(clippy::inline_always, reason = "one instruction")]
-pub fn mul_add(a: f64, b: f64, c: f64) -> f64 {
-    #[cfg(all(feature = "std", target_feature = "fma"))]
-    {
-        a.mul_add(b, c)
-    }
-    #[cfg(not(all(feature = "std", target_feature = "fma")))]
-    {
-        a * b + c
-    }
-}

@@ -139,6 +139,44 @@ pub struct Parameter {
     pub search: Option<(f64, f64)>,
 }
 
+impl Parameter {
+    /// A parameter for which the description gives no values.
+    pub const fn new(
+        name: &'static str,
+        owner: Owner,
+        quantity: &'static str,
+        component: Option<usize>,
+        unit: &'static str,
+    ) -> Self {
+        Self {
+            name,
+            owner,
+            quantity,
+            component,
+            unit,
+            nominal: None,
+            tolerance: None,
+            search: None,
+        }
+    }
+
+    /// The same with a nominal value and a tolerance, SI.
+    #[must_use]
+    pub const fn with_values(self, nominal: Option<f64>, tolerance: Option<f64>) -> Self {
+        Self {
+            nominal,
+            tolerance,
+            ..self
+        }
+    }
+
+    /// The same with a range to search, SI.
+    #[must_use]
+    pub const fn with_search(self, search: Option<(f64, f64)>) -> Self {
+        Self { search, ..self }
+    }
+}
+
 /// Which residual an instance writes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ResidualKind {
@@ -180,8 +218,10 @@ pub enum Input {
     Command(usize),
     /// Measured position x, y, z (m): of the TCP (set 1) or of the target (sets 2 and 3, registered).
     Position(usize),
-    /// Measured ZYZ Euler angle alpha, beta, gamma (rad).
+    /// Measured ZYZ Euler angle alpha, beta, gamma (rad); of a target, registered.
     Angle(usize),
+    /// Position x, y, z of the TCP (m), where an effect reads it in a residual of set 2 or 3.
+    TcpPosition(usize),
     /// Side of approach, ±1, by index of the command.
     Direction(usize),
     /// Time (s).

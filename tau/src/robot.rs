@@ -2,6 +2,9 @@
 
 use std::sync::Arc;
 
+use tau_codegen::CompiledRobot;
+use tau_codegen::compile::CompiledVariant;
+use tau_codegen::language::{self, Errors};
 use tau_runtime as runtime;
 pub use tau_runtime::{Arm, Input, Owner, ResidualFamily, ResidualKind, TrackModel, TrackShape};
 
@@ -100,6 +103,15 @@ pub struct Instance {
 }
 
 impl Robot {
+    /// A robot from its description, compiled at run time: its functions are interpreted.
+    ///
+    /// They give the same numbers, bit for bit, as the code that `tau_model!` or `tau generate` makes of
+    /// the same text. All mistakes of the description are returned at once.
+    pub fn from_text(description: &str) -> Result<Self, Errors> {
+        let model = language::check_text(description)?;
+        Ok(Self::from(&tau_codegen::compile(&model, description)))
+    }
+
     /// The variant of a name.
     pub fn variant(&self, name: &str) -> Option<&Variant> {
         self.variants.iter().find(|variant| variant.name == name)
@@ -107,7 +119,9 @@ impl Robot {
 
     /// Indices of the links of a cluster.
     pub fn links_of_cluster(&self, cluster: usize) -> Vec<usize> {
-        (0..self.links.len()).filter(|&link| self.links[link].cluster == cluster).collect()
+        (0..self.links.len())
+            .filter(|&link| self.links[link].cluster == cluster)
+            .collect()
     }
 
     /// Indices of the links whose cluster rides on a track's cart.
@@ -121,11 +135,18 @@ impl Robot {
 impl Variant {
     /// The instances of one kind, in order of link, cluster or track.
     pub fn instances_of(&self, kind: ResidualKind) -> impl Iterator<Item = &Instance> {
-        self.instances.iter().filter(move |instance| instance.kind == kind)
+        self.instances
+            .iter()
+            .filter(move |instance| instance.kind == kind)
     }
 
     /// Index of a parameter by its owner, quantity and component.
-    pub fn parameter(&self, owner: Owner, quantity: &str, component: Option<usize>) -> Option<usize> {
+    pub fn parameter(
+        &self,
+        owner: Owner,
+        quantity: &str,
+        component: Option<usize>,
+    ) -> Option<usize> {
         self.parameters.iter().position(|parameter| {
             parameter.owner == owner
                 && parameter.quantity == quantity
@@ -170,12 +191,19 @@ impl From<&runtime::Robot> for Robot {
             clusters: robot
                 .clusters
                 .iter()
-                .map(|c| Cluster { name: c.name.into(), track: c.track })
+                .map(|c| Cluster {
+                    name: c.name.into(),
+                    track: c.track,
+                })
                 .collect(),
             links: robot
                 .links
                 .iter()
-                .map(|l| Link { name: l.name.into(), cluster: l.cluster, actuated_by: l.actuated_by })
+                .map(|l| Link {
+                    name: l.name.into(),
+                    cluster: l.cluster,
+                    actuated_by: l.actuated_by,
+                })
                 .collect(),
             commands: robot.commands,
             variants: robot.variants.iter().map(Variant::from).collect(),
@@ -192,7 +220,12 @@ impl From<&runtime::Variant> for Variant {
             effects: variant
                 .effects
                 .iter()
-                .map(|e| (e.name.into(), e.places.iter().map(|&place| place.into()).collect()))
+                .map(|e| {
+                    (
+                        e.name.into(),
+                        e.places.iter().map(|&place| place.into()).collect(),
+                    )
+                })
                 .collect(),
             parameters: variant
                 .parameters
@@ -217,6 +250,81 @@ impl From<&runtime::Variant> for Variant {
                     family: Arc::new(Static(i.family)),
                     parameters: i.parameters.iter().map(|&index| index as usize).collect(),
                     inputs: i.inputs.to_vec(),
+                })
+                .collect(),
+        }
+    }
+}
+
+impl From<&CompiledRobot> for Robot {
+    fn from(robot: &CompiledRobot) -> Self {
+        let model = &robot.model;
+        Self {
+            name: model.name.clone(),
+            description: robot.description.clone(),
+            tracks: model
+                .tracks
+                .iter()
+                .map(|track| track.name.clone())
+                .collect(),
+            clusters: model
+                .clusters
+                .iter()
+                .map(|c| Cluster {
+                    name: c.name.clone(),
+                    track: c.track,
+                })
+                .collect(),
+            links: model
+                .links
+                .iter()
+                .map(|l| Link {
+                    name: l.name.clone(),
+                    cluster: l.cluster,
+                    actuated_by: l.actuated_by,
+                })
+                .collect(),
+            commands: model.commands(),
+            variants: robot.variants.iter().map(Variant::from).collect(),
+        }
+    }
+}
+
+impl From<&CompiledVariant> for Variant {
+    fn from(variant: &CompiledVariant) -> Self {
+        let families: Vec<Arc<dyn ResidualFamily>> = variant
+            .families
+            .iter()
+            .map(tau_codegen::Family::interpreted)
+            .collect();
+        Self {
+            name: variant.name.clone(),
+            arm: variant.arm,
+            tracks: variant.tracks.clone(),
+            effects: variant.effects.clone(),
+            parameters: variant
+                .parameters
+                .iter()
+                .map(|p| Parameter {
+                    name: p.name.clone(),
+                    owner: p.owner,
+                    quantity: p.quantity.clone(),
+                    component: p.component,
+                    unit: p.unit.clone(),
+                    nominal: p.nominal,
+                    tolerance: p.tolerance,
+                    search: p.search,
+                })
+                .collect(),
+            instances: variant
+                .instances
+                .iter()
+                .map(|i| Instance {
+                    kind: i.kind,
+                    of: i.of,
+                    family: Arc::clone(&families[i.family]),
+                    parameters: i.parameters.clone(),
+                    inputs: i.inputs.clone(),
                 })
                 .collect(),
         }

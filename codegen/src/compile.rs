@@ -1,0 +1,259 @@
+//! A checked model, compiled: what the emitter prints and the interpreter runs.
+
+use std::sync::Arc;
+
+use tau_model_dsl::Model;
+use tau_model_dsl::model::{Arm, TrackShape};
+use tau_runtime::{self as runtime, Input, ResidualKind, Shape};
+
+use crate::equations::{self, Context, Equations, ParameterInfo, Staging};
+use crate::graph::{Expr, Node};
+use crate::interpret::Interpreted;
+use crate::lower::Programs;
+
+/// A robot with all its variants, compiled.
+#[derive(Debug, Clone)]
+pub struct CompiledRobot {
+    /// The model it was compiled from.
+    pub model: Model,
+    /// The text of the description.
+    pub description: String,
+    /// Its variants, in order of declaration.
+    pub variants: Vec<CompiledVariant>,
+}
+
+/// A variant, compiled.
+#[derive(Debug, Clone)]
+pub struct CompiledVariant {
+    /// Name.
+    pub name: String,
+    /// Lines of its doc comment.
+    pub docs: Vec<String>,
+    /// Closure per link or per cluster.
+    pub arm: runtime::Arm,
+    /// One model per track.
+    pub tracks: Vec<runtime::TrackModel>,
+    /// Effects with their places.
+    pub effects: Vec<(String, Vec<String>)>,
+    /// All parameters.
+    pub parameters: Vec<ParameterInfo>,
+    /// The distinct residual families.
+    pub families: Vec<Family>,
+    /// Residuals: families applied to links, clusters and carts.
+    pub instances: Vec<CompiledInstance>,
+}
+
+/// A residual family: equations that one or more links, clusters or carts share.
+#[derive(Debug, Clone)]
+pub struct Family {
+    /// Name, unique within the variant, in snake case.
+    pub name: String,
+    /// Which residual.
+    pub kind: ResidualKind,
+    /// The equation, for documentation.
+    pub equation: &'static str,
+    /// Sizes of its slices.
+    pub shape: Shape,
+    /// Names of its data, in order.
+    pub data: Vec<String>,
+    /// Names of its parameters, in order.
+    pub parameters: Vec<String>,
+    /// Start of each row of the Jacobian.
+    pub row_starts: Vec<u32>,
+    /// Column of each entry of the Jacobian.
+    pub columns: Vec<u32>,
+    /// The code.
+    pub programs: Programs,
+}
+
+/// A family applied to a link, a cluster or a cart.
+#[derive(Debug, Clone)]
+pub struct CompiledInstance {
+    /// Which residual.
+    pub kind: ResidualKind,
+    /// Index of the link, cluster or track.
+    pub of: usize,
+    /// Index in [`CompiledVariant::families`].
+    pub family: usize,
+    /// Index of each parameter in [`CompiledVariant::parameters`].
+    pub parameters: Vec<usize>,
+    /// What fills each datum.
+    pub inputs: Vec<Input>,
+}
+
+impl Family {
+    /// The family, to be run by the interpreter.
+    pub fn interpreted(&self) -> Arc<dyn runtime::ResidualFamily> {
+        Arc::new(Interpreted::new(
+            self.shape,
+            self.row_starts.clone(),
+            self.columns.clone(),
+            self.programs.clone(),
+        ))
+    }
+
+    /// Whether another family has the same code, sizes and names.
+    pub fn same_code(&self, other: &Self) -> bool {
+        (self.kind, self.shape, &self.data, &self.parameters)
+            == (other.kind, other.shape, &other.data, &other.parameters)
+            && (&self.row_starts, &self.columns, &self.programs)
+                == (&other.row_starts, &other.columns, &other.programs)
+    }
+}
+
+/// Compiles a model; `description` is the text it came from.
+pub fn compile(model: &Model, description: &str) -> CompiledRobot {
+    CompiledRobot {
+        model: model.clone(),
+        description: description.to_owned(),
+        variants: (0..model.variants.len())
+            .map(|variant| compile_variant(model, variant))
+            .collect(),
+    }
+}
+
+/// Compiles one variant, by its index.
+pub fn compile_variant(model: &Model, variant: usize) -> CompiledVariant {
+    let variant = &model.variants[variant];
+    let parameters = equations::parameters(model, variant);
+    let context = || Context::new(model, variant, &parameters, Staging::Staged);
+    let closures = match variant.arm {
+        Arm::Full => model.links.len(),
+        Arm::Reduced => model.clusters.len(),
+    };
+    let carts = model.tracks.len();
+    let mut compiled = CompiledVariant {
+        name: variant.name.clone(),
+        docs: variant.docs.clone(),
+        arm: match variant.arm {
+            Arm::Full => runtime::Arm::Full,
+            Arm::Reduced => runtime::Arm::Reduced,
+        },
+        tracks: variant
+            .tracks
+            .iter()
+            .map(|track| runtime::TrackModel {
+                shape: match track.shape {
+                    TrackShape::Linear => runtime::TrackShape::Linear,
+                    TrackShape::Piecewise => runtime::TrackShape::Piecewise,
+                },
+                per_link: track.per_link,
+            })
+            .collect(),
+        effects: variant
+            .effects
+            .iter()
+            .map(|used| {
+                (
+                    model.effects[used.effect].name.clone(),
+                    equations::places(model, used.place),
+                )
+            })
+            .collect(),
+        families: vec![],
+        instances: vec![],
+        parameters: parameters.clone(),
+    };
+    for of in 0..closures {
+        compiled.add(equations::closure(context(), of, false));
+    }
+    for of in 0..closures {
+        compiled.add(equations::closure_by_pose(context(), of));
+    }
+    for of in 0..carts {
+        compiled.add(equations::cart_pose(context(), of));
+    }
+    for of in 0..carts {
+        compiled.add(equations::cart_position(context(), of));
+    }
+    compiled.name_families(model);
+    compiled
+}
+
+impl CompiledVariant {
+    /// Lowers equations and adds them, sharing the code of an equal family.
+    fn add(&mut self, mut equations: Equations) {
+        let programs = equations.lower();
+        let name = |expr: Expr| match equations.graph.node(expr) {
+            Node::Symbol(symbol) => equations.graph.symbols()[symbol.0 as usize].name.clone(),
+            other => unreachable!("a variable is a symbol, not {other:?}"),
+        };
+        let family = Family {
+            name: String::new(),
+            kind: equations.kind,
+            equation: equations.equation,
+            shape: equations.shape(programs.prepare.outputs.len()),
+            data: equations
+                .data
+                .iter()
+                .map(|&(_, symbol)| name(symbol))
+                .collect(),
+            parameters: equations
+                .pose
+                .iter()
+                .copied()
+                .chain(equations.parameters.iter().map(|&(_, symbol)| symbol))
+                .map(name)
+                .collect(),
+            row_starts: equations.jacobian.row_starts.clone(),
+            columns: equations.jacobian.columns.clone(),
+            programs,
+        };
+        let index = self
+            .families
+            .iter()
+            .position(|known| known.same_code(&family))
+            .unwrap_or_else(|| {
+                self.families.push(family);
+                self.families.len() - 1
+            });
+        self.instances.push(CompiledInstance {
+            kind: equations.kind,
+            of: equations.of,
+            family: index,
+            parameters: equations
+                .parameters
+                .iter()
+                .map(|&(parameter, _)| parameter)
+                .collect(),
+            inputs: equations.data.iter().map(|&(input, _)| input).collect(),
+        });
+    }
+
+    /// Names each family after its residual, and after the first link, cluster or cart that uses it where
+    /// several families write the same residual.
+    fn name_families(&mut self, model: &Model) {
+        for index in 0..self.families.len() {
+            let kind = self.families[index].kind;
+            let base = match kind {
+                ResidualKind::Closure => "closure",
+                ResidualKind::ClosureByPose => "closure_by_pose",
+                ResidualKind::CartPose => "cart_pose",
+                ResidualKind::CartPosition => "cart_position",
+            };
+            let alone = self
+                .families
+                .iter()
+                .filter(|family| family.kind == kind)
+                .count()
+                == 1;
+            self.families[index].name = if alone {
+                base.to_owned()
+            } else {
+                let first = self
+                    .instances
+                    .iter()
+                    .find(|instance| instance.family == index)
+                    .expect("every family was added for an instance");
+                let of = match (kind, self.arm) {
+                    (ResidualKind::CartPose | ResidualKind::CartPosition, _) => {
+                        &model.tracks[first.of].name
+                    }
+                    (_, runtime::Arm::Full) => &model.links[first.of].name,
+                    (_, runtime::Arm::Reduced) => &model.clusters[first.of].name,
+                };
+                format!("{base}_{of}")
+            };
+        }
+    }
+}

@@ -1,0 +1,210 @@
+//! The closure equation.
+
+use std::collections::BTreeMap;
+
+use tau_model_dsl::model::{Arm, Place, Target};
+use tau_runtime::{Input, Owner, ResidualKind};
+
+use super::context::PoseSymbols;
+use super::formula::Scope;
+use super::{Context, Equations, SparseRows};
+use crate::differentiate::gradient;
+use crate::graph::{Expr, Node, Stage, Symbol};
+use crate::vector::{self, Rotation, Vector};
+
+const REDUCED: &str = "L² − ‖T − C(q)‖²";
+const FULL: &str = "L² − ‖T + R·P − C(q)‖², R = Rz(alpha)·Ry(beta)·Rz(gamma)";
+
+/// Closure of a link (full arm) or cluster (reduced arm), by its parameters.
+///
+/// With `pose`, also by the TCP's position and Euler angles, as further columns in front.
+pub fn closure(mut context: Context<'_>, of: usize, pose: bool) -> Equations {
+    let residual = residual(&mut context, of, None);
+    let Context {
+        mut g,
+        parameters,
+        data,
+        variant,
+        ..
+    } = context;
+    let pose_inputs = [
+        Input::Position(0),
+        Input::Position(1),
+        Input::Position(2),
+        Input::Angle(0),
+        Input::Angle(1),
+        Input::Angle(2),
+    ];
+    let mut variables: Vec<Expr> = Vec::new();
+    if pose {
+        variables.extend(pose_inputs.iter().filter_map(|input| data.get(input)));
+    }
+    variables.extend(parameters.values());
+    let symbols: Vec<Symbol> = variables
+        .iter()
+        .map(|&variable| symbol(&g, variable))
+        .collect();
+    let row = gradient(&mut g, residual, &symbols);
+    Equations {
+        kind: ResidualKind::Closure,
+        of,
+        jacobian: SparseRows::from_dense(&g, &[row]),
+        data: data.into_iter().collect(),
+        pose: vec![],
+        parameters: parameters.into_iter().collect(),
+        residuals: vec![residual],
+        equation: if variant.arm == Arm::Reduced {
+            REDUCED
+        } else {
+            FULL
+        },
+        graph: g,
+    }
+}
+
+/// Closure of a link or cluster, by the plate's translation, its rotation vector and the commands.
+///
+/// The rotation is perturbed on the left, R ← (I + [ρ]×)·R, and differentiated at ρ = 0, which has no
+/// singularity whatever the Euler angles are.
+pub fn closure_by_pose(mut context: Context<'_>, of: usize) -> Equations {
+    let g = &mut context.g;
+    let position = ["x", "y", "z"].map(|name| g.symbol(name, Stage::Parameter));
+    let angles = ["alpha", "beta", "gamma"].map(|name| g.symbol(name, Stage::Parameter));
+    let commands: Vec<Expr> = (1..=context.model.commands())
+        .map(|number| g.symbol(format!("q{number}"), Stage::Parameter))
+        .collect();
+    let shift = ["dx", "dy", "dz"].map(|name| g.symbol(name, Stage::Parameter));
+    let turn = ["rho_x", "rho_y", "rho_z"].map(|name| g.symbol(name, Stage::Parameter));
+    let moved = vector::add(g, position, shift);
+    context.pose = Some(PoseSymbols {
+        position: moved,
+        angles,
+        commands: commands.clone(),
+    });
+    let perturbed = residual(&mut context, of, Some(turn));
+    let Context {
+        mut g,
+        parameters,
+        data,
+        variant,
+        ..
+    } = context;
+    let columns: Vec<Symbol> = shift
+        .iter()
+        .chain(&turn)
+        .chain(&commands)
+        .map(|&variable| symbol(&g, variable))
+        .collect();
+    let row = gradient(&mut g, perturbed, &columns);
+    let zero = g.constant(0.0);
+    let replacements: BTreeMap<Symbol, Expr> = shift
+        .iter()
+        .chain(&turn)
+        .map(|&variable| (symbol(&g, variable), zero))
+        .collect();
+    let roots: Vec<Expr> = std::iter::once(perturbed).chain(row).collect();
+    let roots = g.substitute(&roots, &replacements);
+    Equations {
+        kind: ResidualKind::ClosureByPose,
+        of,
+        jacobian: SparseRows::from_dense(&g, &[roots[1..].to_vec()]),
+        data: data.into_iter().collect(),
+        pose: position.into_iter().chain(angles).chain(commands).collect(),
+        parameters: parameters.into_iter().collect(),
+        residuals: vec![roots[0]],
+        equation: if variant.arm == Arm::Reduced {
+            REDUCED
+        } else {
+            FULL
+        },
+        graph: g,
+    }
+}
+
+pub(super) fn symbol(g: &crate::graph::Graph, expr: Expr) -> Symbol {
+    match g.node(expr) {
+        Node::Symbol(symbol) => symbol,
+        other => unreachable!("a variable is a symbol, not {other:?}"),
+    }
+}
+
+/// L² − ‖T + R·P − C(q)‖² (eq. 5) or L² − ‖T − C(q)‖² (eqs. 1 and 3), effects included.
+fn residual(context: &mut Context<'_>, of: usize, turn: Option<Vector>) -> Expr {
+    let (owner, cluster) = match context.variant.arm {
+        Arm::Full => (Owner::Link(of), context.model.links[of].cluster),
+        Arm::Reduced => (Owner::Cluster(of), of),
+    };
+    let track = context.model.clusters[cluster].track;
+    let actuated_by = match context.variant.arm {
+        Arm::Full => context.model.links[of].actuated_by,
+        Arm::Reduced => None,
+    };
+    context.own = Some(owner);
+    context.own_command = track.or(actuated_by);
+
+    let mut tcp = context.vector_datum(Input::Position);
+    let mut length = context.parameter(owner, "length", None);
+    let mut joint = match context.variant.arm {
+        Arm::Full => Some(context.vector_parameter(owner, "plate_joint")),
+        Arm::Reduced => None,
+    };
+    for (index, used) in context.variant.effects.clone().iter().enumerate() {
+        let applies = match used.place {
+            Place::Tcp | Place::AllLinks => true,
+            Place::Link(link) => owner == Owner::Link(link),
+            Place::Cart { .. } | Place::AllCarts => false,
+        };
+        if !applies {
+            continue;
+        }
+        let scope = Scope {
+            effect: index,
+            command: context.own_command,
+            track,
+            source: None,
+            link: (context.variant.arm == Arm::Full).then_some(of),
+            length_of: Some(owner),
+            at_tcp: true,
+        };
+        for (target, value) in context.terms(used, scope) {
+            match (target, value.as_slice()) {
+                (Target::Length, &[amount]) => length = context.g.add(length, amount),
+                (Target::Joint, &[x, y, z]) => {
+                    joint = joint.map(|joint| vector::add(&mut context.g, joint, [x, y, z]));
+                }
+                (Target::Position, &[x, y, z]) => {
+                    tcp = vector::add(&mut context.g, tcp, [x, y, z]);
+                }
+                _ => unreachable!("the checker admits only such targets on a link or the TCP"),
+            }
+        }
+    }
+    if let Some(command) = actuated_by {
+        let q = context.datum(Input::Command(command));
+        length = context.g.add(length, q);
+    }
+    let base = match track {
+        Some(track) => context.joint_position(owner, track),
+        None => context.vector_parameter(owner, "track_offset"),
+    };
+    let mut plate_point = tcp;
+    if let Some(joint) = joint {
+        let angles = context.vector_datum(Input::Angle);
+        let g = &mut context.g;
+        let mut arm = Rotation::zyz(angles).apply(g, joint, "r");
+        if let Some(turn) = turn {
+            let swing = vector::cross(g, turn, arm);
+            arm = vector::add(g, arm, swing);
+        }
+        plate_point = vector::add(g, plate_point, arm);
+    }
+    let g = &mut context.g;
+    let rod = vector::subtract(g, plate_point, base);
+    for (&component, axis) in rod.iter().zip(["x", "y", "z"]) {
+        g.name(component, format!("rod_{axis}"));
+    }
+    let (square, distance) = (g.multiply(length, length), vector::dot(g, rod, rod));
+    let residual = g.subtract(square, distance);
+    g.name(residual, "residual");
+    residual
+}

@@ -1,0 +1,192 @@
+//! Symbols of one set of equations, created as they are read.
+
+use std::collections::BTreeMap;
+
+use tau_model_dsl::model::{Model, Variant};
+use tau_runtime::{Input, Owner};
+
+use super::ParameterInfo;
+use crate::graph::{Expr, Graph, Stage};
+use crate::vector::Vector;
+
+/// Whether data-only work is hoisted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Staging {
+    /// Data-only work goes into `prepare`.
+    Staged,
+    /// Everything in one program.
+    Unstaged,
+}
+
+/// The pose of the plate and the commands as variables.
+#[derive(Debug, Clone)]
+pub(super) struct PoseSymbols {
+    pub(super) position: Vector,
+    pub(super) angles: Vector,
+    pub(super) commands: Vec<Expr>,
+}
+
+/// What equations are written in: a graph and the symbols made so far.
+#[derive(Debug)]
+pub struct Context<'a> {
+    pub(super) model: &'a Model,
+    pub(super) variant: &'a Variant,
+    table: &'a [ParameterInfo],
+    staging: Staging,
+    pub(super) g: Graph,
+    pub(super) parameters: BTreeMap<usize, Expr>,
+    pub(super) data: BTreeMap<Input, Expr>,
+    pub(super) pose: Option<PoseSymbols>,
+    /// The link or cluster that the closure is of; its parameters need no qualification.
+    pub(super) own: Option<Owner>,
+    /// The track whose command is plain `q`.
+    pub(super) own_command: Option<usize>,
+}
+
+impl<'a> Context<'a> {
+    /// An empty graph for equations of a variant with the given parameters.
+    pub fn new(
+        model: &'a Model,
+        variant: &'a Variant,
+        table: &'a [ParameterInfo],
+        staging: Staging,
+    ) -> Self {
+        Self {
+            model,
+            variant,
+            table,
+            staging,
+            g: Graph::new(),
+            parameters: BTreeMap::new(),
+            data: BTreeMap::new(),
+            pose: None,
+            own: None,
+            own_command: None,
+        }
+    }
+
+    /// The symbol of a parameter.
+    pub(super) fn parameter(
+        &mut self,
+        owner: Owner,
+        quantity: &str,
+        component: Option<usize>,
+    ) -> Expr {
+        let index = self
+            .table
+            .iter()
+            .position(|p| p.owner == owner && p.quantity == quantity && p.component == component)
+            .unwrap_or_else(|| {
+                unreachable!("{owner:?} has {quantity} in every variant that reads it")
+            });
+        if let Some(&symbol) = self.parameters.get(&index) {
+            return symbol;
+        }
+        let name = self.local_name(&self.table[index]);
+        let symbol = self.g.symbol(name, Stage::Parameter);
+        self.parameters.insert(index, symbol);
+        symbol
+    }
+
+    /// The three components of a vector parameter.
+    pub(super) fn vector_parameter(&mut self, owner: Owner, quantity: &str) -> Vector {
+        [0, 1, 2].map(|component| self.parameter(owner, quantity, Some(component)))
+    }
+
+    /// Name inside the family: by role, so that links of the same form share one family.
+    fn local_name(&self, info: &ParameterInfo) -> String {
+        let mut name = match info.owner {
+            owner if Some(owner) == self.own => info.quantity.clone(),
+            Owner::Link(link) => {
+                let siblings = self.model.clusters[self.model.links[link].cluster]
+                    .track
+                    .map_or_else(Vec::new, |track| self.model.links_of_track(track));
+                match siblings.iter().position(|&sibling| sibling == link) {
+                    Some(role) if siblings.len() > 1 => {
+                        format!("joint{}_{}", role + 1, info.quantity)
+                    }
+                    _ => info.quantity.clone(),
+                }
+            }
+            Owner::Cluster(cluster) => {
+                let siblings = self.model.clusters[cluster]
+                    .track
+                    .map_or_else(Vec::new, |track| self.model.clusters_of_track(track));
+                match siblings.iter().position(|&sibling| sibling == cluster) {
+                    Some(role) if siblings.len() > 1 => {
+                        format!("joint{}_{}", role + 1, info.quantity)
+                    }
+                    _ => info.quantity.clone(),
+                }
+            }
+            Owner::Track(_) => info.quantity.clone(),
+            Owner::Effect(index) => {
+                let effect = &self.model.effects[self.variant.effects[index].effect];
+                format!("{}_{}", effect.name, info.quantity)
+            }
+            Owner::Frame(_) => format!("frame_{}", info.quantity),
+            Owner::Target { .. } => format!("target_{}", info.quantity),
+        };
+        if let Some(component) = info.component {
+            name.push_str(["_x", "_y", "_z"][component]);
+        }
+        name
+    }
+
+    /// The symbol of a datum.
+    pub(super) fn datum(&mut self, input: Input) -> Expr {
+        if let (Some(pose), Input::Command(index)) = (&self.pose, input) {
+            return pose.commands[index];
+        }
+        if let (Some(pose), Input::Position(component)) = (&self.pose, input) {
+            return pose.position[component];
+        }
+        if let (Some(pose), Input::Angle(component)) = (&self.pose, input) {
+            return pose.angles[component];
+        }
+        if let Some(&symbol) = self.data.get(&input) {
+            return symbol;
+        }
+        let stage = match self.staging {
+            Staging::Staged => Stage::Data,
+            Staging::Unstaged => Stage::Parameter,
+        };
+        let name = self.input_name(input);
+        let symbol = self.g.symbol(name, stage);
+        self.data.insert(input, symbol);
+        symbol
+    }
+
+    /// Three data by component.
+    pub(super) fn vector_datum(&mut self, input: impl Fn(usize) -> Input) -> Vector {
+        [0, 1, 2].map(|component| self.datum(input(component)))
+    }
+
+    fn input_name(&self, input: Input) -> String {
+        let axis = |component: usize| ["x", "y", "z"][component];
+        let qualified = |what: &str, command: usize| {
+            if self.own_command == Some(command) {
+                what.to_owned()
+            } else {
+                format!("{what}{}", command + 1)
+            }
+        };
+        match input {
+            Input::Command(command) => qualified("q", command),
+            Input::Direction(command) => qualified("direction", command),
+            Input::Position(component) => axis(component).into(),
+            Input::Angle(component) => ["alpha", "beta", "gamma"][component].into(),
+            Input::TcpPosition(component) => format!("tcp_{}", axis(component)),
+            Input::Time => "time".into(),
+            Input::Temperature => "temperature".into(),
+            Input::Load { component, .. } => {
+                ["load_along", "load_horizontal", "load_vertical"][component].into()
+            }
+            Input::Tension(_) => "tension".into(),
+            Input::SegmentStart { component, .. } => format!("segment_start_{}", axis(component)),
+            Input::SegmentEnd { component, .. } => format!("segment_end_{}", axis(component)),
+            Input::SegmentStartCommand(_) => "segment_start_q".into(),
+            Input::SegmentEndCommand(_) => "segment_end_q".into(),
+        }
+    }
+}

@@ -1,0 +1,128 @@
+//! Formulas of effects as expressions.
+
+use tau_model_dsl::model::{BinaryOperator, Formula, Function, Readable};
+use tau_runtime::{Input, Owner};
+
+use super::Context;
+use crate::graph::{Elementary, Expr};
+
+/// Where a formula is evaluated.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Scope {
+    /// Index of the effect in the variant.
+    pub(super) effect: usize,
+    /// The command that `q` and `direction` mean.
+    pub(super) command: Option<usize>,
+    /// The track whose load is read.
+    pub(super) track: Option<usize>,
+    /// The track that `q(source)` means.
+    pub(super) source: Option<usize>,
+    /// The link whose tension is read.
+    pub(super) link: Option<usize>,
+    /// What `length` belongs to.
+    pub(super) length_of: Option<Owner>,
+    /// Whether `x`, `y`, `z` are the measured position of this residual (set 1), or the TCP's elsewhere.
+    pub(super) at_tcp: bool,
+}
+
+impl Context<'_> {
+    /// A formula at the top of a term: one expression, or three for a vector.
+    pub(super) fn formula(&mut self, formula: &Formula, scope: Scope) -> Vec<Expr> {
+        match formula {
+            Formula::Vector(components) => components
+                .iter()
+                .map(|component| self.scalar(component, scope))
+                .collect(),
+            scalar => vec![self.scalar(scalar, scope)],
+        }
+    }
+
+    fn scalar(&mut self, formula: &Formula, scope: Scope) -> Expr {
+        match formula {
+            Formula::Number(value) => self.g.constant(*value),
+            Formula::Parameter(index, component) => {
+                let effect = &self.model.effects[self.variant.effects[scope.effect].effect];
+                let parameter = &effect.parameters[*index];
+                let component = (parameter.components > 1).then_some(*component);
+                self.parameter(Owner::Effect(scope.effect), &parameter.name, component)
+            }
+            Formula::Read(readable) => self.read(*readable, scope),
+            Formula::Negate(a) => {
+                let a = self.scalar(a, scope);
+                self.g.negate(a)
+            }
+            Formula::Binary(operator, a, b) => {
+                let (a, b) = (self.scalar(a, scope), self.scalar(b, scope));
+                match operator {
+                    BinaryOperator::Add => self.g.add(a, b),
+                    BinaryOperator::Subtract => self.g.subtract(a, b),
+                    BinaryOperator::Multiply => self.g.multiply(a, b),
+                    BinaryOperator::Divide => self.g.divide(a, b),
+                }
+            }
+            Formula::Power(a, exponent) => {
+                let a = self.scalar(a, scope);
+                self.g.power(a, *exponent)
+            }
+            Formula::Call(function, arguments) => {
+                let arguments: Vec<Expr> = arguments
+                    .iter()
+                    .map(|argument| self.scalar(argument, scope))
+                    .collect();
+                self.call(*function, &arguments)
+            }
+            Formula::Vector(_) => unreachable!("the checker resolves vectors into components"),
+        }
+    }
+
+    fn call(&mut self, function: Function, arguments: &[Expr]) -> Expr {
+        let g = &mut self.g;
+        let a = arguments[0];
+        let elementary = match function {
+            Function::Sin => Elementary::Sin,
+            Function::Cos => Elementary::Cos,
+            Function::Tan => Elementary::Tan,
+            Function::Atan => Elementary::Atan,
+            Function::Exp => Elementary::Exp,
+            Function::Ln => Elementary::Ln,
+            Function::Tanh => Elementary::Tanh,
+            Function::Sqrt => Elementary::Sqrt,
+            Function::Abs => {
+                let (zero, negated) = (g.constant(0.0), g.negate(a));
+                return g.select(a, zero, negated, a);
+            }
+            Function::Sign => {
+                let (zero, one) = (g.constant(0.0), g.constant(1.0));
+                let minus_one = g.negate(one);
+                return g.select(a, zero, minus_one, one);
+            }
+            Function::Min => return g.select(arguments[1], a, arguments[1], a),
+            Function::Max => return g.select(a, arguments[1], arguments[1], a),
+        };
+        g.apply(elementary, a)
+    }
+
+    fn read(&mut self, readable: Readable, scope: Scope) -> Expr {
+        let known = "the checker admits this quantity only where it exists";
+        match readable {
+            Readable::Command => self.datum(Input::Command(scope.command.expect(known))),
+            Readable::CommandOf(track) => self.datum(Input::Command(track)),
+            Readable::SourceCommand => self.datum(Input::Command(scope.source.expect(known))),
+            Readable::Direction => self.datum(Input::Direction(scope.command.expect(known))),
+            Readable::Time => self.datum(Input::Time),
+            Readable::Temperature => self.datum(Input::Temperature),
+            Readable::LoadAlong => self.load(scope, 0),
+            Readable::LoadHorizontal => self.load(scope, 1),
+            Readable::LoadVertical => self.load(scope, 2),
+            Readable::Tension => self.datum(Input::Tension(scope.link.expect(known))),
+            Readable::Length => self.parameter(scope.length_of.expect(known), "length", None),
+            Readable::Position(component) if scope.at_tcp => self.datum(Input::Position(component)),
+            Readable::Position(component) => self.datum(Input::TcpPosition(component)),
+        }
+    }
+
+    fn load(&mut self, scope: Scope, component: usize) -> Expr {
+        let track = scope.track.expect("the checker admits loads only on carts");
+        self.datum(Input::Load { track, component })
+    }
+}

@@ -1,0 +1,233 @@
+//! The table of a variant's parameters.
+
+use tau_model_dsl::model::{Arm, LinkDefaults, Model, Place, TrackShape, Variant};
+use tau_runtime::Owner;
+
+/// A scalar parameter of a variant. See [`tau_runtime::Parameter`], of which this is the owned form.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ParameterInfo {
+    /// Full name, such as `l1.track_offset.x`.
+    pub name: String,
+    /// What it belongs to.
+    pub owner: Owner,
+    /// Quantity.
+    pub quantity: String,
+    /// Component of a vector.
+    pub component: Option<usize>,
+    /// SI unit.
+    pub unit: String,
+    /// Nominal value from the description.
+    pub nominal: Option<f64>,
+    /// Tolerance from the description.
+    pub tolerance: Option<f64>,
+    /// Range to search.
+    pub search: Option<(f64, f64)>,
+}
+
+/// All parameters of a variant: links or clusters, shared track directions, effects, then the frames
+/// and targets of sets 2 and 3.
+pub fn parameters(model: &Model, variant: &Variant) -> Vec<ParameterInfo> {
+    let mut table = Table::default();
+    match variant.arm {
+        Arm::Full => {
+            for (index, link) in model.links.iter().enumerate() {
+                let owner = Owner::Link(index);
+                let LinkDefaults {
+                    length,
+                    plate_joint,
+                    track_offset,
+                    track_direction,
+                } = &link.defaults;
+                table.scalar(
+                    &link.name,
+                    owner,
+                    "length",
+                    "m",
+                    length.value.map(|v| v[0]),
+                    length.tolerance,
+                );
+                table.vector(
+                    &link.name,
+                    owner,
+                    "plate_joint",
+                    "m",
+                    plate_joint.value,
+                    plate_joint.tolerance,
+                );
+                table.vector(
+                    &link.name,
+                    owner,
+                    "track_offset",
+                    "m",
+                    track_offset.value,
+                    track_offset.tolerance,
+                );
+                if let Some(track) = model.clusters[link.cluster].track
+                    && variant.tracks[track].per_link
+                {
+                    table.path(
+                        &link.name,
+                        owner,
+                        variant.tracks[track].shape,
+                        Some(track_direction),
+                    );
+                }
+            }
+            for (index, track) in model.tracks.iter().enumerate() {
+                if !variant.tracks[index].per_link {
+                    table.path(
+                        &track.name,
+                        Owner::Track(index),
+                        variant.tracks[index].shape,
+                        None,
+                    );
+                }
+            }
+        }
+        Arm::Reduced => {
+            for (index, cluster) in model.clusters.iter().enumerate() {
+                let owner = Owner::Cluster(index);
+                table.scalar(&cluster.name, owner, "length", "m", None, None);
+                table.vector(&cluster.name, owner, "track_offset", "m", None, None);
+                if let Some(track) = cluster.track {
+                    table.path(&cluster.name, owner, variant.tracks[track].shape, None);
+                }
+            }
+        }
+    }
+    for (index, used) in variant.effects.iter().enumerate() {
+        let effect = &model.effects[used.effect];
+        let name = format!("{}({})", effect.name, places(model, used.place).join(", "));
+        for parameter in &effect.parameters {
+            for component in 0..parameter.components {
+                table.push(
+                    ParameterInfo {
+                        name: String::new(),
+                        owner: Owner::Effect(index),
+                        quantity: parameter.name.clone(),
+                        component: (parameter.components > 1).then_some(component),
+                        unit: parameter.dimension.si_unit(),
+                        nominal: Some(parameter.nominal),
+                        tolerance: parameter.tolerance,
+                        search: parameter.search,
+                    },
+                    &name,
+                );
+            }
+        }
+    }
+    for set in [2, 3] {
+        let frame = format!("set{set}");
+        table.vector(&frame, Owner::Frame(set), "translation", "m", None, None);
+        table.vector(&frame, Owner::Frame(set), "rotation", "rad", None, None);
+        for (index, track) in model.tracks.iter().enumerate() {
+            let owner = Owner::Target { set, track: index };
+            let target = format!("{frame}.target({})", track.name);
+            table.vector(&target, owner, "position", "m", None, None);
+            if set == 2 {
+                table.vector(&target, owner, "rotation", "rad", None, None);
+            }
+        }
+    }
+    table.infos
+}
+
+/// Names of an effect's places, as the description writes them.
+pub fn places(model: &Model, place: Place) -> Vec<String> {
+    match place {
+        Place::Cart { track, source } => std::iter::once(track)
+            .chain(source)
+            .map(|track| model.tracks[track].name.clone())
+            .collect(),
+        Place::Link(link) => vec![model.links[link].name.clone()],
+        Place::AllCarts | Place::AllLinks => vec!["all".into()],
+        Place::Tcp => vec!["tcp".into()],
+    }
+}
+
+#[derive(Default)]
+struct Table {
+    infos: Vec<ParameterInfo>,
+}
+
+impl Table {
+    fn push(&mut self, mut info: ParameterInfo, of: &str) {
+        info.name = format!("{of}.{}", info.quantity);
+        if let Some(component) = info.component {
+            info.name.push_str([".x", ".y", ".z"][component]);
+        }
+        self.infos.push(info);
+    }
+
+    fn scalar(
+        &mut self,
+        of: &str,
+        owner: Owner,
+        quantity: &str,
+        unit: &str,
+        nominal: Option<f64>,
+        tolerance: Option<f64>,
+    ) {
+        self.push(
+            ParameterInfo {
+                name: String::new(),
+                owner,
+                quantity: quantity.into(),
+                component: None,
+                unit: unit.into(),
+                nominal,
+                tolerance,
+                search: None,
+            },
+            of,
+        );
+    }
+
+    fn vector(
+        &mut self,
+        of: &str,
+        owner: Owner,
+        quantity: &str,
+        unit: &str,
+        nominal: Option<[f64; 3]>,
+        tolerance: Option<f64>,
+    ) {
+        for component in 0..3 {
+            self.push(
+                ParameterInfo {
+                    name: String::new(),
+                    owner,
+                    quantity: quantity.into(),
+                    component: Some(component),
+                    unit: unit.into(),
+                    nominal: nominal.map(|value| value[component]),
+                    tolerance,
+                    search: None,
+                },
+                of,
+            );
+        }
+    }
+
+    fn path(
+        &mut self,
+        of: &str,
+        owner: Owner,
+        shape: TrackShape,
+        direction: Option<&tau_model_dsl::model::Quantity<3>>,
+    ) {
+        match shape {
+            TrackShape::Linear => self.vector(
+                of,
+                owner,
+                "track_direction",
+                "1",
+                direction.and_then(|d| d.value),
+                direction.and_then(|d| d.tolerance),
+            ),
+            TrackShape::Piecewise => {
+                self.vector(of, owner, "track_rotation", "rad", Some([0.0; 3]), None);
+            }
+        }
+    }
+}

@@ -1,0 +1,528 @@
+//! Expressions as a hash-consed graph.
+//!
+//! A node refers to earlier nodes by index, so every child stands before its parents; equal
+//! expressions are one node, so common subexpressions are found by construction. The constructors
+//! simplify as they build: constants fold, negations move outwards, neutral elements vanish.
+
+use std::collections::{BTreeMap, HashMap};
+
+/// An expression: the index of a node in its [`Graph`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct Expr(u32);
+
+impl Expr {
+    /// Position among the nodes.
+    pub fn index(self) -> usize {
+        self.0 as usize
+    }
+}
+
+/// A free variable: the index of a symbol in its [`Graph`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct Symbol(pub u32);
+
+/// What an expression depends on at most.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Stage {
+    /// Nothing.
+    Constant,
+    /// Data of the sample: computed once.
+    Data,
+    /// Parameters: computed at every iteration.
+    Parameter,
+}
+
+/// An elementary function of one argument.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Elementary {
+    /// Square root.
+    Sqrt,
+    /// Sine.
+    Sin,
+    /// Cosine.
+    Cos,
+    /// Tangent.
+    Tan,
+    /// Arctangent.
+    Atan,
+    /// Exponential.
+    Exp,
+    /// Natural logarithm.
+    Ln,
+    /// Hyperbolic tangent.
+    Tanh,
+}
+
+/// An operation on earlier nodes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Node {
+    /// A number, as its bits.
+    Constant(u64),
+    /// A free variable.
+    Symbol(Symbol),
+    /// `a + b`, children in order of index.
+    Add(Expr, Expr),
+    /// `a * b`, children in order of index.
+    Multiply(Expr, Expr),
+    /// `-a`
+    Negate(Expr),
+    /// `a / b`
+    Divide(Expr, Expr),
+    /// An elementary function.
+    Apply(Elementary, Expr),
+    /// First coordinate of `(x, y)` turned by an angle: `cos θ x − sin θ y`.
+    ///
+    /// Turns are nodes of their own until differentiation is done: the derivative by the angle is the
+    /// other coordinate (the planar case of `d(R p)/dθ = axis × R p`), which products of sines and
+    /// cosines would hide.
+    TurnFirst(Expr, Expr, Expr),
+    /// Second coordinate: `sin θ x + cos θ y`.
+    TurnSecond(Expr, Expr, Expr),
+    /// `if left < right { below } else { otherwise }`
+    Select {
+        /// Left side of the comparison.
+        left: Expr,
+        /// Right side.
+        right: Expr,
+        /// Value where left < right.
+        below: Expr,
+        /// Value elsewhere.
+        otherwise: Expr,
+    },
+}
+
+impl Node {
+    /// The children, in order.
+    pub fn children(&self) -> Vec<Expr> {
+        match *self {
+            Node::Constant(_) | Node::Symbol(_) => vec![],
+            Node::Negate(a) | Node::Apply(_, a) => vec![a],
+            Node::Add(a, b) | Node::Multiply(a, b) | Node::Divide(a, b) => vec![a, b],
+            Node::TurnFirst(a, x, y) | Node::TurnSecond(a, x, y) => vec![a, x, y],
+            Node::Select {
+                left,
+                right,
+                below,
+                otherwise,
+            } => vec![left, right, below, otherwise],
+        }
+    }
+}
+
+/// A free variable's name and stage.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct SymbolInfo {
+    /// Name, a valid identifier.
+    pub name: String,
+    /// [`Stage::Data`] or [`Stage::Parameter`].
+    pub stage: Stage,
+}
+
+/// A graph of expressions.
+#[derive(Debug, Clone, Default)]
+pub struct Graph {
+    nodes: Vec<Node>,
+    stages: Vec<Stage>,
+    interned: HashMap<Node, Expr>,
+    symbols: Vec<SymbolInfo>,
+    names: BTreeMap<Expr, String>,
+}
+
+impl Graph {
+    /// A graph without nodes.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// The operation of an expression.
+    pub fn node(&self, expr: Expr) -> Node {
+        self.nodes[expr.index()]
+    }
+
+    /// What an expression depends on at most.
+    pub fn stage(&self, expr: Expr) -> Stage {
+        self.stages[expr.index()]
+    }
+
+    /// All symbols, in order of creation.
+    pub fn symbols(&self) -> &[SymbolInfo] {
+        &self.symbols
+    }
+
+    /// Number of nodes.
+    pub fn len(&self) -> usize {
+        self.nodes.len()
+    }
+
+    /// Whether there are no nodes.
+    pub fn is_empty(&self) -> bool {
+        self.nodes.is_empty()
+    }
+
+    /// Suggests a name for the temporary that will hold an expression.
+    pub fn name(&mut self, expr: Expr, name: impl Into<String>) {
+        if !matches!(self.node(expr), Node::Constant(_) | Node::Symbol(_)) {
+            self.names.entry(expr).or_insert_with(|| name.into());
+        }
+    }
+
+    /// The suggested name of an expression.
+    pub fn name_of(&self, expr: Expr) -> Option<&str> {
+        self.names.get(&expr).map(String::as_str)
+    }
+
+    /// The value of a constant expression.
+    pub fn constant_value(&self, expr: Expr) -> Option<f64> {
+        match self.node(expr) {
+            Node::Constant(bits) => Some(f64::from_bits(bits)),
+            _ => None,
+        }
+    }
+
+    /// Whether an expression is the constant zero.
+    pub fn is_zero(&self, expr: Expr) -> bool {
+        self.constant_value(expr) == Some(0.0)
+    }
+
+    fn intern(&mut self, node: Node) -> Expr {
+        if let Some(&expr) = self.interned.get(&node) {
+            return expr;
+        }
+        let stage = match node {
+            Node::Constant(_) => Stage::Constant,
+            Node::Symbol(symbol) => self.symbols[symbol.0 as usize].stage,
+            _ => node
+                .children()
+                .iter()
+                .map(|&child| self.stage(child))
+                .max()
+                .unwrap_or(Stage::Constant),
+        };
+        let expr = Expr(u32::try_from(self.nodes.len()).expect("a graph of less than 2³² nodes"));
+        self.nodes.push(node);
+        self.stages.push(stage);
+        self.interned.insert(node, expr);
+        expr
+    }
+
+    /// A new free variable.
+    pub fn symbol(&mut self, name: impl Into<String>, stage: Stage) -> Expr {
+        let symbol = Symbol(u32::try_from(self.symbols.len()).expect("less than 2³² symbols"));
+        self.symbols.push(SymbolInfo {
+            name: name.into(),
+            stage,
+        });
+        self.intern(Node::Symbol(symbol))
+    }
+
+    /// A number; negative ones are negations, so that `2 x` and `-2 x` share.
+    pub fn constant(&mut self, value: f64) -> Expr {
+        if value.is_sign_negative() && value != 0.0 {
+            let magnitude = self.intern(Node::Constant((-value).to_bits()));
+            return self.intern(Node::Negate(magnitude));
+        }
+        // `+ 0.0` turns −0 into 0.
+        self.intern(Node::Constant((value + 0.0).to_bits()))
+    }
+
+    /// Value of a constant or of a negated constant.
+    fn number(&self, expr: Expr) -> Option<f64> {
+        match self.node(expr) {
+            Node::Negate(inner) => self.constant_value(inner).map(|value| -value),
+            _ => self.constant_value(expr),
+        }
+    }
+
+    /// `-a`
+    pub fn negate(&mut self, a: Expr) -> Expr {
+        match self.node(a) {
+            Node::Negate(inner) => inner,
+            Node::Constant(bits) if f64::from_bits(bits) == 0.0 => a,
+            _ => self.intern(Node::Negate(a)),
+        }
+    }
+
+    /// `a + b`
+    pub fn add(&mut self, a: Expr, b: Expr) -> Expr {
+        if let (Some(x), Some(y)) = (self.number(a), self.number(b)) {
+            return self.constant(x + y);
+        }
+        if self.is_zero(a) {
+            return b;
+        }
+        if self.is_zero(b) {
+            return a;
+        }
+        if a == b {
+            let two = self.constant(2.0);
+            return self.multiply(two, a);
+        }
+        match (self.node(a), self.node(b)) {
+            (Node::Negate(x), Node::Negate(y)) => {
+                let sum = self.add(x, y);
+                self.negate(sum)
+            }
+            (Node::Negate(x), _) if x == b => self.constant(0.0),
+            (_, Node::Negate(y)) if y == a => self.constant(0.0),
+            _ => self.intern(Node::Add(a.min(b), a.max(b))),
+        }
+    }
+
+    /// `a - b`
+    pub fn subtract(&mut self, a: Expr, b: Expr) -> Expr {
+        let negated = self.negate(b);
+        self.add(a, negated)
+    }
+
+    /// `a * b`
+    pub fn multiply(&mut self, a: Expr, b: Expr) -> Expr {
+        if let (Some(x), Some(y)) = (self.number(a), self.number(b)) {
+            return self.constant(x * y);
+        }
+        for (x, y) in [(a, b), (b, a)] {
+            match self.node(x) {
+                Node::Negate(inner) => {
+                    let product = self.multiply(inner, y);
+                    return self.negate(product);
+                }
+                Node::Constant(bits) => {
+                    let value = f64::from_bits(bits);
+                    if value == 0.0 {
+                        return x;
+                    }
+                    if value == 1.0 {
+                        return y;
+                    }
+                    // 2 · (3 · z) is 6 · z.
+                    if let Node::Multiply(p, q) = self.node(y) {
+                        for (constant, rest) in [(p, q), (q, p)] {
+                            if let Some(other) = self.constant_value(constant) {
+                                let folded = self.constant(value * other);
+                                return self.multiply(folded, rest);
+                            }
+                        }
+                    }
+                }
+                _ => {}
+            }
+        }
+        self.intern(Node::Multiply(a.min(b), a.max(b)))
+    }
+
+    /// `a / b`
+    pub fn divide(&mut self, a: Expr, b: Expr) -> Expr {
+        if let (Some(x), Some(y)) = (self.number(a), self.number(b))
+            && y != 0.0
+        {
+            return self.constant(x / y);
+        }
+        if self.is_zero(a) || self.constant_value(b) == Some(1.0) {
+            return a;
+        }
+        match (self.node(a), self.node(b)) {
+            (Node::Negate(x), _) => {
+                let quotient = self.divide(x, b);
+                self.negate(quotient)
+            }
+            (_, Node::Negate(y)) => {
+                let quotient = self.divide(a, y);
+                self.negate(quotient)
+            }
+            _ => self.intern(Node::Divide(a, b)),
+        }
+    }
+
+    /// `a` to a whole power, by repeated squaring.
+    pub fn power(&mut self, a: Expr, exponent: i32) -> Expr {
+        let mut result = self.constant(1.0);
+        let mut square = a;
+        let mut left = exponent.unsigned_abs();
+        while left > 0 {
+            if left & 1 == 1 {
+                result = self.multiply(result, square);
+            }
+            left >>= 1;
+            if left > 0 {
+                square = self.multiply(square, square);
+            }
+        }
+        if exponent < 0 {
+            let one = self.constant(1.0);
+            result = self.divide(one, result);
+        }
+        result
+    }
+
+    /// An elementary function.
+    pub fn apply(&mut self, function: Elementary, a: Expr) -> Expr {
+        // Sines and cosines of constants fold; the others keep their rounding to run time.
+        if self.is_zero(a) {
+            match function {
+                Elementary::Cos | Elementary::Exp => return self.constant(1.0),
+                Elementary::Ln => {}
+                _ => return a,
+            }
+        }
+        if let Node::Negate(inner) = self.node(a) {
+            match function {
+                Elementary::Cos => return self.apply(function, inner),
+                Elementary::Sin | Elementary::Tan | Elementary::Atan | Elementary::Tanh => {
+                    let value = self.apply(function, inner);
+                    return self.negate(value);
+                }
+                _ => {}
+            }
+        }
+        if let (Elementary::Sqrt, Some(value)) = (function, self.constant_value(a)) {
+            return self.constant(value.sqrt());
+        }
+        self.intern(Node::Apply(function, a))
+    }
+
+    /// `(x, y)` turned by an angle in its plane, anticlockwise.
+    pub fn turn(&mut self, angle: Expr, x: Expr, y: Expr) -> (Expr, Expr) {
+        if self.is_zero(angle) || (self.is_zero(x) && self.is_zero(y)) {
+            return (x, y);
+        }
+        if self.is_zero(x) || self.is_zero(y) {
+            return self.expanded_turn(angle, x, y);
+        }
+        if let (Node::Negate(p), Node::Negate(q)) = (self.node(x), self.node(y)) {
+            let (first, second) = self.turn(angle, p, q);
+            return (self.negate(first), self.negate(second));
+        }
+        (
+            self.intern(Node::TurnFirst(angle, x, y)),
+            self.intern(Node::TurnSecond(angle, x, y)),
+        )
+    }
+
+    fn expanded_turn(&mut self, angle: Expr, x: Expr, y: Expr) -> (Expr, Expr) {
+        let (cos, sin) = (
+            self.apply(Elementary::Cos, angle),
+            self.apply(Elementary::Sin, angle),
+        );
+        let (cx, sy) = (self.multiply(cos, x), self.multiply(sin, y));
+        let (sx, cy) = (self.multiply(sin, x), self.multiply(cos, y));
+        (self.subtract(cx, sy), self.add(sx, cy))
+    }
+
+    /// `if left < right { below } else { otherwise }`
+    pub fn select(&mut self, left: Expr, right: Expr, below: Expr, otherwise: Expr) -> Expr {
+        if below == otherwise {
+            return below;
+        }
+        if let (Some(x), Some(y)) = (self.number(left), self.number(right)) {
+            return if x < y { below } else { otherwise };
+        }
+        self.intern(Node::Select {
+            left,
+            right,
+            below,
+            otherwise,
+        })
+    }
+
+    /// Sum of several expressions.
+    pub fn sum(&mut self, terms: impl IntoIterator<Item = Expr>) -> Expr {
+        let mut total = self.constant(0.0);
+        for term in terms {
+            total = self.add(total, term);
+        }
+        total
+    }
+
+    /// All nodes that the given expressions need, children before parents.
+    pub fn reachable(&self, roots: &[Expr]) -> Vec<Expr> {
+        let mut needed = vec![false; self.nodes.len()];
+        for root in roots {
+            needed[root.index()] = true;
+        }
+        for index in (0..self.nodes.len()).rev() {
+            if needed[index] {
+                for child in self.nodes[index].children() {
+                    needed[child.index()] = true;
+                }
+            }
+        }
+        (0..self.nodes.len())
+            .filter(|&i| needed[i])
+            .map(|i| Expr(i as u32))
+            .collect()
+    }
+
+    /// Whether the expressions, node by node, depend on a symbol: indexed by [`Expr::index`].
+    pub fn dependence(&self, depends: impl Fn(Symbol) -> bool) -> Vec<bool> {
+        let mut result = vec![false; self.nodes.len()];
+        for (index, node) in self.nodes.iter().enumerate() {
+            result[index] = match node {
+                Node::Symbol(symbol) => depends(*symbol),
+                _ => node.children().iter().any(|child| result[child.index()]),
+            };
+        }
+        result
+    }
+
+    /// Rebuilds expressions with every symbol replaced, simplifying again.
+    pub fn substitute(
+        &mut self,
+        roots: &[Expr],
+        replacements: &BTreeMap<Symbol, Expr>,
+    ) -> Vec<Expr> {
+        let mut images: HashMap<Expr, Expr> = HashMap::new();
+        for expr in self.reachable(roots) {
+            let node = self.node(expr);
+            let image = match node {
+                Node::Symbol(symbol) => replacements.get(&symbol).copied().unwrap_or(expr),
+                _ => {
+                    let children: Vec<Expr> =
+                        node.children().iter().map(|child| images[child]).collect();
+                    self.rebuild(node, &children)
+                }
+            };
+            if image != expr
+                && let Some(name) = self.names.get(&expr).cloned()
+            {
+                self.name(image, name);
+            }
+            images.insert(expr, image);
+        }
+        roots.iter().map(|root| images[root]).collect()
+    }
+
+    /// The same operation on other children; turns are expanded when `expand` asks for it.
+    fn rebuild(&mut self, node: Node, children: &[Expr]) -> Expr {
+        match node {
+            Node::Constant(_) | Node::Symbol(_) => self.intern(node),
+            Node::Add(..) => self.add(children[0], children[1]),
+            Node::Multiply(..) => self.multiply(children[0], children[1]),
+            Node::Negate(_) => self.negate(children[0]),
+            Node::Divide(..) => self.divide(children[0], children[1]),
+            Node::Apply(function, _) => self.apply(function, children[0]),
+            Node::TurnFirst(..) => self.turn(children[0], children[1], children[2]).0,
+            Node::TurnSecond(..) => self.turn(children[0], children[1], children[2]).1,
+            Node::Select { .. } => self.select(children[0], children[1], children[2], children[3]),
+        }
+    }
+
+    /// Rebuilds expressions with turns written out as products of sines and cosines.
+    pub fn expand_turns(&mut self, roots: &[Expr]) -> Vec<Expr> {
+        let mut images: HashMap<Expr, Expr> = HashMap::new();
+        for expr in self.reachable(roots) {
+            let node = self.node(expr);
+            let children: Vec<Expr> = node.children().iter().map(|child| images[child]).collect();
+            let image = match node {
+                Node::TurnFirst(..) => self.expanded_turn(children[0], children[1], children[2]).0,
+                Node::TurnSecond(..) => self.expanded_turn(children[0], children[1], children[2]).1,
+                _ => self.rebuild(node, &children),
+            };
+            if image != expr
+                && let Some(name) = self.names.get(&expr).cloned()
+            {
+                self.name(image, name);
+            }
+            images.insert(expr, image);
+        }
+        roots.iter().map(|root| images[root]).collect()
+    }
+}

@@ -1,0 +1,297 @@
+//! Instruction selection: sums with chosen signs become additions and subtractions.
+
+use std::collections::{BTreeMap, HashMap};
+
+use super::core;
+use super::signs::Signs;
+use crate::graph::{Elementary, Expr, Graph, Node};
+use crate::program::{Operand, Operation, Program};
+
+/// A value of the program, in terms of earlier ones; negations have become signs of the readers.
+#[derive(Debug, Clone)]
+pub(super) enum Value {
+    /// An input of the program, by position.
+    Input(usize),
+    /// A number.
+    Constant(f64),
+    /// A flattened sum: signs (true is negative) and positions of values.
+    Sum(Vec<(bool, usize)>),
+    /// A product.
+    Product(usize, usize),
+    /// A quotient.
+    Quotient(usize, usize),
+    /// An elementary function; the operand may be read negated.
+    Apply(Elementary, (bool, usize)),
+    /// A select of left, right, below, otherwise, each possibly negated.
+    Select([(bool, usize); 4]),
+}
+
+/// The values that a program computes, children first, and its outputs.
+#[derive(Debug)]
+pub(super) struct Form {
+    /// The values.
+    pub(super) values: Vec<Value>,
+    /// The expression behind each value.
+    pub(super) exprs: Vec<Expr>,
+    /// Sign (true is negative) and position of each output.
+    pub(super) outputs: Vec<(bool, usize)>,
+}
+
+impl Form {
+    /// Flattens sums that are read once; everything in `inputs` is a leaf.
+    pub(super) fn new(graph: &Graph, roots: &[Expr], inputs: &BTreeMap<Expr, usize>) -> Self {
+        let order = reachable(graph, roots, inputs);
+        let mut uses: HashMap<Expr, usize> = HashMap::new();
+        for &expr in &order {
+            if !inputs.contains_key(&expr) {
+                for child in graph.node(expr).children() {
+                    *uses.entry(core(graph, child).1).or_default() += 1;
+                }
+            }
+        }
+        for &root in roots {
+            *uses.entry(core(graph, root).1).or_default() += 2;
+        }
+        let inline = |expr: Expr| {
+            !inputs.contains_key(&expr)
+                && matches!(graph.node(expr), Node::Add(..))
+                && uses.get(&expr) == Some(&1)
+        };
+        // A sum dissolves only in a sum; elsewhere it is a value of its own.
+        let mut dissolved = std::collections::HashSet::new();
+        for &expr in &order {
+            if !inputs.contains_key(&expr) && matches!(graph.node(expr), Node::Add(..)) {
+                for child in graph.node(expr).children() {
+                    let (_, child) = core(graph, child);
+                    if inline(child) {
+                        dissolved.insert(child);
+                    }
+                }
+            }
+        }
+        let mut form = Self {
+            values: vec![],
+            exprs: vec![],
+            outputs: vec![],
+        };
+        let mut position: HashMap<Expr, usize> = HashMap::new();
+        for &expr in &order {
+            if dissolved.contains(&expr) {
+                continue;
+            }
+            let value = if let Some(&input) = inputs.get(&expr) {
+                Value::Input(input)
+            } else {
+                let at = |child: Expr| {
+                    let (negative, child) = core(graph, child);
+                    (negative, position[&child])
+                };
+                match graph.node(expr) {
+                    Node::Constant(bits) => Value::Constant(f64::from_bits(bits)),
+                    Node::Add(..) => {
+                        let mut terms = Vec::new();
+                        flatten(graph, expr, false, &dissolved, true, &mut terms);
+                        Value::Sum(terms.into_iter().map(|(s, e)| (s, position[&e])).collect())
+                    }
+                    Node::Multiply(a, b) => Value::Product(at(a).1, at(b).1),
+                    Node::Divide(a, b) => Value::Quotient(at(a).1, at(b).1),
+                    Node::Apply(function, a) => Value::Apply(function, at(a)),
+                    Node::Select {
+                        left,
+                        right,
+                        below,
+                        otherwise,
+                    } => Value::Select([at(left), at(right), at(below), at(otherwise)]),
+                    Node::Symbol(symbol) => unreachable!(
+                        "`{}` is neither data nor a parameter of this family",
+                        graph.symbols()[symbol.0 as usize].name
+                    ),
+                    Node::Negate(_) | Node::TurnFirst(..) | Node::TurnSecond(..) => {
+                        unreachable!("negations are signs, turns are expanded")
+                    }
+                }
+            };
+            position.insert(expr, form.values.len());
+            form.values.push(value);
+            form.exprs.push(expr);
+        }
+        form.outputs = roots
+            .iter()
+            .map(|&root| {
+                let (negative, expr) = core(graph, root);
+                (negative, position[&expr])
+            })
+            .collect();
+        form
+    }
+}
+
+/// Cores of all expressions that the roots need, children first, not looking behind inputs.
+fn reachable(graph: &Graph, roots: &[Expr], inputs: &BTreeMap<Expr, usize>) -> Vec<Expr> {
+    let mut seen = std::collections::BTreeSet::new();
+    let mut open: Vec<Expr> = roots.iter().map(|&root| core(graph, root).1).collect();
+    while let Some(expr) = open.pop() {
+        if seen.insert(expr) && !inputs.contains_key(&expr) {
+            open.extend(
+                graph
+                    .node(expr)
+                    .children()
+                    .into_iter()
+                    .map(|child| core(graph, child).1),
+            );
+        }
+    }
+    seen.into_iter().collect()
+}
+
+fn flatten(
+    graph: &Graph,
+    expr: Expr,
+    negative: bool,
+    dissolved: &std::collections::HashSet<Expr>,
+    top: bool,
+    into: &mut Vec<(bool, Expr)>,
+) {
+    let (flips, inner) = core(graph, expr);
+    let negative = negative != flips;
+    match graph.node(inner) {
+        Node::Add(a, b) if top || dissolved.contains(&inner) => {
+            flatten(graph, a, negative, dissolved, false, into);
+            flatten(graph, b, negative, dissolved, false, into);
+        }
+        _ => into.push((negative, inner)),
+    }
+}
+
+/// Writes the instructions, with each value stored under its chosen sign.
+pub(super) fn emit(
+    graph: &Graph,
+    form: &Form,
+    signs: &Signs,
+    inputs: &BTreeMap<Expr, usize>,
+    input_names: Vec<String>,
+) -> Program {
+    debug_assert!(inputs.values().all(|&input| input < input_names.len()));
+    let mut writer = Writer {
+        program: Program {
+            inputs: input_names,
+            ..Program::default()
+        },
+        stored: Vec::with_capacity(form.values.len()),
+        negated: HashMap::new(),
+    };
+    for (index, value) in form.values.iter().enumerate() {
+        let negative = signs.values[index];
+        let operand = match value {
+            Value::Input(input) => Operand::Input(*input),
+            Value::Constant(number) => Operand::Constant(if negative { -number } else { *number }),
+            Value::Sum(terms) => {
+                let terms: Vec<(bool, Operand)> = terms
+                    .iter()
+                    .map(|&(minus, term)| {
+                        (
+                            (minus != signs.values[term]) != negative,
+                            writer.stored[term],
+                        )
+                    })
+                    .collect();
+                writer.sum(&terms)
+            }
+            Value::Product(a, b) => {
+                let (mut x, mut y) = (writer.stored[*a], writer.stored[*b]);
+                // The product's sign follows from its factors unless one is a number.
+                if (signs.values[*a] != signs.values[*b]) != negative {
+                    if let Operand::Constant(number) = x {
+                        x = Operand::Constant(-number);
+                    } else if let Operand::Constant(number) = y {
+                        y = Operand::Constant(-number);
+                    }
+                }
+                writer.push(Operation::Multiply(x, y))
+            }
+            Value::Quotient(a, b) => {
+                let (mut x, y) = (writer.stored[*a], writer.stored[*b]);
+                if (signs.values[*a] != signs.values[*b]) != negative
+                    && let Operand::Constant(number) = x
+                {
+                    x = Operand::Constant(-number);
+                }
+                writer.push(Operation::Divide(x, y))
+            }
+            Value::Apply(function, (minus, operand)) => {
+                let operand = writer.read(*operand, *minus != signs.values[*operand]);
+                writer.push(Operation::Apply(*function, operand))
+            }
+            Value::Select(operands) => {
+                let operands = operands
+                    .map(|(minus, operand)| writer.read(operand, minus != signs.values[operand]));
+                writer.push(Operation::Select(operands))
+            }
+        };
+        if let Operand::Temporary(temporary) = operand
+            && !negative
+        {
+            writer.program.names[temporary] = graph.name_of(form.exprs[index]).map(str::to_owned);
+        }
+        writer.stored.push(operand);
+    }
+    let outputs: Vec<Operand> = form
+        .outputs
+        .iter()
+        .map(|&(minus, value)| writer.read(value, minus != signs.values[value]))
+        .collect();
+    writer.program.outputs = outputs;
+    writer.program
+}
+
+struct Writer {
+    program: Program,
+    /// Where each value is stored, under its sign.
+    stored: Vec<Operand>,
+    /// Negated copies already made.
+    negated: HashMap<usize, Operand>,
+}
+
+impl Writer {
+    fn push(&mut self, operation: Operation) -> Operand {
+        self.program.operations.push(operation);
+        self.program.names.push(None);
+        Operand::Temporary(self.program.operations.len() - 1)
+    }
+
+    /// A stored value, negated if asked.
+    fn read(&mut self, value: usize, negate: bool) -> Operand {
+        let operand = self.stored[value];
+        if !negate {
+            return operand;
+        }
+        if let Operand::Constant(number) = operand {
+            return Operand::Constant(-number);
+        }
+        if let Some(&copy) = self.negated.get(&value) {
+            return copy;
+        }
+        let copy = self.push(Operation::Negate(operand));
+        self.negated.insert(value, copy);
+        copy
+    }
+
+    fn sum(&mut self, terms: &[(bool, Operand)]) -> Operand {
+        let Some(lead) = terms.iter().position(|&(negative, _)| !negative) else {
+            let positive: Vec<(bool, Operand)> = terms.iter().map(|&(_, t)| (false, t)).collect();
+            let total = self.sum(&positive);
+            return self.push(Operation::Negate(total));
+        };
+        let mut total = terms[lead].1;
+        for (index, &(negative, term)) in terms.iter().enumerate() {
+            if index != lead {
+                total = self.push(if negative {
+                    Operation::Subtract(total, term)
+                } else {
+                    Operation::Add(total, term)
+                });
+            }
+        }
+        total
+    }
+}

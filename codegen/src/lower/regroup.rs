@@ -1,0 +1,189 @@
+//! Flattening of sums and products, grouping by stage, common factors.
+
+use std::collections::{BTreeMap, HashMap};
+
+use super::core;
+use crate::graph::{Expr, Graph, Node, Stage};
+
+/// Rebuilds expressions so that data-only parts of sums and products stand together and common
+/// factors of sums are taken out. Values are the same up to rounding.
+pub(super) fn regroup(graph: &mut Graph, roots: &[Expr]) -> Vec<Expr> {
+    let order = graph.reachable(roots);
+    let mut uses: HashMap<Expr, usize> = HashMap::new();
+    for &expr in &order {
+        if !matches!(graph.node(expr), Node::Negate(_)) {
+            for child in graph.node(expr).children() {
+                *uses.entry(core(graph, child).1).or_default() += 1;
+            }
+        }
+    }
+    for &root in roots {
+        // A root is read from outside: it is never dissolved in another expression.
+        *uses.entry(core(graph, root).1).or_default() += 2;
+    }
+    let mut pass = Pass {
+        uses,
+        images: HashMap::new(),
+    };
+    for expr in order {
+        let image = pass.rebuild(graph, expr);
+        if image != expr
+            && let Some(name) = graph.name_of(expr).map(str::to_owned)
+        {
+            graph.name(image, name);
+        }
+        pass.images.insert(expr, image);
+    }
+    roots.iter().map(|root| pass.images[root]).collect()
+}
+
+struct Pass {
+    uses: HashMap<Expr, usize>,
+    images: HashMap<Expr, Expr>,
+}
+
+/// A term of a flattened sum: its sign and its factors, already rebuilt.
+struct Term {
+    negative: bool,
+    factors: Vec<Expr>,
+}
+
+impl Pass {
+    fn rebuild(&self, g: &mut Graph, expr: Expr) -> Expr {
+        let image = |e: Expr| self.images[&e];
+        match g.node(expr) {
+            Node::Constant(_) | Node::Symbol(_) => expr,
+            Node::Add(..) if g.stage(expr) == Stage::Parameter => {
+                let mut terms = Vec::new();
+                self.terms(g, expr, false, true, &mut terms);
+                sum_of_terms(g, terms)
+            }
+            Node::Multiply(..) if g.stage(expr) == Stage::Parameter => {
+                let mut factors = Vec::new();
+                self.factors(g, expr, true, &mut factors);
+                product(g, &factors)
+            }
+            Node::Add(a, b) => g.add(image(a), image(b)),
+            Node::Multiply(a, b) => g.multiply(image(a), image(b)),
+            Node::Negate(a) => g.negate(image(a)),
+            Node::Divide(a, b) => g.divide(image(a), image(b)),
+            Node::Apply(function, a) => g.apply(function, image(a)),
+            Node::Select {
+                left,
+                right,
+                below,
+                otherwise,
+            } => g.select(image(left), image(right), image(below), image(otherwise)),
+            Node::TurnFirst(..) | Node::TurnSecond(..) => {
+                unreachable!("turns are expanded before regrouping")
+            }
+        }
+    }
+
+    fn dissolves(&self, g: &Graph, expr: Expr) -> bool {
+        g.stage(expr) == Stage::Parameter && self.uses.get(&expr) == Some(&1)
+    }
+
+    fn terms(&self, g: &Graph, expr: Expr, negative: bool, top: bool, into: &mut Vec<Term>) {
+        let (flips, inner) = core(g, expr);
+        let negative = negative != flips;
+        match g.node(inner) {
+            Node::Add(a, b) if top || self.dissolves(g, inner) => {
+                self.terms(g, a, negative, false, into);
+                self.terms(g, b, negative, false, into);
+            }
+            Node::Multiply(..) if self.dissolves(g, inner) => {
+                let mut factors = Vec::new();
+                self.factors(g, inner, true, &mut factors);
+                into.push(Term { negative, factors });
+            }
+            _ => into.push(Term {
+                negative,
+                factors: vec![self.images[&inner]],
+            }),
+        }
+    }
+
+    fn factors(&self, g: &Graph, expr: Expr, top: bool, into: &mut Vec<Expr>) {
+        match g.node(expr) {
+            Node::Multiply(a, b) if top || self.dissolves(g, expr) => {
+                self.factors(g, a, false, into);
+                self.factors(g, b, false, into);
+            }
+            _ => into.push(self.images[&expr]),
+        }
+    }
+}
+
+/// Product with the data-only factors multiplied first.
+fn product(g: &mut Graph, factors: &[Expr]) -> Expr {
+    let mut result = g.constant(1.0);
+    for stage in [Stage::Constant, Stage::Data, Stage::Parameter] {
+        for &factor in factors {
+            if g.stage(factor) == stage {
+                result = g.multiply(result, factor);
+            }
+        }
+    }
+    result
+}
+
+/// Sum with the data-only terms added first and common factors taken out.
+fn sum_of_terms(g: &mut Graph, mut terms: Vec<Term>) -> Expr {
+    loop {
+        // The factor that most terms share; ties go to the oldest expression.
+        let mut counts: BTreeMap<Expr, usize> = BTreeMap::new();
+        for term in terms.iter().filter(|term| term.factors.len() > 1) {
+            let mut distinct = term.factors.clone();
+            distinct.sort_unstable();
+            distinct.dedup();
+            for factor in distinct {
+                *counts.entry(factor).or_default() += 1;
+            }
+        }
+        let best = counts
+            .into_iter()
+            .filter(|&(_, count)| count > 1)
+            .max_by_key(|&(factor, count)| (count, std::cmp::Reverse(factor)));
+        let Some((factor, _)) = best else { break };
+        let (with, without): (Vec<Term>, Vec<Term>) = terms
+            .into_iter()
+            .partition(|t| t.factors.len() > 1 && t.factors.contains(&factor));
+        let inner: Vec<Term> = with
+            .into_iter()
+            .map(|mut term| {
+                let position = term
+                    .factors
+                    .iter()
+                    .position(|&f| f == factor)
+                    .expect("contains it");
+                term.factors.remove(position);
+                term
+            })
+            .collect();
+        let rest = sum_of_terms(g, inner);
+        let (negative, rest) = core(g, rest);
+        terms = without;
+        terms.push(Term {
+            negative,
+            factors: vec![factor, rest],
+        });
+    }
+    let mut result = g.constant(0.0);
+    let products: Vec<(bool, Expr)> = terms
+        .iter()
+        .map(|term| (term.negative, product(g, &term.factors)))
+        .collect();
+    for stage in [Stage::Constant, Stage::Data, Stage::Parameter] {
+        for &(negative, value) in &products {
+            if g.stage(value) == stage {
+                result = if negative {
+                    g.subtract(result, value)
+                } else {
+                    g.add(result, value)
+                };
+            }
+        }
+    }
+    result
+}
