@@ -219,6 +219,15 @@ impl Diagnostics {
         self.list.push(diagnostic);
     }
 
+    pub(crate) fn error(
+        &mut self,
+        location: impl Into<Location>,
+        message: impl Into<String>,
+        help: impl Into<String>,
+    ) {
+        self.push(Diagnostic::new(location, message).help(help));
+    }
+
     /// Number of mistakes so far, to learn whether a step found any.
     pub(crate) fn count(&self) -> usize {
         self.list.len()

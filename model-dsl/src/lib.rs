@@ -15,9 +15,10 @@
 //! )?;
 //! assert_eq!(model.tracks[0].name, "one");
 //!
-//! let errors = tau_model_dsl::check_text("robot Slide { track one; cluster arm on on { link l1; } }")
+//! let errors = tau_model_dsl::check_text("robot Slide { track one; cluster arm on two { link l1; } }")
 //!     .unwrap_err();
-//! assert_eq!(errors.diagnostics[0].message, "cannot find track `on`");
+//! let messages: Vec<_> = errors.diagnostics.iter().map(|error| error.message.as_str()).collect();
+//! assert_eq!(messages, ["robot `Slide` has no variants", "cannot find track `two`"]);
 //! # Ok::<(), tau_model_dsl::Errors>(())
 //! ```
 
@@ -38,6 +39,7 @@ use proc_macro2::TokenStream;
 
 pub use crate::diagnostics::{Diagnostic, Errors};
 pub use crate::model::Model;
+pub use crate::names::nearest;
 
 use crate::diagnostics::Diagnostics;
 

@@ -23,6 +23,9 @@ pub(crate) fn reserved(name: &Ident) -> Option<Diagnostic> {
         format!("`{text}` is a raw identifier")
     } else if KEYWORDS.contains(&text.as_str()) {
         format!("`{text}` is a keyword of Rust")
+    } else if KEYWORDS.contains(&text.to_ascii_lowercase().as_str()) {
+        // Generated code has a module of the same name in lower case.
+        format!("`{text}` is but for case a keyword of Rust")
     } else if PLACES.contains(&text.as_str()) {
         format!("`{text}` is a word of the language")
     } else if !text.is_ascii() {
@@ -43,10 +46,7 @@ pub(crate) fn is_rust(word: &str) -> bool {
 
 /// The candidate that was probably meant: the one at the least edit distance, at most a third of the
 /// name's length, or equal but for case.
-pub(crate) fn nearest<'a>(
-    name: &str,
-    candidates: impl IntoIterator<Item = &'a str>,
-) -> Option<&'a str> {
+pub fn nearest<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     let limit = name.chars().count() / 3;
     candidates
         .into_iter()

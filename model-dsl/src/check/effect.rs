@@ -1,13 +1,14 @@
 //! Effects: subject, parameters, terms.
 
 use super::Declared;
-use super::formula::{self, FUNCTIONS, READABLES, Scope, Shape};
+use super::formula::{self, Scope, Shape};
 use super::quantity::{dimension, scalar, tolerance, unit_help};
-use crate::diagnostics::{Diagnostic, Diagnostics};
-use crate::model::{Effect, EffectParameter, Subject, Target, Term, Track};
+use super::vocabulary::{TARGETS, meaning, subject_of, subject_word};
+use crate::diagnostics::Diagnostics;
+use crate::model::{Effect, EffectParameter, Subject, Term, Track};
 use crate::names::nearest;
 use crate::syntax;
-use crate::units::{Dimension, find_unit};
+use crate::units::Dimension;
 
 /// An effect with what is known about it beyond the model.
 pub(super) struct CheckedEffect {
@@ -16,41 +17,6 @@ pub(super) struct CheckedEffect {
     pub(super) subject: Option<Subject>,
     /// A quantity of the link's cart that it reads: `q` or `direction`.
     pub(super) reads_cart: Option<&'static str>,
-}
-
-/// What an effect may add to: name, target, dimension, whether it is a vector.
-const TARGETS: [(&str, Target, Dimension, bool); 9] = [
-    ("along", Target::Along, Dimension::LENGTH, false),
-    ("horizontal", Target::Horizontal, Dimension::LENGTH, false),
-    ("vertical", Target::Vertical, Dimension::LENGTH, false),
-    ("roll", Target::Roll, Dimension::ANGLE, false),
-    ("pitch", Target::Pitch, Dimension::ANGLE, false),
-    ("yaw", Target::Yaw, Dimension::ANGLE, false),
-    ("length", Target::Length, Dimension::LENGTH, false),
-    ("joint", Target::Joint, Dimension::LENGTH, true),
-    ("position", Target::Position, Dimension::LENGTH, true),
-];
-
-/// The word for what an effect acts on.
-pub(super) fn subject_word(subject: Subject) -> &'static str {
-    match subject {
-        Subject::Cart | Subject::CartFromSource => "cart",
-        Subject::Link => "link",
-        Subject::Tcp => "tcp",
-    }
-}
-
-fn subject_of(target: Target) -> &'static str {
-    match target {
-        Target::Along
-        | Target::Horizontal
-        | Target::Vertical
-        | Target::Roll
-        | Target::Pitch
-        | Target::Yaw => "cart",
-        Target::Length | Target::Joint => "link",
-        Target::Position => "tcp",
-    }
 }
 
 pub(super) fn effect(
@@ -68,7 +34,7 @@ pub(super) fn effect(
     if effect.terms.is_empty() {
         let help = "add a term, such as `along += …;`";
         let message = format!("effect `{}` adds to nothing", effect.name);
-        diagnostics.push(Diagnostic::new(&effect.name, message).help(help));
+        diagnostics.error(&effect.name, message, help);
     }
     let terms: Vec<Term> = effect
         .terms
@@ -78,9 +44,10 @@ pub(super) fn effect(
     // A parameter may be unused because the formula that means it has an error.
     if diagnostics.count() == before {
         for (name, _) in scope.unused() {
-            diagnostics.push(
-                Diagnostic::new(name, format!("parameter `{name}` is used in no term"))
-                    .help("use it in a formula, or remove it"),
+            diagnostics.error(
+                name,
+                format!("parameter `{name}` is used in no term"),
+                "use it in a formula, or remove it",
             );
         }
     }
@@ -116,14 +83,14 @@ fn subject(effect: &syntax::Effect, diagnostics: &mut Diagnostics) -> Option<Sub
                 }
             };
             let message = format!("effects act on `cart`, `link` or `tcp`, found `{word}`");
-            diagnostics.push(Diagnostic::new(&effect.subject, message).help(help));
+            diagnostics.error(&effect.subject, message, help);
             None
         }
     };
     if let (Some(Subject::Link | Subject::Tcp), Some(source)) = (subject, &effect.source) {
         let message = format!("only an effect on cart has a source, found `on {word} from source`");
         let help = "leave out `from source`; `q(track)` reads the command of a named track";
-        diagnostics.push(Diagnostic::new(source, message).help(help));
+        diagnostics.error(source, message, help);
     }
     subject
 }
@@ -162,9 +129,10 @@ fn parameters<'a>(
             return Some((from, to));
         }
         let location = low.location.to(high.location);
-        diagnostics.push(
-            Diagnostic::new(location, format!("{what} is empty"))
-                .help("write the smaller end first: `in 4 mm ..= 50 mm`"),
+        diagnostics.error(
+            location,
+            format!("{what} is empty"),
+            "write the smaller end first: `in 4 mm ..= 50 mm`",
         );
         None
     });
@@ -173,29 +141,25 @@ fn parameters<'a>(
         names.declare(&given.name, "parameter", diagnostics);
         if let Some(meaning) = meaning(&name) {
             let message = format!("`{name}` is {meaning} and cannot be a parameter");
-            diagnostics.push(Diagnostic::new(&given.name, message).help("choose another name"));
+            diagnostics.error(&given.name, message, "choose another name");
         }
         let components = match given.components {
             None => 1,
             Some((3, location)) => {
                 if declaration.search.is_some() {
-                    diagnostics.push(
-                        Diagnostic::new(
-                            location,
-                            format!("`{name}` is searched and cannot be a vector"),
-                        )
-                        .help("search one number at a time"),
+                    diagnostics.error(
+                        location,
+                        format!("`{name}` is searched and cannot be a vector"),
+                        "search one number at a time",
                     );
                 }
                 3
             }
             Some((number, location)) => {
-                diagnostics.push(
-                    Diagnostic::new(
-                        location,
-                        format!("a vector has 3 components, found {number}"),
-                    )
-                    .help(format!("write `{name}[3]`, or `{name}` for a scalar")),
+                diagnostics.error(
+                    location,
+                    format!("a vector has 3 components, found {number}"),
+                    format!("write `{name}[3]`, or `{name}` for a scalar"),
                 );
                 3
             }
@@ -210,21 +174,6 @@ fn parameters<'a>(
             search,
         };
         scope.declare(&given.name, parameter, dimension.is_some());
-    }
-}
-
-/// What a word means in every formula, if it does.
-fn meaning(name: &str) -> Option<&'static str> {
-    if name == "q" || READABLES.iter().any(|(own, ..)| *own == name) {
-        Some("a quantity that formulas read")
-    } else if name == "pi" {
-        Some("a constant")
-    } else if find_unit(name).is_some() {
-        Some("a unit")
-    } else if FUNCTIONS.iter().any(|(own, ..)| *own == name) {
-        Some("a function")
-    } else {
-        None
     }
 }
 
@@ -243,7 +192,7 @@ fn term(
                 None => format!("effects add to {}", names.collect::<Vec<_>>().join(", ")),
             };
             let message = format!("an effect cannot add to `{name}`");
-            diagnostics.push(Diagnostic::new(&given.target, message).help(help));
+            diagnostics.error(&given.target, message, help);
         }
         (Some((_, target, ..)), Some(subject)) if subject_of(*target) != subject_word(subject) => {
             let word = subject_word(subject);
@@ -258,7 +207,7 @@ fn term(
                 own.join(", "),
                 subject_of(*target)
             );
-            diagnostics.push(Diagnostic::new(&given.target, message).help(help));
+            diagnostics.error(&given.target, message, help);
         }
         _ => {}
     }
@@ -276,7 +225,7 @@ fn term(
             ("scalar", "vector", "use one component, such as `rate[0]`")
         };
         let message = format!("`{name}` is a {wanted}, but this formula is a {found}");
-        diagnostics.push(Diagnostic::new(location, message).help(help));
+        diagnostics.error(location, message, help);
         return None;
     }
     let found = formula.dimension?;
@@ -291,7 +240,7 @@ fn term(
             || unit_help(expected),
             |factor| mismatch_help(factor, expected),
         );
-        diagnostics.push(Diagnostic::new(location, message).help(help));
+        diagnostics.error(location, message, help);
         return None;
     }
     Some(Term {

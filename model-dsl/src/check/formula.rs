@@ -2,97 +2,20 @@
 
 use proc_macro2::Ident;
 
+use super::call::call;
 use super::quantity::unit_factor;
-use super::robot::unknown_track;
+use super::vocabulary::{FUNCTIONS, QUANTITIES, find_quantity, meaning, subject_word};
 use crate::diagnostics::{Diagnostic, Diagnostics, Location};
-use crate::model::{BinaryOperator, EffectParameter, Formula, Function, Readable, Subject, Track};
+use crate::model::{BinaryOperator, EffectParameter, Formula, Readable, Subject, Track};
 use crate::names::{article, nearest};
 use crate::syntax::{self, Expression, ExpressionKind};
 use crate::units::{Dimension, find_unit, to_si};
 
-use super::effect::subject_word;
-
-/// What a formula reads by a bare name besides `q`: name, meaning, dimension, subjects.
-pub(super) const READABLES: [(&str, Readable, Dimension, &[&str]); 11] = [
-    (
-        "direction",
-        Readable::Direction,
-        Dimension::NUMBER,
-        &["cart", "link"],
-    ),
-    (
-        "time",
-        Readable::Time,
-        Dimension::TIME,
-        &["cart", "link", "tcp"],
-    ),
-    (
-        "temperature",
-        Readable::Temperature,
-        Dimension::TEMPERATURE,
-        &["cart", "link", "tcp"],
-    ),
-    (
-        "load_along",
-        Readable::LoadAlong,
-        Dimension::FORCE,
-        &["cart"],
-    ),
-    (
-        "load_horizontal",
-        Readable::LoadHorizontal,
-        Dimension::FORCE,
-        &["cart"],
-    ),
-    (
-        "load_vertical",
-        Readable::LoadVertical,
-        Dimension::FORCE,
-        &["cart"],
-    ),
-    ("tension", Readable::Tension, Dimension::FORCE, &["link"]),
-    ("length", Readable::Length, Dimension::LENGTH, &["link"]),
-    (
-        "x",
-        Readable::Position(0),
-        Dimension::LENGTH,
-        &["cart", "link", "tcp"],
-    ),
-    (
-        "y",
-        Readable::Position(1),
-        Dimension::LENGTH,
-        &["cart", "link", "tcp"],
-    ),
-    (
-        "z",
-        Readable::Position(2),
-        Dimension::LENGTH,
-        &["cart", "link", "tcp"],
-    ),
-];
-
-/// Elementary functions with their number of arguments.
-pub(super) const FUNCTIONS: [(&str, Function, usize); 12] = [
-    ("sin", Function::Sin, 1),
-    ("cos", Function::Cos, 1),
-    ("tan", Function::Tan, 1),
-    ("atan", Function::Atan, 1),
-    ("exp", Function::Exp, 1),
-    ("ln", Function::Ln, 1),
-    ("tanh", Function::Tanh, 1),
-    ("sqrt", Function::Sqrt, 1),
-    ("abs", Function::Abs, 1),
-    ("sign", Function::Sign, 1),
-    ("min", Function::Min, 2),
-    ("max", Function::Max, 2),
-];
-
 /// What the formulas of one effect may name.
 pub(super) struct Scope<'a> {
-    effect: &'a syntax::Effect,
+    pub(super) effect: &'a syntax::Effect,
     pub(super) subject: Option<Subject>,
-    tracks: &'a [Track],
+    pub(super) tracks: &'a [Track],
     parameters: Vec<Declaration<'a>>,
     pub(super) reads_cart: Option<&'static str>,
 }
@@ -143,6 +66,11 @@ impl<'a> Scope<'a> {
             .collect()
     }
 
+    /// Index of the parameter of a name.
+    pub(super) fn parameter(&self, name: &Ident) -> Option<usize> {
+        self.parameters.iter().position(|own| own.name == name)
+    }
+
     fn word(&self) -> Option<&'static str> {
         self.subject.map(subject_word)
     }
@@ -184,7 +112,7 @@ pub(super) struct Checked {
 }
 
 impl Checked {
-    fn scalar(formula: Formula, dimension: Dimension) -> Self {
+    pub(super) fn scalar(formula: Formula, dimension: Dimension) -> Self {
         Self {
             shape: Shape::Scalar(formula),
             dimension: Some(dimension),
@@ -203,12 +131,19 @@ pub(super) fn formula(
             Some(Checked::scalar(Formula::Number(*value), Dimension::NUMBER))
         }
         ExpressionKind::Measure(value, unit) => {
+            let name = unit.name.to_string();
+            let is_value = scope.parameter(&unit.name).is_some() || meaning(&name).is_some();
+            if is_value && find_unit(&name).is_none() {
+                let message = format!("`{name}` is not a unit");
+                diagnostics.error(&unit.name, message, "for a product write `*` between the two");
+                return None;
+            }
             let (size, dimension) = unit_factor(unit, false, diagnostics)?;
             let value = to_si(*value, size);
             if !value.is_finite() {
                 let message = "this value is too large";
                 let help = format!("numbers end at {:e}", f64::MAX);
-                diagnostics.push(Diagnostic::new(expression.location, message).help(help));
+                diagnostics.error(expression.location, message, help);
                 return None;
             }
             Some(Checked::scalar(Formula::Number(value), dimension))
@@ -235,9 +170,7 @@ pub(super) fn formula(
                 && matches!(right_checked.shape, Shape::Scalar(Formula::Number(0.0)))
             {
                 let message = "division by zero";
-                diagnostics.push(
-                    Diagnostic::new(right.location, message).help("divide by something else"),
-                );
+                diagnostics.error(right.location, message, "divide by something else");
                 return None;
             }
             binary(
@@ -253,7 +186,7 @@ pub(super) fn formula(
             let Shape::Scalar(base) = shape else {
                 let message = "a vector has no power";
                 let help = "take the power of a component, such as `rate[0]^2`";
-                diagnostics.push(Diagnostic::new(expression.location, message).help(help));
+                diagnostics.error(expression.location, message, help);
                 return None;
             };
             let dimension = match dimension.map(|dimension| dimension.power(*exponent)) {
@@ -273,7 +206,7 @@ pub(super) fn formula(
 
 fn unit_overflow<T>(location: Location, diagnostics: &mut Diagnostics) -> Option<T> {
     let message = "the power of this formula's unit is too large";
-    diagnostics.push(Diagnostic::new(location, message).help("check the exponents"));
+    diagnostics.error(location, message, "check the exponents");
     None
 }
 
@@ -289,7 +222,7 @@ fn tuple(
         .collect();
     if components.len() != 3 {
         let message = format!("a vector has 3 components, found {}", components.len());
-        diagnostics.push(Diagnostic::new(location, message).help("write `(x, y, z)`"));
+        diagnostics.error(location, message, "write `(x, y, z)`");
         return None;
     }
     let mut scalars = Vec::new();
@@ -298,7 +231,7 @@ fn tuple(
         let one = one?;
         let Shape::Scalar(scalar) = one.shape else {
             let message = "a component of a vector cannot be a vector";
-            diagnostics.push(Diagnostic::new(written.location, message).help("write a scalar"));
+            diagnostics.error(written.location, message, "write a scalar");
             return None;
         };
         scalars.push(scalar);
@@ -310,9 +243,7 @@ fn tuple(
                 found.describe(),
                 expected.describe()
             );
-            diagnostics.push(
-                Diagnostic::new(written.location, message).help("bring them to the same unit"),
-            );
+            diagnostics.error(written.location, message, "bring them to the same unit");
             return None;
         }
         dimension = dimension.or(one.dimension);
@@ -339,13 +270,14 @@ fn binary(
     let known = left.dimension.zip(right.dimension);
     let dimension = match (operator, known) {
         (_, None) => None,
-        (Add | Subtract, Some((a, b))) => match common(a, b) {
-            Some(dimension) => Some(dimension),
-            None => {
+        (Add | Subtract, Some((a, b))) => {
+            let dimension = common(a, b);
+            if dimension.is_none() {
                 diagnostics.push(different(&format!("cannot {verb}"), joint, a, b, location));
                 return None;
             }
-        },
+            dimension
+        }
         (Multiply | Divide, Some((a, b))) => {
             let dimension = if operator == Multiply {
                 a.multiply(b)
@@ -374,7 +306,7 @@ fn binary(
             let message = format!("cannot {verb} {} {joint} {}", left.word(), right.word());
             let help = "vectors add to vectors; multiply or divide them by scalars, or use components, \
                         such as `rate[0]`";
-            diagnostics.push(Diagnostic::new(location, message).help(help));
+            diagnostics.error(location, message, help);
             return None;
         }
     };
@@ -382,7 +314,7 @@ fn binary(
 }
 
 /// Dimension of a sum; a number stands for an angle where one is wanted.
-fn common(left: Dimension, right: Dimension) -> Option<Dimension> {
+pub(super) fn common(left: Dimension, right: Dimension) -> Option<Dimension> {
     let angles = [Dimension::ANGLE, Dimension::NUMBER];
     if left == right {
         Some(left)
@@ -393,7 +325,8 @@ fn common(left: Dimension, right: Dimension) -> Option<Dimension> {
     }
 }
 
-fn different(
+/// The message for two dimensions that do not go together.
+pub(super) fn different(
     verb: &str,
     joint: &str,
     left: Dimension,
@@ -413,7 +346,7 @@ fn different(
 
 fn named(name: &Ident, scope: &mut Scope<'_>, diagnostics: &mut Diagnostics) -> Option<Checked> {
     let text = name.to_string();
-    if let Some(index) = scope.parameters.iter().position(|own| own.name == name) {
+    if let Some(index) = scope.parameter(name) {
         let own = &mut scope.parameters[index];
         own.used = true;
         let shape = if own.parameter.components == 3 {
@@ -432,20 +365,17 @@ fn named(name: &Ident, scope: &mut Scope<'_>, diagnostics: &mut Diagnostics) -> 
             Dimension::NUMBER,
         ));
     }
-    if text == "q" {
-        readable(name, &["cart", "link"], scope, diagnostics)?;
-        scope.reads_cart.get_or_insert("q");
-        return Some(Checked::scalar(
-            Formula::Read(Readable::Command),
-            Dimension::LENGTH,
-        ));
-    }
-    if let Some((_, what, dimension, subjects)) = READABLES.iter().find(|(own, ..)| *own == text) {
-        readable(name, subjects, scope, diagnostics)?;
-        if *what == Readable::Direction {
-            scope.reads_cart.get_or_insert("direction");
+    if let Some(quantity) = find_quantity(&text) {
+        available(name, quantity.subjects, scope, diagnostics)?;
+        match quantity.readable {
+            Readable::Command => scope.reads_cart = Some("q"),
+            Readable::Direction => scope.reads_cart = Some("direction"),
+            _ => {}
         }
-        return Some(Checked::scalar(Formula::Read(*what), *dimension));
+        return Some(Checked::scalar(
+            Formula::Read(quantity.readable),
+            quantity.dimension,
+        ));
     }
     if let Some(unit) = find_unit(&text) {
         return Some(Checked::scalar(
@@ -463,7 +393,7 @@ fn named(name: &Ident, scope: &mut Scope<'_>, diagnostics: &mut Diagnostics) -> 
 }
 
 /// Reports a quantity that the effect's subject does not have.
-fn readable(
+fn available(
     name: &Ident,
     subjects: &[&str],
     scope: &Scope<'_>,
@@ -475,16 +405,15 @@ fn readable(
     let help = if *name == "q" {
         "name a track: `q(track)`".to_owned()
     } else {
-        let mut own: Vec<_> = READABLES
+        let own: Vec<_> = QUANTITIES
             .iter()
-            .filter(|(.., subjects)| subjects.contains(&word))
-            .map(|(name, ..)| *name)
+            .filter(|quantity| quantity.subjects.contains(&word))
+            .map(|quantity| quantity.name)
             .collect();
-        own.insert(0, if word == "tcp" { "q(track)" } else { "q" });
         format!("it reads {}", own.join(", "))
     };
     let message = format!("an effect on {word} cannot read `{name}`");
-    diagnostics.push(Diagnostic::new(name, message).help(help));
+    diagnostics.error(name, message, help);
     None
 }
 
@@ -494,7 +423,7 @@ fn unknown(name: &Ident, scope: &Scope<'_>) -> Diagnostic {
         .parameters
         .iter()
         .map(|own| ("parameter", own.parameter.name.as_str()));
-    let quantities = READABLES.iter().map(|(name, ..)| ("quantity", *name));
+    let quantities = QUANTITIES.iter().map(|own| ("quantity", own.name));
     let functions = FUNCTIONS.iter().map(|(name, ..)| ("function", *name));
     let all: Vec<_> = parameters.chain(quantities).chain(functions).collect();
     let near = nearest(&text, all.iter().map(|(_, name)| *name))
@@ -525,9 +454,8 @@ fn component(
     scope: &mut Scope<'_>,
     diagnostics: &mut Diagnostics,
 ) -> Option<Checked> {
-    let Some(index) = scope.parameters.iter().position(|own| own.name == name) else {
-        let known = *name == "q" || READABLES.iter().any(|(own, ..)| *own == name.to_string());
-        diagnostics.push(if known {
+    let Some(index) = scope.parameter(name) else {
+        diagnostics.push(if find_quantity(&name.to_string()).is_some() {
             Diagnostic::new(
                 location,
                 format!("`{name}` is a scalar and has no components"),
@@ -543,7 +471,7 @@ fn component(
     if own.parameter.components == 1 {
         let message = format!("`{name}` is a scalar and has no components");
         let help = format!("write `{name}`, or declare it as `{name}[3]`");
-        diagnostics.push(Diagnostic::new(location, message).help(help));
+        diagnostics.error(location, message, help);
         return None;
     }
     let Some(component) = usize::try_from(component)
@@ -551,7 +479,7 @@ fn component(
         .filter(|component| *component < 3)
     else {
         let message = format!("`{name}` has components 0 to 2, there is no {component}");
-        diagnostics.push(Diagnostic::new(location, message).help("count from 0"));
+        diagnostics.error(location, message, "count from 0");
         return None;
     };
     let dimension = own.sound.then_some(own.parameter.dimension);
@@ -559,176 +487,4 @@ fn component(
         shape: Shape::Scalar(Formula::Parameter(index, component)),
         dimension,
     })
-}
-
-fn call(
-    name: &Ident,
-    arguments: &[Expression],
-    location: Location,
-    scope: &mut Scope<'_>,
-    diagnostics: &mut Diagnostics,
-) -> Option<Checked> {
-    if *name == "q" {
-        return command_of(arguments, location, scope, diagnostics);
-    }
-    let checked: Vec<_> = arguments
-        .iter()
-        .map(|one| formula(one, scope, diagnostics))
-        .collect();
-    let Some((_, function, arity)) = FUNCTIONS.iter().find(|(own, ..)| *name == own) else {
-        let text = name.to_string();
-        let is_value = scope.parameters.iter().any(|own| own.name == name)
-            || READABLES.iter().any(|(own, ..)| *own == text)
-            || text == "pi"
-            || find_unit(&text).is_some();
-        let help = if is_value {
-            format!("for a product write `{text} * (…)`")
-        } else {
-            match nearest(&text, FUNCTIONS.iter().map(|(name, ..)| *name)) {
-                Some(near) => format!("a function with a similar name exists: `{near}`"),
-                None => {
-                    let names: Vec<_> = FUNCTIONS.iter().map(|(name, ..)| *name).collect();
-                    format!("the functions are {}", names.join(", "))
-                }
-            }
-        };
-        diagnostics.push(Diagnostic::new(name, format!("`{text}` is not a function")).help(help));
-        return None;
-    };
-    if arguments.len() != *arity {
-        let plural = if *arity == 1 { "" } else { "s" };
-        let message = format!(
-            "`{name}` takes {arity} argument{plural}, found {}",
-            arguments.len()
-        );
-        let help = if *arity == 1 {
-            format!("write `{name}(a)`")
-        } else {
-            format!("write `{name}(a, b)`")
-        };
-        diagnostics.push(Diagnostic::new(location, message).help(help));
-        return None;
-    }
-    let mut scalars = Vec::new();
-    let mut dimensions = Vec::new();
-    for (one, written) in checked.into_iter().zip(arguments) {
-        let one = one?;
-        let Shape::Scalar(scalar) = one.shape else {
-            let message = format!("`{name}` takes scalars, but this is a vector");
-            let help = "take it of a component, such as `rate[0]`";
-            diagnostics.push(Diagnostic::new(written.location, message).help(help));
-            return None;
-        };
-        scalars.push(scalar);
-        dimensions.push(one.dimension);
-    }
-    let dimension = match dimensions.into_iter().collect::<Option<Vec<_>>>() {
-        Some(known) => Some(result(
-            *function,
-            &known,
-            name,
-            arguments,
-            location,
-            diagnostics,
-        )?),
-        None => None,
-    };
-    Some(Checked {
-        shape: Shape::Scalar(Formula::Call(*function, scalars)),
-        dimension,
-    })
-}
-
-/// Dimension of a function's value.
-fn result(
-    function: Function,
-    dimensions: &[Dimension],
-    name: &Ident,
-    arguments: &[Expression],
-    location: Location,
-    diagnostics: &mut Diagnostics,
-) -> Option<Dimension> {
-    let first = *dimensions.first()?;
-    let (allowed, value): (&[Dimension], Dimension) = match function {
-        Function::Sin | Function::Cos | Function::Tan => {
-            (&[Dimension::NUMBER, Dimension::ANGLE], Dimension::NUMBER)
-        }
-        Function::Atan => (&[Dimension::NUMBER], Dimension::ANGLE),
-        Function::Exp | Function::Ln | Function::Tanh => (&[Dimension::NUMBER], Dimension::NUMBER),
-        Function::Abs => return Some(first),
-        Function::Sign => return Some(Dimension::NUMBER),
-        Function::Sqrt => {
-            let root = first.square_root();
-            if root.is_none() {
-                let message = format!("{} has no square root", first.describe());
-                let help = "every exponent of the unit must be even";
-                diagnostics.push(Diagnostic::new(arguments.first()?.location, message).help(help));
-            }
-            return root;
-        }
-        Function::Min | Function::Max => {
-            let second = *dimensions.get(1)?;
-            let value = common(first, second);
-            if value.is_none() {
-                let verb = format!("`{name}` cannot compare");
-                diagnostics.push(different(&verb, "and", first, second, location));
-            }
-            return value;
-        }
-    };
-    if allowed.contains(&first) {
-        return Some(value);
-    }
-    let wanted = if allowed.len() == 1 {
-        "a number"
-    } else {
-        "an angle or a number"
-    };
-    let message = format!("`{name}` takes {wanted}, found {}", first.describe());
-    let help = format!("divide by something in `{}`", first.si_unit());
-    diagnostics.push(Diagnostic::new(arguments.first()?.location, message).help(help));
-    None
-}
-
-/// `q(track)`, `q(source)`
-fn command_of(
-    arguments: &[Expression],
-    location: Location,
-    scope: &Scope<'_>,
-    diagnostics: &mut Diagnostics,
-) -> Option<Checked> {
-    let [
-        Expression {
-            kind: ExpressionKind::Name(place),
-            ..
-        },
-    ] = arguments
-    else {
-        let message = "`q(…)` takes the name of one track";
-        let help = "write `q(track)`, or `q * (…)` for a product";
-        diagnostics.push(Diagnostic::new(location, message).help(help));
-        return None;
-    };
-    let what = if *place == "source" {
-        if scope
-            .subject
-            .is_some_and(|subject| subject != Subject::CartFromSource)
-        {
-            let message = format!("effect `{}` has no source", scope.effect.name);
-            let help = format!(
-                "declare it: `effect {} on cart from source`",
-                scope.effect.name
-            );
-            diagnostics.push(Diagnostic::new(place, message).help(help));
-            return None;
-        }
-        Readable::SourceCommand
-    } else {
-        let Some(track) = scope.tracks.iter().position(|track| *place == track.name) else {
-            diagnostics.push(unknown_track(place, scope.tracks));
-            return None;
-        };
-        Readable::CommandOf(track)
-    };
-    Some(Checked::scalar(Formula::Read(what), Dimension::LENGTH))
 }

@@ -2,18 +2,20 @@
 //!
 //! What has an error stays in scope, poisoned, so that its uses raise no errors of their own.
 
+mod call;
 mod effect;
 mod formula;
 mod quantity;
 mod robot;
 mod variant;
+mod vocabulary;
 
 use std::collections::BTreeMap;
 
 use proc_macro2::Ident;
 
 use self::effect::CheckedEffect;
-use crate::diagnostics::{Diagnostic, Diagnostics};
+use crate::diagnostics::Diagnostics;
 use crate::model::{Effect, Model, Track};
 use crate::names::article;
 use crate::syntax;
@@ -87,7 +89,7 @@ impl Declared {
             "`{name}` is already declared as {} {first}, on line {line}",
             article(first)
         );
-        diagnostics.push(Diagnostic::new(name, message).help("choose another name"));
+        diagnostics.error(name, message, "choose another name");
     }
 
     fn kind(&self, name: &Ident) -> Option<&'static str> {

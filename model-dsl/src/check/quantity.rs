@@ -35,15 +35,12 @@ fn product(
         // Every factor is looked at, so that each unknown unit is reported.
         known = known
             .zip(one)
-            .map(|((size, dimension), (factor_size, factor_dimension))| {
-                (size * factor_size, dimension.multiply(factor_dimension))
-            })
-            .and_then(|(size, dimension)| match dimension {
-                Some(dimension) => Some((size, dimension)),
-                None => {
+            .and_then(|((size, dimension), (more, other))| {
+                let product = dimension.multiply(other);
+                if product.is_none() {
                     diagnostics.push(too_large(expression.location));
-                    None
                 }
+                Some((size * more, product?))
             });
     }
     known
@@ -81,7 +78,7 @@ pub(super) fn unit_factor(
         }
         None => format!("units are {}", unit_list(None)),
     };
-    diagnostics.push(Diagnostic::new(&factor.name, message).help(help));
+    diagnostics.error(&factor.name, message, help);
     None
 }
 
@@ -148,7 +145,7 @@ pub(super) fn values(
             expected.describe(),
             found.describe()
         );
-        diagnostics.push(Diagnostic::new(quantity.location, message).help(unit_help(expected)));
+        diagnostics.error(quantity.location, message, unit_help(expected));
         return None;
     }
     let values: Vec<f64> = quantity
@@ -159,9 +156,10 @@ pub(super) fn values(
     if values.iter().all(|value| value.is_finite()) {
         return Some(values);
     }
-    diagnostics.push(
-        Diagnostic::new(quantity.location, format!("{what} is too large"))
-            .help(format!("numbers end at {:e}", f64::MAX)),
+    diagnostics.error(
+        quantity.location,
+        format!("{what} is too large"),
+        format!("numbers end at {:e}", f64::MAX),
     );
     None
 }
@@ -173,17 +171,16 @@ pub(super) fn scalar(
     what: &str,
     diagnostics: &mut Diagnostics,
 ) -> Option<f64> {
-    match values(quantity, expected, what, diagnostics)?.as_slice() {
-        [value] => Some(*value),
-        _ => {
-            let message = format!("{what} must be one number, found a vector");
-            diagnostics.push(
-                Diagnostic::new(quantity.location, message)
-                    .help("one number holds for all three components"),
-            );
-            None
-        }
+    if let [value] = values(quantity, expected, what, diagnostics)?.as_slice() {
+        return Some(*value);
     }
+    let message = format!("{what} must be one number, found a vector");
+    diagnostics.error(
+        quantity.location,
+        message,
+        "one number holds for all three components",
+    );
+    None
 }
 
 /// A standard deviation in SI units, which must be positive.
@@ -198,12 +195,10 @@ pub(super) fn tolerance(
     if value > 0.0 {
         return Some(value);
     }
-    diagnostics.push(
-        Diagnostic::new(
-            quantity.location,
-            format!("{what} must be greater than zero"),
-        )
-        .help("a tolerance is one standard deviation; leave it out where none is known"),
+    diagnostics.error(
+        quantity.location,
+        format!("{what} must be greater than zero"),
+        "a tolerance is one standard deviation; leave it out where none is known",
     );
     None
 }

@@ -31,6 +31,22 @@ pub(super) fn geometry(robot: &syntax::Robot, diagnostics: &mut Diagnostics) -> 
         links: Vec::new(),
         names: Declared::default(),
     };
+    if !robot
+        .name
+        .to_string()
+        .starts_with(|first: char| first.is_ascii_uppercase())
+    {
+        let message = format!(
+            "the robot's name must begin with a capital letter, found `{}`",
+            robot.name
+        );
+        // Generated code has a module of the name in snake case beside the type.
+        diagnostics.error(
+            &robot.name,
+            message,
+            "write it in upper camel case: `GantryTau`",
+        );
+    }
     for track in &robot.tracks {
         geometry.names.declare(track, "track", diagnostics);
     }
@@ -51,8 +67,7 @@ pub(super) fn geometry(robot: &syntax::Robot, diagnostics: &mut Diagnostics) -> 
         }
         if cluster.links.is_empty() {
             let message = format!("cluster `{}` has no links", cluster.name);
-            diagnostics
-                .push(Diagnostic::new(&cluster.name, message).help("declare one: `link l1;`"));
+            diagnostics.error(&cluster.name, message, "declare one: `link l1;`");
         }
         for links in &cluster.links {
             if let Some(actuated) = links.actuated.filter(|_| track.is_some()) {
@@ -60,9 +75,10 @@ pub(super) fn geometry(robot: &syntax::Robot, diagnostics: &mut Diagnostics) -> 
                     "the links of cluster `{}` are driven by its cart already",
                     cluster.name
                 );
-                diagnostics.push(
-                    Diagnostic::new(actuated, message)
-                        .help("leave out `actuated length`, or place the cluster `on base`"),
+                diagnostics.error(
+                    actuated,
+                    message,
+                    "leave out `actuated length`, or place the cluster `on base`",
                 );
             }
             let defaults = defaults(links, on_base, diagnostics);
@@ -99,7 +115,7 @@ fn whole(
 ) {
     let name = &robot.name;
     let mut missing = |message: String, help: &str| {
-        diagnostics.push(Diagnostic::new(name, message).help(help));
+        diagnostics.error(name, message, help);
     };
     if robot.tracks.is_empty() && robot.clusters.is_empty() {
         missing(
@@ -129,10 +145,10 @@ fn whole(
                 .iter()
                 .any(|cluster| cluster.track == Some(index))
         {
-            diagnostics.push(
-                Diagnostic::new(track, format!("track `{track}` carries no cluster")).help(
-                    format!("declare one, `cluster … on {track} {{ … }}`, or remove the track"),
-                ),
+            diagnostics.error(
+                track,
+                format!("track `{track}` carries no cluster"),
+                format!("declare one, `cluster … on {track} {{ … }}`, or remove the track"),
             );
         }
     }
@@ -176,8 +192,10 @@ fn length(given: &syntax::LinkValue, diagnostics: &mut Diagnostics) -> Quantity<
         .and_then(|value| scalar(value, dimension, what, diagnostics).zip(Some(value)));
     if let Some((length, value)) = value.filter(|(length, _)| *length <= 0.0) {
         let message = format!("`length` must be greater than zero, found {length} m");
-        diagnostics.push(
-            Diagnostic::new(value.location, message).help("write the distance of the two joints"),
+        diagnostics.error(
+            value.location,
+            message,
+            "write the distance of the two joints",
         );
     }
     let tolerance = given
@@ -201,7 +219,7 @@ fn vector(
         let vector = values.try_into().ok();
         if vector.is_none() {
             let message = format!("{what} must be a vector, found one number");
-            diagnostics.push(Diagnostic::new(quantity.location, message).help("write `(x, y, z)`"));
+            diagnostics.error(quantity.location, message, "write `(x, y, z)`");
         }
         vector
     });
@@ -219,17 +237,16 @@ fn direction(
     diagnostics: &mut Diagnostics,
 ) {
     if on_base {
-        diagnostics.push(
-            Diagnostic::new(
-                &given.name,
-                "a link on the fixed base has no track direction",
-            )
-            .help("leave it out"),
+        diagnostics.error(
+            &given.name,
+            "a link on the fixed base has no track direction",
+            "leave it out",
         );
     } else if direction.value == Some([0.0; 3]) {
-        diagnostics.push(
-            Diagnostic::new(&given.name, "the track direction is zero")
-                .help("write a vector along the track"),
+        diagnostics.error(
+            &given.name,
+            "the track direction is zero",
+            "write a vector along the track",
         );
     }
 }

@@ -3,8 +3,9 @@
 use proc_macro2::Ident;
 
 use super::Declared;
-use super::effect::{CheckedEffect, subject_word};
+use super::effect::CheckedEffect;
 use super::robot::{Geometry, unknown_track};
+use super::vocabulary::subject_word;
 use crate::diagnostics::{Diagnostic, Diagnostics, Location};
 use crate::model::{Arm, Effect, EffectUse, Place, Subject, Target, TrackModel, Variant};
 use crate::names::suggest;
@@ -45,12 +46,13 @@ pub(super) fn variants(
     if robot.variants.is_empty() && !robot.clusters.is_empty() {
         let message = format!("robot `{}` has no variants", robot.name);
         let help = "declare one: `variant Full { arm full; tracks linear per link; }`";
-        diagnostics.push(Diagnostic::new(&robot.name, message).help(help));
+        diagnostics.error(&robot.name, message, help);
     }
     let mut names = Declared::default();
     let mut own = Vec::new();
     for variant in &robot.variants {
         names.declare(&variant.name, "variant", diagnostics);
+        module_name(&variant.name, &robot.variants, diagnostics);
         own.push(match &variant.body {
             VariantBody::Own(lines) => context.structure(&variant.name, lines, diagnostics),
             VariantBody::Derived { base, effects } => context.derived(base, effects, diagnostics),
@@ -73,6 +75,23 @@ pub(super) fn variants(
     variants
 }
 
+/// Variants become modules of generated code, whose names do not tell capitals and underscores apart.
+fn module_name(name: &Ident, variants: &[syntax::Variant], diagnostics: &mut Diagnostics) {
+    let plain = |name: &Ident| name.to_string().replace('_', "").to_lowercase();
+    let first = variants
+        .iter()
+        .map(|variant| &variant.name)
+        .find(|other| plain(other) == plain(name));
+    if let Some(first) = first.filter(|first| *first != name) {
+        let message = format!("`{name}` and `{first}` would be one module of generated code");
+        diagnostics.error(
+            name,
+            message,
+            "choose names that differ in more than case and underscores",
+        );
+    }
+}
+
 impl Context<'_> {
     fn structure(&self, name: &Ident, lines: &[VariantLine], diagnostics: &mut Diagnostics) -> Own {
         let before = diagnostics.count();
@@ -92,7 +111,7 @@ impl Context<'_> {
                             first.start.start().line
                         );
                         let help = "a variant has one arm";
-                        diagnostics.push(Diagnostic::new(*location, message).help(help));
+                        diagnostics.error(*location, message, help);
                     }
                     arm = arm.or(Some((*choice, *location)));
                 }
@@ -112,7 +131,7 @@ impl Context<'_> {
                             if tracks.is_empty() && !self.robot.clusters.is_empty() {
                                 let message = format!("robot `{}` has no tracks", self.robot.name);
                                 let help = "leave the line out";
-                                diagnostics.push(Diagnostic::new(*location, message).help(help));
+                                diagnostics.error(*location, message, help);
                             }
                             tracks.fill(Some(model));
                         }
@@ -126,8 +145,7 @@ impl Context<'_> {
         }
         if arm.is_none() {
             let message = format!("variant `{name}` has no arm");
-            diagnostics
-                .push(Diagnostic::new(name, message).help("write `arm reduced;` or `arm full;`"));
+            diagnostics.error(name, message, "write `arm reduced;` or `arm full;`");
         }
         if let Some((Arm::Reduced, location)) = arm {
             self.reduced(location, &per_links, diagnostics);
@@ -144,7 +162,7 @@ impl Context<'_> {
             );
             let help =
                 "write `tracks linear;` or `tracks piecewise;`, for one track `track name linear;`";
-            diagnostics.push(Diagnostic::new(name, message).help(help));
+            diagnostics.error(name, message, help);
         }
         match (arm, tracks.into_iter().collect()) {
             (Some((arm, _)), Some(tracks)) if diagnostics.count() == before => {
@@ -170,7 +188,7 @@ impl Context<'_> {
             *slot = Some(model);
         } else if *name == "base" {
             let help = "its joints do not move; leave the line out";
-            diagnostics.push(Diagnostic::new(name, "the fixed base is not a track").help(help));
+            diagnostics.error(name, "the fixed base is not a track", help);
         } else {
             diagnostics.push(unknown_track(name, &self.geometry.tracks));
         }
@@ -181,7 +199,7 @@ impl Context<'_> {
         for location in per_links {
             let message = "tracks per link need the links, but the arm is reduced";
             let help = "write `arm full;`, or leave out `per link`";
-            diagnostics.push(Diagnostic::new(*location, message).help(help));
+            diagnostics.error(*location, message, help);
         }
         for (index, cluster) in self.geometry.clusters.iter().enumerate() {
             let links = self
@@ -195,7 +213,7 @@ impl Context<'_> {
                     cluster.name
                 );
                 let help = "write `arm full;`, or give every driven link a cluster of its own";
-                diagnostics.push(Diagnostic::new(arm, message).help(help));
+                diagnostics.error(arm, message, help);
             }
         }
     }
@@ -218,8 +236,7 @@ impl Context<'_> {
                 &base.to_string(),
                 names.iter().map(String::as_str),
             );
-            diagnostics
-                .push(Diagnostic::new(base, format!("cannot find variant `{base}`")).help(help));
+            diagnostics.error(base, format!("cannot find variant `{base}`"), help);
         }
         let uses: Vec<_> = effects
             .iter()
@@ -252,7 +269,7 @@ impl Context<'_> {
                 .map(|checked| checked.effect.name.as_str());
             let help = suggest("effect", &used.effect.to_string(), names);
             let message = format!("cannot find effect `{}`", used.effect);
-            diagnostics.push(Diagnostic::new(&used.effect, message).help(help));
+            diagnostics.error(&used.effect, message, help);
             return None;
         };
         let subject = checked.subject?;
@@ -270,7 +287,7 @@ impl Context<'_> {
                 used.places.len()
             );
             let help = format!("write `{}({example})`", used.effect);
-            diagnostics.push(Diagnostic::new(used.location, message).help(help));
+            diagnostics.error(used.location, message, help);
             return None;
         }
         let place = match (subject, used.places.as_slice()) {
@@ -292,7 +309,7 @@ impl Context<'_> {
                 if track == from {
                     let message = format!("`{moved}` cannot be its own source");
                     let help = "name two tracks: the cart that moves, and the one that causes it";
-                    diagnostics.push(Diagnostic::new(source, message).help(help));
+                    diagnostics.error(source, message, help);
                     return None;
                 }
                 Place::Cart {
@@ -304,7 +321,7 @@ impl Context<'_> {
             (_, [place, ..]) if *place != "tcp" => {
                 let help = format!("write `{}(tcp)`", used.effect);
                 let message = format!("`{}` acts on the tcp, found `{place}`", used.effect);
-                diagnostics.push(Diagnostic::new(place, message).help(help));
+                diagnostics.error(place, message, help);
                 return None;
             }
             _ => Place::Tcp,
@@ -317,7 +334,7 @@ impl Context<'_> {
             return Some(());
         }
         let message = format!("robot `{}` has no carts", self.robot.name);
-        diagnostics.push(Diagnostic::new(place, message).help("an effect on cart needs a track"));
+        diagnostics.error(place, message, "an effect on cart needs a track");
         None
     }
 
@@ -378,7 +395,7 @@ impl Context<'_> {
                 link.name
             );
             let help = "use it at links whose cluster is on a track";
-            diagnostics.push(Diagnostic::new(place, message).help(help));
+            diagnostics.error(place, message, help);
             return None;
         }
         Some(found)
@@ -464,7 +481,7 @@ impl Context<'_> {
                 };
                 if twice {
                     let message = format!("`{}` acts at this place already", effect.name);
-                    diagnostics.push(Diagnostic::new(*location, message).help("name it once"));
+                    diagnostics.error(*location, message, "name it once");
                 }
                 if arm == Arm::Reduced
                     && let Some(diagnostic) = self.needs_full(effect, used, *location)

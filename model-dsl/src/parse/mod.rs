@@ -31,7 +31,7 @@ pub(crate) fn description(
     let mut description = Description::default();
     if let Some(group) = too_deep(&tokens) {
         let message = format!("brackets nested more than {NESTING_LIMIT} deep");
-        diagnostics.push(Diagnostic::new(group.span_open(), message).help("simplify the formula"));
+        diagnostics.error(group.span_open(), message, "simplify the formula");
         return description;
     }
     let buffer = TokenBuffer::new2(tokens);
@@ -67,9 +67,10 @@ pub(crate) fn description(
         let robot = robot::robot(parser, docs, public, &mut description.robot, diagnostics)?;
         if let Some(second) = robot {
             let message = format!("`{second}` is a second robot, but a description holds one");
-            diagnostics.push(
-                Diagnostic::new(&second, message)
-                    .help("put every robot in a description of its own"),
+            diagnostics.error(
+                &second,
+                message,
+                "put every robot in a description of its own",
             );
         }
         Ok(())

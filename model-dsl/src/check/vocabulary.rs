@@ -1,0 +1,142 @@
+//! The words that effects and their formulas may use.
+
+use crate::model::{Function, Readable, Subject, Target};
+use crate::units::{Dimension, find_unit};
+
+/// What an effect may add to: name, target, dimension, whether it is a vector.
+pub(super) const TARGETS: [(&str, Target, Dimension, bool); 9] = [
+    ("along", Target::Along, Dimension::LENGTH, false),
+    ("horizontal", Target::Horizontal, Dimension::LENGTH, false),
+    ("vertical", Target::Vertical, Dimension::LENGTH, false),
+    ("roll", Target::Roll, Dimension::ANGLE, false),
+    ("pitch", Target::Pitch, Dimension::ANGLE, false),
+    ("yaw", Target::Yaw, Dimension::ANGLE, false),
+    ("length", Target::Length, Dimension::LENGTH, false),
+    ("joint", Target::Joint, Dimension::LENGTH, true),
+    ("position", Target::Position, Dimension::LENGTH, true),
+];
+
+/// The word for what an effect acts on.
+pub(super) fn subject_word(subject: Subject) -> &'static str {
+    match subject {
+        Subject::Cart | Subject::CartFromSource => "cart",
+        Subject::Link => "link",
+        Subject::Tcp => "tcp",
+    }
+}
+
+/// The word for what a target belongs to.
+pub(super) fn subject_of(target: Target) -> &'static str {
+    match target {
+        Target::Along
+        | Target::Horizontal
+        | Target::Vertical
+        | Target::Roll
+        | Target::Pitch
+        | Target::Yaw => "cart",
+        Target::Length | Target::Joint => "link",
+        Target::Position => "tcp",
+    }
+}
+
+/// A quantity that formulas read by a bare name.
+pub(super) struct Quantity {
+    pub(super) name: &'static str,
+    pub(super) readable: Readable,
+    pub(super) dimension: Dimension,
+    /// The subjects of effects that can read it.
+    pub(super) subjects: &'static [&'static str],
+}
+
+const fn quantity(
+    name: &'static str,
+    readable: Readable,
+    dimension: Dimension,
+    subjects: &'static [&'static str],
+) -> Quantity {
+    Quantity {
+        name,
+        readable,
+        dimension,
+        subjects,
+    }
+}
+
+const EVERYWHERE: &[&str] = &["cart", "link", "tcp"];
+
+/// The quantities that formulas read by a bare name.
+pub(super) const QUANTITIES: [Quantity; 12] = [
+    quantity("q", Readable::Command, Dimension::LENGTH, &["cart", "link"]),
+    quantity(
+        "direction",
+        Readable::Direction,
+        Dimension::NUMBER,
+        &["cart", "link"],
+    ),
+    quantity("time", Readable::Time, Dimension::TIME, EVERYWHERE),
+    quantity(
+        "temperature",
+        Readable::Temperature,
+        Dimension::TEMPERATURE,
+        EVERYWHERE,
+    ),
+    quantity(
+        "load_along",
+        Readable::LoadAlong,
+        Dimension::FORCE,
+        &["cart"],
+    ),
+    quantity(
+        "load_horizontal",
+        Readable::LoadHorizontal,
+        Dimension::FORCE,
+        &["cart"],
+    ),
+    quantity(
+        "load_vertical",
+        Readable::LoadVertical,
+        Dimension::FORCE,
+        &["cart"],
+    ),
+    quantity("tension", Readable::Tension, Dimension::FORCE, &["link"]),
+    quantity("length", Readable::Length, Dimension::LENGTH, &["link"]),
+    quantity("x", Readable::Position(0), Dimension::LENGTH, EVERYWHERE),
+    quantity("y", Readable::Position(1), Dimension::LENGTH, EVERYWHERE),
+    quantity("z", Readable::Position(2), Dimension::LENGTH, EVERYWHERE),
+];
+
+/// The quantity of a name.
+pub(super) fn find_quantity(name: &str) -> Option<&'static Quantity> {
+    QUANTITIES.iter().find(|quantity| quantity.name == name)
+}
+
+/// Elementary functions with their number of arguments.
+pub(super) const FUNCTIONS: [(&str, Function, usize); 12] = [
+    ("sin", Function::Sin, 1),
+    ("cos", Function::Cos, 1),
+    ("tan", Function::Tan, 1),
+    ("atan", Function::Atan, 1),
+    ("exp", Function::Exp, 1),
+    ("ln", Function::Ln, 1),
+    ("tanh", Function::Tanh, 1),
+    ("sqrt", Function::Sqrt, 1),
+    ("abs", Function::Abs, 1),
+    ("sign", Function::Sign, 1),
+    ("min", Function::Min, 2),
+    ("max", Function::Max, 2),
+];
+
+/// What a word means in every formula, if it does.
+pub(super) fn meaning(name: &str) -> Option<&'static str> {
+    if find_quantity(name).is_some() {
+        Some("a quantity that formulas read")
+    } else if name == "pi" {
+        Some("a constant")
+    } else if find_unit(name).is_some() {
+        Some("a unit")
+    } else if FUNCTIONS.iter().any(|(own, ..)| *own == name) {
+        Some("a function")
+    } else {
+        None
+    }
+}

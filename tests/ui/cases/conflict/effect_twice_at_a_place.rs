@@ -1,0 +1,15 @@
+//! The same effect twice at one place.
+
+tau_macro::tau_model! {
+    robot Slide {
+        track one, two;
+        cluster arm1 on one { link l1; }
+        cluster arm2 on two { link l2a, l2b; }
+        variant Full { arm full; tracks linear per link; }
+        effect backlash on cart { param gap: length; along += gap * direction; }
+        variant Play = Full + backlash(one);
+        variant More = Play + backlash(two) + backlash(one);
+    }
+}
+
+fn main() {}

@@ -1,0 +1,12 @@
+//! A link declared twice.
+
+tau_macro::tau_model! {
+    robot Slide {
+        track one, two;
+        cluster arm1 on one { link l1; }
+        cluster arm2 on two { link l2a, l1; }
+        variant Full { arm full; tracks linear per link; }
+    }
+}
+
+fn main() {}

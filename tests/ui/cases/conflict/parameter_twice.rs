@@ -1,0 +1,17 @@
+//! A parameter declared twice.
+
+tau_macro::tau_model! {
+    robot Slide {
+        track one, two;
+        cluster arm1 on one { link l1; }
+        cluster arm2 on two { link l2a, l2b; }
+        effect rack_pitch on cart {
+            param gap: length;
+            param gap: angle;
+            along += gap;
+        }
+        variant Full { arm full; tracks linear per link; }
+    }
+}
+
+fn main() {}

@@ -1,0 +1,12 @@
+//! A track declared twice.
+
+tau_macro::tau_model! {
+    robot Slide {
+        track one, two, one;
+        cluster arm1 on one { link l1; }
+        cluster arm2 on two { link l2a, l2b; }
+        variant Full { arm full; tracks linear per link; }
+    }
+}
+
+fn main() {}

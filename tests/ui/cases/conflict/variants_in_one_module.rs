@@ -1,0 +1,13 @@
+//! Two variants that differ in case only.
+
+tau_macro::tau_model! {
+    robot Slide {
+        track one, two;
+        cluster arm1 on one { link l1; }
+        cluster arm2 on two { link l2a, l2b; }
+        variant Full { arm full; tracks linear per link; }
+        variant FULL { arm reduced; tracks linear; }
+    }
+}
+
+fn main() {}

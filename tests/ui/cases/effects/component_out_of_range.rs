@@ -1,0 +1,16 @@
+//! Components count from 0 to 2.
+
+tau_macro::tau_model! {
+    robot Slide {
+        track one, two;
+        cluster arm1 on one { link l1; }
+        cluster arm2 on two { link l2a, l2b; }
+        effect shift on tcp {
+            param shift[3]: length;
+            position += (shift[1], shift[2], shift[3]);
+        }
+        variant Full { arm full; tracks linear per link; }
+    }
+}
+
+fn main() {}

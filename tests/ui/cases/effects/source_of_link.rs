@@ -1,0 +1,16 @@
+//! Only carts have a source.
+
+tau_macro::tau_model! {
+    robot Slide {
+        track one, two;
+        cluster arm1 on one { link l1; }
+        cluster arm2 on two { link l2a, l2b; }
+        effect strain on link from source {
+            param gain: number;
+            length += gain * length;
+        }
+        variant Full { arm full; tracks linear per link; }
+    }
+}
+
+fn main() {}

@@ -1,0 +1,16 @@
+//! Effects add, they do not assign.
+
+tau_macro::tau_model! {
+    robot Slide {
+        track one, two;
+        cluster arm1 on one { link l1; }
+        cluster arm2 on two { link l2a, l2b; }
+        effect rack_pitch on cart {
+            param gap: length;
+            along = gap * direction;
+        }
+        variant Full { arm full; tracks linear per link; }
+    }
+}
+
+fn main() {}

@@ -1,0 +1,13 @@
+//! An attribute before a declaration.
+
+tau_macro::tau_model! {
+    robot Slide {
+        track one, two;
+        cluster arm1 on one { link l1; }
+        cluster arm2 on two { link l2a, l2b; }
+        #[derive(Debug)]
+        variant Full { arm full; tracks linear per link; }
+    }
+}
+
+fn main() {}

@@ -1,0 +1,5 @@
+//! Nothing at all.
+
+tau_macro::tau_model! {}
+
+fn main() {}

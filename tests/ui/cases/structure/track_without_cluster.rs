@@ -1,0 +1,12 @@
+//! A track that carries nothing.
+
+tau_macro::tau_model! {
+    robot Slide {
+        track one, two, three;
+        cluster arm1 on one { link l1; }
+        cluster arm2 on two { link l2a, l2b; }
+        variant Full { arm full; tracks linear per link; }
+    }
+}
+
+fn main() {}

@@ -1,0 +1,11 @@
+//! A robot without variants.
+
+tau_macro::tau_model! {
+    robot Slide {
+        track one, two;
+        cluster arm1 on one { link l1; }
+        cluster arm2 on two { link l2a, l2b; }
+    }
+}
+
+fn main() {}

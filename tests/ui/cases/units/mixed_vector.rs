@@ -1,0 +1,16 @@
+//! A vector whose components differ in unit.
+
+tau_macro::tau_model! {
+    robot Slide {
+        track one, two;
+        cluster arm1 on one { link l1; }
+        cluster arm2 on two { link l2a, l2b; }
+        effect shift on tcp {
+            param tilt: angle;
+            position += (1 mm, tilt, 0 mm);
+        }
+        variant Full { arm full; tracks linear per link; }
+    }
+}
+
+fn main() {}

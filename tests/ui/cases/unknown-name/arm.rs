@@ -1,0 +1,12 @@
+//! An arm that does not exist.
+
+tau_macro::tau_model! {
+    robot Slide {
+        track one, two;
+        cluster arm1 on one { link l1; }
+        cluster arm2 on two { link l2a, l2b; }
+        variant Full { arm fulll; tracks linear; }
+    }
+}
+
+fn main() {}

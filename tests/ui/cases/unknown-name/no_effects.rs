@@ -1,0 +1,13 @@
+//! A variant adds an effect, but there are none.
+
+tau_macro::tau_model! {
+    robot Slide {
+        track one, two;
+        cluster arm1 on one { link l1; }
+        cluster arm2 on two { link l2a, l2b; }
+        variant Full { arm full; tracks linear per link; }
+        variant Play = Full + backlash(one);
+    }
+}
+
+fn main() {}

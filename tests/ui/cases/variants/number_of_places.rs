@@ -1,0 +1,14 @@
+//! An effect that takes two places.
+
+tau_macro::tau_model! {
+    robot Slide {
+        track one, two;
+        cluster arm1 on one { link l1; }
+        cluster arm2 on two { link l2a, l2b; }
+        effect crosstalk on cart from source { param gain: number; along += gain * q(source); }
+        variant Full { arm full; tracks linear per link; }
+        variant Coupled = Full + crosstalk(one);
+    }
+}
+
+fn main() {}

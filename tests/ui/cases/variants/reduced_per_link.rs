@@ -1,0 +1,12 @@
+//! Paths per link without links.
+
+tau_macro::tau_model! {
+    robot Slide {
+        track one, two;
+        cluster arm1 on one { link l1; }
+        cluster arm2 on two { link l2a, l2b; }
+        variant Nominal { arm reduced; tracks linear per link; }
+    }
+}
+
+fn main() {}
