@@ -1,1 +1,3 @@
-#[test] fn placeholder() {}
+//! Whole-program, snapshot and property tests, one module a theme.
+
+mod bad_input;

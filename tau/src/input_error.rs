@@ -135,6 +135,29 @@ impl InputError {
         })
     }
 
+    /// The mistakes of a `.tau` file.
+    pub fn of_description(name: &str, text: &str, errors: &tau_model_dsl::Errors) -> Self {
+        let source = Source::new(name, text);
+        let mark = text.len() - source.text.len();
+        let mut mistakes = Mistakes::new(source);
+        for diagnostic in &errors.diagnostics {
+            let Range { start, end } = diagnostic.byte_range();
+            let place = start.saturating_sub(mark)..end.saturating_sub(mark);
+            mistakes.add(place, diagnostic.message.clone(), diagnostic.help.clone());
+        }
+        mistakes.into_error()
+    }
+
+    /// A name that is none of those known, such as that of a variant, with the one probably meant.
+    pub fn unknown_name<'a>(
+        source: &str,
+        what: &str,
+        name: &str,
+        known: impl IntoIterator<Item = &'a str> + Clone,
+    ) -> Self {
+        Self::whole(source, format!("unknown {what} `{name}`")).help(suggestion(name, known))
+    }
+
     /// Says how to mend the last mistake.
     #[must_use]
     pub fn help(mut self, help: impl Into<String>) -> Self {
@@ -348,37 +371,15 @@ impl Errors {
     }
 }
 
-/// The candidate nearest to a misspelt name, where one is near enough to be meant: at most a third
-/// of its letters differ.
-pub(crate) fn nearest<'a>(
+/// The known name that was probably meant, or all of them.
+pub(crate) fn suggestion<'a>(
     name: &str,
-    candidates: impl IntoIterator<Item = &'a str>,
-) -> Option<&'a str> {
-    candidates
-        .into_iter()
-        .map(|candidate| (edit_distance(name, candidate), candidate))
-        .filter(|&(distance, candidate)| {
-            3 * distance <= candidate.chars().count().max(name.chars().count())
-                || candidate.eq_ignore_ascii_case(name)
-        })
-        .min_by_key(|&(distance, _)| distance)
-        .map(|(_, candidate)| candidate)
-}
-
-/// Number of letters inserted, dropped or replaced between two names (Levenshtein).
-fn edit_distance(a: &str, b: &str) -> usize {
-    let b: Vec<char> = b.chars().collect();
-    let mut row: Vec<usize> = (0..=b.len()).collect();
-    for (i, x) in a.chars().enumerate() {
-        let mut diagonal = row[0];
-        row[0] = i + 1;
-        for (j, &y) in b.iter().enumerate() {
-            let replaced = diagonal + usize::from(x != y);
-            diagonal = row[j + 1];
-            row[j + 1] = replaced.min(diagonal + 1).min(row[j] + 1);
-        }
+    known: impl IntoIterator<Item = &'a str> + Clone,
+) -> String {
+    match tau_model_dsl::nearest(name, known.clone()) {
+        Some(nearest) => format!("did you mean `{nearest}`?"),
+        None => format!("expected one of {}", quoted(known)),
     }
-    row[b.len()]
 }
 
 /// Names in backticks, separated by commas.
@@ -426,10 +427,43 @@ mod tests {
     }
 
     #[test]
-    fn names_near_enough_are_suggested() {
-        assert_eq!(nearest("x_mm", ["x_m", "y_m"]), Some("x_m"));
-        assert_eq!(nearest("tolerance", ["tol", "value"]), None);
-        assert_eq!(nearest("POSE", ["pose"]), Some("pose"));
-        assert_eq!(edit_distance("kitten", "sitting"), 3);
+    fn unknown_names_come_with_the_one_meant() {
+        let variants = ["Nominal", "Full", "FullPiecewise"];
+        let help = |name| {
+            let error = InputError::unknown_name("--variant", "variant", name, variants);
+            error.problems()[0].help.clone().unwrap()
+        };
+        assert_eq!(help("Fulll"), "did you mean `Full`?");
+        assert_eq!(
+            help("x"),
+            "expected one of `Nominal`, `Full`, `FullPiecewise`"
+        );
+    }
+
+    #[test]
+    fn colours_are_for_terminals_only() {
+        let error = InputError::at(Source::new("t", "x"), 0..1, "wrong");
+        assert!(error.render(true).contains('\u{1b}'));
+        assert!(!error.render(false).contains('\u{1b}'));
+    }
+
+    #[test]
+    fn errors_of_a_description_keep_their_places() {
+        let text = "\u{feff}// Größe\nrobot Pair {\n    track one;\n    cluster arm on onn { link l1; }\n}\n";
+        let errors = tau_model_dsl::check_text(text).unwrap_err();
+        let error = InputError::of_description("pair.tau", text, &errors);
+        let places: Vec<(usize, usize, &str)> = error
+            .problems()
+            .iter()
+            .filter_map(|problem| problem.place.as_ref())
+            .map(|place| {
+                (
+                    place.line,
+                    place.column,
+                    &place.excerpt[place.marked.clone()],
+                )
+            })
+            .collect();
+        assert!(places.contains(&(4, 20, "onn")), "{places:?}");
     }
 }

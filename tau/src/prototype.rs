@@ -75,7 +75,10 @@ mod tests {
             commands_m: vec![-0.507_175_4, -0.063_918_8, -0.785_616_7],
             position_m: [-1.903_438_3, -4.718_931_7, -0.369_854_0],
             angles_rad: [1.483_713_3, 1.765_194_2, -1.545_739_4],
-            conditions: Conditions { time_s: Some(0.0), temperature_c: Some(20.002_979_0) },
+            conditions: Conditions {
+                time_s: Some(0.0),
+                temperature_c: Some(20.002_979_0),
+            },
             directions: Some(vec![1.0, 1.0, 1.0]),
         };
         assert_eq!(folder.tcp_poses[0], expected);

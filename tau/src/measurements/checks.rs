@@ -45,15 +45,17 @@ impl Folder {
     ///
     /// # Errors
     /// A link that most poses are out of the reach of, with what would bring them into reach if it is
-    /// the unit, the sign or the order of the commands; otherwise each pose out of reach.
+    /// the unit or the sign of the command; otherwise each pose out of reach.
     pub fn check_reach(
         &self,
         poses: &[usize],
         robot: &Robot,
         file: &RobotFile,
     ) -> Result<(), InputError> {
-        let poses: Vec<&TcpPose> =
-            poses.iter().filter_map(|&index| self.tcp_poses.get(index)).collect();
+        let poses: Vec<&TcpPose> = poses
+            .iter()
+            .filter_map(|&index| self.tcp_poses.get(index))
+            .collect();
         let mut errors = Errors::default();
         let mut blamed = BTreeSet::new();
         for reach in Reach::of_links(robot, file) {
@@ -69,7 +71,11 @@ impl Folder {
             for pose in beyond.into_iter().filter(|pose| blamed.insert(pose.pose)) {
                 errors.add(InputError::whole(
                     self.tcp_poses_name(),
-                    format!("pose {} is out of reach: {}", pose.pose, reach.describe(pose)),
+                    format!(
+                        "pose {} is out of reach: {}",
+                        pose.pose,
+                        reach.describe(pose)
+                    ),
                 ));
             }
         }
@@ -88,36 +94,38 @@ impl Folder {
             ),
         );
         let fits = |command: &dyn Fn(&TcpPose) -> f64| {
-            let fitting = poses.iter().filter(|pose| reach.reaches(pose, command(pose))).count();
+            let fitting = poses
+                .iter()
+                .filter(|pose| reach.reaches(pose, command(pose)))
+                .count();
             2 * fitting > poses.len()
         };
-        let commands = poses.iter().map(|pose| pose.commands_m.len()).min().unwrap_or(0);
-        let Some(driven) = reach.command else {
-            return error.help(FRAME_ADVICE);
-        };
-        let others = (0..commands).filter(|&other| other != driven);
-        if fits(&|pose| reach.driving_command(pose) / 1000.0) {
-            error.help("the commands look like millimetres: divide by 1000")
-        } else if fits(&|pose| -reach.driving_command(pose)) {
-            error.help("with the opposite sign of the command they are in reach")
-        } else if let Some(other) = others.into_iter().find(|&k| fits(&|pose| pose.commands_m[k])) {
-            error.help(format!(
-                "with `q{}_m` in place of `q{}_m` they are in reach: commands are in the order of the tracks",
-                other + 1,
-                driven + 1
-            ))
-        } else {
-            error.help(FRAME_ADVICE)
-        }
+        let is_large = poses
+            .iter()
+            .any(|pose| reach.driving_command(pose).abs() > LARGE_COMMAND_M);
+        error.help(
+            if is_large && fits(&|pose| reach.driving_command(pose) / 1000.0) {
+                "the commands look like millimetres: divide by 1000"
+            } else if fits(&|pose| -reach.driving_command(pose)) {
+                "with the opposite sign of the command they are in reach"
+            } else {
+                FRAME_ADVICE
+            },
+        )
     }
 
     fn tcp_poses_name(&self) -> String {
-        Path::new(&self.name).join("tcp_poses.csv").display().to_string()
+        Path::new(&self.name)
+            .join("tcp_poses.csv")
+            .display()
+            .to_string()
     }
 }
 
-const FRAME_ADVICE: &str =
-    "are the poses in the frame, and in the units, in which the robot file gives the track offsets?";
+/// A command that may be in millimetres where a thousandth of it would fit.
+const LARGE_COMMAND_M: f64 = 20.0;
+
+const FRAME_ADVICE: &str = "are the poses in the frame, and in the units, in which the robot file gives the track offsets?";
 
 /// What the reach of a link follows from.
 struct Reach<'a> {
@@ -156,7 +164,9 @@ impl<'a> Reach<'a> {
     }
 
     fn driving_command(&self, pose: &TcpPose) -> f64 {
-        self.command.and_then(|command| pose.commands_m.get(command).copied()).unwrap_or(0.0)
+        self.command
+            .and_then(|command| pose.commands_m.get(command).copied())
+            .unwrap_or(0.0)
     }
 
     /// Length of the link at a command.
@@ -198,7 +208,9 @@ fn vector(value: &Value) -> Option<Vector3<f64>> {
 fn rotation(pose: &TcpPose) -> Rotation3<f64> {
     let [alpha, beta, gamma] = pose.angles_rad;
     let about = |axis, angle| Rotation3::from_axis_angle(&axis, angle);
-    about(Vector3::z_axis(), alpha) * about(Vector3::y_axis(), beta) * about(Vector3::z_axis(), gamma)
+    about(Vector3::z_axis(), alpha)
+        * about(Vector3::y_axis(), beta)
+        * about(Vector3::z_axis(), gamma)
 }
 
 #[cfg(test)]
@@ -208,8 +220,15 @@ mod tests {
     use crate::robot::{Cluster, Link};
 
     fn gantry_tau() -> Robot {
-        let cluster = |name: &str, track| Cluster { name: name.into(), track: Some(track) };
-        let link = |name: &str, cluster| Link { name: name.into(), cluster, actuated_by: None };
+        let cluster = |name: &str, track| Cluster {
+            name: name.into(),
+            track: Some(track),
+        };
+        let link = |name: &str, cluster| Link {
+            name: name.into(),
+            cluster,
+            actuated_by: None,
+        };
         Robot {
             name: "GantryTau".into(),
             description: String::new(),
@@ -249,17 +268,28 @@ mod tests {
         })
         .unwrap_err();
         assert_eq!(error.problems().len(), 1);
-        assert!(error.problems()[0].message.starts_with("pose 17 is out of reach: link `l1`"));
+        assert!(
+            error.problems()[0]
+                .message
+                .starts_with("pose 17 is out of reach: link `l1`")
+        );
     }
 
     #[test]
-    fn commands_in_millimetres_or_in_another_order_are_recognised() {
+    fn commands_out_of_every_reach_are_explained() {
         let millimetres = check(|pose| pose.commands_m.iter_mut().for_each(|q| *q *= 1000.0));
         let help = millimetres.unwrap_err().problems()[0].help.clone().unwrap();
         assert!(help.contains("millimetres"), "{help}");
+        let mirrored = check(|pose| pose.commands_m[0] = -3.0).unwrap_err();
+        let help = mirrored.problems()[0].help.clone().unwrap();
+        assert!(help.contains("opposite sign"), "{help}");
         let shifted = check(|pose| pose.commands_m[2] += 40.0).unwrap_err();
         assert_eq!(shifted.problems().len(), 3, "the links of cart 3");
-        assert!(shifted.problems()[0].message.starts_with("176 of 176 poses are out of reach: link `l3a`"));
+        assert!(
+            shifted.problems()[0]
+                .message
+                .starts_with("176 of 176 poses are out of reach: link `l3a`")
+        );
     }
 
     #[test]
@@ -274,6 +304,10 @@ mod tests {
         let folder = prototype::folder().unwrap();
         folder.check_pose_count(10, 10, "link `l1`").unwrap();
         let error = folder.check_pose_count(9, 10, "link `l1`").unwrap_err();
-        assert!(error.to_string().contains("9 of 176 poses calibrate, expected at least 10"));
+        assert!(
+            error
+                .to_string()
+                .contains("9 of 176 poses calibrate, expected at least 10")
+        );
     }
 }

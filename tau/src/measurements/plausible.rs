@@ -11,7 +11,7 @@ const WIDEST_M: f64 = 20.0;
 /// A position farther from its frame's origin than a laser tracker reaches (m).
 const FARTHEST_M: f64 = 100.0;
 /// A command or a length beyond this (m) has been given in millimetres.
-pub(crate) const LONGEST_M: f64 = 50.0;
+const LONGEST_M: f64 = 50.0;
 /// Angles may be unwrapped once, and rounded.
 const LARGEST_ANGLE_RAD: f64 = 1.01 * TAU;
 /// Room temperature is 293 in kelvin, 68 in degrees Fahrenheit.

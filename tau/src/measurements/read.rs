@@ -6,7 +6,9 @@ use std::path::Path;
 
 use super::table::{Column, Table};
 use super::{CartPose, CartPosition, Conditions, Folder, TcpPose, plausible};
-use crate::input_error::{self, Errors, InputError, Mistakes, Source, nearest, quoted};
+use tau_model_dsl::nearest;
+
+use crate::input_error::{self, Errors, InputError, Mistakes, Source, quoted};
 use crate::robot::Robot;
 
 const TCP_POSES: &str = "tcp_poses.csv";
@@ -166,6 +168,7 @@ fn missing_tcp_poses(folder: &Path) -> InputError {
         .into_iter()
         .flatten()
         .filter_map(|entry| entry.ok()?.file_name().into_string().ok())
+        .filter(|name| ![CART_POSES, CART_POSITIONS].contains(&name.as_str()))
         .collect();
     names.sort();
     let error = InputError::whole(

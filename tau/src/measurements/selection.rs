@@ -158,3 +158,116 @@ impl FromStr for Split {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::measurements::{CartPose, Conditions, TcpPose};
+    use crate::prototype;
+
+    fn cart_pose(track: usize, command_m: f64) -> CartPose {
+        CartPose {
+            track,
+            point: 1,
+            command_m,
+            position_m: [0.0; 3],
+            angles_rad: [0.0; 3],
+            conditions: Conditions::default(),
+            direction: None,
+        }
+    }
+
+    fn tcp_pose(commands_m: &[f64]) -> TcpPose {
+        TcpPose {
+            pose: 1,
+            commands_m: commands_m.to_vec(),
+            position_m: [0.0; 3],
+            angles_rad: [0.0; 3],
+            conditions: Conditions::default(),
+            directions: None,
+        }
+    }
+
+    #[test]
+    fn the_range_of_a_command_is_that_of_its_track() {
+        let robot = RobotFile {
+            range_m: Some((-9.0, 9.0)),
+            ..prototype::robot_file().unwrap()
+        };
+        let folder = Folder {
+            cart_poses: [(0, -0.5), (0, 0.5), (1, 0.1), (1, 0.7)]
+                .map(|(t, q)| cart_pose(t, q))
+                .into(),
+            tcp_poses: [
+                [0.5, 0.1, 0.7, 9.0],
+                [0.51, 0.1, 0.0, 0.0],
+                [0.0, 0.0, 0.0, 0.0],
+                [0.0, 0.5, -0.51, 0.0],
+                [0.0, 0.5, 0.0, 9.1],
+            ]
+            .map(|q| tcp_pose(&q))
+            .into(),
+            ..Folder::default()
+        };
+        let shape = Shape {
+            commands: 4,
+            tracks: 3,
+        };
+        let expected = [(-0.5, 0.5), (0.1, 0.7), (-0.5, 0.7), (-9.0, 9.0)].map(Some);
+        assert_eq!(folder.measured_range(&robot, shape), expected);
+        assert_eq!(folder.in_range(&robot, shape), [0]);
+    }
+
+    #[test]
+    fn without_any_range_all_poses_take_part() {
+        let robot = RobotFile {
+            range_m: None,
+            ..prototype::robot_file().unwrap()
+        };
+        let folder = Folder {
+            cart_poses: Vec::new(),
+            ..prototype::folder().unwrap()
+        };
+        assert_eq!(folder.in_range(&robot, prototype::SHAPE).len(), 176);
+    }
+
+    #[test]
+    fn poses_are_divided_as_asked() {
+        let poses = [3, 5, 8, 9, 12];
+        let divide = |text: &str| text.parse::<Split>().unwrap().divide(&poses);
+        let division = |calibration: &[usize], validation: &[usize]| Division {
+            calibration: calibration.to_vec(),
+            validation: validation.to_vec(),
+        };
+        assert_eq!(divide("alternate"), division(&[3, 8, 12], &[5, 9]));
+        assert_eq!(divide("all"), division(&poses, &poses));
+        assert_eq!(divide("first:2"), division(&[3, 5], &[8, 9, 12]));
+        assert_eq!(divide("first:99"), division(&poses, &[]));
+        assert_eq!(Split::default(), Split::Alternate);
+    }
+
+    #[test]
+    fn a_random_share_depends_on_the_seed_alone() {
+        let poses: Vec<usize> = (0..100).collect();
+        let divide = |text: &str| text.parse::<Split>().unwrap().divide(&poses);
+        let one = divide("fraction:0.6:1");
+        assert_eq!(one, divide("fraction:0.6:1"));
+        assert_ne!(one, divide("fraction:0.6:2"));
+        assert_eq!(divide("fraction:0.6"), divide("fraction:0.6:0"));
+        assert_eq!((one.calibration.len(), one.validation.len()), (60, 40));
+        let mut all = [one.calibration.clone(), one.validation].concat();
+        all.sort_unstable();
+        assert_eq!(all, poses);
+        // By chance alone, about 30 of the 60 lie in the first half: 6 standard deviations are 15.
+        let early = one.calibration.iter().filter(|&&pose| pose < 50).count();
+        assert!((15..=45).contains(&early), "{early}");
+    }
+
+    #[test]
+    fn the_generator_gives_its_published_numbers() {
+        assert_eq!(
+            [scrambled(1_234_567, 0), scrambled(1_234_567, 1)],
+            [6_457_827_717_110_365_317, 3_203_168_211_198_807_973]
+        );
+    }
+}

@@ -2,7 +2,9 @@
 
 use std::ops::Range;
 
-use crate::input_error::{Mistakes, Source, nearest, quoted};
+use tau_model_dsl::nearest;
+
+use crate::input_error::{Mistakes, Source, quoted};
 
 /// A table whose rows all have as many fields as its header.
 pub(crate) struct Table<'a> {
@@ -61,44 +63,52 @@ impl<'a> Table<'a> {
             );
             return None;
         }
-        let mut fields = Vec::new();
-        let mut lines = Vec::new();
-        let mut ragged = false;
-        for (index, line) in numbered {
-            let row = split(source, line.clone());
-            if row.len() == header.len() {
-                fields.extend(row);
-                lines.push(index + 1);
-                continue;
-            }
-            ragged = true;
-            let message = format!(
-                "the row has {} fields, expected {} as in the header",
-                row.len(),
-                header.len()
-            );
-            let beyond = row.get(header.len()).map_or(line.end, |field| field.start);
-            if row.len() >= 2 * header.len() - 1 {
-                let help = "write decimals with points, not commas";
-                mistakes.push_with_help(beyond..line.end, message, help);
-            } else {
-                mistakes.push(beyond..line.end, message);
-            }
-        }
-        if lines.is_empty() && !ragged {
-            mistakes.push(
-                header_line.clone(),
-                "nothing follows the header, expected rows of numbers",
-            );
-            return None;
-        }
-        Some(Self {
+        let mut table = Self {
             source,
             header_line,
             header,
-            fields,
-            lines,
-        })
+            fields: Vec::new(),
+            lines: Vec::new(),
+        };
+        let mut ragged = Vec::new();
+        for (index, line) in numbered {
+            let row = split(source, line.clone());
+            if row.len() == table.header.len() {
+                table.fields.extend(row);
+                table.lines.push(index + 1);
+            } else {
+                ragged.push((line, row));
+            }
+        }
+        if table.lines.is_empty() && ragged.is_empty() {
+            let message = "nothing follows the header, expected rows of numbers";
+            mistakes.push(table.header_line.clone(), message);
+            return None;
+        }
+        // Where no row fits the header, one example is enough.
+        let shown = if table.lines.is_empty() {
+            1
+        } else {
+            ragged.len()
+        };
+        for (line, row) in ragged.iter().take(shown) {
+            table.report_ragged(line, row, mistakes);
+        }
+        Some(table)
+    }
+
+    fn report_ragged(
+        &self,
+        line: &Range<usize>,
+        row: &[Range<usize>],
+        mistakes: &mut Mistakes<'_>,
+    ) {
+        let (found, expected) = (row.len(), self.header.len());
+        let message = format!("the row has {found} fields, expected {expected} as in the header");
+        let beyond = row.get(expected).map_or(line.end, |field| field.start);
+        let has_decimal_commas = found > expected + 1;
+        let help = has_decimal_commas.then(|| "write decimals with points, not commas".to_owned());
+        mistakes.add(beyond..line.end, message, help);
     }
 
     /// Indices of the columns that must be there. Missing ones are reported, all at once.

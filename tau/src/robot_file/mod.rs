@@ -1,5 +1,6 @@
 //! The instance of a robot: nominal or calibrated parameters with tolerances, noise and loads (`robot.toml`).
 
+mod check;
 mod read;
 mod write;
 

@@ -10,9 +10,9 @@ use std::path::Path;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-use super::{LinkValues, Noise, Payload, RobotFile, Value};
-use crate::input_error::{self, InputError, Mistakes, Source, nearest, quoted};
-use crate::robot::{Owner, Robot};
+use super::{LinkValues, Noise, Payload, RobotFile, Value, check};
+use crate::input_error::{self, InputError, Mistakes, Source, suggestion};
+use crate::robot::Robot;
 
 /// A link or a track longer than this (m) has been given in millimetres.
 const LONGEST_M: f64 = 50.0;
@@ -85,17 +85,20 @@ impl<'a> Document<'a> {
             mistakes: Mistakes::new(source),
         };
         let (root, errors) = DeTable::parse_recoverable(source.text);
-        for error in errors {
+        // What follows a mistake of syntax is mostly its consequence.
+        let start = |error: &toml::de::Error| error.span().map_or(0, |span| span.start);
+        if let Some(error) = errors.into_iter().min_by_key(start) {
             let place = error.span().unwrap_or(0..0);
-            document.mistakes.push(place, error.message());
-        }
-        if document.mistakes.len() > 0 {
-            return Err(document.mistakes.into_error());
+            let message = match error.message() {
+                "duplicate key" => format!("key `{}` is given twice", &source.text[place.clone()]),
+                message => message.to_owned(),
+            };
+            return Err(InputError::at(source, place, message));
         }
         let file = document.file(root.get_ref());
         if let Some(robot) = robot {
-            document.check_names(root.get_ref(), &file, robot);
-            document.check_complete(root.get_ref(), &file, robot);
+            let meant = check::names(&mut document.mistakes, root.get_ref(), &file, robot);
+            check::complete(&mut document.mistakes, root.get_ref(), &file, robot, &meant);
         }
         document.mistakes.finish()?;
         Ok(file)
@@ -445,10 +448,7 @@ impl<'a> Document<'a> {
             .filter(|key| !known.contains(&key.get_ref().as_ref()))
         {
             let name = key.get_ref().as_ref();
-            let help = match nearest(name, known.iter().copied()) {
-                Some(nearest) => format!("did you mean `{nearest}`?"),
-                None => format!("expected one of {}", quoted(known.iter().copied())),
-            };
+            let help = suggestion(name, known.iter().copied());
             self.mistakes
                 .push_with_help(key.span(), format!("unknown key `{name}`"), help);
         }
@@ -466,148 +466,8 @@ impl<'a> Document<'a> {
         self.mistakes
             .push(place, format!("found {found}, expected {expected}"));
     }
-
-    /// Names in the file are names of the robot.
-    fn check_names(&mut self, root: &DeTable<'_>, file: &RobotFile, robot: &Robot) {
-        let links: Vec<&str> = robot.links.iter().map(|link| link.name.as_str()).collect();
-        let clusters: Vec<&str> = robot.clusters.iter().map(|c| c.name.as_str()).collect();
-        let tracks: Vec<&str> = robot.tracks.iter().map(String::as_str).collect();
-        for (section, what, known) in [
-            ("links", "link", &links),
-            ("clusters", "cluster", &clusters),
-            ("tracks", "track", &tracks),
-        ] {
-            for key in keys_of(root, section) {
-                let name = key.get_ref().as_ref();
-                if known.contains(&name) {
-                    continue;
-                }
-                let help = match nearest(name, known.iter().copied()) {
-                    Some(nearest) => format!("did you mean `{nearest}`?"),
-                    None if file.robot != robot.name => format!(
-                        "the file is for robot `{}`, the description is of `{}`",
-                        file.robot, robot.name
-                    ),
-                    None => format!("expected one of {}", quoted(known.iter().copied())),
-                };
-                let message = format!("robot `{}` has no {what} `{name}`", robot.name);
-                self.mistakes.push_with_help(key.span(), message, help);
-            }
-        }
-        let places = [&["all", "tcp"], &tracks[..], &links[..]].concat();
-        for key in keys_of(root, "effects") {
-            let form = key
-                .get_ref()
-                .strip_suffix(')')
-                .and_then(|form| form.split_once('('));
-            let Some((_, at)) = form else {
-                self.mistakes.push_with_help(
-                    key.span(),
-                    format!(
-                        "found effect `{}`, expected its name and place",
-                        key.get_ref()
-                    ),
-                    "such as \"rack_pitch(two)\"",
-                );
-                continue;
-            };
-            for place in at
-                .split(',')
-                .map(str::trim)
-                .filter(|place| !places.contains(place))
-            {
-                self.mistakes.push_with_help(
-                    key.span(),
-                    format!("robot `{}` has no place `{place}`", robot.name),
-                    format!("expected one of {}", quoted(places.iter().copied())),
-                );
-            }
-        }
-    }
-
-    /// Every link has its values, from the file or from the description, unless its cluster has been
-    /// calibrated as a reduced arm.
-    fn check_complete(&mut self, root: &DeTable<'_>, file: &RobotFile, robot: &Robot) {
-        for (index, link) in robot.links.iter().enumerate() {
-            let cluster = &robot.clusters[link.cluster];
-            if file.clusters.contains_key(&cluster.name) {
-                continue;
-            }
-            let described = |quantity: &str| {
-                robot
-                    .variants
-                    .iter()
-                    .flat_map(|variant| &variant.parameters)
-                    .any(|parameter| {
-                        parameter.owner == Owner::Link(index)
-                            && parameter.quantity == quantity
-                            && parameter.nominal.is_some()
-                    })
-            };
-            let shared = cluster
-                .track
-                .and_then(|track| file.tracks.get(&robot.tracks[track]));
-            let oriented = |values: &LinkValues| {
-                values.track_direction.is_some() || values.track_rotation.is_some()
-            };
-            // A value that was there but wrong has been reported already.
-            let given = |quantity: &str| {
-                let table = root
-                    .get("links")
-                    .and_then(|links| links.get_ref().get(link.name.as_str()));
-                table.is_some_and(|table| table.get_ref().get(quantity).is_some())
-            };
-            let oriented_here = given("track_direction") || given("track_rotation_rad");
-            let missing: Vec<&str> = [
-                ("length_m", "length"),
-                ("plate_joint_m", "plate_joint"),
-                ("track_offset_m", "track_offset"),
-                ("track_direction", "track_direction"),
-            ]
-            .into_iter()
-            .filter(|&(key, quantity)| {
-                let is_direction = quantity == "track_direction";
-                let is_given = if is_direction {
-                    oriented_here || cluster.track.is_none() || shared.is_some_and(oriented)
-                } else {
-                    given(key)
-                };
-                !is_given && !described(quantity)
-            })
-            .map(|(key, _)| key)
-            .collect();
-            if missing.is_empty() {
-                continue;
-            }
-            let key = keys_of(root, "links").find(|key| key.get_ref().as_ref() == link.name);
-            match key {
-                Some(key) => self.mistakes.push(
-                    key.span(),
-                    format!("link `{}` lacks {}", link.name, quoted(missing)),
-                ),
-                None => self.mistakes.push(
-                    key_place(root, "links"),
-                    format!(
-                        "`[links.{}]` is missing, expected {}",
-                        link.name,
-                        quoted(missing)
-                    ),
-                ),
-            }
-        }
-    }
 }
 
-fn keys_of<'t, 'i>(
-    root: &'t DeTable<'i>,
-    section: &str,
-) -> impl Iterator<Item = &'t Spanned<toml::de::DeString<'i>>> + use<'t, 'i> {
-    let table = root
-        .get(section)
-        .and_then(|value| value.get_ref().as_table());
-    table.into_iter().flat_map(|table| table.keys())
-}
-
-fn key_place(table: &DeTable<'_>, key: &str) -> Range<usize> {
+pub(super) fn key_place(table: &DeTable<'_>, key: &str) -> Range<usize> {
     table.get_key_value(key).map_or(0..0, |(key, _)| key.span())
 }

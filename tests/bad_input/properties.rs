@@ -1,0 +1,207 @@
+//! No text panics the readers, and what is written reads back.
+
+use proptest::prelude::*;
+use tau::input_error::InputError;
+use tau::measurements::{Folder, Split, Texts};
+use tau::robot_file::{LinkValues, Noise, Payload, RobotFile, Value};
+
+use super::{CART_POSES, CART_POSITIONS, OnDisk, ROBOT, SHAPE, TCP_POSES, pair};
+
+fn components(count: usize) -> impl Strategy<Value = Vec<f64>> {
+    prop::collection::vec(-9.0..9.0_f64, count)
+}
+
+fn value(count: usize) -> impl Strategy<Value = Option<Value>> {
+    let positive = 1e-300..1e9_f64;
+    let sigma = prop::option::of(prop::collection::vec(positive.clone(), count));
+    prop::option::of(
+        (components(count), positive, sigma).prop_map(|(value, tol, sigma)| Value {
+            value,
+            tol,
+            sigma,
+        }),
+    )
+}
+
+fn link_values() -> impl Strategy<Value = LinkValues> {
+    let length = value(1).prop_map(|length| {
+        length.map(|length| Value {
+            value: vec![length.value[0].abs() + 1e-3],
+            ..length
+        })
+    });
+    let angles = value(3).prop_map(|angles| {
+        angles.map(|angles| Value {
+            value: angles.value.iter().map(|a| a / 2.0).collect(),
+            ..angles
+        })
+    });
+    (length, value(3), value(3), value(3), angles).prop_map(
+        |(length, plate_joint, track_offset, track_direction, track_rotation)| LinkValues {
+            length,
+            plate_joint,
+            track_offset,
+            track_direction,
+            track_rotation,
+        },
+    )
+}
+
+fn robot_file() -> impl Strategy<Value = RobotFile> {
+    let name = "\\PC{0,8}";
+    let section = || prop::collection::btree_map(name, link_values(), 0..3);
+    let parameter = prop_oneof![value(1), value(3)].prop_filter_map("absent", |value| value);
+    let effects = prop::collection::btree_map(
+        name,
+        prop::collection::btree_map(name, parameter, 0..3),
+        0..3,
+    );
+    let noise = (1e-9..1.0_f64, 1e-9..1.0_f64);
+    let payload = prop::option::of((0.0..1e3_f64, prop::array::uniform3(-9.0..9.0_f64)));
+    let range = prop::option::of((-9.0..0.0_f64, 0.0..9.0_f64));
+    (
+        any::<String>(),
+        noise,
+        payload,
+        range,
+        section(),
+        section(),
+        section(),
+        effects,
+    )
+        .prop_map(
+            |(robot, noise, payload, range_m, links, clusters, tracks, effects)| RobotFile {
+                robot,
+                noise: Noise {
+                    position_m: noise.0,
+                    rotation_rad: noise.1,
+                },
+                payload: payload.map(|(mass_kg, centre_m)| Payload {
+                    mass_kg,
+                    centre_m,
+                    gravity_m_s2: centre_m,
+                }),
+                range_m,
+                links,
+                clusters,
+                tracks,
+                effects,
+            },
+        )
+}
+
+/// A valid text with a few bytes replaced, inserted or dropped.
+fn mutated(text: &'static str) -> impl Strategy<Value = String> {
+    let edit = (
+        any::<prop::sample::Index>(),
+        0..3_usize,
+        prop::collection::vec(any::<u8>(), 0..4),
+    );
+    prop::collection::vec(edit, 1..6).prop_map(move |edits| {
+        let mut bytes = text.as_bytes().to_vec();
+        for (at, dropped, inserted) in edits {
+            let start = at.index(bytes.len() + 1);
+            let end = (start + dropped).min(bytes.len());
+            bytes.splice(start..end, inserted);
+        }
+        String::from_utf8_lossy(&bytes).into_owned()
+    })
+}
+
+/// A valid text with one of its words replaced by one that is likely to hurt.
+fn reworded(text: &'static str) -> impl Strategy<Value = String> {
+    let word = prop::sample::select(vec![
+        "",
+        ",",
+        "\"",
+        "\n",
+        "\r",
+        "nan",
+        "inf",
+        "-1e308",
+        "4294967296",
+        "[",
+        "}",
+        "=",
+        "\u{feff}",
+        "ü",
+        "\0",
+    ]);
+    (any::<prop::sample::Index>(), word).prop_map(move |(at, word)| {
+        let words: Vec<&str> = text.split_inclusive([',', '\n', ' ']).collect();
+        let at = at.index(words.len());
+        [
+            words[..at].concat(),
+            word.to_owned(),
+            words[at + 1..].concat(),
+        ]
+        .concat()
+    })
+}
+
+fn read_all(text: &str) -> Result<Folder, InputError> {
+    let texts = Texts {
+        tcp_poses: text,
+        cart_poses: Some(text),
+        cart_positions: Some(text),
+    };
+    Folder::from_texts("folder", texts, SHAPE)
+}
+
+/// An error can be shown, and points into its text.
+fn check_error(error: &InputError, text: &str) {
+    assert!(!error.problems().is_empty());
+    assert!(!error.render(false).is_empty());
+    assert!(!error.render(true).is_empty());
+    for place in error
+        .problems()
+        .iter()
+        .filter_map(|problem| problem.place.as_ref())
+    {
+        assert!(place.span.end <= text.len());
+        assert!(place.line >= 1 && place.column >= 1);
+    }
+}
+
+proptest! {
+    #[test]
+    fn what_is_written_reads_back_bit_for_bit(file in robot_file()) {
+        let text = file.to_toml();
+        let read = RobotFile::parse(&text, "robot.toml");
+        let read = read.map_err(|error| TestCaseError::fail(error.render(false)))?;
+        prop_assert_eq!(&read, &file);
+        prop_assert_eq!(read.to_toml(), text);
+    }
+
+    #[test]
+    fn arbitrary_bytes_never_panic(bytes in prop::collection::vec(any::<u8>(), 0..400)) {
+        let folder = OnDisk::valid();
+        folder.write("tcp_poses.csv", &bytes).write("robot.toml", &bytes);
+        let text = String::from_utf8_lossy(&bytes);
+        check_error(&folder.read().unwrap_err(), &text);
+        check_error(&folder.read_robot().unwrap_err(), &text);
+    }
+
+    #[test]
+    fn mutated_tables_never_panic(text in prop_oneof![
+        mutated(TCP_POSES), reworded(TCP_POSES), mutated(CART_POSES), reworded(CART_POSES),
+        mutated(CART_POSITIONS), reworded(CART_POSITIONS),
+    ]) {
+        check_error(&read_all(&text).unwrap_err(), &text);
+    }
+
+    #[test]
+    fn mutated_robot_files_never_panic(text in prop_oneof![mutated(ROBOT), reworded(ROBOT)]) {
+        match RobotFile::parse_for(&text, "robot.toml", &pair()) {
+            Ok(file) => prop_assert_eq!(RobotFile::parse(&file.to_toml(), "again").unwrap(), file),
+            Err(error) => check_error(&error, &text),
+        }
+    }
+
+    #[test]
+    fn splits_of_any_text_never_panic(text in "\\PC{0,12}|(first|fraction|all)(:\\PC{0,4}){0,3}") {
+        if let Err(error) = text.parse::<Split>() {
+            check_error(&error, &text);
+        }
+    }
+}
