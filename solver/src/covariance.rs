@@ -1,0 +1,152 @@
+//! Covariance of the parameters at a solution.
+
+use faer::Mat;
+
+use crate::linear::qr::triangle;
+use crate::linear::svd::svd;
+use crate::partition::partition;
+use crate::system::{Content, System};
+use crate::{Error, Problem};
+
+/// Share of a direction without information from which on a parameter counts as taking part in it.
+const LEAST_SHARE: f64 = 1e-6;
+
+/// Covariance of the parameters for residuals in units of their noise.
+///
+/// The linear approximation `(JᵀJ)⁻¹`, priors included, robust losses as weights. Fixed parameters
+/// have none; parameters in different independent parts are uncorrelated; parameters that nothing
+/// determines have infinite variance. Bounds are ignored.
+#[derive(Debug, Clone)]
+pub struct Covariance {
+    /// Part and column of each parameter.
+    place: Vec<Place>,
+    parts: Vec<Mat<f64>>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Place {
+    Fixed,
+    Unknown,
+    In { part: usize, column: usize },
+}
+
+/// Computes the covariance at `parameters`, one value per parameter of the problem.
+pub fn covariance(problem: &Problem, parameters: &[f64]) -> Result<Covariance, Error> {
+    check_at(problem, parameters)?;
+    let mut place: Vec<Place> = problem
+        .parameters
+        .iter()
+        .map(|p| {
+            if p.is_free() {
+                Place::Unknown
+            } else {
+                Place::Fixed
+            }
+        })
+        .collect();
+    let mut parts = Vec::new();
+    for (index, part) in partition(problem).parts.iter().enumerate() {
+        for (column, &p) in part.parameters.iter().enumerate() {
+            place[p] = Place::In {
+                part: index,
+                column,
+            };
+        }
+        let mut system = System::new(problem, part, parameters, Content::Information);
+        let x: Vec<f64> = part.parameters.iter().map(|&p| parameters[p]).collect();
+        system
+            .linearize(&x)
+            .map_err(|fault| fault.into_error(problem))?;
+        parts.push(part_covariance(&system)?);
+    }
+    Ok(Covariance { place, parts })
+}
+
+/// Checks a problem and a point of it.
+pub(crate) fn check_at(problem: &Problem, parameters: &[f64]) -> Result<(), Error> {
+    problem.check()?;
+    if parameters.len() != problem.parameters.len() {
+        return Err(Error::ParameterCount {
+            expected: problem.parameters.len(),
+            found: parameters.len(),
+        });
+    }
+    Ok(())
+}
+
+fn part_covariance(system: &System) -> Result<Mat<f64>, Error> {
+    let n = system.jacobian.column_count;
+    let factors = inverse_column_norms(system);
+    let decomposition = svd(triangle(&system.jacobian, &factors).as_ref())?;
+    let least = rank_tolerance(&decomposition.values);
+    let rank = decomposition
+        .values
+        .iter()
+        .take_while(|&&s| s > least)
+        .count();
+    let v = &decomposition.v;
+    let undetermined: Vec<bool> = (0..n)
+        .map(|i| (rank..n).any(|k| v[(i, k)].abs() > LEAST_SHARE))
+        .collect();
+    Ok(Mat::from_fn(n, n, |i, j| {
+        if undetermined[i] || undetermined[j] {
+            return if i == j { f64::INFINITY } else { f64::NAN };
+        }
+        let sum: f64 = (0..rank)
+            .map(|k| v[(i, k)] * v[(j, k)] / decomposition.values[k].powi(2))
+            .sum();
+        sum * factors[i] * factors[j]
+    }))
+}
+
+/// Reciprocal column norms of a Jacobian; one for columns of zeros.
+pub(crate) fn inverse_column_norms(system: &System) -> Vec<f64> {
+    let mut norms = vec![0.0; system.jacobian.column_count];
+    system.jacobian.column_norms(&mut norms);
+    norms
+        .iter()
+        .map(|&norm| if norm > 0.0 { 1.0 / norm } else { 1.0 })
+        .collect()
+}
+
+/// Singular values up to this are rounding.
+pub(crate) fn rank_tolerance(values: &[f64]) -> f64 {
+    values.first().unwrap_or(&0.0) * f64::EPSILON * 8.0 * values.len() as f64
+}
+
+impl Covariance {
+    /// Standard deviation of a parameter, by index in the problem: zero if fixed, infinite if nothing
+    /// determines it.
+    pub fn sigma(&self, parameter: usize) -> f64 {
+        self.covariance(parameter, parameter).sqrt()
+    }
+
+    /// Covariance of two parameters, by index in the problem. Not a number where one of two different
+    /// parameters of the same part is undetermined.
+    pub fn covariance(&self, first: usize, second: usize) -> f64 {
+        match (self.place[first], self.place[second]) {
+            (Place::Unknown, Place::Unknown) if first == second => f64::INFINITY,
+            (
+                Place::In { part, column: i },
+                Place::In {
+                    part: other,
+                    column: j,
+                },
+            ) if part == other => self.parts[part][(i, j)],
+            _ => 0.0,
+        }
+    }
+
+    /// Correlation coefficient of two parameters, by index in the problem; zero with a fixed one.
+    pub fn correlation(&self, first: usize, second: usize) -> f64 {
+        if first == second {
+            return 1.0;
+        }
+        let covariance = self.covariance(first, second);
+        if covariance == 0.0 {
+            0.0
+        } else {
+            covariance / (self.sigma(first) * self.sigma(second))
+        }
+    }
+}

@@ -1,0 +1,81 @@
+//! What can go wrong.
+
+use std::fmt;
+
+/// Why a problem could not be solved or analysed.
+#[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Error {
+    /// A residual or a derivative is infinite or not a number where a finite one is needed: at the
+    /// start, or at every trial step however short.
+    NonFinite {
+        /// Label of the block.
+        block: String,
+        /// Name (number) of the sample within the block.
+        sample: u32,
+        /// Index of the residual within the sample.
+        residual: usize,
+        /// Name of the parameter, where the derivative by it is at fault and not the residual.
+        parameter: Option<String>,
+    },
+    /// A parameter's start, bounds or prior make no sense.
+    InvalidParameter {
+        /// Name of the parameter.
+        name: String,
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// A block's data, weights, loss or parameter indices do not fit its residual family.
+    InvalidBlock {
+        /// Label of the block.
+        label: String,
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// The number of values passed differs from the number of parameters of the problem.
+    ParameterCount {
+        /// Parameters of the problem.
+        expected: usize,
+        /// Values passed.
+        found: usize,
+    },
+    /// The singular value decomposition did not converge.
+    SingularValues,
+}
+
+impl fmt::Display for Error {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NonFinite {
+                block,
+                sample,
+                residual,
+                parameter: None,
+            } => write!(
+                f,
+                "residual {residual} of sample {sample} in block `{block}` is not a finite number"
+            ),
+            Self::NonFinite {
+                block,
+                sample,
+                residual,
+                parameter: Some(name),
+            } => write!(
+                f,
+                "the derivative of residual {residual} of sample {sample} in block `{block}` by \
+                 parameter `{name}` is not a finite number"
+            ),
+            Self::InvalidParameter { name, reason } => write!(f, "parameter `{name}`: {reason}"),
+            Self::InvalidBlock { label, reason } => write!(f, "block `{label}`: {reason}"),
+            Self::ParameterCount { expected, found } => write!(
+                f,
+                "the problem has {expected} parameters, but {found} values were given"
+            ),
+            Self::SingularValues => {
+                write!(f, "the singular value decomposition did not converge")
+            }
+        }
+    }
+}
+
+impl std::error::Error for Error {}

@@ -1,0 +1,256 @@
+//! The problem: parameters and blocks of residuals.
+
+use tau_runtime::ResidualFamily;
+
+use crate::{Error, Loss};
+
+/// A nonlinear least-squares problem.
+#[derive(Default)]
+pub struct Problem<'a> {
+    /// The unknowns, and constants of the same kind.
+    pub parameters: Vec<Parameter>,
+    /// The residuals.
+    pub blocks: Vec<Block<'a>>,
+}
+
+/// Knowledge of a parameter before any measurement: a normal distribution.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Prior {
+    /// Expected value.
+    pub mean: f64,
+    /// Standard deviation, positive.
+    pub sigma: f64,
+}
+
+/// An unknown number.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Parameter {
+    /// Name in reports and errors.
+    pub name: String,
+    /// Where the search starts; moved to the nearest bound if outside.
+    pub start: f64,
+    /// What is known of it beforehand.
+    pub prior: Option<Prior>,
+    /// Least admissible value, −∞ where there is none.
+    pub lower: f64,
+    /// Greatest admissible value, +∞ where there is none.
+    pub upper: f64,
+    /// Whether it stays at its start.
+    pub fixed: bool,
+}
+
+impl Parameter {
+    /// A free parameter without prior or bounds.
+    pub fn new(name: impl Into<String>, start: f64) -> Self {
+        Self {
+            name: name.into(),
+            start,
+            prior: None,
+            lower: f64::NEG_INFINITY,
+            upper: f64::INFINITY,
+            fixed: false,
+        }
+    }
+
+    /// Adds a Gaussian prior.
+    #[must_use]
+    pub fn with_prior(mut self, mean: f64, sigma: f64) -> Self {
+        self.prior = Some(Prior { mean, sigma });
+        self
+    }
+
+    /// Adds bounds.
+    #[must_use]
+    pub fn with_bounds(mut self, lower: f64, upper: f64) -> Self {
+        (self.lower, self.upper) = (lower, upper);
+        self
+    }
+
+    /// Keeps the parameter at its start.
+    #[must_use]
+    pub fn fixed(mut self) -> Self {
+        self.fixed = true;
+        self
+    }
+
+    /// Whether the solver may move it.
+    pub(crate) fn is_free(&self) -> bool {
+        !self.fixed && self.lower < self.upper
+    }
+
+    fn check(&self) -> Result<(), Error> {
+        let reason = if !self.start.is_finite() {
+            format!("the start {} is not a finite number", self.start)
+        } else if self.lower.is_nan() || self.upper.is_nan() || self.lower > self.upper {
+            format!("no value lies between {} and {}", self.lower, self.upper)
+        } else if let Some(prior) = self.prior
+            && !(prior.mean.is_finite() && prior.sigma.is_finite() && prior.sigma > 0.0)
+        {
+            format!(
+                "a prior needs a finite mean and a positive standard deviation, not {} and {}",
+                prior.mean, prior.sigma
+            )
+        } else {
+            return Ok(());
+        };
+        Err(Error::InvalidParameter {
+            name: self.name.clone(),
+            reason,
+        })
+    }
+}
+
+/// A residual family applied to samples.
+pub struct Block<'a> {
+    /// Name in reports and errors.
+    pub label: String,
+    pub(crate) family: &'a dyn ResidualFamily,
+    /// For each parameter of the family, its index in the problem.
+    pub(crate) parameters: Vec<usize>,
+    pub(crate) prepared: Vec<f64>,
+    pub(crate) samples: usize,
+    /// One per sample and residual; empty means one.
+    pub(crate) weights: Vec<f64>,
+    pub(crate) loss: Loss,
+    /// One per sample; empty means 0, 1, 2, …
+    pub(crate) sample_names: Vec<u32>,
+    data_len: usize,
+}
+
+impl<'a> Block<'a> {
+    /// Applies `family` to the samples in `data`, a row-major array of `shape().data` numbers each.
+    ///
+    /// `parameters` gives, for each parameter of the family, its index in [`Problem::parameters`].
+    /// What depends on data alone is computed here, once. A family without data has one sample.
+    pub fn new(
+        label: impl Into<String>,
+        family: &'a dyn ResidualFamily,
+        parameters: Vec<usize>,
+        data: &[f64],
+    ) -> Self {
+        let shape = family.shape();
+        let samples = data.len().checked_div(shape.data).unwrap_or(1);
+        let mut prepared = vec![0.0; samples * shape.prepared];
+        for sample in 0..samples {
+            family.prepare(
+                &data[sample * shape.data..(sample + 1) * shape.data],
+                &mut prepared[sample * shape.prepared..(sample + 1) * shape.prepared],
+            );
+        }
+        Self {
+            label: label.into(),
+            family,
+            parameters,
+            prepared,
+            samples,
+            weights: Vec::new(),
+            loss: Loss::Squared,
+            sample_names: Vec::new(),
+            data_len: data.len(),
+        }
+    }
+
+    /// Multiplies each residual by a weight, 1/sigma of its noise: row-major, samples × residuals.
+    #[must_use]
+    pub fn with_weights(mut self, weights: Vec<f64>) -> Self {
+        self.weights = weights;
+        self
+    }
+
+    /// Sets the loss of each weighted residual.
+    #[must_use]
+    pub fn with_loss(mut self, loss: Loss) -> Self {
+        self.loss = loss;
+        self
+    }
+
+    /// Names the samples in errors, for instance by the number of the pose.
+    #[must_use]
+    pub fn with_sample_names(mut self, names: Vec<u32>) -> Self {
+        self.sample_names = names;
+        self
+    }
+
+    /// Number of samples.
+    pub fn samples(&self) -> usize {
+        self.samples
+    }
+
+    pub(crate) fn sample_name(&self, sample: usize) -> u32 {
+        self.sample_names
+            .get(sample)
+            .copied()
+            .unwrap_or_else(|| u32::try_from(sample).unwrap_or(u32::MAX))
+    }
+
+    fn check(&self, problem_parameters: usize) -> Result<(), Error> {
+        let shape = self.family.shape();
+        let pattern = self.family.pattern();
+        let residuals = self.samples * shape.residuals;
+        let reason = if shape.data > 0 && !self.data_len.is_multiple_of(shape.data) {
+            format!(
+                "{} numbers of data do not divide into samples of {}",
+                self.data_len, shape.data
+            )
+        } else if self.parameters.len() != shape.parameters {
+            format!(
+                "the residual family has {} parameters, but {} indices were given",
+                shape.parameters,
+                self.parameters.len()
+            )
+        } else if let Some(index) = self.parameters.iter().find(|&&p| p >= problem_parameters) {
+            format!("there is no parameter with index {index}")
+        } else if !self.weights.is_empty() && self.weights.len() != residuals {
+            format!(
+                "{residuals} residuals need as many weights, not {}",
+                self.weights.len()
+            )
+        } else if !self.sample_names.is_empty() && self.sample_names.len() != self.samples {
+            format!(
+                "{} samples need as many names, not {}",
+                self.samples,
+                self.sample_names.len()
+            )
+        } else if self.loss.threshold().is_some_and(|k| !(k > 0.0)) {
+            "the threshold of a loss must be positive".to_owned()
+        } else if pattern.row_starts.len() != shape.residuals + 1
+            || pattern.row_starts.last().copied() != u32::try_from(pattern.len()).ok()
+            || pattern
+                .columns
+                .iter()
+                .any(|&c| c as usize >= shape.parameters)
+        {
+            "the family's Jacobian pattern does not fit its shape".to_owned()
+        } else {
+            return Ok(());
+        };
+        Err(Error::InvalidBlock {
+            label: self.label.clone(),
+            reason,
+        })
+    }
+}
+
+impl Problem<'_> {
+    /// Checks that starts, bounds, priors, sizes and indices make sense.
+    pub fn check(&self) -> Result<(), Error> {
+        self.parameters.iter().try_for_each(Parameter::check)?;
+        self.blocks
+            .iter()
+            .try_for_each(|block| block.check(self.parameters.len()))
+    }
+
+    /// The starts, moved into the bounds.
+    pub(crate) fn start(&self) -> Vec<f64> {
+        self.parameters
+            .iter()
+            .map(|p| {
+                if p.fixed {
+                    p.start
+                } else {
+                    p.start.clamp(p.lower, p.upper)
+                }
+            })
+            .collect()
+    }
+}

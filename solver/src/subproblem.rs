@@ -1,0 +1,280 @@
+//! The trust-region subproblem: the best step of the linear model within radius and bounds.
+
+use crate::jacobian::{Jacobian, dot, norm};
+use crate::linear::LinearSolver;
+
+/// Share of the radius by which a step's length may miss it.
+const RADIUS_ACCURACY: f64 = 0.1;
+/// Most changes of damping in the search for a step of the radius' length.
+const MAX_DAMPINGS: usize = 12;
+
+/// Minimises `½‖J y + r‖²` subject to `‖y‖ ≤ radius` and `lower ≤ y ≤ upper`.
+///
+/// The damping that keeps the step within the radius is found by Newton's method on the secular
+/// equation (J. J. Moré, "The Levenberg-Marquardt algorithm: implementation and theory", 1978); the
+/// bounds by the primal active-set method for convex quadratic programs.
+pub(crate) struct Subproblem {
+    /// Distance to the bounds, in scaled parameters; infinite where there is none.
+    pub(crate) lower: Vec<f64>,
+    pub(crate) upper: Vec<f64>,
+    bounded: bool,
+    held: Vec<bool>,
+    /// `Jᵀr`.
+    pub(crate) gradient: Vec<f64>,
+    /// The step.
+    pub(crate) step: Vec<f64>,
+    /// Damping of the step.
+    pub(crate) damping: f64,
+    /// Decrease of the cost that the linear model predicts for the step.
+    pub(crate) predicted: f64,
+    target: Vec<f64>,
+    image: Vec<f64>,
+    multipliers: Vec<f64>,
+    newton: Newton,
+}
+
+/// The undamped step.
+struct Newton {
+    step: Vec<f64>,
+    predicted: f64,
+    /// Lower limit of the damping per relative excess of its length, zero if unknown.
+    inverse_form: f64,
+}
+
+impl Subproblem {
+    pub(crate) fn new(rows: usize, columns: usize, bounded: bool) -> Self {
+        Self {
+            lower: vec![f64::NEG_INFINITY; columns],
+            upper: vec![f64::INFINITY; columns],
+            bounded,
+            held: vec![false; columns],
+            gradient: vec![0.0; columns],
+            step: vec![0.0; columns],
+            damping: 0.0,
+            predicted: 0.0,
+            target: vec![0.0; columns],
+            image: vec![0.0; rows],
+            multipliers: vec![0.0; columns],
+            newton: Newton {
+                step: vec![0.0; columns],
+                predicted: 0.0,
+                inverse_form: 0.0,
+            },
+        }
+    }
+
+    /// Takes a new linear model; [`Self::lower`] and [`Self::upper`] are set by the caller. Afterwards
+    /// [`Self::step`] is the undamped step.
+    pub(crate) fn load(
+        &mut self,
+        jacobian: &Jacobian,
+        residuals: &[f64],
+        linear: &mut dyn LinearSolver,
+    ) {
+        jacobian.transpose_times(residuals, &mut self.gradient);
+        linear.load(jacobian, residuals);
+        let full_rank = self.solve_damped(0.0, jacobian, residuals, linear);
+        self.newton.step.copy_from_slice(&self.step);
+        self.newton.predicted = self.predicted;
+        // Without full rank or with bounds the length is no convex function of the damping.
+        self.newton.inverse_form = if full_rank && !self.bounded {
+            self.direction_form(linear)
+        } else {
+            0.0
+        };
+    }
+
+    /// Largest component of the gradient along which the bounds let the cost decrease.
+    pub(crate) fn gradient_norm(&self) -> f64 {
+        (0..self.step.len())
+            .filter(|&j| !self.is_blocked(j))
+            .map(|j| self.gradient[j].abs())
+            .fold(0.0, f64::max)
+    }
+
+    /// Finds the step for `radius`. `damping` is where the search starts, zero if unknown.
+    pub(crate) fn solve(
+        &mut self,
+        radius: f64,
+        damping: f64,
+        jacobian: &Jacobian,
+        residuals: &[f64],
+        linear: &mut dyn LinearSolver,
+    ) {
+        self.step.copy_from_slice(&self.newton.step);
+        self.predicted = self.newton.predicted;
+        self.damping = 0.0;
+        let mut excess = norm(&self.step) - radius;
+        if excess <= RADIUS_ACCURACY * radius {
+            return;
+        }
+        let mut least = if self.newton.inverse_form > 0.0 {
+            excess / radius / self.newton.inverse_form
+        } else {
+            0.0
+        };
+        let mut most = norm(&self.gradient) / radius;
+        if most <= 0.0 {
+            return;
+        }
+        let mut damping = damping.clamp(least.min(most), most);
+        if damping <= 0.0 {
+            damping = norm(&self.gradient) / norm(&self.step);
+        }
+        for _ in 0..MAX_DAMPINGS {
+            if damping <= 0.0 {
+                damping = f64::max(1e-3 * most, (least * most).sqrt());
+            }
+            self.solve_damped(damping, jacobian, residuals, linear);
+            excess = norm(&self.step) - radius;
+            if excess.abs() <= RADIUS_ACCURACY * radius {
+                return;
+            }
+            if excess > 0.0 {
+                least = least.max(damping);
+            } else {
+                most = most.min(damping);
+            }
+            let form = self.direction_form(linear);
+            let change = if form > 0.0 {
+                excess / radius / form
+            } else {
+                0.0
+            };
+            damping = f64::max(least, damping + change);
+            if damping >= most {
+                damping = (least * most).sqrt();
+            }
+        }
+        if excess > 0.0 {
+            let shrink = radius / (radius + excess);
+            self.step.iter_mut().for_each(|y| *y *= shrink);
+            self.predict(false, jacobian, residuals);
+        }
+    }
+
+    /// `vᵀ (JᵀJ + damping I)⁻¹ v` for the step's direction v among the parameters not held: the
+    /// relative change of the step's length per change of the damping.
+    fn direction_form(&mut self, linear: &mut dyn LinearSolver) -> f64 {
+        let length = norm(&self.step);
+        for j in 0..self.step.len() {
+            let free = !self.held[j] && length > 0.0;
+            self.target[j] = if free { self.step[j] / length } else { 0.0 };
+        }
+        linear.inverse_form(&self.target)
+    }
+
+    /// Minimises the damped model within the bounds. Returns whether its rank is full.
+    fn solve_damped(
+        &mut self,
+        damping: f64,
+        jacobian: &Jacobian,
+        residuals: &[f64],
+        linear: &mut dyn LinearSolver,
+    ) -> bool {
+        self.damping = damping;
+        self.step.fill(0.0);
+        for j in 0..self.step.len() {
+            self.held[j] = self.is_blocked(j);
+        }
+        let changes = if self.bounded {
+            3 * self.step.len() + 3
+        } else {
+            1
+        };
+        let mut full_rank = true;
+        for _ in 0..changes {
+            self.target.copy_from_slice(&self.step);
+            full_rank = linear.solve(damping, &self.held, &mut self.target);
+            if !self.bounded {
+                self.step.copy_from_slice(&self.target);
+                break;
+            }
+            if self.advance() {
+                continue;
+            }
+            self.model_gradient(jacobian, residuals);
+            let Some(worst) = self.worst_multiplier() else {
+                break;
+            };
+            self.held[worst] = false;
+        }
+        self.predict(!self.held.contains(&true), jacobian, residuals);
+        full_rank
+    }
+
+    /// Moves towards the target as far as the bounds allow; true if one of them stopped it.
+    fn advance(&mut self) -> bool {
+        let mut share = 1.0;
+        let mut stopped = None;
+        for j in 0..self.step.len() {
+            let change = self.target[j] - self.step[j];
+            let bound = if change < 0.0 {
+                self.lower[j]
+            } else {
+                self.upper[j]
+            };
+            let room = bound - self.step[j];
+            if !self.held[j] && change.abs() > room.abs() && room / change < share {
+                share = room / change;
+                stopped = Some((j, bound));
+            }
+        }
+        for j in 0..self.step.len() {
+            if !self.held[j] {
+                let y = self.step[j] + share * (self.target[j] - self.step[j]);
+                self.step[j] = y.clamp(self.lower[j], self.upper[j]);
+            }
+        }
+        if let Some((j, bound)) = stopped {
+            self.step[j] = bound;
+            self.held[j] = true;
+        }
+        stopped.is_some()
+    }
+
+    /// The held parameter that most wants to leave its bound.
+    fn worst_multiplier(&self) -> Option<usize> {
+        let mut worst = None;
+        let mut most = 0.0;
+        for j in 0..self.step.len() {
+            if self.held[j] {
+                let at_lower = self.step[j] <= self.lower[j];
+                let at_upper = self.step[j] >= self.upper[j];
+                let pull = self.multipliers[j];
+                if (at_lower && -pull > most) || (at_upper && pull > most) {
+                    (worst, most) = (Some(j), pull.abs());
+                }
+            }
+        }
+        worst
+    }
+
+    fn model_gradient(&mut self, jacobian: &Jacobian, residuals: &[f64]) {
+        jacobian.times(&self.step, &mut self.image);
+        for (image, r) in self.image.iter_mut().zip(residuals) {
+            *image += r;
+        }
+        jacobian.transpose_times(&self.image, &mut self.multipliers);
+        for (multiplier, y) in self.multipliers.iter_mut().zip(&self.step) {
+            *multiplier += self.damping * y;
+        }
+    }
+
+    fn predict(&mut self, at_minimum: bool, jacobian: &Jacobian, residuals: &[f64]) {
+        jacobian.times(&self.step, &mut self.image);
+        let image = dot(&self.image, &self.image);
+        self.predicted = if at_minimum {
+            // equal to the general form at the minimum of the damped model, and free of cancellation
+            0.5 * image + self.damping * dot(&self.step, &self.step)
+        } else {
+            -dot(&self.image, residuals) - 0.5 * image
+        };
+    }
+
+    /// Whether a parameter is at a bound through which the gradient pushes it.
+    fn is_blocked(&self, j: usize) -> bool {
+        (self.lower[j] >= 0.0 && self.gradient[j] >= 0.0)
+            || (self.upper[j] <= 0.0 && self.gradient[j] <= 0.0)
+    }
+}

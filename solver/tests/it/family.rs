@@ -1,0 +1,102 @@
+//! Residual families from models written over [`Scalar`].
+
+use tau_runtime::{Pattern, ResidualFamily, Shape};
+use tau_solver::{Block, Parameter, Problem};
+
+use crate::scalar::{Dual, MAX_PARAMETERS, Scalar};
+
+/// Residuals of a sample as a function of parameters, for any kind of number.
+pub(crate) trait Model: Send + Sync {
+    /// Numbers per sample, parameters, residuals per sample.
+    fn sizes(&self) -> (usize, usize, usize);
+    /// Writes the residuals.
+    fn residuals<T: Scalar>(&self, data: &[f64], x: &[T], out: &mut [T]);
+}
+
+/// A model as a residual family with a dense Jacobian by dual numbers.
+pub(crate) struct Family<M> {
+    model: M,
+    row_starts: Vec<u32>,
+    columns: Vec<u32>,
+}
+
+impl<M: Model> Family<M> {
+    pub(crate) fn new(model: M) -> Self {
+        let (_, parameters, residuals) = model.sizes();
+        assert!(parameters <= MAX_PARAMETERS);
+        let [parameters, residuals] = [parameters, residuals].map(|n| u32::try_from(n).unwrap());
+        Self {
+            model,
+            row_starts: (0..=residuals).map(|i| i * parameters).collect(),
+            columns: (0..residuals).flat_map(|_| 0..parameters).collect(),
+        }
+    }
+}
+
+impl<M: Model> ResidualFamily for Family<M> {
+    fn shape(&self) -> Shape {
+        let (data, parameters, residuals) = self.model.sizes();
+        Shape {
+            data,
+            prepared: data,
+            parameters,
+            residuals,
+        }
+    }
+
+    fn pattern(&self) -> Pattern<'_> {
+        Pattern {
+            row_starts: &self.row_starts,
+            columns: &self.columns,
+        }
+    }
+
+    fn prepare(&self, data: &[f64], prepared: &mut [f64]) {
+        prepared.copy_from_slice(data);
+    }
+
+    fn value(&self, prepared: &[f64], parameters: &[f64], residuals: &mut [f64]) {
+        self.model.residuals(prepared, parameters, residuals);
+    }
+
+    fn linearize(
+        &self,
+        prepared: &[f64],
+        parameters: &[f64],
+        residuals: &mut [f64],
+        jacobian: &mut [f64],
+    ) {
+        let x: Vec<Dual> = parameters
+            .iter()
+            .enumerate()
+            .map(|(i, &x)| Dual::variable(x, i))
+            .collect();
+        let mut out = vec![Dual::from(0.0); residuals.len()];
+        self.model.residuals(prepared, &x, &mut out);
+        for (i, dual) in out.iter().enumerate() {
+            residuals[i] = dual.value;
+            jacobian[i * x.len()..(i + 1) * x.len()].copy_from_slice(&dual.gradient[..x.len()]);
+        }
+    }
+}
+
+/// A problem of one block whose parameters are those of the family.
+pub(crate) fn problem<'a>(
+    family: &'a dyn ResidualFamily,
+    data: &[f64],
+    start: &[f64],
+) -> Problem<'a> {
+    Problem {
+        parameters: start
+            .iter()
+            .enumerate()
+            .map(|(i, &x)| Parameter::new(format!("x{}", i + 1), x))
+            .collect(),
+        blocks: vec![Block::new(
+            "block",
+            family,
+            (0..start.len()).collect(),
+            data,
+        )],
+    }
+}

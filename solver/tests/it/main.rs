@@ -1,0 +1,5 @@
+//! Tests of the solver, one module per theme.
+
+mod family;
+mod nist;
+mod scalar;

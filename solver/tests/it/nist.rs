@@ -1,0 +1,239 @@
+//! The 27 nonlinear regression problems of NIST's Statistical Reference Datasets, from both starts.
+//!
+//! Scored as in Ceres Solver's `examples/nist.cc`: the log relative error of a run is the number of
+//! correct digits of its worst parameter, between 0 and 11.
+
+use std::f64::consts::PI;
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+use tau_solver::{Options, Termination, solve};
+
+use crate::family::{Family, Model, problem};
+use crate::scalar::Scalar;
+
+/// Formulas of the problems, by name of the data set.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Formula {
+    Bennett5,
+    Chwirut,
+    DanWood,
+    Eckerle4,
+    Enso,
+    Gauss,
+    Hahn,
+    Kirby2,
+    Lanczos,
+    Mgh09,
+    Mgh10,
+    Mgh17,
+    Misra1a,
+    Misra1b,
+    Misra1c,
+    Misra1d,
+    Nelson,
+    Rat42,
+    Rat43,
+    Roszman1,
+}
+
+impl Formula {
+    fn of(name: &str) -> Self {
+        match name {
+            "Bennett5" => Self::Bennett5,
+            "BoxBOD" | "Misra1a" => Self::Misra1a,
+            "Chwirut1" | "Chwirut2" => Self::Chwirut,
+            "DanWood" => Self::DanWood,
+            "ENSO" => Self::Enso,
+            "Eckerle4" => Self::Eckerle4,
+            "Gauss1" | "Gauss2" | "Gauss3" => Self::Gauss,
+            "Hahn1" | "Thurber" => Self::Hahn,
+            "Kirby2" => Self::Kirby2,
+            "Lanczos1" | "Lanczos2" | "Lanczos3" => Self::Lanczos,
+            "MGH09" => Self::Mgh09,
+            "MGH10" => Self::Mgh10,
+            "MGH17" => Self::Mgh17,
+            "Misra1b" => Self::Misra1b,
+            "Misra1c" => Self::Misra1c,
+            "Misra1d" => Self::Misra1d,
+            "Nelson" => Self::Nelson,
+            "Rat42" => Self::Rat42,
+            "Rat43" => Self::Rat43,
+            "Roszman1" => Self::Roszman1,
+            _ => panic!("no formula for {name}"),
+        }
+    }
+
+    fn predict<T: Scalar>(self, x: &[f64], b: &[T]) -> T {
+        let one = T::from(1.0);
+        let t = x[0];
+        let cubic = |c: &[T]| c[0] + c[1] * t + c[2] * (t * t) + c[3] * (t * t * t);
+        let bell =
+            |height: T, center: T, width: T| height * (-((-center + t) / width).square()).exp();
+        let wave = |cosine: T, sine: T, period: T| {
+            let phase = T::from(2.0 * PI * t) / period;
+            cosine * phase.cos() + sine * phase.sin()
+        };
+        match self {
+            Self::Bennett5 => b[0] * (b[1] + t).pow(-one / b[2]),
+            Self::Chwirut => (-b[0] * t).exp() / (b[1] + b[2] * t),
+            Self::DanWood => b[0] * (b[1] * t.ln()).exp(),
+            Self::Eckerle4 => b[0] / b[1] * (((-b[2] + t) / b[1]).square() * -0.5).exp(),
+            Self::Enso => {
+                b[0] + wave(b[1], b[2], T::from(12.0))
+                    + wave(b[4], b[5], b[3])
+                    + wave(b[7], b[8], b[6])
+            }
+            Self::Gauss => {
+                b[0] * (-b[1] * t).exp() + bell(b[2], b[3], b[4]) + bell(b[5], b[6], b[7])
+            }
+            Self::Hahn => cubic(b) / cubic(&[one, b[4], b[5], b[6]]),
+            Self::Kirby2 => (b[0] + b[1] * t + b[2] * (t * t)) / (one + b[3] * t + b[4] * (t * t)),
+            Self::Lanczos => {
+                b[0] * (-b[1] * t).exp() + b[2] * (-b[3] * t).exp() + b[4] * (-b[5] * t).exp()
+            }
+            Self::Mgh09 => b[0] * (b[1] * t + t * t) / (b[2] * t + b[3] + t * t),
+            Self::Mgh10 => b[0] * (b[1] / (b[2] + t)).exp(),
+            Self::Mgh17 => b[0] + b[1] * (-b[3] * t).exp() + b[2] * (-b[4] * t).exp(),
+            Self::Misra1a => b[0] * (one - (-b[1] * t).exp()),
+            Self::Misra1b => b[0] * (one - one / (b[1] * (t / 2.0) + 1.0).square()),
+            Self::Misra1c => b[0] * (one - (b[1] * (2.0 * t) + 1.0).powf(-0.5)),
+            Self::Misra1d => b[0] * b[1] * t / (b[1] * t + 1.0),
+            Self::Nelson => b[0] - b[1] * t * (-b[2] * x[1]).exp(),
+            Self::Rat42 => b[0] / (one + (b[1] - b[2] * t).exp()),
+            Self::Rat43 => b[0] / (one + (b[1] - b[2] * t).exp()).pow(one / b[3]),
+            Self::Roszman1 => b[0] - b[1] * t - (b[2] / (-b[3] + t)).atan() / PI,
+        }
+    }
+}
+
+/// A data set as read from its file.
+struct DataSet {
+    name: String,
+    formula: Formula,
+    starts: [Vec<f64>; 2],
+    certified: Vec<f64>,
+    certified_sum_of_squares: f64,
+    predictors: usize,
+    /// Response and predictors, sample by sample.
+    data: Vec<f64>,
+}
+
+impl Model for &DataSet {
+    fn sizes(&self) -> (usize, usize, usize) {
+        (1 + self.predictors, self.certified.len(), 1)
+    }
+
+    fn residuals<T: Scalar>(&self, data: &[f64], x: &[T], out: &mut [T]) {
+        let response = if self.formula == Formula::Nelson {
+            data[0].ln()
+        } else {
+            data[0]
+        };
+        out[0] = -self.formula.predict(&data[1..], x) + response;
+    }
+}
+
+/// Reads a file of the collection: parameter lines are `bN = start1 start2 value deviation`, the data
+/// follow the second line that starts with `Data:`.
+fn read(path: &Path) -> DataSet {
+    let text = std::fs::read_to_string(path).unwrap();
+    let numbers = |line: &str| -> Vec<f64> {
+        line.split_whitespace()
+            .map_while(|w| w.parse().ok())
+            .collect()
+    };
+    let name = path.file_stem().unwrap().to_str().unwrap().to_owned();
+    let mut set = DataSet {
+        formula: Formula::of(&name),
+        name,
+        starts: [Vec::new(), Vec::new()],
+        certified: Vec::new(),
+        certified_sum_of_squares: f64::NAN,
+        predictors: 0,
+        data: Vec::new(),
+    };
+    let mut data_lines = 0;
+    for line in text.lines() {
+        if line.starts_with("Data:") {
+            data_lines += 1;
+        } else if data_lines == 2 {
+            let sample = numbers(line);
+            if !sample.is_empty() {
+                set.predictors = sample.len() - 1;
+                set.data.extend(sample);
+            }
+        } else if let Some((label, values)) = line.split_once('=')
+            && label
+                .trim()
+                .strip_prefix('b')
+                .is_some_and(|n| n.parse::<usize>().is_ok())
+            && let [first, second, certified, _] = numbers(values)[..]
+        {
+            set.starts[0].push(first);
+            set.starts[1].push(second);
+            set.certified.push(certified);
+        } else if let Some(value) = line.strip_prefix("Residual Sum of Squares:") {
+            set.certified_sum_of_squares = value.trim().parse().unwrap();
+        }
+    }
+    set
+}
+
+/// Correct digits of the worst parameter, from 0 to 11.
+fn log_relative_error(found: &[f64], certified: &[f64]) -> f64 {
+    found
+        .iter()
+        .zip(certified)
+        .map(|(f, c)| (-((f - c).abs() / c.abs()).log10()).clamp(0.0, 11.0))
+        .fold(11.0, f64::min)
+}
+
+#[test]
+fn nist_reference_problems() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data/nist");
+    let Ok(entries) = std::fs::read_dir(&folder) else {
+        println!("skipped: there is no folder {}", folder.display());
+        return;
+    };
+    let mut paths: Vec<PathBuf> = entries
+        .map(|entry| entry.unwrap().path())
+        .filter(|path| path.extension().is_some_and(|e| e == "dat"))
+        .collect();
+    paths.sort();
+    assert_eq!(paths.len(), 27);
+
+    let mut table = String::new();
+    let mut errors = Vec::new();
+    for path in &paths {
+        let set = read(path);
+        let family = Family::new(&set);
+        for (start, values) in set.starts.iter().enumerate() {
+            let problem = problem(&family, &set.data, values);
+            let solution = solve(&problem, &Options::default()).unwrap();
+            let digits = log_relative_error(&solution.parameters, &set.certified);
+            let sum_of_squares = 2.0 * solution.cost;
+            writeln!(
+                table,
+                "{:<10} {} {digits:5.1} {:5} {:.10e} {:.10e} {}",
+                set.name,
+                start + 1,
+                solution.iterations,
+                sum_of_squares,
+                set.certified_sum_of_squares,
+                solution.termination,
+            )
+            .unwrap();
+            errors.push(digits);
+        }
+    }
+    println!("{table}");
+    let mean = errors.iter().sum::<f64>() / errors.len() as f64;
+    let reaching = |digits: f64| errors.iter().filter(|&&e| e >= digits).count();
+    println!(
+        "mean {mean:.3}, at least 4: {}, 9: {}",
+        reaching(4.0),
+        reaching(9.0)
+    );
+    let _ = Termination::Cost;
+}
