@@ -2,7 +2,7 @@
 
 use proc_macro2::Ident;
 
-use super::formula::{Checked, Scope, Shape, common, different, formula};
+use super::formula::{Checked, Scope, Shape, common, different_help, formula};
 use super::robot::unknown_track;
 use super::vocabulary::{FUNCTIONS, meaning};
 use crate::diagnostics::{Diagnostics, Location};
@@ -112,8 +112,9 @@ fn result(
             let second = *dimensions.get(1)?;
             let value = common(first, second);
             if value.is_none() {
-                let verb = format!("`{name}` cannot compare");
-                diagnostics.push(different(&verb, "and", first, second, location));
+                let (left, right) = (first.describe(), second.describe());
+                let message = format!("`{name}` cannot compare {left} and {right}");
+                diagnostics.error(location, message, different_help(first, second));
             }
             return value;
         }

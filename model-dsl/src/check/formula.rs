@@ -135,7 +135,11 @@ pub(super) fn formula(
             let is_value = scope.parameter(&unit.name).is_some() || meaning(&name).is_some();
             if is_value && find_unit(&name).is_none() {
                 let message = format!("`{name}` is not a unit");
-                diagnostics.error(&unit.name, message, "for a product write `*` between the two");
+                diagnostics.error(
+                    &unit.name,
+                    message,
+                    "for a product write `*` between the two",
+                );
                 return None;
             }
             let (size, dimension) = unit_factor(unit, false, diagnostics)?;
@@ -261,11 +265,11 @@ fn binary(
 ) -> Option<Checked> {
     use BinaryOperator::{Add, Divide, Multiply, Subtract};
     let apply = |a, b| Formula::Binary(operator, Box::new(a), Box::new(b));
-    let (verb, joint) = match operator {
-        Add => ("add", "and"),
-        Subtract => ("subtract", "and"),
-        Multiply => ("multiply", "and"),
-        Divide => ("divide", "by"),
+    let refuse = |left: &str, right: &str| match operator {
+        Add => format!("cannot add {left} and {right}"),
+        Subtract => format!("cannot subtract {right} from {left}"),
+        Multiply => format!("cannot multiply {left} and {right}"),
+        Divide => format!("cannot divide {left} by {right}"),
     };
     let known = left.dimension.zip(right.dimension);
     let dimension = match (operator, known) {
@@ -273,7 +277,8 @@ fn binary(
         (Add | Subtract, Some((a, b))) => {
             let dimension = common(a, b);
             if dimension.is_none() {
-                diagnostics.push(different(&format!("cannot {verb}"), joint, a, b, location));
+                let message = refuse(&a.describe(), &b.describe());
+                diagnostics.error(location, message, different_help(a, b));
                 return None;
             }
             dimension
@@ -303,7 +308,7 @@ fn binary(
             vector.map(|component| apply(scalar.clone(), component))
         }
         (_, left, right) => {
-            let message = format!("cannot {verb} {} {joint} {}", left.word(), right.word());
+            let message = refuse(left.word(), right.word());
             let help = "vectors add to vectors; multiply or divide them by scalars, or use components, \
                         such as `rate[0]`";
             diagnostics.error(location, message, help);
@@ -325,23 +330,15 @@ pub(super) fn common(left: Dimension, right: Dimension) -> Option<Dimension> {
     }
 }
 
-/// The message for two dimensions that do not go together.
-pub(super) fn different(
-    verb: &str,
-    joint: &str,
-    left: Dimension,
-    right: Dimension,
-    location: Location,
-) -> Diagnostic {
-    let message = format!("{verb} {} {joint} {}", left.describe(), right.describe());
-    let help = if left == Dimension::NUMBER {
+/// How to mend two dimensions that do not go together.
+pub(super) fn different_help(left: Dimension, right: Dimension) -> String {
+    if left == Dimension::NUMBER {
         format!("give the number a unit, such as `1 {}`", right.si_unit())
     } else if right == Dimension::NUMBER {
         format!("give the number a unit, such as `1 {}`", left.si_unit())
     } else {
         "both sides must have the same dimension".to_owned()
-    };
-    Diagnostic::new(location, message).help(help)
+    }
 }
 
 fn named(name: &Ident, scope: &mut Scope<'_>, diagnostics: &mut Diagnostics) -> Option<Checked> {

@@ -5,7 +5,6 @@ use proc_macro2::Ident;
 use super::Declared;
 use super::effect::CheckedEffect;
 use super::robot::{Geometry, unknown_track};
-use super::vocabulary::subject_word;
 use crate::diagnostics::{Diagnostic, Diagnostics, Location};
 use crate::model::{Arm, Effect, EffectUse, Place, Subject, Target, TrackModel, Variant};
 use crate::names::suggest;
@@ -97,7 +96,7 @@ impl Context<'_> {
         let before = diagnostics.count();
         let mut arm: Option<(Arm, Location)> = None;
         let mut tracks: Vec<Option<TrackModel>> = vec![None; self.geometry.tracks.len()];
-        let mut chosen = Declared::default();
+        let mut chosen: Vec<&Ident> = Vec::new();
         let mut per_links = Vec::new();
         for line in lines {
             match line {
@@ -136,7 +135,13 @@ impl Context<'_> {
                             tracks.fill(Some(model));
                         }
                         Some(track) => {
-                            chosen.declare(track, "line of this variant", diagnostics);
+                            if let Some(first) = chosen.iter().find(|first| **first == track) {
+                                let line = first.span().start().line;
+                                let message =
+                                    format!("track `{track}` has a model already, on line {line}");
+                                diagnostics.error(track, message, "name each track once");
+                            }
+                            chosen.push(track);
                             self.one_track(track, model, &mut tracks, diagnostics);
                         }
                     }
@@ -525,14 +530,13 @@ impl Context<'_> {
         used: &EffectUse,
         location: Location,
     ) -> Option<Diagnostic> {
-        let word = subject_word(effect.subject);
         let reason = effect
             .terms
             .iter()
             .find_map(|term| match (term.target, used.place) {
-                (Target::Joint, _) => Some("it moves plate joints".to_owned()),
+                (Target::Joint, _) => Some("a reduced arm has no plate joints to move".to_owned()),
                 (Target::Roll | Target::Pitch | Target::Yaw, _) => {
-                    Some("it rotates the cart".to_owned())
+                    Some("a reduced arm has no levers for the cart to turn".to_owned())
                 }
                 (Target::Length, Place::Link(link)) => {
                     let link = self.geometry.links.get(link)?;
@@ -543,14 +547,11 @@ impl Context<'_> {
                         .filter(|other| other.cluster == link.cluster)
                         .count();
                     (together > 1)
-                        .then(|| format!("`{}` shares its cluster with other links", link.name))
+                        .then(|| format!("`{}` shares the one length of its cluster", link.name))
                 }
                 _ => None,
             })?;
-        let message = format!(
-            "effect `{}` on {word} needs a full arm: {reason}, but a reduced arm has no plate joints",
-            effect.name
-        );
+        let message = format!("effect `{}` needs a full arm: {reason}", effect.name);
         Some(Diagnostic::new(location, message).help("start from a variant with `arm full;`"))
     }
 }

@@ -1,8 +1,7 @@
 //! The parser's hand on the tokens.
 
-use proc_macro2::{Delimiter, Ident, Span, TokenStream, TokenTree};
+use proc_macro2::{Delimiter, Ident, Span, TokenTree};
 use syn::buffer::{Cursor, TokenBuffer};
-use syn::parse::Parser as _;
 
 use super::{Parse, brackets};
 use crate::diagnostics::{Diagnostic, Diagnostics, Location};
@@ -78,6 +77,12 @@ impl<'a> Parser<'a> {
         self.cursor.ident().map(|(word, _)| word)
     }
 
+    /// Whether one of some words comes next.
+    pub(super) fn at_any(&self, words: &[&str]) -> bool {
+        self.word()
+            .is_some_and(|found| words.iter().any(|word| found == word))
+    }
+
     pub(super) fn at_word(&self, word: &str) -> bool {
         self.cursor.ident().is_some_and(|(found, _)| found == word)
     }
@@ -103,7 +108,9 @@ impl<'a> Parser<'a> {
 
     /// A name that is being declared or used.
     pub(super) fn name(&mut self, what: &str) -> Parse<Ident> {
-        self.eat_any_word().ok_or_else(|| self.expected(what))
+        let help = "a name consists of ASCII letters, digits and `_`";
+        self.eat_any_word()
+            .ok_or_else(|| self.expected(what).help(help))
     }
 
     /// A name that is being declared, which must not be reserved.
@@ -126,30 +133,20 @@ impl<'a> Parser<'a> {
 
     /// Whether an operator comes next; of several characters, they must stand together.
     pub(super) fn at(&self, operator: &str) -> bool {
-        self.after(operator).is_some()
+        after(self.cursor, operator).is_some()
+    }
+
+    /// Whether a word and then `+=` come next.
+    pub(super) fn at_term(&self) -> bool {
+        self.cursor
+            .ident()
+            .is_some_and(|(_, rest)| after(rest, "+=").is_some())
     }
 
     pub(super) fn eat(&mut self, operator: &str) -> Option<Location> {
-        let (location, rest) = self.after(operator)?;
+        let (location, rest) = after(self.cursor, operator)?;
         self.advance(rest, location.end);
         Some(location)
-    }
-
-    fn after(&self, operator: &str) -> Option<(Location, Cursor<'a>)> {
-        let mut cursor = self.cursor;
-        let mut location: Option<Location> = None;
-        let mut characters = operator.chars().peekable();
-        while let Some(character) = characters.next() {
-            let (punct, rest) = cursor.punct()?;
-            let joined = punct.spacing() == proc_macro2::Spacing::Joint;
-            if punct.as_char() != character || (characters.peek().is_some() && !joined) {
-                return None;
-            }
-            let here = Location::from(punct.span());
-            location = Some(location.map_or(here, |start| start.to(here)));
-            cursor = rest;
-        }
-        Some((location?, cursor))
     }
 
     pub(super) fn expect(&mut self, operator: &str, help: &str) -> Parse<Location> {
@@ -222,10 +219,10 @@ impl<'a> Parser<'a> {
 
     /// Reads items to the end of the brackets; after a mistake, goes on at the next item.
     ///
-    /// `starts` are the words with which items begin.
+    /// `begins` recognises the start of an item.
     pub(super) fn items(
         &mut self,
-        starts: &[&str],
+        begins: impl Fn(&Self) -> bool,
         diagnostics: &mut Diagnostics,
         mut item: impl FnMut(&mut Self, &mut Diagnostics) -> Parse<()>,
     ) {
@@ -236,21 +233,17 @@ impl<'a> Parser<'a> {
                 if self.cursor == before {
                     self.skip();
                 }
-                self.skip_to_item(starts);
+                self.skip_to_item(&begins);
             }
         }
     }
 
-    fn skip_to_item(&mut self, starts: &[&str]) {
+    fn skip_to_item(&mut self, begins: &impl Fn(&Self) -> bool) {
         while !self.at_end() {
             if self.eat(";").is_some() || self.enter(Delimiter::Brace).is_some() {
                 return;
             }
-            if self
-                .word()
-                .is_some_and(|word| starts.iter().any(|start| word == start))
-                || self.at("#")
-            {
+            if begins(self) || self.at("#") {
                 return;
             }
             self.skip();
@@ -264,31 +257,48 @@ impl<'a> Parser<'a> {
         }
     }
 
-    /// The extent of an expression or statement of Rust that begins here with a keyword.
-    pub(super) fn rust_code(&self) -> Option<Location> {
-        let word = self.word().filter(|word| is_rust(&word.to_string()))?;
-        let tokens = self.cursor.token_stream();
-        // Reading one statement and leaving the rest is what syn calls an error, so the extent comes
-        // out through this variable.
-        let mut end = None;
-        let _ = (|input: syn::parse::ParseStream<'_>| {
-            let before: Vec<TokenTree> = tokens.clone().into_iter().collect();
-            let _: syn::Stmt = input.parse()?;
-            let rest: TokenStream = input.parse()?;
-            let read = before.len() - rest.into_iter().count();
-            end = read
-                .checked_sub(1)
-                .and_then(|last| before.get(last))
-                .map(TokenTree::span);
-            Ok(())
-        })
-        .parse2(tokens.clone());
-        let start = Location::from(word.span());
-        Some(end.map_or(start, |end| start.to(end.into())))
+    /// Whether code of Rust begins here, which has no meaning in a model.
+    pub(super) fn at_rust(&self) -> bool {
+        self.word().is_some_and(|word| is_rust(&word.to_string()))
+    }
+
+    /// Skips code of Rust: to its `;`, or to its braces and those that follow an `else`.
+    pub(super) fn skip_rust(&mut self) -> Option<Location> {
+        if !self.at_rust() {
+            return None;
+        }
+        let start = self.here();
+        while !self.at_end() {
+            let braces = self.enter(Delimiter::Brace).is_some();
+            if self.eat(";").is_some() || (braces && !self.at_word("else")) {
+                break;
+            }
+            if !braces {
+                self.skip();
+            }
+        }
+        Some(self.since(start))
     }
 
     fn advance(&mut self, rest: Cursor<'a>, last: Span) {
         self.cursor = rest;
         self.last = last;
     }
+}
+
+/// The place of an operator at a position, and the position after it.
+fn after<'a>(mut cursor: Cursor<'a>, operator: &str) -> Option<(Location, Cursor<'a>)> {
+    let mut location: Option<Location> = None;
+    let mut characters = operator.chars().peekable();
+    while let Some(character) = characters.next() {
+        let (punct, rest) = cursor.punct()?;
+        let joined = punct.spacing() == proc_macro2::Spacing::Joint;
+        if punct.as_char() != character || (characters.peek().is_some() && !joined) {
+            return None;
+        }
+        let here = Location::from(punct.span());
+        location = Some(location.map_or(here, |start| start.to(here)));
+        cursor = rest;
+    }
+    Some((location?, cursor))
 }

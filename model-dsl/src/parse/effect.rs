@@ -54,7 +54,7 @@ pub(super) fn effect(
         parameters: Vec::new(),
         terms: Vec::new(),
     };
-    body.items(&STARTS, diagnostics, |parser, _| {
+    body.items(begins, diagnostics, |parser, _| {
         parser.docs()?;
         if parser.eat_word("param").is_some() {
             effect.parameters.push(parameters(parser)?);
@@ -66,6 +66,12 @@ pub(super) fn effect(
         Ok(())
     });
     Ok(effect)
+}
+
+/// Whether a parameter or a term begins here. The name of a target alone is not enough: `length` is a
+/// dimension too.
+fn begins(parser: &Parser<'_>) -> bool {
+    parser.at_any(&["param", "search"]) || parser.at_term()
 }
 
 /// `param a, b[3]: length = 0 mm tol 1 mm;` from the first name on.
@@ -139,7 +145,7 @@ fn parameter_name(parser: &mut Parser<'_>) -> Parse<ParameterName> {
 
 /// `along += formula;`
 fn term(parser: &mut Parser<'_>) -> Parse<Term> {
-    if parser.rust_code().is_some() {
+    if parser.at_rust() {
         return Err(unknown_item(parser, &STARTS));
     }
     let Some(target) = parser.eat_any_word() else {

@@ -138,17 +138,18 @@ fn primary(parser: &mut Parser<'_>) -> Parse<Node> {
     }
     if parser.literal().is_some() {
         let (value, _) = number(parser)?;
-        if parser.word().is_none() || parser.rust_code().is_some() {
+        if parser.word().is_none() || parser.at_rust() {
             return node(parser, ExpressionKind::Number(value), &start, 1);
         }
         let unit = unit_factor(parser, "a unit", 1)?;
         return node(parser, ExpressionKind::Measure(value, unit), &start, 1);
     }
-    if parser.rust_code().is_some() {
+    if parser.at_rust() {
         return Err(unknown_item(parser, &[]));
     }
     let Some(name) = parser.eat_any_word() else {
-        return Err(parser.expected("a value"));
+        let help = "a value is a number, a name, a call or a formula in parentheses";
+        return Err(parser.expected("a value").help(help));
     };
     if let Some(mut inside) = parser.enter(Delimiter::Parenthesis) {
         let (arguments, depth) = list(&mut inside)?;

@@ -41,40 +41,44 @@ pub(crate) fn description(
     } else {
         &["effect"]
     };
-    parser.items(starts, diagnostics, |parser, diagnostics| {
-        let docs = parser.docs()?;
-        if parser.eat_word("effect").is_some() {
-            description
-                .effects
-                .push(effect::effect(parser, docs, diagnostics)?);
-            return Ok(());
-        }
-        let public = with_robot && parser.eat_word("pub").is_some();
-        if !(with_robot && parser.eat_word("robot").is_some()) {
-            return Err(if with_robot {
-                unknown_item(
-                    parser,
-                    if public {
-                        &["robot"]
-                    } else {
-                        &["robot", "effect"]
-                    },
-                )
-            } else {
-                unknown_item(parser, &["effect"]).help("a catalogue holds effects only")
-            });
-        }
-        let robot = robot::robot(parser, docs, public, &mut description.robot, diagnostics)?;
-        if let Some(second) = robot {
-            let message = format!("`{second}` is a second robot, but a description holds one");
-            diagnostics.error(
-                &second,
-                message,
-                "put every robot in a description of its own",
-            );
-        }
-        Ok(())
-    });
+    parser.items(
+        |parser| parser.at_any(starts),
+        diagnostics,
+        |parser, diagnostics| {
+            let docs = parser.docs()?;
+            if parser.eat_word("effect").is_some() {
+                description
+                    .effects
+                    .push(effect::effect(parser, docs, diagnostics)?);
+                return Ok(());
+            }
+            let public = with_robot && parser.eat_word("pub").is_some();
+            if !(with_robot && parser.eat_word("robot").is_some()) {
+                return Err(if with_robot {
+                    unknown_item(
+                        parser,
+                        if public {
+                            &["robot"]
+                        } else {
+                            &["robot", "effect"]
+                        },
+                    )
+                } else {
+                    unknown_item(parser, &["effect"]).help("a catalogue holds effects only")
+                });
+            }
+            let robot = robot::robot(parser, docs, public, &mut description.robot, diagnostics)?;
+            if let Some(second) = robot {
+                let message = format!("`{second}` is a second robot, but a description holds one");
+                diagnostics.error(
+                    &second,
+                    message,
+                    "put every robot in a description of its own",
+                );
+            }
+            Ok(())
+        },
+    );
     if with_robot && description.robot.is_none() && diagnostics.count() == 0 {
         let diagnostic = if parser.was_empty() {
             Diagnostic::new(parser.here(), "the description is empty")
@@ -87,8 +91,8 @@ pub(crate) fn description(
 }
 
 /// What stands where one of some keywords was expected.
-fn unknown_item(parser: &Parser<'_>, keywords: &[&str]) -> Diagnostic {
-    if let Some(rust) = parser.rust_code() {
+fn unknown_item(parser: &mut Parser<'_>, keywords: &[&str]) -> Diagnostic {
+    if let Some(rust) = parser.skip_rust() {
         return Diagnostic::new(rust, "this Rust code has no meaning in a model").help(
             "a model is declared, without control flow; formulas stand in the terms of effects",
         );

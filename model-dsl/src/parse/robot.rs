@@ -42,26 +42,30 @@ pub(super) fn robot(
     let help = "a robot's parts stand in braces: `robot Name { … }`";
     let mut body = parser.expect_braces(help)?;
     let keywords = ["track", "cluster", "effect", "variant"];
-    body.items(&keywords, diagnostics, |parser, diagnostics| {
-        let docs = parser.docs()?;
-        if parser.eat_word("track").is_some() {
-            robot.tracks.extend(parser.new_names("the track's name")?);
-            parser.semicolon()
-        } else if parser.eat_word("cluster").is_some() {
-            robot.clusters.push(cluster(parser, diagnostics)?);
-            Ok(())
-        } else if parser.eat_word("effect").is_some() {
-            robot
-                .effects
-                .push(effect::effect(parser, docs, diagnostics)?);
-            Ok(())
-        } else if parser.eat_word("variant").is_some() {
-            robot.variants.push(variant(parser, docs, diagnostics)?);
-            Ok(())
-        } else {
-            Err(unknown_item(parser, &keywords))
-        }
-    });
+    body.items(
+        |parser| parser.at_any(&keywords),
+        diagnostics,
+        |parser, diagnostics| {
+            let docs = parser.docs()?;
+            if parser.eat_word("track").is_some() {
+                robot.tracks.extend(parser.new_names("the track's name")?);
+                parser.semicolon()
+            } else if parser.eat_word("cluster").is_some() {
+                robot.clusters.push(cluster(parser, diagnostics)?);
+                Ok(())
+            } else if parser.eat_word("effect").is_some() {
+                robot
+                    .effects
+                    .push(effect::effect(parser, docs, diagnostics)?);
+                Ok(())
+            } else if parser.eat_word("variant").is_some() {
+                robot.variants.push(variant(parser, docs, diagnostics)?);
+                Ok(())
+            } else {
+                Err(unknown_item(parser, &keywords))
+            }
+        },
+    );
     Ok(second)
 }
 
@@ -79,14 +83,18 @@ fn cluster(parser: &mut Parser<'_>, diagnostics: &mut Diagnostics) -> Parse<Clus
         place,
         links: Vec::new(),
     };
-    body.items(&["link"], diagnostics, |parser, diagnostics| {
-        parser.docs()?;
-        if parser.eat_word("link").is_none() {
-            return Err(unknown_item(parser, &["link"]));
-        }
-        cluster.links.push(links(parser, diagnostics)?);
-        Ok(())
-    });
+    body.items(
+        |parser| parser.at_word("link"),
+        diagnostics,
+        |parser, diagnostics| {
+            parser.docs()?;
+            if parser.eat_word("link").is_none() {
+                return Err(unknown_item(parser, &["link"]));
+            }
+            cluster.links.push(links(parser, diagnostics)?);
+            Ok(())
+        },
+    );
     Ok(cluster)
 }
 
@@ -106,14 +114,18 @@ fn links(parser: &mut Parser<'_>, diagnostics: &mut Diagnostics) -> Parse<Links>
     let mut values = Vec::new();
     if let Some(mut body) = parser.enter(Delimiter::Brace) {
         let keywords = ["length", "plate_joint", "track_offset", "track_direction"];
-        body.items(&keywords, diagnostics, |parser, _| {
-            parser.docs()?;
-            if !keywords.iter().any(|keyword| parser.at_word(keyword)) {
-                return Err(unknown_item(parser, &keywords));
-            }
-            values.push(link_value(parser)?);
-            Ok(())
-        });
+        body.items(
+            |parser| parser.at_any(&keywords),
+            diagnostics,
+            |parser, _| {
+                parser.docs()?;
+                if !parser.at_any(&keywords) {
+                    return Err(unknown_item(parser, &keywords));
+                }
+                values.push(link_value(parser)?);
+                Ok(())
+            },
+        );
     } else {
         let help = "a link ends with `;`, or with its values in braces";
         parser.expect(";", help)?;
@@ -177,11 +189,15 @@ fn variant(
     };
     let mut lines = Vec::new();
     let keywords = ["arm", "tracks", "track"];
-    body.items(&keywords, diagnostics, |parser, _| {
-        parser.docs()?;
-        lines.push(variant_line(parser)?);
-        Ok(())
-    });
+    body.items(
+        |parser| parser.at_any(&keywords),
+        diagnostics,
+        |parser, _| {
+            parser.docs()?;
+            lines.push(variant_line(parser)?);
+            Ok(())
+        },
+    );
     Ok(Variant {
         docs,
         name,
