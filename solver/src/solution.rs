@@ -29,7 +29,7 @@ impl Default for Options {
             gradient_tolerance: 0.01 * f64::EPSILON,
             step_tolerance: 0.01 * f64::EPSILON,
             cost_tolerance: 0.0,
-            initial_radius: 100.0,
+            initial_radius: 1.0,
             method: Method::Auto,
         }
     }
