@@ -9,11 +9,15 @@ pub mod compile;
 pub mod differentiate;
 pub mod emit;
 pub mod equations;
+pub mod evaluate;
 pub mod graph;
 pub mod interpret;
 pub mod lower;
 pub mod program;
 pub mod vector;
+
+#[cfg(test)]
+mod tests;
 
 pub use compile::{CompiledRobot, CompiledVariant, Family, compile};
 pub use tau_model_dsl as language;
@@ -25,10 +29,10 @@ use quote::quote;
 ///
 /// On error: the errors at their tokens, and the bare type, so that its uses elsewhere raise no errors
 /// of their own.
-pub fn expand(description: TokenStream, paths: &emit::Paths) -> TokenStream {
+pub fn expand(description: &TokenStream, paths: &emit::Paths) -> TokenStream {
     match language::check_tokens(description.clone()) {
         Ok(model) => {
-            let name = robot_name(&description, &model.name);
+            let name = robot_name(description, &model.name);
             let compiled = compile(&model, &description.to_string());
             emit::expansion(&compiled, &name, paths)
         }

@@ -6,6 +6,8 @@
 mod family;
 mod tables;
 
+use std::fmt::Write;
+
 use proc_macro2::{Ident, Span, TokenStream};
 use quote::quote;
 
@@ -102,14 +104,15 @@ pub fn file(compiled: &CompiledRobot, source: &str, command: &str) -> String {
     );
     for variant in &compiled.variants {
         for family in &variant.families {
-            text.push_str(&format!(
-                "//   {}::{}: {} / {} / {}\n",
+            let _ = writeln!(
+                text,
+                "//   {}::{}: {} / {} / {}",
                 snake_case(&variant.name),
                 family.name,
                 family.programs.prepare.counts().total(),
                 family.programs.value.counts().total(),
                 family.programs.linearize.counts().total(),
-            ));
+            );
         }
     }
     text.push('\n');

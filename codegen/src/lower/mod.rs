@@ -105,7 +105,9 @@ fn prepared(graph: &Graph, roots: &[Expr]) -> Vec<Expr> {
             slots.insert(core);
         }
     };
-    roots.iter().for_each(|&root| collect(root));
+    for &root in roots {
+        collect(root);
+    }
     for expr in graph.reachable(roots) {
         // A negation is not work of its own: its reader decides.
         if graph.stage(expr) == Stage::Parameter && !matches!(graph.node(expr), Node::Negate(_)) {

@@ -13,5 +13,5 @@ use tau_codegen::emit::Paths;
 /// Mistakes are reported all at once, each at its token, with what was expected.
 #[proc_macro]
 pub fn tau_model(description: TokenStream) -> TokenStream {
-    tau_codegen::expand(description.into(), &Paths::facade()).into()
+    tau_codegen::expand(&description.into(), &Paths::facade()).into()
 }
