@@ -68,6 +68,19 @@ mod tests {
     }
 
     #[test]
+    fn the_prototype_fits_the_standard_gantry_tau() {
+        let robot = crate::Robot::from(&tau_generated::gantry_tau::ROBOT);
+        assert_eq!(crate::measurements::Shape::from(&robot), SHAPE);
+        let file = RobotFile::parse_for(ROBOT, "robot.toml", &robot).unwrap();
+        let folder = folder().unwrap();
+        let poses = folder.in_range(&file, SHAPE);
+        folder.check_reach(&poses, &robot, &file).unwrap();
+        let lengths = ROBOT.replace("length_m", "# length_m");
+        let error = RobotFile::parse_for(&lengths, "robot.toml", &robot).unwrap_err();
+        assert_eq!(error.problems().len(), 6, "each link lacks its length");
+    }
+
+    #[test]
     fn values_are_those_of_the_files() {
         let folder = folder().unwrap();
         let expected = TcpPose {
