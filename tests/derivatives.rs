@@ -1,0 +1,369 @@
+//! Residuals and Jacobians of every family, against dual numbers; interpreter against generated code.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use proptest::prelude::*;
+use tau::Robot;
+use tau::robot::{Input, Instance, ResidualKind, Variant};
+use tau_model_dsl::Model;
+
+use crate::reference::{By, Point, residuals};
+
+/// Random numbers that are the same everywhere.
+struct Random(u64);
+
+impl Random {
+    fn uniform(&mut self, low: f64, high: f64) -> f64 {
+        // SplitMix64.
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^= z >> 31;
+        low + (high - low) * (z >> 11) as f64 / (1_u64 << 53) as f64
+    }
+}
+
+fn random_point(robot: &Robot, variant: &Variant, seed: u64) -> Point {
+    let mut random = Random(seed);
+    let mut inputs: BTreeSet<Input> = variant
+        .instances
+        .iter()
+        .flat_map(|i| i.inputs.clone())
+        .collect();
+    inputs.extend((0..robot.commands).map(Input::Command));
+    inputs.extend((0..3).flat_map(|i| [Input::Position(i), Input::Angle(i)]));
+    let mut data: BTreeMap<Input, f64> = inputs
+        .into_iter()
+        .map(|input| {
+            let value = match input {
+                Input::Angle(_) => random.uniform(-3.0, 3.0),
+                Input::Time => random.uniform(0.0, 4.0),
+                Input::Temperature => random.uniform(15.0, 30.0),
+                Input::Load { .. } | Input::Tension(_) => random.uniform(-2.0, 2.0),
+                Input::Direction(_) => random.uniform(-1.0, 1.0).signum(),
+                _ => random.uniform(-2.0, 2.0),
+            };
+            (input, value)
+        })
+        .collect();
+    // Segments have a positive length.
+    let starts: Vec<(usize, f64)> = data
+        .iter()
+        .filter_map(|(input, &value)| match input {
+            Input::SegmentStartCommand(track) => Some((*track, value)),
+            _ => None,
+        })
+        .collect();
+    for (track, start) in starts {
+        data.insert(
+            Input::SegmentEndCommand(track),
+            start + random.uniform(0.5, 1.5),
+        );
+    }
+    let parameters = variant
+        .parameters
+        .iter()
+        .map(|parameter| match parameter.search {
+            Some((low, high)) => random.uniform(low.max(high / 3.0), high),
+            None => random.uniform(0.2, 2.0) * random.uniform(-1.0, 1.0).signum(),
+        })
+        .collect();
+    Point { data, parameters }
+}
+
+/// Data and parameters as the family's slices want them.
+fn slices(robot: &Robot, instance: &Instance, point: &Point) -> (Vec<f64>, Vec<f64>) {
+    let data = instance
+        .inputs
+        .iter()
+        .map(|input| point.data[input])
+        .collect();
+    let mut parameters = Vec::new();
+    if instance.kind == ResidualKind::ClosureByPose {
+        parameters.extend((0..3).map(|i| point.data[&Input::Position(i)]));
+        parameters.extend((0..3).map(|i| point.data[&Input::Angle(i)]));
+        parameters.extend((0..robot.commands).map(|i| point.data[&Input::Command(i)]));
+    }
+    parameters.extend(
+        instance
+            .parameters
+            .iter()
+            .map(|&index| point.parameters[index]),
+    );
+    (data, parameters)
+}
+
+fn columns(robot: &Robot, instance: &Instance) -> Vec<By> {
+    if instance.kind == ResidualKind::ClosureByPose {
+        let pose = (0..3).map(By::Translation).chain((0..3).map(By::Rotation));
+        pose.chain((0..robot.commands).map(By::Command)).collect()
+    } else {
+        instance
+            .parameters
+            .iter()
+            .map(|&index| By::Parameter(index))
+            .collect()
+    }
+}
+
+/// Residuals, then the Jacobian's entries.
+fn evaluate(robot: &Robot, instance: &Instance, point: &Point) -> (Vec<f64>, Vec<f64>) {
+    let (data, parameters) = slices(robot, instance, point);
+    let family = &instance.family;
+    let shape = family.shape();
+    assert_eq!(
+        (shape.data, shape.parameters),
+        (data.len(), parameters.len())
+    );
+    let mut prepared = vec![0.0; shape.prepared];
+    family.prepare(&data, &mut prepared);
+    let mut value = vec![0.0; shape.residuals];
+    family.value(&prepared, &parameters, &mut value);
+    let mut residuals = vec![0.0; shape.residuals];
+    let mut jacobian = vec![0.0; family.pattern().len()];
+    family.linearize(&prepared, &parameters, &mut residuals, &mut jacobian);
+    for (a, b) in value.iter().zip(&residuals) {
+        assert!(
+            (a - b).abs() <= 1e-13 * b.abs().max(1.0),
+            "value {a} and linearize {b} differ"
+        );
+    }
+    (residuals, jacobian)
+}
+
+/// Compares one instance with the reference: values and every derivative, zeros included.
+fn check_instance(
+    robot: &Robot,
+    model: &Model,
+    variant: &Variant,
+    instance: &Instance,
+    point: &Point,
+) {
+    let (values, jacobian) = evaluate(robot, instance, point);
+    let pattern = instance.family.pattern();
+    let columns = columns(robot, instance);
+    let mut dense = vec![vec![0.0; columns.len()]; values.len()];
+    for (row, dense) in dense.iter_mut().enumerate() {
+        let entries = pattern.row_starts[row] as usize..pattern.row_starts[row + 1] as usize;
+        for entry in entries {
+            dense[pattern.columns[entry] as usize] = jacobian[entry];
+        }
+    }
+    let by_column: Vec<Vec<num_dual::Dual64>> = columns
+        .iter()
+        .map(|&by| residuals(model, variant, instance, point, by))
+        .collect();
+    for row in 0..values.len() {
+        let scale = by_column
+            .iter()
+            .map(|c| c[row].eps.abs())
+            .fold(1.0, f64::max);
+        let reference = by_column.first().map_or_else(
+            || residuals(model, variant, instance, point, By::Command(usize::MAX))[row].re,
+            |column| column[row].re,
+        );
+        assert!(
+            (values[row] - reference).abs() <= 1e-12 * scale.max(reference.abs()),
+            "{} {:?} of {}: residual {row} is {}, by hand {reference}",
+            variant.name,
+            instance.kind,
+            instance.of,
+            values[row],
+        );
+        for (column, by) in columns.iter().enumerate() {
+            let expected = by_column[column][row].eps;
+            assert!(
+                (dense[row][column] - expected).abs() <= 1e-12 * scale,
+                "{} {:?} of {}: derivative of residual {row} by {by:?} is {}, by dual numbers {expected}",
+                variant.name,
+                instance.kind,
+                instance.of,
+                dense[row][column],
+            );
+        }
+    }
+}
+
+pub(crate) fn check_robot(robot: &Robot, model: &Model, seeds: std::ops::Range<u64>) {
+    for variant in &robot.variants {
+        for seed in seeds.clone() {
+            let point = random_point(robot, variant, seed);
+            for instance in &variant.instances {
+                check_instance(robot, model, variant, instance, &point);
+            }
+        }
+    }
+}
+
+#[test]
+fn generated_gantry_tau_agrees_with_dual_numbers() {
+    let robot = Robot::from(&tau_generated::gantry_tau::ROBOT);
+    let model = tau_model_dsl::check_text(&robot.description).unwrap();
+    check_robot(&robot, &model, 0..8);
+}
+
+#[test]
+fn interpreter_agrees_with_generated_code_bit_for_bit() {
+    let generated = Robot::from(&tau_generated::gantry_tau::ROBOT);
+    let interpreted = Robot::from_text(&generated.description).unwrap();
+    for (a, b) in generated.variants.iter().zip(&interpreted.variants) {
+        assert_eq!(a.parameters, b.parameters);
+        for seed in 0..8 {
+            let point = random_point(&generated, a, seed);
+            for (x, y) in a.instances.iter().zip(&b.instances) {
+                assert_eq!((x.kind, x.of, &x.inputs), (y.kind, y.of, &y.inputs));
+                let bits = |(residuals, jacobian): (Vec<f64>, Vec<f64>)| -> Vec<u64> {
+                    residuals
+                        .iter()
+                        .chain(&jacobian)
+                        .map(|value| value.to_bits())
+                        .collect()
+                };
+                assert_eq!(
+                    bits(evaluate(&generated, x, &point)),
+                    bits(evaluate(&interpreted, y, &point)),
+                    "{} {:?} of {}",
+                    a.name,
+                    x.kind,
+                    x.of,
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn interpreter_blocks_equal_single_samples() {
+    let robot = Robot::from_text(tau_generated::gantry_tau::ROBOT.description).unwrap();
+    let variant = robot.variant("FullRack").unwrap();
+    for instance in variant.instances_of(ResidualKind::CartPosition) {
+        let shape = instance.family.shape();
+        let samples = 37; // Two blocks and a rest.
+        let parameters = slices(&robot, instance, &random_point(&robot, variant, 0)).1;
+        let mut data = Vec::new();
+        let mut single = Vec::new();
+        for seed in 0..samples {
+            let mut point = random_point(&robot, variant, seed);
+            point.parameters = random_point(&robot, variant, 0).parameters;
+            data.extend(slices(&robot, instance, &point).0);
+            single.push(evaluate(&robot, instance, &point));
+        }
+        let mut prepared = vec![0.0; shape.prepared * samples as usize];
+        instance.family.prepare_all(&data, &mut prepared);
+        let mut residuals = vec![0.0; shape.residuals * samples as usize];
+        let mut jacobian = vec![0.0; instance.family.pattern().len() * samples as usize];
+        instance
+            .family
+            .linearize_all(&prepared, &parameters, &mut residuals, &mut jacobian);
+        assert_eq!(
+            residuals,
+            single.iter().flat_map(|s| s.0.clone()).collect::<Vec<_>>()
+        );
+        assert_eq!(
+            jacobian,
+            single.iter().flat_map(|s| s.1.clone()).collect::<Vec<_>>()
+        );
+        let mut values = vec![0.0; residuals.len()];
+        instance
+            .family
+            .value_all(&prepared, &parameters, &mut values);
+        for (a, b) in values.iter().zip(&residuals) {
+            assert!((a - b).abs() < 1e-13 * b.abs().max(1.0));
+        }
+    }
+}
+
+/// A description with a random layout, random variants and random effects.
+fn description() -> impl Strategy<Value = String> {
+    let scalar = prop_oneof![
+        Just("q / period"),
+        Just("sin(2*pi*q/period)"),
+        Just("cos(q/period) * (q/period)^2"),
+        Just("abs(q) / period"),
+        Just("min(q, period) / period"),
+        Just("max(q, period)^3 / period^3"),
+        Just("sign(q)"),
+        Just("tanh(q/period)"),
+        Just("atan(q/period) / 1 rad"),
+        Just("exp(-(q/period)^2)"),
+        Just("ln(1 + (q/period)^2)"),
+        Just("sqrt(1 + (q/period)^2)"),
+        Just("direction"),
+        Just("time / 1 s"),
+        Just("(temperature - 20 K) / 1 K"),
+        Just("load_along / 1 N"),
+        Just("load_vertical / (2 N)"),
+        Just("(x + y - 2*z) / period"),
+        Just("1 - (q/period - 2)^2"),
+    ];
+    let target = prop_oneof![Just("along"), Just("horizontal"), Just("vertical"),];
+    let turn = prop_oneof![Just("roll"), Just("pitch"), Just("yaw")];
+    let clusters = prop::collection::vec(1_usize..=4, 1..=4);
+    (
+        clusters,
+        scalar.clone(),
+        scalar,
+        target,
+        turn,
+        any::<[bool; 4]>(),
+    )
+        .prop_map(|(clusters, first, second, target, turn, flags)| {
+            let mut text = String::from("robot Random {\n");
+            let mut link = 0;
+            for (index, count) in clusters.iter().enumerate() {
+                let links: Vec<String> = (0..*count).map(|i| format!("l{}", link + i)).collect();
+                link += count;
+                text += &format!(
+                    "track t{index};\ncluster c{index} on t{index} {{ link {}; }}\n",
+                    links.join(", ")
+                );
+            }
+            let per_link = if flags[0] { " per link" } else { "" };
+            let last = if flags[1] { "piecewise" } else { "linear" };
+            text += &format!(
+                "variant Reduced {{ arm reduced; tracks {last}; }}
+                 variant Full {{ arm full; tracks linear{per_link}; track t0 {last}{per_link}; }}
+                 effect shift on cart {{
+                     param a, b: length;
+                     search period: length in 1 m ..= 3 m;
+                     {target} += a * ({first}) * cos(q/period) + b * ({second});
+                 }}
+                 effect swing on cart {{ param angle: angle; {turn} += angle * ({period}); }}
+                 effect stretch on link {{
+                     param strain: 1/N;
+                     param offset[3]: length;
+                     length += length * strain * tension;
+                     joint += offset * 2;
+                 }}
+                 effect drift on tcp {{
+                     param rate[3]: m/s;
+                     param scale: 1;
+                     position += rate * time + scale * (x, y, z);
+                 }}
+                 effect talk on cart from source {{ param gain: 1; along += gain * q(source); }}\n",
+                period = second.replace("period", "(2 m)"),
+            );
+            text += "variant Moved = Full + shift(t0) + swing(t0) + drift(tcp);\n";
+            text += "variant Stretched = Full + stretch(l0) + drift(tcp);\n";
+            text += "variant Common = Reduced + shift(all) + drift(tcp);\n";
+            if clusters.len() > 1 {
+                text += "variant Talking = Moved + talk(t1, t0) + stretch(all);\n";
+            }
+            text += "}\n";
+            text
+        })
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 24, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn random_descriptions_agree_with_dual_numbers(text in description(), seed in any::<u64>()) {
+        let robot = Robot::from_text(&text)
+            .unwrap_or_else(|errors| panic!("{errors:?}\n{text}"));
+        let model = tau_model_dsl::check_text(&text).unwrap();
+        let seed = seed % 1_000_000;
+        check_robot(&robot, &model, seed..seed + 1);
+    }
+}

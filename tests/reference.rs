@@ -1,0 +1,571 @@
+//! The residuals once more, written directly from the equations with dual numbers.
+//!
+//! Shares no code with the generator beyond the description's model: matrices instead of turns, a
+//! formula walker of its own, forward derivatives instead of reverse ones.
+
+use std::collections::BTreeMap;
+
+use num_dual::{Dual64, DualNum};
+use tau::robot::{Arm, Input, Instance, Owner, ResidualKind, TrackShape, Variant};
+use tau_model_dsl::model::{
+    self, BinaryOperator, Formula, Function, Model, Place, Readable, Target,
+};
+
+type V = [Dual64; 3];
+
+/// Values of all data by what they are, and of all parameters of a variant.
+#[derive(Debug, Clone)]
+pub(crate) struct Point {
+    /// Data.
+    pub(crate) data: BTreeMap<Input, f64>,
+    /// Parameters, by index in the variant's table.
+    pub(crate) parameters: Vec<f64>,
+}
+
+/// What to differentiate by.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum By {
+    /// A parameter of the variant.
+    Parameter(usize),
+    /// Plate translation.
+    Translation(usize),
+    /// Plate rotation vector.
+    Rotation(usize),
+    /// A command.
+    Command(usize),
+}
+
+/// Residuals and their derivatives by one variable.
+pub(crate) fn residuals(
+    model: &Model,
+    variant: &Variant,
+    instance: &Instance,
+    point: &Point,
+    by: By,
+) -> Vec<Dual64> {
+    let reference = Reference {
+        model,
+        variant,
+        described: model
+            .variant(&variant.name)
+            .expect("a variant of the model"),
+        point,
+        by,
+    };
+    match instance.kind {
+        ResidualKind::Closure | ResidualKind::ClosureByPose => vec![reference.closure(instance.of)],
+        ResidualKind::CartPose => reference.target(instance.of, 2),
+        ResidualKind::CartPosition => reference.target(instance.of, 3),
+    }
+}
+
+struct Reference<'a> {
+    model: &'a Model,
+    variant: &'a Variant,
+    described: &'a model::Variant,
+    point: &'a Point,
+    by: By,
+}
+
+#[derive(Clone, Copy)]
+struct Scope {
+    effect: usize,
+    command: Option<usize>,
+    track: Option<usize>,
+    source: Option<usize>,
+    link: Option<usize>,
+    length_of: Option<Owner>,
+    set_one: bool,
+}
+
+struct Joint {
+    offset: V,
+    travel: V,
+    direction: V,
+}
+
+impl Reference<'_> {
+    fn seed(&self, value: f64, by: By) -> Dual64 {
+        Dual64::new(value, if self.by == by { 1.0 } else { 0.0 })
+    }
+
+    fn parameter(&self, owner: Owner, quantity: &str, component: Option<usize>) -> Dual64 {
+        let index = self
+            .variant
+            .parameter(owner, quantity, component)
+            .unwrap_or_else(|| {
+                panic!(
+                    "{owner:?} {quantity} {component:?} is not in {}",
+                    self.variant.name
+                )
+            });
+        self.seed(self.point.parameters[index], By::Parameter(index))
+    }
+
+    fn vector(&self, owner: Owner, quantity: &str) -> V {
+        [0, 1, 2].map(|c| self.parameter(owner, quantity, Some(c)))
+    }
+
+    fn datum(&self, input: Input) -> Dual64 {
+        let value = self.point.data[&input];
+        match input {
+            Input::Command(command) => self.seed(value, By::Command(command)),
+            Input::Position(component) => self.seed(value, By::Translation(component)),
+            _ => Dual64::from(value),
+        }
+    }
+
+    fn joints(&self, track: usize) -> Vec<Owner> {
+        match self.variant.arm {
+            Arm::Full => self
+                .model
+                .links_of_track(track)
+                .into_iter()
+                .map(Owner::Link)
+                .collect(),
+            Arm::Reduced => self
+                .model
+                .clusters_of_track(track)
+                .into_iter()
+                .map(Owner::Cluster)
+                .collect(),
+        }
+    }
+
+    fn joint(&self, owner: Owner, track: usize) -> Joint {
+        let shared = self.variant.arm == Arm::Full && !self.variant.tracks[track].per_link;
+        let path = if shared { Owner::Track(track) } else { owner };
+        let offset = self.vector(owner, "track_offset");
+        let q = self.datum(Input::Command(track));
+        let (travel, direction) = match self.variant.tracks[track].shape {
+            TrackShape::Linear => {
+                let direction = self.vector(path, "track_direction");
+                (direction.map(|v| v * q), direction)
+            }
+            TrackShape::Piecewise => {
+                let start =
+                    [0, 1, 2].map(|component| self.datum(Input::SegmentStart { track, component }));
+                let end =
+                    [0, 1, 2].map(|component| self.datum(Input::SegmentEnd { track, component }));
+                let (q0, q1) = (
+                    self.datum(Input::SegmentStartCommand(track)),
+                    self.datum(Input::SegmentEndCommand(track)),
+                );
+                let weight = (q - q0) / (q1 - q0);
+                let point =
+                    [0, 1, 2].map(|i| start[i] * (Dual64::from(1.0) - weight) + end[i] * weight);
+                let slope = [0, 1, 2].map(|i| (end[i] - start[i]) / (q1 - q0));
+                let [a, b, c] = self.vector(path, "track_rotation");
+                let rotation = product(&product(&about_z(c), &about_y(b)), &about_x(a));
+                (apply(&rotation, point), apply(&rotation, slope))
+            }
+        };
+        Joint {
+            offset,
+            travel,
+            direction,
+        }
+    }
+
+    /// Shift along, horizontal, vertical and roll, pitch, yaw of a cart.
+    fn displacement(&self, track: usize, set_one: bool) -> [Dual64; 6] {
+        let mut total = [Dual64::from(0.0); 6];
+        for (effect, used) in self.described.effects.iter().enumerate() {
+            let source = match used.place {
+                Place::Cart {
+                    track: place,
+                    source,
+                } if place == track => source,
+                Place::AllCarts => None,
+                _ => continue,
+            };
+            let scope = Scope {
+                effect,
+                command: Some(track),
+                track: Some(track),
+                source,
+                link: None,
+                length_of: None,
+                set_one,
+            };
+            for term in &self.model.effects[used.effect].terms {
+                let slot = match term.target {
+                    Target::Along => 0,
+                    Target::Horizontal => 1,
+                    Target::Vertical => 2,
+                    Target::Roll => 3,
+                    Target::Pitch => 4,
+                    Target::Yaw => 5,
+                    other => panic!("{other:?} on a cart"),
+                };
+                total[slot] += self.formula(&term.formula, scope);
+            }
+        }
+        total
+    }
+
+    fn closure(&self, of: usize) -> Dual64 {
+        let (owner, cluster) = match self.variant.arm {
+            Arm::Full => (Owner::Link(of), self.model.links[of].cluster),
+            Arm::Reduced => (Owner::Cluster(of), of),
+        };
+        let full = self.variant.arm == Arm::Full;
+        let track = self.model.clusters[cluster].track;
+        let actuated = if full {
+            self.model.links[of].actuated_by
+        } else {
+            None
+        };
+        let mut length = self.parameter(owner, "length", None);
+        let mut tcp = [0, 1, 2].map(|i| self.datum(Input::Position(i)));
+        let mut joint = if full {
+            self.vector(owner, "plate_joint")
+        } else {
+            [Dual64::from(0.0); 3]
+        };
+        for (effect, used) in self.described.effects.iter().enumerate() {
+            let applies = match used.place {
+                Place::Link(link) => full && link == of,
+                Place::AllLinks | Place::Tcp => true,
+                _ => false,
+            };
+            if !applies {
+                continue;
+            }
+            let scope = Scope {
+                effect,
+                command: track.or(actuated),
+                track,
+                source: None,
+                link: Some(of),
+                length_of: Some(owner),
+                set_one: true,
+            };
+            for term in &self.model.effects[used.effect].terms {
+                match (&term.target, &term.formula) {
+                    (Target::Length, formula) => length += self.formula(formula, scope),
+                    (Target::Joint, Formula::Vector(parts)) => {
+                        for (sum, part) in joint.iter_mut().zip(parts.iter()) {
+                            *sum += self.formula(part, scope);
+                        }
+                    }
+                    (Target::Position, Formula::Vector(parts)) => {
+                        for (sum, part) in tcp.iter_mut().zip(parts.iter()) {
+                            *sum += self.formula(part, scope);
+                        }
+                    }
+                    other => panic!("{other:?}"),
+                }
+            }
+        }
+        if let Some(command) = actuated {
+            length += self.datum(Input::Command(command));
+        }
+        let base = match track {
+            None => self.vector(owner, "track_offset"),
+            Some(track) => {
+                let path = self.joint(owner, track);
+                let mut base = plus(path.offset, path.travel);
+                let moved = self.displacement(track, true);
+                if self.displaced(track) {
+                    let frame = frame(path.direction);
+                    let offsets: Vec<V> = self
+                        .joints(track)
+                        .into_iter()
+                        .map(|joint| self.vector(joint, "track_offset"))
+                        .collect();
+                    let arm = minus(path.offset, mean(&offsets));
+                    base = plus(
+                        base,
+                        apply(&columns(&frame), [moved[0], moved[1], moved[2]]),
+                    );
+                    let turn = apply(&columns(&frame), [moved[3], moved[4], moved[5]]);
+                    base = plus(base, cross(turn, arm));
+                }
+                base
+            }
+        };
+        let mut point = tcp;
+        if full {
+            let [alpha, beta, gamma] = [0, 1, 2].map(|i| self.datum(Input::Angle(i)));
+            let rotation = product(&product(&about_z(alpha), &about_y(beta)), &about_z(gamma));
+            let arm = apply(&rotation, joint);
+            let turn = [0, 1, 2].map(|i| self.seed(0.0, By::Rotation(i)));
+            point = plus(point, plus(arm, cross(turn, arm)));
+        }
+        let rod = minus(point, base);
+        length * length - dot(rod, rod)
+    }
+
+    fn displaced(&self, track: usize) -> bool {
+        self.described.effects.iter().any(|used| match used.place {
+            Place::Cart { track: place, .. } => place == track,
+            Place::AllCarts => true,
+            _ => false,
+        })
+    }
+
+    fn target(&self, track: usize, set: u8) -> Vec<Dual64> {
+        let joints: Vec<Joint> = self
+            .joints(track)
+            .into_iter()
+            .map(|owner| self.joint(owner, track))
+            .collect();
+        let offsets: Vec<V> = joints.iter().map(|joint| joint.offset).collect();
+        let travels: Vec<V> = joints.iter().map(|joint| joint.travel).collect();
+        let mut point = plus(mean(&offsets), mean(&travels));
+        let shared = self.variant.arm == Arm::Full && !self.variant.tracks[track].per_link;
+        let mut turn = if shared {
+            [Dual64::from(0.0); 3]
+        } else {
+            implied(&offsets, &travels)
+        };
+        if self.displaced(track) {
+            let directions: Vec<V> = joints.iter().map(|joint| joint.direction).collect();
+            let frame = columns(&frame(mean(&directions)));
+            let moved = self.displacement(track, false);
+            point = plus(point, apply(&frame, [moved[0], moved[1], moved[2]]));
+            turn = plus(turn, apply(&frame, [moved[3], moved[4], moved[5]]));
+        }
+        let owner = Owner::Target { set, track };
+        let mounting = self.vector(owner, "position");
+        let [a, b, c] = self.vector(Owner::Frame(set), "rotation");
+        let seen_from = product(&product(&about_z(c), &about_y(b)), &about_x(a));
+        let position = plus(point, plus(mounting, cross(turn, mounting)));
+        let predicted = plus(
+            apply(&seen_from, position),
+            self.vector(Owner::Frame(set), "translation"),
+        );
+        let measured = [0, 1, 2].map(|i| Dual64::from(self.point.data[&Input::Position(i)]));
+        let mut result = minus(predicted, measured).to_vec();
+        if set == 2 {
+            let [a, b, c] = self.vector(owner, "rotation");
+            let mounted = product(&product(&about_z(c), &about_y(b)), &about_x(a));
+            let [alpha, beta, gamma] = [0, 1, 2].map(|i| self.datum(Input::Angle(i)));
+            let measured = product(&product(&about_z(alpha), &about_y(beta)), &about_z(gamma));
+            let one = Dual64::from(1.0);
+            let small = [
+                [one, -turn[2], turn[1]],
+                [turn[2], one, -turn[0]],
+                [-turn[1], turn[0], one],
+            ];
+            let error = product(
+                &product(&product(&seen_from, &small), &mounted),
+                &transpose(&measured),
+            );
+            for (i, j) in [(2, 1), (0, 2), (1, 0)] {
+                result.push((error[i][j] - error[j][i]) * 0.5);
+            }
+        }
+        result
+    }
+
+    fn formula(&self, formula: &Formula, scope: Scope) -> Dual64 {
+        let of = |f: &Formula| self.formula(f, scope);
+        match formula {
+            Formula::Number(value) => Dual64::from(*value),
+            Formula::Parameter(index, component) => {
+                let effect = &self.model.effects[self.described.effects[scope.effect].effect];
+                let parameter = &effect.parameters[*index];
+                let component = (parameter.components == 3).then_some(*component);
+                self.parameter(Owner::Effect(scope.effect), &parameter.name, component)
+            }
+            Formula::Negate(a) => -of(a),
+            Formula::Binary(operator, a, b) => match operator {
+                BinaryOperator::Add => of(a) + of(b),
+                BinaryOperator::Subtract => of(a) - of(b),
+                BinaryOperator::Multiply => of(a) * of(b),
+                BinaryOperator::Divide => of(a) / of(b),
+            },
+            Formula::Power(a, n) => of(a).powi(*n),
+            Formula::Call(function, arguments) => {
+                let a = of(&arguments[0]);
+                match function {
+                    Function::Sin => a.sin(),
+                    Function::Cos => a.cos(),
+                    Function::Tan => a.tan(),
+                    Function::Atan => a.atan(),
+                    Function::Exp => a.exp(),
+                    Function::Ln => a.ln(),
+                    Function::Tanh => a.tanh(),
+                    Function::Sqrt => a.sqrt(),
+                    Function::Abs => {
+                        if a.re < 0.0 {
+                            -a
+                        } else {
+                            a
+                        }
+                    }
+                    Function::Sign => Dual64::from(if a.re < 0.0 { -1.0 } else { 1.0 }),
+                    Function::Min => {
+                        let b = of(&arguments[1]);
+                        if b.re < a.re { b } else { a }
+                    }
+                    Function::Max => {
+                        let b = of(&arguments[1]);
+                        if a.re < b.re { b } else { a }
+                    }
+                }
+            }
+            Formula::Read(readable) => match *readable {
+                Readable::Command => self.datum(Input::Command(scope.command.unwrap())),
+                Readable::CommandOf(track) => self.datum(Input::Command(track)),
+                Readable::SourceCommand => self.datum(Input::Command(scope.source.unwrap())),
+                Readable::Direction => self.datum(Input::Direction(scope.command.unwrap())),
+                Readable::Time => self.datum(Input::Time),
+                Readable::Temperature => self.datum(Input::Temperature),
+                Readable::LoadAlong => self.datum(Input::Load {
+                    track: scope.track.unwrap(),
+                    component: 0,
+                }),
+                Readable::LoadHorizontal => self.datum(Input::Load {
+                    track: scope.track.unwrap(),
+                    component: 1,
+                }),
+                Readable::LoadVertical => self.datum(Input::Load {
+                    track: scope.track.unwrap(),
+                    component: 2,
+                }),
+                Readable::Tension => self.datum(Input::Tension(scope.link.unwrap())),
+                Readable::Length => self.parameter(scope.length_of.unwrap(), "length", None),
+                Readable::Position(i) if scope.set_one => self.datum(Input::Position(i)),
+                Readable::Position(i) => self.datum(Input::TcpPosition(i)),
+            },
+            Formula::Vector(_) => panic!("a vector inside a scalar"),
+        }
+    }
+}
+
+type M = [[Dual64; 3]; 3];
+
+fn about_x(angle: Dual64) -> M {
+    let (s, c, o, i) = (
+        angle.sin(),
+        angle.cos(),
+        Dual64::from(0.0),
+        Dual64::from(1.0),
+    );
+    [[i, o, o], [o, c, -s], [o, s, c]]
+}
+
+fn about_y(angle: Dual64) -> M {
+    let (s, c, o, i) = (
+        angle.sin(),
+        angle.cos(),
+        Dual64::from(0.0),
+        Dual64::from(1.0),
+    );
+    [[c, o, s], [o, i, o], [-s, o, c]]
+}
+
+fn about_z(angle: Dual64) -> M {
+    let (s, c, o, i) = (
+        angle.sin(),
+        angle.cos(),
+        Dual64::from(0.0),
+        Dual64::from(1.0),
+    );
+    [[c, -s, o], [s, c, o], [o, o, i]]
+}
+
+fn product(a: &M, b: &M) -> M {
+    [0, 1, 2].map(|i| [0, 1, 2].map(|j| a[i][0] * b[0][j] + a[i][1] * b[1][j] + a[i][2] * b[2][j]))
+}
+
+fn transpose(a: &M) -> M {
+    [0, 1, 2].map(|i| [0, 1, 2].map(|j| a[j][i]))
+}
+
+/// The matrix whose columns are the given vectors.
+fn columns(vectors: &[V; 3]) -> M {
+    transpose(vectors)
+}
+
+fn apply(a: &M, v: V) -> V {
+    [0, 1, 2].map(|i| a[i][0] * v[0] + a[i][1] * v[1] + a[i][2] * v[2])
+}
+
+fn plus(a: V, b: V) -> V {
+    [0, 1, 2].map(|i| a[i] + b[i])
+}
+
+fn minus(a: V, b: V) -> V {
+    [0, 1, 2].map(|i| a[i] - b[i])
+}
+
+fn dot(a: V, b: V) -> Dual64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+fn cross(a: V, b: V) -> V {
+    [
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    ]
+}
+
+fn mean(vectors: &[V]) -> V {
+    [0, 1, 2].map(|i| {
+        vectors
+            .iter()
+            .map(|v| v[i])
+            .fold(Dual64::from(0.0), |a, b| a + b)
+            / vectors.len() as f64
+    })
+}
+
+fn unit(v: V) -> V {
+    let length = dot(v, v).sqrt();
+    v.map(|component| component / length)
+}
+
+/// v̂, ẑ × v̂ normalised (x̂ × v̂ on a steep track), and the third.
+fn frame(direction: V) -> [V; 3] {
+    let (zero, one) = (Dual64::from(0.0), Dual64::from(1.0));
+    let along = unit(direction);
+    let steep = (along[2] * along[2]).re >= 0.82;
+    let up = if steep {
+        [one, zero, zero]
+    } else {
+        [zero, zero, one]
+    };
+    let horizontal = unit(cross(up, along));
+    [along, horizontal, cross(along, horizontal)]
+}
+
+/// Least-squares small rotation by Cramer's rule; for two joints the one without spin about their line.
+fn implied(offsets: &[V], travels: &[V]) -> V {
+    let zero = Dual64::from(0.0);
+    match offsets.len() {
+        1 => [zero; 3],
+        2 => {
+            let (s, d) = (minus(offsets[0], offsets[1]), minus(travels[0], travels[1]));
+            cross(s, d).map(|component| component / dot(s, s))
+        }
+        _ => {
+            let (centre, drift) = (mean(offsets), mean(travels));
+            let mut a = [[zero; 3]; 3];
+            let mut b = [zero; 3];
+            for (offset, travel) in offsets.iter().zip(travels) {
+                let (s, d) = (minus(*offset, centre), minus(*travel, drift));
+                b = plus(b, cross(s, d));
+                for i in 0..3 {
+                    for j in 0..3 {
+                        let diagonal = if i == j { dot(s, s) } else { zero };
+                        a[i][j] += diagonal - s[i] * s[j];
+                    }
+                }
+            }
+            let determinant = |m: &M| dot(m[0], cross(m[1], m[2]));
+            let whole = determinant(&a);
+            [0, 1, 2].map(|column| {
+                let mut replaced = a;
+                for row in 0..3 {
+                    replaced[row][column] = b[row];
+                }
+                determinant(&replaced) / whole
+            })
+        }
+    }
+}
