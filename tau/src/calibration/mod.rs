@@ -1,0 +1,459 @@
+//! Calibration: from nominal values and measured TCP poses to the parameters of a variant.
+
+mod error;
+mod nominal;
+mod output;
+mod registration;
+
+use nalgebra::{Matrix3, Rotation3};
+use tau_solver::{Block, Covariance, Problem, Solution};
+
+pub use error::Error;
+pub use nominal::{Nominal, TRACK_ROTATION_TOLERANCE_RAD};
+pub use registration::{Line, MOUNTING_M, NominalTrack, Registration, set_2, set_3};
+
+use crate::input_error::InputError;
+use crate::kinematics::{
+    self, Machine, Path, Sample, Statics, Surroundings, nearest_rotation, zyz,
+};
+use crate::measurements::{Folder, TcpPose};
+use crate::robot::{Instance, ResidualKind, Robot, TrackShape, Variant};
+use crate::robot_file::RobotFile;
+use crate::study::results::{Combination, LinkResult, ParameterEstimate};
+
+/// How to calibrate.
+#[derive(Debug, Clone, Default)]
+pub struct Options {
+    /// Where to start instead of at the nominal values: one value per parameter of the variant, SI.
+    /// Priors and weights stay those of the nominal values.
+    pub start: Option<Vec<f64>>,
+    /// Options of the solver.
+    pub solver: tau_solver::Options,
+}
+
+/// A calibrated variant.
+#[derive(Clone)]
+pub struct Calibration {
+    /// The variant with its calibrated values.
+    pub machine: Machine,
+    /// Registration of set 2 that angles of piecewise tracks refer to.
+    pub registration: Option<Registration>,
+    /// The robot file with calibrated values and their standard deviations; tolerances are the
+    /// priors', so that it can be calibrated again.
+    pub file: RobotFile,
+    /// Table II.
+    pub links: Vec<LinkResult>,
+    /// Every parameter that the closures depend on. Angles of piecewise tracks are those against the
+    /// registered path, nominally zero; in [`Self::links`] and [`Self::file`] they are absolute.
+    pub parameters: Vec<ParameterEstimate>,
+    /// Covariance of [`Self::parameters`], in their order, priors included.
+    pub covariance: Vec<Vec<f64>>,
+    /// Pairs of parameters with the largest correlations, largest first.
+    pub correlations: Vec<(String, String, f64)>,
+    /// Combinations that the data leave to the priors, worst first.
+    pub undetermined: Vec<Combination>,
+    /// Half the sum of squared whitened residuals and priors.
+    pub cost: f64,
+    /// Number of calibration poses.
+    pub poses: usize,
+    /// Iterations of the solver, summed over independent parts.
+    pub iterations: usize,
+    /// Why the solver stopped, in words.
+    pub termination: String,
+}
+
+impl Machine {
+    /// A variant with the values of a robot file: nominal ones or those of an earlier calibration.
+    ///
+    /// `folder` is needed where the variant has piecewise tracks, and, together with `poses` (indices
+    /// of its TCP poses), where the arm is reduced and the file gives links only: their plate joints
+    /// are then carried into the track offsets by the mean measured rotation of these poses.
+    ///
+    /// # Errors
+    /// A parameter for which nothing gives a value; a piecewise track without its path.
+    pub fn from_file(
+        robot: &Robot,
+        variant: &Variant,
+        file: &RobotFile,
+        folder: Option<&Folder>,
+        poses: &[usize],
+    ) -> Result<Self, InputError> {
+        Ok(Prepared::new(robot, variant, file, folder, poses)?.machine)
+    }
+}
+
+/// A variant at its nominal values.
+struct Prepared {
+    machine: Machine,
+    nominal: Vec<Nominal>,
+    registration: Option<Registration>,
+}
+
+impl Prepared {
+    fn new(
+        robot: &Robot,
+        variant: &Variant,
+        file: &RobotFile,
+        folder: Option<&Folder>,
+        poses: &[usize],
+    ) -> Result<Self, InputError> {
+        let registration = folder.and_then(|folder| Registration::of_set_2(robot, file, folder));
+        let mean_rotation = folder.and_then(|folder| mean_rotation(folder, poses));
+        let sources = nominal::Sources {
+            robot,
+            variant,
+            file,
+            mean_rotation,
+            registration,
+        };
+        let nominal = sources.nominal()?;
+        let surroundings = Surroundings {
+            paths: paths(robot, variant, folder, registration.as_ref())?,
+            statics: Statics::new(robot, file),
+        };
+        let machine = Machine {
+            robot: robot.clone(),
+            variant: variant.clone(),
+            values: nominal.iter().map(|nominal| nominal.value).collect(),
+            surroundings,
+        };
+        Ok(Self {
+            machine,
+            nominal,
+            registration,
+        })
+    }
+}
+
+/// Calibrates a variant on TCP poses of a folder, given by index: the sum of squared closure residuals
+/// (eq. 6 of Dressler et al. 2010), each divided by its standard deviation, plus the priors.
+///
+/// The noise of a closure follows from the stated noise of the measured position and rotation and from
+/// the closure's derivatives by them at the nominal values: σ² = σ_T²·‖∂r/∂T‖² + σ_R²·‖∂r/∂ω‖².
+///
+/// # Errors
+/// [`Error::Input`] for fewer poses than parameters, poses that are all the same, poses out of reach,
+/// values or columns missing; [`Error::NotConverged`] if the solver does not reach a minimum.
+pub fn calibrate(
+    robot: &Robot,
+    variant: &Variant,
+    file: &RobotFile,
+    folder: &Folder,
+    poses: &[usize],
+    options: &Options,
+) -> Result<Calibration, Error> {
+    check_poses(robot, variant, file, folder, poses)?;
+    let prepared = Prepared::new(robot, variant, file, Some(folder), poses)?;
+    let measured: Vec<&TcpPose> = poses.iter().map(|&pose| &folder.tcp_poses[pose]).collect();
+    let start = options.start.as_deref().unwrap_or(&prepared.machine.values);
+    let (problem, used) = problem(&prepared, file, folder, &measured, start)?;
+    let solution = tau_solver::solve(&problem, &options.solver)?;
+    let not_converged = |why: String| Error::NotConverged {
+        variant: variant.name.clone(),
+        why,
+    };
+    if !solution.converged() || solution.parameters.iter().any(|value| !value.is_finite()) {
+        return Err(not_converged(solution.termination.to_string()));
+    }
+    let covariance = tau_solver::covariance(&problem, &solution.parameters)?;
+    let identifiability = tau_solver::identifiability(&problem, &solution.parameters)?;
+
+    let mut values = prepared.machine.values.clone();
+    for (&index, &value) in used.iter().zip(&solution.parameters) {
+        values[index] = value;
+    }
+    let name = |index: usize| problem.parameters[index].name.clone();
+    let undetermined = identifiability
+        .undetermined
+        .iter()
+        .map(|combination| Combination {
+            terms: combination
+                .terms
+                .iter()
+                .map(|&(index, share)| (name(index), share))
+                .collect(),
+            data_over_prior: combination.data_over_prior,
+        })
+        .collect();
+    let machine = prepared.machine.with_values(values);
+    let estimates = output::estimates(&machine, &prepared.nominal, &used, &covariance);
+    Ok(Calibration {
+        links: output::links(&machine, prepared.registration.as_ref(), &measured)?,
+        file: output::file(
+            &machine,
+            &estimates,
+            &used,
+            file,
+            prepared.registration.as_ref(),
+        ),
+        correlations: correlations(&covariance, used.len())
+            .into_iter()
+            .map(|(a, b, value)| (name(a), name(b), value))
+            .collect(),
+        covariance: (0..used.len())
+            .map(|i| {
+                (0..used.len())
+                    .map(|j| covariance.covariance(i, j))
+                    .collect()
+            })
+            .collect(),
+        parameters: estimates,
+        undetermined,
+        cost: solution.cost,
+        poses: poses.len(),
+        iterations: total_iterations(&solution),
+        termination: solution.termination.to_string(),
+        registration: prepared.registration,
+        machine,
+    })
+}
+
+/// The paper's cost of one closure: sum over poses of the squared closure residual (m⁴).
+///
+/// # Errors
+/// Columns that the variant needs are missing.
+pub fn closure_cost(
+    machine: &Machine,
+    instance: &Instance,
+    poses: &[&TcpPose],
+) -> Result<f64, Error> {
+    let shape = instance.family.shape();
+    let parameters: Vec<f64> = instance
+        .parameters
+        .iter()
+        .map(|&p| machine.values[p])
+        .collect();
+    let (mut data, mut prepared) = (Vec::new(), vec![0.0; shape.prepared]);
+    let mut cost = 0.0;
+    for pose in poses {
+        data.clear();
+        fill(machine, instance, pose, &mut data)?;
+        instance.family.prepare(&data, &mut prepared);
+        let mut residual = [0.0];
+        instance.family.value(&prepared, &parameters, &mut residual);
+        cost += residual[0] * residual[0];
+    }
+    Ok(cost)
+}
+
+fn check_poses(
+    robot: &Robot,
+    variant: &Variant,
+    file: &RobotFile,
+    folder: &Folder,
+    poses: &[usize],
+) -> Result<(), InputError> {
+    let (needed, of) = poses_needed(variant);
+    folder.check_pose_count(poses.len(), needed, &of)?;
+    folder.check_reach(poses, robot, file)?;
+    let moves = |pose: &usize| {
+        let (pose, first) = (&folder.tcp_poses[*pose], &folder.tcp_poses[poses[0]]);
+        let differ = |a: &[f64], b: &[f64]| a.iter().zip(b).any(|(a, b)| (a - b).abs() > 1e-6);
+        differ(&pose.position_m, &first.position_m)
+    };
+    if !poses.iter().any(moves) {
+        return Err(InputError::whole(
+            &folder.name,
+            format!(
+                "all {} calibration poses are the same, expected them spread out",
+                poses.len()
+            ),
+        ));
+    }
+    Ok(())
+}
+
+/// Calibration poses that a variant needs: as many as the parameters of its largest closure, counting
+/// those that several closures share in parts; and what needs them.
+fn poses_needed(variant: &Variant) -> (usize, String) {
+    let closures: Vec<&Instance> = variant.instances_of(ResidualKind::Closure).collect();
+    let mut users = vec![0.0_f64; variant.parameters.len()];
+    closures
+        .iter()
+        .flat_map(|closure| &closure.parameters)
+        .for_each(|&p| users[p] += 1.0);
+    let needed = closures
+        .iter()
+        .map(|closure| {
+            closure
+                .parameters
+                .iter()
+                .map(|&p| users[p].recip())
+                .sum::<f64>()
+        })
+        .fold(0.0, f64::max);
+    // The small allowance keeps thirds that add up to a whole number from being rounded up.
+    #[allow(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "a small count"
+    )]
+    let count = (needed - 1e-9).ceil() as usize;
+    (count, format!("each closure of variant `{}`", variant.name))
+}
+
+/// The least-squares problem, and for each of its parameters the index in the variant.
+fn problem<'a>(
+    prepared: &'a Prepared,
+    file: &RobotFile,
+    folder: &Folder,
+    poses: &[&TcpPose],
+    start: &[f64],
+) -> Result<(Problem<'a>, Vec<usize>), Error> {
+    let machine = &prepared.machine;
+    let variant = &machine.variant;
+    if start.len() != variant.parameters.len() {
+        return Err(Error::Input(InputError::whole(
+            &folder.name,
+            format!(
+                "{} start values, expected {}",
+                start.len(),
+                variant.parameters.len()
+            ),
+        )));
+    }
+    let mut used: Vec<usize> = variant
+        .instances_of(ResidualKind::Closure)
+        .flat_map(|closure| closure.parameters.iter().copied())
+        .collect();
+    used.sort_unstable();
+    used.dedup();
+    let parameters = used
+        .iter()
+        .map(|&index| {
+            let described = &variant.parameters[index];
+            let mut parameter = tau_solver::Parameter::new(&described.name, start[index]);
+            let Nominal { value, tolerance } = prepared.nominal[index];
+            if let Some(tolerance) = tolerance.filter(|tolerance| *tolerance > 0.0) {
+                parameter = parameter.with_prior(value, tolerance);
+            }
+            match described.search {
+                Some((low, high)) => parameter.with_bounds(low, high),
+                None => parameter,
+            }
+        })
+        .collect();
+    let mut blocks = Vec::new();
+    for closure in variant.instances_of(ResidualKind::Closure) {
+        let mut data = Vec::new();
+        for pose in poses {
+            fill(machine, closure, pose, &mut data)?;
+        }
+        let indices = closure
+            .parameters
+            .iter()
+            .map(|index| used.binary_search(index).unwrap_or_default())
+            .collect();
+        let label = machine.closure_name(closure).to_owned();
+        blocks.push(
+            Block::new(label, &*closure.family, indices, &data)
+                .with_weights(weights(machine, closure, file, poses)?)
+                .with_sample_names(poses.iter().map(|pose| pose.pose).collect()),
+        );
+    }
+    Ok((Problem { parameters, blocks }, used))
+}
+
+/// Reciprocal standard deviation of a closure's residual at each pose, from the stated noise.
+fn weights(
+    machine: &Machine,
+    closure: &Instance,
+    file: &RobotFile,
+    poses: &[&TcpPose],
+) -> Result<Vec<f64>, Error> {
+    let Some(by_pose) = machine
+        .closure_instances()
+        .find(|instance| instance.of == closure.of)
+    else {
+        return Ok(vec![1.0; poses.len()]);
+    };
+    poses
+        .iter()
+        .map(|&pose| {
+            let (_, [x, y, z, a, b, c]) = machine
+                .closure_by_pose(by_pose, &Sample::from(pose))
+                .map_err(|error| Error::at_pose(pose.pose, error))?;
+            let position = file.noise.position_m.powi(2) * (x * x + y * y + z * z);
+            let rotation = file.noise.rotation_rad.powi(2) * (a * a + b * b + c * c);
+            Ok((position + rotation).sqrt().recip())
+        })
+        .collect()
+}
+
+fn fill(
+    machine: &Machine,
+    instance: &Instance,
+    pose: &TcpPose,
+    data: &mut Vec<f64>,
+) -> Result<(), Error> {
+    machine
+        .surroundings
+        .fill(&instance.inputs, &Sample::from(pose), data)
+        .map_err(|what| {
+            let closure = machine.closure_name(instance).to_owned();
+            Error::at_pose(pose.pose, kinematics::Error::Missing { closure, what })
+        })
+}
+
+/// The path of each cart, in the measurement frame.
+fn paths(
+    robot: &Robot,
+    variant: &Variant,
+    folder: Option<&Folder>,
+    registration: Option<&Registration>,
+) -> Result<Vec<Option<Path>>, InputError> {
+    (0..robot.tracks.len())
+        .map(|track| {
+            let path = folder
+                .zip(registration)
+                .and_then(|(folder, registration)| {
+                    Some(Path::new(&set_2(folder, track))?.turned(&registration.rotation))
+                });
+            let is_needed =
+                variant.tracks.get(track).is_some_and(|model| model.shape == TrackShape::Piecewise);
+            if path.is_none() && is_needed {
+                return Err(InputError::whole(
+                    folder.map_or("cart_poses.csv", |folder| &folder.name),
+                    format!(
+                        "variant `{}` needs the path of cart {} (track `{}`): at least two points of set 2 at \
+                         different commands",
+                        variant.name,
+                        track + 1,
+                        robot.tracks[track]
+                    ),
+                )
+                .help("measure `cart_poses.csv`, or choose a variant with linear tracks"));
+            }
+            Ok(path)
+        })
+        .collect()
+}
+
+/// Mean of the measured rotations: the rotation nearest to the mean of their matrices.
+fn mean_rotation(folder: &Folder, poses: &[usize]) -> Option<Rotation3<f64>> {
+    if poses.is_empty() {
+        return None;
+    }
+    let sum: Matrix3<f64> = poses
+        .iter()
+        .map(|&pose| zyz(folder.tcp_poses[pose].angles_rad).into_inner())
+        .sum();
+    Some(nearest_rotation(sum))
+}
+
+/// The pairs with the largest correlations, largest first.
+fn correlations(covariance: &Covariance, parameters: usize) -> Vec<(usize, usize, f64)> {
+    const LISTED: usize = 12;
+    let mut pairs: Vec<(usize, usize, f64)> = (0..parameters)
+        .flat_map(|a| (0..a).map(move |b| (b, a)))
+        .map(|(a, b)| (a, b, covariance.correlation(a, b)))
+        .filter(|(.., correlation)| correlation.is_finite())
+        .collect();
+    pairs.sort_by(|a, b| b.2.abs().total_cmp(&a.2.abs()));
+    pairs.truncate(LISTED);
+    pairs
+}
+
+fn total_iterations(solution: &Solution) -> usize {
+    solution.parts.iter().map(|part| part.iterations).sum()
+}

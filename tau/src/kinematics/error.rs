@@ -1,0 +1,105 @@
+//! Why a pose or commands could not be found.
+
+use std::fmt;
+
+/// Why a pose or commands could not be found.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Error {
+    /// A closure needs data that are not there.
+    Missing {
+        /// Name of the link or cluster.
+        closure: String,
+        /// What is missing, in words.
+        what: &'static str,
+    },
+    /// Number of commands other than the robot has.
+    Commands {
+        /// Given.
+        found: usize,
+        /// Of the robot.
+        expected: usize,
+    },
+    /// The closures do not hold the plate at this pose.
+    Singular {
+        /// Smallest singular value of the closures' Jacobian: change of link length (m) per m of
+        /// motion along the direction, rotation counted at the plate joints.
+        smallest: f64,
+        /// The motion that is free, in words.
+        free: String,
+    },
+    /// Newton's method did not settle.
+    NotConverged {
+        /// Iterations done.
+        iterations: usize,
+        /// Remaining mismatch of the link lengths (m), root of the sum of squares.
+        mismatch_m: f64,
+    },
+    /// A link does not reach.
+    OutOfReach {
+        /// Name of the link or cluster.
+        closure: String,
+        /// Distance by which it falls short at best (m).
+        short_m: f64,
+    },
+    /// A pose that the commands can't produce.
+    Inconsistent {
+        /// Mismatch of the link lengths at the best commands (m), root mean square.
+        mismatch_m: f64,
+        /// What was allowed (m).
+        allowed_m: f64,
+    },
+    /// No way of assembling the arm was found at these commands.
+    NoAssembly,
+    /// The arm can't be positioned as asked.
+    Target(&'static str),
+}
+
+impl fmt::Display for Error {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Missing { closure, what } => {
+                write!(f, "the closure of `{closure}` needs {what}")
+            }
+            Self::Commands { found, expected } => {
+                write!(f, "found {found} commands, expected {expected}")
+            }
+            Self::Singular { smallest, free } => write!(
+                f,
+                "the pose is singular: the plate is free to {free} (smallest singular value {smallest:.1e})"
+            ),
+            Self::NotConverged {
+                iterations,
+                mismatch_m,
+            } => write!(
+                f,
+                "no solution was found in {iterations} iterations: the link lengths still differ by {:.3} mm",
+                mismatch_m * 1e3
+            ),
+            Self::OutOfReach { closure, short_m } => {
+                write!(
+                    f,
+                    "`{closure}` does not reach: {:.3} mm are missing",
+                    short_m * 1e3
+                )
+            }
+            Self::Inconsistent {
+                mismatch_m,
+                allowed_m,
+            } => write!(
+                f,
+                "no commands give this pose: the link lengths differ by {:.1} µm at best, allowed are {:.1} µm",
+                mismatch_m * 1e6,
+                allowed_m * 1e6
+            ),
+            Self::NoAssembly => {
+                write!(
+                    f,
+                    "the arm can't be assembled at these commands: no start led to a pose"
+                )
+            }
+            Self::Target(why) => f.write_str(why),
+        }
+    }
+}
+
+impl std::error::Error for Error {}

@@ -1,0 +1,261 @@
+//! Inverse kinematics: from a pose, or a position, of the plate to commands.
+
+use nalgebra::Vector3;
+
+use super::inputs::Sample;
+use super::machine::{Machine, POSE_COLUMNS};
+use super::{Error, Pose, newton};
+use crate::robot::{Arm, Instance};
+
+/// What is known when commands are sought.
+#[derive(Debug, Clone)]
+pub struct InverseOptions {
+    /// Pose and commands (m) nearby, such as those before on a path: of two solutions the nearer one
+    /// is taken.
+    pub near: Option<(Pose, Vec<f64>)>,
+    /// Lowest and highest value (m) of each command, where known: without `near`, the solution inside
+    /// is taken, and of two the one nearer to the middle.
+    pub range_m: Vec<Option<(f64, f64)>>,
+    /// Largest root mean square mismatch of the link lengths (m) at a pose that is given in full.
+    pub allowed_mismatch_m: f64,
+}
+
+impl Default for InverseOptions {
+    fn default() -> Self {
+        Self {
+            near: None,
+            range_m: Vec::new(),
+            allowed_mismatch_m: 1e-6,
+        }
+    }
+}
+
+/// Commands and the pose that they give.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Reached {
+    /// Commands (m).
+    pub commands_m: Vec<f64>,
+    /// Pose of the plate.
+    pub pose: Pose,
+    /// Root mean square mismatch of the link lengths (m): zero up to rounding, unless a full pose was
+    /// given that the arm can take only approximately.
+    pub mismatch_m: f64,
+}
+
+impl Machine {
+    /// Whether the orientation follows from the position, so that a full pose can't be asked for
+    /// freely: a full arm with three closures more than commands, such as the Gantry-Tau.
+    pub fn orientation_follows(&self) -> bool {
+        self.variant.arm == Arm::Full && self.closure_count() >= self.robot.commands + 3
+    }
+
+    /// Commands at which the plate takes a pose.
+    ///
+    /// Each command is the root of its link's closure, a quadratic where the track is linear or the
+    /// length is driven; Newton's method on the commands then takes in effects, piecewise tracks and
+    /// further links of the same cart. For a reduced arm only the position counts.
+    ///
+    /// # Errors
+    /// A link does not reach; the pose is not one that the commands can give, beyond the mismatch
+    /// allowed; data missing.
+    pub fn inverse(&self, pose: Pose, options: &InverseOptions) -> Result<Reached, Error> {
+        let start = self.closed_form(pose, options)?;
+        let commands: Vec<usize> = (0..self.robot.commands).map(|k| POSE_COLUMNS + k).collect();
+        let settled = newton::solve(self, &Sample::new(pose, &start), &commands)?;
+        let mismatch_m = settled.mismatch_m / (self.closure_count() as f64).sqrt();
+        if mismatch_m > options.allowed_mismatch_m {
+            return Err(Error::Inconsistent {
+                mismatch_m,
+                allowed_m: options.allowed_mismatch_m,
+            });
+        }
+        Ok(Reached {
+            commands_m: settled.commands_m,
+            pose,
+            mismatch_m,
+        })
+    }
+
+    /// Commands at which the TCP takes a position (m), and the orientation that follows.
+    ///
+    /// A reduced arm needs no orientation. Where the orientation follows from the position, it is
+    /// solved for together with the commands, from the orientation of [`InverseOptions::near`] or,
+    /// without it, from the best held [assembly mode](Self::assembly_modes) in the middle of the range.
+    ///
+    /// # Errors
+    /// The orientation is free, and a full pose is needed; otherwise as [`Machine::inverse`] and
+    /// [`Machine::forward`].
+    pub fn inverse_position(
+        &self,
+        position_m: [f64; 3],
+        options: &InverseOptions,
+    ) -> Result<Reached, Error> {
+        let position = Vector3::from(position_m);
+        let rotation = match &options.near {
+            Some((pose, _)) => pose.rotation,
+            None if self.variant.arm == Arm::Full => {
+                self.assembly_modes(&self.middle(options), None)?[0]
+                    .pose
+                    .rotation
+            }
+            None => nalgebra::Rotation3::identity(),
+        };
+        let pose = Pose { position, rotation };
+        if self.variant.arm == Arm::Reduced {
+            return self.inverse(pose, options);
+        }
+        if !self.orientation_follows() {
+            return Err(Error::Target(
+                "the arm holds the plate in any orientation at this position: give a full pose",
+            ));
+        }
+        let start = self.closed_form(pose, options)?;
+        let unknowns: Vec<usize> = (3..POSE_COLUMNS)
+            .chain((0..self.robot.commands).map(|k| POSE_COLUMNS + k))
+            .collect();
+        let settled = newton::solve(self, &Sample::new(pose, &start), &unknowns)?;
+        let mismatch_m = settled.mismatch_m / (self.closure_count() as f64).sqrt();
+        if mismatch_m > options.allowed_mismatch_m {
+            return Err(Error::Inconsistent {
+                mismatch_m,
+                allowed_m: options.allowed_mismatch_m,
+            });
+        }
+        Ok(Reached {
+            commands_m: settled.commands_m,
+            pose: settled.pose,
+            mismatch_m,
+        })
+    }
+
+    /// Commands along a sequence of poses, each the continuation of the one before.
+    ///
+    /// # Errors
+    /// As [`Machine::inverse`], with the index of the pose.
+    pub fn inverse_sequence(
+        &self,
+        poses: &[Pose],
+        options: &InverseOptions,
+    ) -> Result<Vec<Reached>, (usize, Error)> {
+        self.continued(poses, options, |pose, options| self.inverse(*pose, options))
+    }
+
+    /// Commands and orientations along a sequence of positions (m), likewise.
+    ///
+    /// # Errors
+    /// As [`Machine::inverse_position`], with the index of the position.
+    pub fn inverse_position_sequence(
+        &self,
+        positions_m: &[[f64; 3]],
+        options: &InverseOptions,
+    ) -> Result<Vec<Reached>, (usize, Error)> {
+        self.continued(positions_m, options, |position, options| {
+            self.inverse_position(*position, options)
+        })
+    }
+
+    fn continued<T>(
+        &self,
+        targets: &[T],
+        options: &InverseOptions,
+        solve: impl Fn(&T, &InverseOptions) -> Result<Reached, Error>,
+    ) -> Result<Vec<Reached>, (usize, Error)> {
+        let mut options = options.clone();
+        let mut reached = Vec::with_capacity(targets.len());
+        for (index, target) in targets.iter().enumerate() {
+            let next = solve(target, &options).map_err(|error| (index, error))?;
+            options.near = Some((next.pose, next.commands_m.clone()));
+            reached.push(next);
+        }
+        Ok(reached)
+    }
+
+    /// For each command, the mean of the roots of the closures that it drives.
+    fn closed_form(&self, pose: Pose, options: &InverseOptions) -> Result<Vec<f64>, Error> {
+        let middle = self.middle(options);
+        let mut roots = vec![(0.0, 0.0); self.robot.commands];
+        for instance in self.closure_instances() {
+            let Some(command) = self.driving_command(instance) else {
+                continue;
+            };
+            let root = self.root(instance, pose, command, &middle, options)?;
+            roots[command].0 += root;
+            roots[command].1 += 1.0;
+        }
+        Ok(roots
+            .iter()
+            .zip(middle)
+            .map(|(&(sum, count), middle)| if count > 0.0 { sum / count } else { middle })
+            .collect())
+    }
+
+    /// The command that moves a closure's link.
+    fn driving_command(&self, instance: &Instance) -> Option<usize> {
+        let of_cluster = |cluster: usize| self.robot.clusters.get(cluster)?.track;
+        match self.variant.arm {
+            Arm::Full => {
+                let link = self.robot.links.get(instance.of)?;
+                link.actuated_by.or_else(|| of_cluster(link.cluster))
+            }
+            Arm::Reduced => of_cluster(instance.of),
+        }
+    }
+
+    /// Root of a closure in one command: exact where the closure is a quadratic in it.
+    fn root(
+        &self,
+        instance: &Instance,
+        pose: Pose,
+        command: usize,
+        middle: &[f64],
+        options: &InverseOptions,
+    ) -> Result<f64, Error> {
+        let at = |offset: f64| {
+            let mut commands = middle.to_vec();
+            commands[command] += offset;
+            self.closure_by_pose(instance, &Sample::new(pose, &commands))
+        };
+        let ((before, _), (c, _), (after, _)) = (at(-1.0)?, at(0.0)?, at(1.0)?);
+        let (a, b) = (f64::midpoint(after, before) - c, (after - before) / 2.0);
+        if a.abs() < 1e-9 * b.abs() {
+            return Ok(middle[command] - c / b);
+        }
+        let discriminant = b * b - 4.0 * a * c;
+        if discriminant.is_nan() || discriminant < 0.0 {
+            let (nearest, [x, y, z, ..]) = at(-b / (2.0 * a))?;
+            return Err(Error::OutOfReach {
+                closure: self.closure_name(instance).to_owned(),
+                short_m: (nearest / Vector3::new(x, y, z).norm()).abs(),
+            });
+        }
+        // The form without cancellation between b and the root.
+        let sum = -0.5 * (b + discriminant.sqrt().copysign(b));
+        let roots =
+            [sum / a, if sum == 0.0 { 0.0 } else { c / sum }].map(|root| middle[command] + root);
+        let centre = options
+            .near
+            .as_ref()
+            .map_or(middle[command], |(_, near)| near[command]);
+        let outside = |root: f64| match (&options.near, options.range_m.get(command)) {
+            (None, Some(Some((low, high)))) => !(*low..=*high).contains(&root),
+            _ => false,
+        };
+        let [first, second] = roots;
+        let is_first =
+            (outside(first), (first - centre).abs()) <= (outside(second), (second - centre).abs());
+        Ok(if is_first { first } else { second })
+    }
+
+    /// Commands nearby, or else the middle of the range, or else zero.
+    fn middle(&self, options: &InverseOptions) -> Vec<f64> {
+        (0..self.robot.commands)
+            .map(
+                |command| match (&options.near, options.range_m.get(command)) {
+                    (Some((_, near)), _) if command < near.len() => near[command],
+                    (_, Some(Some((low, high)))) => f64::midpoint(*low, *high),
+                    _ => 0.0,
+                },
+            )
+            .collect()
+    }
+}

@@ -1,0 +1,20 @@
+//! Forward and inverse kinematics of any variant, by its generated closures and their derivatives.
+
+mod error;
+mod forward;
+mod inputs;
+mod inverse;
+mod machine;
+mod newton;
+mod paths;
+mod pose;
+mod statics;
+
+pub use error::Error;
+pub use forward::AssemblyMode;
+pub use inputs::{Sample, Surroundings};
+pub use inverse::{InverseOptions, Reached};
+pub use machine::{Closures, Machine, POSE_COLUMNS};
+pub use paths::{Path, Segment};
+pub use pose::{Pose, angle_rates, nearest_rotation, xyz, xyz_angles, zyz};
+pub use statics::{Forces, Statics, track_axes};

@@ -1,0 +1,130 @@
+//! Damped Newton iteration on the closures, in the pose, the commands, or parts of both.
+
+use nalgebra::{DMatrix, DVector, Vector3};
+
+use super::inputs::Sample;
+use super::machine::{Machine, POSE_COLUMNS};
+use super::{Error, Pose};
+
+const MAX_ITERATIONS: usize = 60;
+/// A mismatch of link lengths (m) that is rounding.
+const ROUNDING_M: f64 = 1e-13;
+/// A step (m, rad) after which nothing moves any more.
+const SETTLED: f64 = 1e-11;
+/// Longest step: the closures are quadratic, beyond this the tangent says nothing.
+const LONGEST_STEP: f64 = 0.5;
+
+/// A solution of the closures.
+#[derive(Debug, Clone)]
+pub(crate) struct Settled {
+    pub(crate) pose: Pose,
+    pub(crate) commands_m: Vec<f64>,
+    /// Root of the sum of squared mismatches (m); zero up to rounding unless overdetermined.
+    pub(crate) mismatch_m: f64,
+}
+
+/// Solves the closures in the columns of [`Closures::jacobian`](super::machine::Closures) that are
+/// listed, from the pose and commands of `start`. With more closures than unknowns the sum of squares
+/// is least; with fewer, each step is the shortest.
+pub(crate) fn solve(
+    machine: &Machine,
+    start: &Sample<'_>,
+    unknowns: &[usize],
+) -> Result<Settled, Error> {
+    let mut pose = start.pose;
+    let mut commands = start.commands_m.to_vec();
+    let at = |pose: Pose, commands: &[f64]| {
+        machine.closures(&Sample {
+            pose,
+            commands_m: commands,
+            ..*start
+        })
+    };
+    let mut closures = at(pose, &commands)?;
+    let mut mismatch = closures.residuals.norm();
+    for iteration in 0..MAX_ITERATIONS {
+        let not_converged = Error::NotConverged {
+            iterations: iteration,
+            mismatch_m: mismatch,
+        };
+        let reduced = closures.jacobian.select_columns(unknowns);
+        let square = reduced.is_square();
+        if square && mismatch < ROUNDING_M {
+            return Ok(Settled {
+                pose,
+                commands_m: commands,
+                mismatch_m: mismatch,
+            });
+        }
+        let step = newton_step(reduced, &closures.residuals).ok_or(not_converged.clone())?;
+        let longest = step.amax();
+        if !longest.is_finite() {
+            return Err(not_converged);
+        }
+        let mut share = (LONGEST_STEP / longest).min(1.0);
+        let moved = loop {
+            let (next_pose, next_commands) = advance(&pose, &commands, unknowns, &step, share);
+            let next = at(next_pose, &next_commands)?;
+            let next_mismatch = next.residuals.norm();
+            if next_mismatch < mismatch * (1.0 - 1e-4 * share) || next_mismatch < ROUNDING_M {
+                (pose, commands, closures, mismatch) =
+                    (next_pose, next_commands, next, next_mismatch);
+                break true;
+            }
+            // At the end of the iteration rounding alone decides whether a full step gains anything.
+            if longest * share < SETTLED {
+                break false;
+            }
+            share /= 2.0;
+        };
+        if !moved || longest < SETTLED {
+            let is_solution = !square || mismatch < 1e3 * ROUNDING_M;
+            return if is_solution {
+                Ok(Settled {
+                    pose,
+                    commands_m: commands,
+                    mismatch_m: mismatch,
+                })
+            } else {
+                Err(not_converged)
+            };
+        }
+    }
+    Err(Error::NotConverged {
+        iterations: MAX_ITERATIONS,
+        mismatch_m: mismatch,
+    })
+}
+
+fn newton_step(jacobian: DMatrix<f64>, residuals: &DVector<f64>) -> Option<DVector<f64>> {
+    if jacobian.is_square()
+        && let Some(step) = jacobian.clone().lu().solve(residuals)
+    {
+        return Some(-step);
+    }
+    let svd = jacobian.svd(true, true);
+    let cutoff = 1e-12 * svd.singular_values.max();
+    svd.solve(residuals, cutoff).ok().map(|step| -step)
+}
+
+fn advance(
+    pose: &Pose,
+    commands: &[f64],
+    unknowns: &[usize],
+    step: &DVector<f64>,
+    share: f64,
+) -> (Pose, Vec<f64>) {
+    let mut motion = [0.0; POSE_COLUMNS];
+    let mut commands = commands.to_vec();
+    for (&unknown, change) in unknowns.iter().zip(step.iter()) {
+        match unknown.checked_sub(POSE_COLUMNS) {
+            None => motion[unknown] = share * change,
+            Some(command) => commands[command] += share * change,
+        }
+    }
+    let [x, y, z, a, b, c] = motion;
+    (
+        pose.moved(Vector3::new(x, y, z), Vector3::new(a, b, c)),
+        commands,
+    )
+}

@@ -1,0 +1,189 @@
+//! Poses of the plate.
+
+use nalgebra::{Matrix3, Rotation3, Vector3};
+
+/// Position T and rotation R of the TCP frame in the measurement frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Pose {
+    /// T (m).
+    pub position: Vector3<f64>,
+    /// R.
+    pub rotation: Rotation3<f64>,
+}
+
+impl Pose {
+    /// From a position (m) and ZYZ Euler angles alpha, beta, gamma (rad): R = Rz(alpha)·Ry(beta)·Rz(gamma).
+    pub fn from_zyz(position_m: [f64; 3], angles_rad: [f64; 3]) -> Self {
+        Self {
+            position: position_m.into(),
+            rotation: zyz(angles_rad),
+        }
+    }
+
+    /// T (m).
+    pub fn position_m(&self) -> [f64; 3] {
+        self.position.into()
+    }
+
+    /// ZYZ Euler angles of R (rad), beta in [0, π]; gamma is 0 where beta is 0 or π and only the sum or
+    /// the difference of the other two is determined.
+    pub fn angles_rad(&self) -> [f64; 3] {
+        let r = self.rotation.matrix();
+        let sine = r[(0, 2)].hypot(r[(1, 2)]);
+        if sine < 1e-9 {
+            let alpha = r[(1, 0)].atan2(r[(1, 1)]);
+            return [alpha, sine.atan2(r[(2, 2)]), 0.0];
+        }
+        [
+            r[(1, 2)].atan2(r[(0, 2)]),
+            sine.atan2(r[(2, 2)]),
+            r[(2, 1)].atan2(-r[(2, 0)]),
+        ]
+    }
+
+    /// Those ZYZ Euler angles of R (rad) that lie nearest to others: of the two triples that describe a
+    /// rotation, with whole turns added.
+    pub fn angles_near(&self, reference_rad: [f64; 3]) -> [f64; 3] {
+        use std::f64::consts::PI;
+        let [alpha, beta, gamma] = self.angles_rad();
+        [[alpha, beta, gamma], [alpha + PI, -beta, gamma + PI]]
+            .map(|angles| {
+                let near = |k: usize| reference_rad[k] + wrapped(angles[k] - reference_rad[k]);
+                [near(0), near(1), near(2)]
+            })
+            .into_iter()
+            .min_by(|a, b| distance(a, &reference_rad).total_cmp(&distance(b, &reference_rad)))
+            .unwrap_or([alpha, beta, gamma])
+    }
+
+    /// Moved by a translation (m) and turned by a rotation vector (rad), both in the measurement frame.
+    #[must_use]
+    pub fn moved(&self, translation: Vector3<f64>, rotation_vector: Vector3<f64>) -> Self {
+        Self {
+            position: self.position + translation,
+            rotation: Rotation3::new(rotation_vector) * self.rotation,
+        }
+    }
+}
+
+/// Rates of the ZYZ Euler angles (alpha, beta, gamma) per rate of the rotation vector in the
+/// measurement frame; infinite entries where beta is 0 or π.
+pub fn angle_rates([alpha, beta, _]: [f64; 3]) -> Matrix3<f64> {
+    let (sa, ca) = alpha.sin_cos();
+    let (sb, cb) = beta.sin_cos();
+    Matrix3::new(
+        -ca * cb / sb,
+        -sa * cb / sb,
+        1.0, //
+        -sa,
+        ca,
+        0.0, //
+        ca / sb,
+        sa / sb,
+        0.0,
+    )
+}
+
+/// The rotation Rz(alpha)·Ry(beta)·Rz(gamma).
+pub fn zyz([alpha, beta, gamma]: [f64; 3]) -> Rotation3<f64> {
+    let about = |axis, angle| Rotation3::from_axis_angle(&axis, angle);
+    about(Vector3::z_axis(), alpha)
+        * about(Vector3::y_axis(), beta)
+        * about(Vector3::z_axis(), gamma)
+}
+
+/// The rotation Rz(c)·Ry(b)·Rx(a) of angles (a, b, c) about x, y and z (rad).
+pub fn xyz([a, b, c]: [f64; 3]) -> Rotation3<f64> {
+    Rotation3::from_euler_angles(a, b, c)
+}
+
+/// The angles (a, b, c) of Rz(c)·Ry(b)·Rx(a) (rad).
+pub fn xyz_angles(rotation: &Rotation3<f64>) -> [f64; 3] {
+    let (a, b, c) = rotation.euler_angles();
+    [a, b, c]
+}
+
+/// The rotation nearest to a matrix (Frobenius norm); by singular values, never a reflection.
+pub fn nearest_rotation(matrix: Matrix3<f64>) -> Rotation3<f64> {
+    let svd = matrix.svd(true, true);
+    let (Some(u), Some(v_t)) = (svd.u, svd.v_t) else {
+        return Rotation3::identity();
+    };
+    let mut signs = Matrix3::identity();
+    let smallest = svd.singular_values.imin();
+    signs[(smallest, smallest)] = (u * v_t).determinant().signum();
+    Rotation3::from_matrix_unchecked(u * signs * v_t)
+}
+
+/// An angle brought into (−π, π].
+fn wrapped(angle: f64) -> f64 {
+    use std::f64::consts::{PI, TAU};
+    let turned = angle.rem_euclid(TAU);
+    if turned > PI { turned - TAU } else { turned }
+}
+
+fn distance(a: &[f64; 3], b: &[f64; 3]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| (a - b).abs()).sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const ANGLES: [[f64; 3]; 4] = [
+        [1.5, 1.8, -1.5],
+        [-3.0, 0.2, 2.0],
+        [0.4, 1e-12, 0.0],
+        [0.3, std::f64::consts::PI, 0.0],
+    ];
+
+    #[test]
+    fn angles_describe_the_rotation_that_they_were_taken_from() {
+        for angles in ANGLES {
+            let pose = Pose::from_zyz([0.0; 3], angles);
+            let again = zyz(pose.angles_rad());
+            assert!(
+                (again.matrix() - pose.rotation.matrix()).norm() < 1e-12,
+                "{angles:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn the_nearest_angles_are_found_across_turns_and_the_other_triple() {
+        let pose = Pose::from_zyz([0.0; 3], [3.1, -0.7, -3.1]);
+        let near = pose.angles_near([-3.1, -0.7, 3.1]);
+        assert!(
+            distance(
+                &near,
+                &[
+                    3.1 - std::f64::consts::TAU,
+                    -0.7,
+                    std::f64::consts::TAU - 3.1
+                ]
+            ) < 1e-12
+        );
+    }
+
+    #[test]
+    fn angle_rates_are_those_of_a_small_turn() {
+        let angles = [1.5, 1.8, -1.5];
+        let pose = Pose::from_zyz([0.0; 3], angles);
+        for axis in 0..3 {
+            let mut turn = Vector3::zeros();
+            turn[axis] = 1e-6;
+            let forward = pose.moved(Vector3::zeros(), turn).angles_near(angles);
+            let backward = pose.moved(Vector3::zeros(), -turn).angles_near(angles);
+            for k in 0..3 {
+                let rate = (forward[k] - backward[k]) / 2e-6;
+                assert!((rate - angle_rates(angles)[(k, axis)]).abs() < 1e-8);
+            }
+        }
+    }
+
+    #[test]
+    fn a_reflection_is_never_returned() {
+        let mirrored = Matrix3::from_diagonal(&Vector3::new(1.0, 2.0, -0.1));
+        assert!((nearest_rotation(mirrored).matrix() - Matrix3::identity()).norm() < 1e-12);
+    }
+}
