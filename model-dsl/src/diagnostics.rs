@@ -78,7 +78,7 @@ impl Diagnostic {
         self.span.start().column + 1
     }
 
-    /// Bytes concerned, from the start of the text after a byte-order mark.
+    /// Bytes concerned, from the start of the text.
     ///
     /// Meaningful for [`check_text`](crate::check_text) only; inside a macro the compiler counts.
     pub fn byte_range(&self) -> Range<usize> {
@@ -125,7 +125,6 @@ impl Errors {
     pub(crate) fn from_lexer(text: &str, error: &LexError) -> Self {
         let span = error.span();
         let found = text
-            .trim_start_matches('\u{feff}')
             .get(span.byte_range().start..)
             .and_then(|rest| rest.chars().next());
         let diagnostic = match found {

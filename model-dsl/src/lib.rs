@@ -71,8 +71,9 @@ pub fn check_text(text: &str) -> Result<Model, Errors> {
 /// An effect that the model already has by name stands: a description's own effect wins over the
 /// catalogue's.
 pub fn effects_from_text(text: &str, into: &Model) -> Result<Model, Errors> {
+    let tokens = tokens(text)?;
     let mut diagnostics = Diagnostics::new();
-    let description = parse::description(tokens(text)?, false, &mut diagnostics);
+    let description = parse::description(tokens, false, &mut diagnostics);
     diagnostics.into_result(None)?;
 
     let mut diagnostics = Diagnostics::new();

@@ -74,10 +74,15 @@ pub(crate) fn suggest<'a>(
             article(what)
         );
     }
-    let all: Vec<_> = candidates
+    let mut all: Vec<String> = Vec::new();
+    for candidate in candidates
         .into_iter()
         .map(|candidate| format!("`{candidate}`"))
-        .collect();
+    {
+        if !all.contains(&candidate) {
+            all.push(candidate);
+        }
+    }
     match all.as_slice() {
         [] => format!("no {what} is declared"),
         [one] => format!("the only {what} is {one}"),

@@ -332,3 +332,93 @@ pub fn find_dimension(name: &str) -> Option<Dimension> {
         .find(|(own, _)| *own == name)
         .map(|(_, dimension)| *dimension)
 }
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::{DIMENSIONS, Dimension, UNITS, find_dimension, find_unit, to_si};
+    use crate::tests::dimension_of;
+
+    #[test]
+    fn si_units() {
+        let compliance = find_dimension("compliance").unwrap();
+        for (dimension, text) in [
+            (Dimension::NUMBER, "1"),
+            (Dimension::LENGTH, "m"),
+            (Dimension::ANGLE, "rad"),
+            (Dimension::FORCE, "N"),
+            (Dimension::MASS, "kg"),
+            (compliance, "m/N"),
+            (Dimension::NUMBER.divide(Dimension::FORCE).unwrap(), "1/N"),
+            (Dimension::LENGTH.divide(Dimension::TIME).unwrap(), "m/s"),
+            (
+                Dimension::NUMBER.divide(Dimension::TEMPERATURE).unwrap(),
+                "1/K",
+            ),
+            (Dimension::LENGTH.power(-2).unwrap(), "1/m^2"),
+            (Dimension::MASS.multiply(Dimension::LENGTH).unwrap(), "kg*m"),
+        ] {
+            assert_eq!(dimension.si_unit(), text);
+        }
+    }
+
+    #[test]
+    fn sizes() {
+        for (value, unit, si) in [
+            (100.0, "um", 1e-4),
+            (0.3, "mm", 3e-4),
+            (180.0, "deg", std::f64::consts::PI),
+            (3600.0, "arcsec", std::f64::consts::PI / 180.0),
+            (2.0, "h", 7200.0),
+            (7.0, "ppm", 7e-6),
+            (1.5, "kN", 1500.0),
+        ] {
+            let found = to_si(value, find_unit(unit).unwrap().factor);
+            assert!(
+                (found - si).abs() <= f64::EPSILON * si,
+                "{value} {unit} is {found}"
+            );
+        }
+        // Decimal fractions come out as if they had been written in SI units.
+        assert_eq!(to_si(100.0, 1e-6).to_bits(), 1e-4_f64.to_bits());
+    }
+
+    #[test]
+    fn exponents_do_not_wrap() {
+        let large = Dimension::LENGTH.power(100).unwrap();
+        assert_eq!(large.multiply(large), None);
+        assert_eq!(large.power(2), None);
+        assert_eq!(Dimension::LENGTH.power(i32::MAX), None);
+        assert_eq!(Dimension::LENGTH.square_root(), None);
+        assert_eq!(large.square_root(), Dimension::LENGTH.power(50));
+    }
+
+    #[test]
+    fn names_are_distinct() {
+        for (index, unit) in UNITS.iter().enumerate() {
+            assert!(
+                UNITS[..index].iter().all(|other| other.name != unit.name),
+                "{}",
+                unit.name
+            );
+        }
+        for (index, (name, _)) in DIMENSIONS.iter().enumerate() {
+            assert!(
+                DIMENSIONS[..index].iter().all(|(other, _)| other != name),
+                "{name}"
+            );
+            assert!(find_unit(name).is_none(), "`{name}` is a unit too");
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn the_language_reads_units_back(
+            length in -9i8..9, mass in -9i8..9, time in -9i8..9, temperature in -9i8..9, angle in -9i8..9,
+        ) {
+            let dimension = Dimension { length, mass, time, temperature, angle };
+            prop_assert_eq!(dimension_of(&dimension.si_unit()), dimension);
+        }
+    }
+}

@@ -1,0 +1,275 @@
+//! Mistakes beyond the compile-fail cases: what happens after a mistake, and texts that are no tokens.
+
+use insta::assert_snapshot;
+use proc_macro2::Span;
+
+use super::{GANTRY_TAU, errors, excerpts, model, robot};
+use crate::diagnostics::{Diagnostic, Diagnostics};
+use crate::{check_text, effects_from_text};
+
+#[test]
+fn all_at_once() {
+    assert_snapshot!(errors(
+        "pub robot Slide {
+    track one, one, three;
+    cluster arm1 on one { link l1; }
+    cluster arm2 on tow { link l1; }
+    cluster arm3 on three { }
+    effect wobble on cart {
+        param size: lenght tol -1 mm;
+        param left: angle;
+        along += size * sine(q) + left;
+        rol += left;
+    }
+    variant Full { tracks linear; track four piecewise; }
+    variant Wobbly = Ful + wobble(l1) + wobbel(one);
+}"
+    ), @r"
+    track one, one, three;
+               ^^^
+    `one` is already declared as a track, on line 2
+    help: choose another name
+    cluster arm2 on tow { link l1; }
+                    ^^^
+    cannot find track `tow`
+    help: the tracks are `one`, `three`
+    cluster arm2 on tow { link l1; }
+                               ^^
+    `l1` is already declared as a link, on line 3
+    help: choose another name
+    cluster arm3 on three { }
+            ^^^^
+    cluster `arm3` has no links
+    help: declare one: `link l1;`
+    param size: lenght tol -1 mm;
+                ^^^^^^
+    unknown dimension or unit `lenght`
+    help: did you mean `length`?
+    along += size * sine(q) + left;
+                    ^^^^
+    `sine` is not a function
+    help: a function with a similar name exists: `sin`
+    rol += left;
+    ^^^
+    an effect cannot add to `rol`
+    help: did you mean `roll`?
+    variant Full { tracks linear; track four piecewise; }
+            ^^^^
+    variant `Full` has no arm
+    help: write `arm reduced;` or `arm full;`
+    variant Full { tracks linear; track four piecewise; }
+                                        ^^^^
+    cannot find track `four`
+    help: the tracks are `one`, `three`
+    variant Wobbly = Ful + wobble(l1) + wobbel(one);
+                     ^^^
+    cannot find variant `Ful`
+    help: a variant with a similar name exists: `Full`
+    variant Wobbly = Ful + wobble(l1) + wobbel(one);
+                                  ^^
+    `wobble` acts on a cart, but `l1` is a link
+    help: name a track: `one`, `one`, `three`
+    variant Wobbly = Ful + wobble(l1) + wobbel(one);
+                                        ^^^^^^
+    cannot find effect `wobbel`
+    help: an effect with a similar name exists: `wobble`
+    ");
+}
+
+#[test]
+fn items_after_a_mistake_are_read() {
+    assert_snapshot!(errors(
+        "robot Slide {
+    track one two;
+    cluster arm1 on one { link l1 l2; lnk l3; link l4 }
+    effect e on cart { param a: length b; search p: length in 1 m .. 2 m; along += (a; along -= a; }
+    variant Full { arm full tracks linear; track one curved; }
+}
+robot
+effect"
+    ), @r"
+    effect e on cart { param a: length b; search p: length in 1 m .. 2 m; along += (a; along -= a; }
+                                                                                                   ^
+    `}` closes nothing that is open
+    help: every bracket needs its partner
+    ");
+}
+
+#[test]
+fn what_has_an_error_raises_no_second() {
+    // An unknown unit, dimension, track or variant poisons what depends on it, silently.
+    assert_snapshot!(errors(&robot(
+        "effect e on cart {
+        param a: lenght = 1 mm tol 1 mm;
+        search p: lenght in 4 mm ..= 50 mm;
+        along += a + q + 3 N * a / p;
+    }
+    variant A = Ful + e(one);
+    variant B = A + e(two);"
+    )), @r"
+    param a: lenght = 1 mm tol 1 mm;
+             ^^^^^^
+    unknown dimension or unit `lenght`
+    help: did you mean `length`?
+    search p: lenght in 4 mm ..= 50 mm;
+              ^^^^^^
+    unknown dimension or unit `lenght`
+    help: did you mean `length`?
+    variant A = Ful + e(one);
+                ^^^
+    cannot find variant `Ful`
+    help: a variant with a similar name exists: `Full`
+    ");
+}
+
+#[test]
+fn text_that_is_no_tokens() {
+    assert_snapshot!(errors("robot Slide { track one;"), @r"
+    robot Slide { track one;
+                ^
+    `{` is never closed
+    help: every bracket needs its partner
+    ");
+    assert_snapshot!(errors("robot Slide { track one; }}"), @r"
+    robot Slide { track one; }}
+                              ^
+    `}` closes nothing that is open
+    help: every bracket needs its partner
+    ");
+    assert_snapshot!(errors("robot Slide { track one; )"), @r"
+    robot Slide { track one; )
+                             ^
+    `)` closes nothing that is open
+    help: every bracket needs its partner
+    ");
+    assert_snapshot!(errors("robot Slide { track \"one; }"), @r#"
+    robot Slide { track "one; }
+                        ^
+    this quotation mark has no meaning in a model
+    help: names and numbers are written without quotation marks
+    "#);
+    assert_snapshot!(errors("robot Slide { track µ°; }"), @r"
+    robot Slide { track µ°; }
+                         ^
+    `°` has no meaning in a model
+    help: a description consists of names, numbers, operators and brackets
+    ");
+    assert_snapshot!(errors("/* robot Slide {}"), @r"
+    /* robot Slide {}
+    ^
+    this comment is never closed
+    help: end it with `*/`
+    ");
+}
+
+#[test]
+fn nothing_at_all() {
+    assert_snapshot!(errors(""), @r"
+    ^
+    the description is empty
+    help: write `robot Name { track …; cluster …; variant …; }`
+    ");
+    assert_snapshot!(errors("  \n// a comment\n"), @r"
+    ^
+    the description is empty
+    help: write `robot Name { track …; cluster …; variant …; }`
+    ");
+}
+
+#[test]
+fn positions_count_lines_and_characters() {
+    let text = "\u{feff}// °\r\nrobot Slide {\r\n    /* ° */ trakc one;\r\n}\r\n";
+    let errors = check_text(text).unwrap_err();
+    let first = &errors.diagnostics[0];
+    assert_eq!((first.line(), first.column()), (3, 13));
+    assert_eq!(&text[first.byte_range()], "trakc");
+}
+
+#[test]
+fn a_range_reaches_over_lines() {
+    let text = robot("effect e on cart { param t: angle;\n along += q\n + t; }");
+    let errors = check_text(&text).unwrap_err();
+    assert_eq!(&text[errors.diagnostics[0].byte_range()], "q\n + t");
+}
+
+#[test]
+fn the_robot_is_named_where_it_can_be() {
+    let name = |text: &str| {
+        let robot = check_text(text).unwrap_err().robot;
+        robot.map(|(public, name)| (public, name.to_string()))
+    };
+    assert_eq!(
+        name("pub robot Slide { track one }"),
+        Some((true, "Slide".to_owned()))
+    );
+    assert_eq!(
+        name("robot Slide { track one; }"),
+        Some((false, "Slide".to_owned()))
+    );
+    assert_eq!(name("robot Slide"), Some((false, "Slide".to_owned())));
+    assert_eq!(name("robot { }"), None);
+}
+
+#[test]
+fn errors_become_one_of_syn() {
+    let errors = check_text("robot Slide { track one; trakc two; }").unwrap_err();
+    let combined: Vec<_> = syn::Error::from(&errors)
+        .into_iter()
+        .map(|one| one.to_string())
+        .collect();
+    let own: Vec<_> = errors.diagnostics.iter().map(ToString::to_string).collect();
+    assert_eq!(combined, own);
+}
+
+#[test]
+fn a_catalogue_joins_a_model() {
+    let robot = model(GANTRY_TAU);
+    let catalogue = "
+        effect rack_pitch on cart { param other: length; along += other; }
+        effect coupling on cart { param gain: number; along += gain * q(two); }";
+    let joined = effects_from_text(catalogue, &robot).unwrap();
+    let names: Vec<_> = joined
+        .effects
+        .iter()
+        .map(|effect| effect.name.as_str())
+        .collect();
+    assert_eq!(names, ["rack_pitch", "coupling"]);
+    assert_eq!(
+        joined.effects[0], robot.effects[0],
+        "the robot's own effect stands"
+    );
+    assert_eq!(joined.variants, robot.variants);
+}
+
+#[test]
+fn a_catalogue_with_mistakes() {
+    let robot = model(GANTRY_TAU);
+    let wrong = |text: &str| excerpts(text, &effects_from_text(text, &robot).unwrap_err());
+    assert_snapshot!(wrong("robot Other { }"), @r"
+    robot Other { }
+    ^^^^^
+    expected `effect`, found `robot`
+    help: a catalogue holds effects only
+    ");
+    assert_snapshot!(wrong("effect e on cart { param gain: number; along += gain * q(for); }"), @r"
+    effect e on cart { param gain: number; along += gain * q(for); }
+                                                             ^^^
+    this Rust code has no meaning in a model
+    help: a model is declared, without control flow; formulas stand in the terms of effects
+    ");
+    assert_snapshot!(wrong("effect e on cart { param gain: number; along += gain * q(ones); }"), @r"
+    effect e on cart { param gain: number; along += gain * q(ones); }
+                                                             ^^^^
+    cannot find track `ones`
+    help: a track with a similar name exists: `one`
+    ");
+    assert_eq!(effects_from_text("", &robot).unwrap(), robot);
+}
+
+#[test]
+#[should_panic(expected = "diagnostics were dropped unread")]
+#[cfg(debug_assertions)]
+fn diagnostics_cannot_be_forgotten() {
+    let mut diagnostics = Diagnostics::new();
+    diagnostics.push(Diagnostic::new(Span::call_site(), "unread"));
+}
