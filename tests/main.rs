@@ -3,3 +3,4 @@
 mod bad_input;
 mod derivatives;
 mod reference;
+mod codegen;

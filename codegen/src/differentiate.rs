@@ -85,6 +85,12 @@ fn partials(g: &mut Graph, expr: Expr, adjoint: Expr) -> Vec<(Expr, Expr)> {
         Node::Add(a, b) => vec![(a, adjoint), (b, adjoint)],
         Node::Negate(a) => vec![(a, g.negate(adjoint))],
         Node::Multiply(a, b) => vec![(a, g.multiply(adjoint, b)), (b, g.multiply(adjoint, a))],
+        Node::Divide(a, b) if g.constant_value(a) == Some(1.0) => {
+            // A reciprocal is at hand as the value itself: no second division.
+            let scaled = g.multiply(adjoint, expr);
+            let product = g.multiply(scaled, expr);
+            vec![(b, g.negate(product))]
+        }
         Node::Divide(a, b) => {
             let by_a = g.divide(adjoint, b);
             let product = g.multiply(by_a, expr);

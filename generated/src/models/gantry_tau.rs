@@ -50,10 +50,10 @@
 //   full_rack::closure_by_pose_l2a: 0 / 66 / 96
 //   full_rack::closure_by_pose_l3a: 0 / 43 / 61
 //   full_rack::cart_pose_one: 33 / 153 / 541
-//   full_rack::cart_pose_two: 34 / 265 / 1327
+//   full_rack::cart_pose_two: 34 / 265 / 1325
 //   full_rack::cart_pose_three: 33 / 377 / 2605
 //   full_rack::cart_position_one: 0 / 39 / 79
-//   full_rack::cart_position_two: 1 / 115 / 499
+//   full_rack::cart_position_two: 1 / 115 / 497
 //   full_rack::cart_position_three: 0 / 227 / 1141
 
 #[allow(unused_imports, reason = "one list for all modules")]
@@ -15216,7 +15216,7 @@ pub mod full_rack {
     ///
     /// Once per sample: 26 operations (4 additions, 15 multiplications, 1 negation, 6 functions).
     /// Residuals: 56 operations (24 additions, 27 multiplications, 2 divisions, 3 functions).
-    /// With the Jacobian: 118 operations (44 additions, 66 multiplications, 5 divisions, 3 functions).
+    /// With the Jacobian: 118 operations (44 additions, 67 multiplications, 4 divisions, 3 functions).
     #[derive(Debug, Clone, Copy)]
     pub struct ClosureL2a;
     impl ResidualFamily for ClosureL2a {
@@ -15337,9 +15337,8 @@ pub mod full_rack {
             let t83 = t9 * t68;
             let t85 = t9 * t69;
             let t87 = t30 * t41 + t29 * t68 + t28 * t69;
-            let t96 = t27
-                * ((track_direction_z * t46 + track_direction_y * t83
-                    + track_direction_x * t85) / t26) / (2.0 * t26);
+            let t96 = (track_direction_z * t46 + track_direction_y * t83
+                + track_direction_x * t85) * (t27 * t27) / (2.0 * t26);
             let t97 = track_direction_z * t96;
             let t98 = track_direction_y * t96;
             let t99 = track_direction_x * t96;
@@ -15496,7 +15495,7 @@ pub mod full_rack {
     ///
     /// Once per sample: 34 operations (4 additions, 24 multiplications, 6 functions).
     /// Residuals: 265 operations (105 additions, 139 multiplications, 5 divisions, 1 negation, 15 functions).
-    /// With the Jacobian: 1327 operations (520 additions, 739 multiplications, 32 divisions, 21 negations, 15 functions).
+    /// With the Jacobian: 1325 operations (520 additions, 740 multiplications, 29 divisions, 21 negations, 15 functions).
     #[derive(Debug, Clone, Copy)]
     pub struct CartPoseTwo;
     impl ResidualFamily for CartPoseTwo {
@@ -15880,8 +15879,9 @@ pub mod full_rack {
             let t422 = sin_target_rotation_y * t382 + t46 + t45 * t384;
             let t424 = t46 * t382 - t45 * t383 - sin_target_rotation_y;
             let t445 = t66 * t391 + t65 * t390 + t58 * t389;
+            let t449 = t388 * t388;
             let t451 = 2.0 * t387;
-            let t452 = t388 * ((t37 * t76 + t36 * t77 + t35 * t78) / t387) / t451;
+            let t452 = (t37 * t76 + t36 * t77 + t35 * t78) * t449 / t451;
             let t453 = t37 * t452;
             let t456 = t36 * t452;
             let t459 = t35 * t452;
@@ -15903,160 +15903,160 @@ pub mod full_rack {
             let t499 = t15 * t469 - t14 * t467;
             let t504 = rack_pitch_sine * t11 - t9 * rack_pitch_cosine;
             let t548 = t94 * t391 + t93 * t390 + t88 * t389;
-            let t554 = t388 * ((t37 * t104 + t36 * t105 + t35 * t106) / t387) / t451;
-            let t555 = t37 * t554;
-            let t558 = t36 * t554;
-            let t561 = t35 * t554;
-            let t564 = 0.5 * (t104 * t388 - t555 - t555);
-            let t565 = 0.5 * (t105 * t388 - t558 - t558);
-            let t566 = 0.5 * (t106 * t388 - t561 - t561);
-            let t567 = (target_position_x * t93 - target_position_y * t88) / t381;
-            let t569 = (target_position_z * t88 - target_position_x * t94) / t381;
-            let t571 = (target_position_y * t94 - target_position_z * t93) / t381;
-            let t574 = t384 * t567 + t383 * t569 + t382 * t571;
-            let t585 = t18 * t567 - t477 * t574 - t19 * t569;
-            let t588 = t16 * t569 - t15 * t567;
-            let t592 = t17 * t569 - t473 * t574 - t18 * t571;
-            let t593 = t14 * t567 - t16 * t571;
-            let t597 = t19 * t571 - t475 * t574 - t17 * t567;
-            let t598 = t15 * t571 - t14 * t569;
-            let t644 = t116 * t391 + t115 * t390 - sin_frame_rotation_y * t389;
-            let t650 = t388 * ((t37 * t126 + t36 * t127 - t35 * t128) / t387) / t451;
-            let t651 = t37 * t650;
-            let t654 = t36 * t650;
-            let t657 = t35 * t650;
-            let t660 = 0.5 * (t126 * t388 - t651 - t651);
-            let t661 = 0.5 * (t127 * t388 - t654 - t654);
-            let t662 = -0.5 * (t657 + t128 * t388 + t657);
-            let t663 = (target_position_x * t115
+            let t553 = (t37 * t104 + t36 * t105 + t35 * t106) * t449 / t451;
+            let t554 = t37 * t553;
+            let t557 = t36 * t553;
+            let t560 = t35 * t553;
+            let t563 = 0.5 * (t104 * t388 - t554 - t554);
+            let t564 = 0.5 * (t105 * t388 - t557 - t557);
+            let t565 = 0.5 * (t106 * t388 - t560 - t560);
+            let t566 = (target_position_x * t93 - target_position_y * t88) / t381;
+            let t568 = (target_position_z * t88 - target_position_x * t94) / t381;
+            let t570 = (target_position_y * t94 - target_position_z * t93) / t381;
+            let t573 = t384 * t566 + t383 * t568 + t382 * t570;
+            let t584 = t18 * t566 - t477 * t573 - t19 * t568;
+            let t587 = t16 * t568 - t15 * t566;
+            let t591 = t17 * t568 - t473 * t573 - t18 * t570;
+            let t592 = t14 * t566 - t16 * t570;
+            let t596 = t19 * t570 - t475 * t573 - t17 * t566;
+            let t597 = t15 * t570 - t14 * t568;
+            let t643 = t116 * t391 + t115 * t390 - sin_frame_rotation_y * t389;
+            let t648 = (t37 * t126 + t36 * t127 - t35 * t128) * t449 / t451;
+            let t649 = t37 * t648;
+            let t652 = t36 * t648;
+            let t655 = t35 * t648;
+            let t658 = 0.5 * (t126 * t388 - t649 - t649);
+            let t659 = 0.5 * (t127 * t388 - t652 - t652);
+            let t660 = -0.5 * (t655 + t128 * t388 + t655);
+            let t661 = (target_position_x * t115
                 + target_position_y * sin_frame_rotation_y) / t381;
-            let t665 = (target_position_x * t116
+            let t663 = (target_position_x * t116
                 + target_position_z * sin_frame_rotation_y) / t381;
-            let t667 = (target_position_y * t116 - target_position_z * t115) / t381;
-            let t670 = t383 * t665 - t384 * t663 - t382 * t667;
-            let t681 = t477 * t670 + t18 * t663 + t19 * t665;
-            let t684 = t15 * t663 + t16 * t665;
-            let t688 = t473 * t670 - t17 * t665 - t18 * t667;
-            let t689 = t14 * t663 - t16 * t667;
-            let t693 = t475 * t670 - t17 * t663 + t19 * t667;
-            let t694 = t14 * t665 + t15 * t667;
-            let t729 = t149 * t384 - t144 - t150 * t383;
-            let t732 = t149 + t150 * t382 + t144 * t384;
-            let t735 = t150 - t149 * t382 - t144 * t383;
-            let t740 = sin_target_rotation_z * t732 + cos_target_rotation_z * t729;
-            let t750 = t170 - t176 * t383 + t175 * t384;
-            let t753 = t175 + t176 * t382 - t170 * t384;
-            let t756 = t176 - t175 * t382 + t170 * t383;
-            let t761 = sin_target_rotation_z * t753 + cos_target_rotation_z * t750;
-            let t771 = t194 - t200 * t383 + t199 * t384;
-            let t774 = t199 + t200 * t382 - t194 * t384;
-            let t777 = t200 - t199 * t382 + t194 * t383;
-            let t782 = sin_target_rotation_z * t774 + cos_target_rotation_z * t771;
-            let t791 = cos_frame_rotation_x * t408 - sin_frame_rotation_x * t412;
-            let t792 = sin_frame_rotation_x * t408 + cos_frame_rotation_x * t412;
-            let t797 = cos_frame_rotation_y * t792 - sin_frame_rotation_y * t404;
-            let t798 = sin_frame_rotation_y * t792 + cos_frame_rotation_y * t404;
-            let t803 = cos_frame_rotation_z * t798 - sin_frame_rotation_z * t791;
-            let t804 = sin_frame_rotation_z * t798 + cos_frame_rotation_z * t791;
-            let t815 = cos_frame_rotation_x * t422 - sin_frame_rotation_x * t424;
-            let t816 = sin_frame_rotation_x * t422 + cos_frame_rotation_x * t424;
-            let t821 = cos_frame_rotation_y * t816 - sin_frame_rotation_y * t420;
-            let t822 = sin_frame_rotation_y * t816 + cos_frame_rotation_y * t420;
-            let t827 = cos_frame_rotation_z * t822 - sin_frame_rotation_z * t815;
-            let t828 = sin_frame_rotation_z * t822 + cos_frame_rotation_z * t815;
-            let t840 = t207 - t208 * t384 + t49 * t383;
-            let t842 = t207 * t384 + t208 - t49 * t382;
-            let t844 = t49 - t207 * t383 + t208 * t382;
-            let t849 = cos_frame_rotation_x * t842 - sin_frame_rotation_x * t844;
-            let t850 = sin_frame_rotation_x * t842 + cos_frame_rotation_x * t844;
-            let t855 = cos_frame_rotation_y * t850 - sin_frame_rotation_y * t840;
-            let t856 = sin_frame_rotation_y * t850 + cos_frame_rotation_y * t840;
-            let t861 = cos_frame_rotation_z * t856 - sin_frame_rotation_z * t849;
-            let t862 = sin_frame_rotation_z * t856 + cos_frame_rotation_z * t849;
-            let t874 = t213 - t214 * t384 + t51 * t383;
-            let t876 = t213 * t384 + t214 - t51 * t382;
-            let t878 = t51 - t213 * t383 + t214 * t382;
-            let t883 = cos_frame_rotation_x * t876 - sin_frame_rotation_x * t878;
-            let t884 = sin_frame_rotation_x * t876 + cos_frame_rotation_x * t878;
-            let t889 = cos_frame_rotation_y * t884 - sin_frame_rotation_y * t874;
-            let t890 = sin_frame_rotation_y * t884 + cos_frame_rotation_y * t874;
-            let t895 = cos_frame_rotation_z * t890 - sin_frame_rotation_z * t883;
-            let t896 = sin_frame_rotation_z * t890 + cos_frame_rotation_z * t883;
-            let t945 = t225 * t384 - t222 - t226 * t383;
-            let t948 = t225 + t226 * t382 + t222 * t384;
-            let t951 = t226 - t225 * t382 - t222 * t383;
-            let t974 = t236 - t240 * t383 + t239 * t384;
-            let t977 = t239 + t240 * t382 - t236 * t384;
-            let t987 = sin_target_rotation_z * t948 + cos_target_rotation_z * t945;
-            let t1021 = (t149 * t213 + t144 * t214 + t207 * t225 + t208 * t222
+            let t665 = (target_position_y * t116 - target_position_z * t115) / t381;
+            let t668 = t383 * t663 - t384 * t661 - t382 * t665;
+            let t679 = t477 * t668 + t18 * t661 + t19 * t663;
+            let t682 = t15 * t661 + t16 * t663;
+            let t686 = t473 * t668 - t17 * t663 - t18 * t665;
+            let t687 = t14 * t661 - t16 * t665;
+            let t691 = t475 * t668 - t17 * t661 + t19 * t665;
+            let t692 = t14 * t663 + t15 * t665;
+            let t727 = t149 * t384 - t144 - t150 * t383;
+            let t730 = t149 + t150 * t382 + t144 * t384;
+            let t733 = t150 - t149 * t382 - t144 * t383;
+            let t738 = sin_target_rotation_z * t730 + cos_target_rotation_z * t727;
+            let t748 = t170 - t176 * t383 + t175 * t384;
+            let t751 = t175 + t176 * t382 - t170 * t384;
+            let t754 = t176 - t175 * t382 + t170 * t383;
+            let t759 = sin_target_rotation_z * t751 + cos_target_rotation_z * t748;
+            let t769 = t194 - t200 * t383 + t199 * t384;
+            let t772 = t199 + t200 * t382 - t194 * t384;
+            let t775 = t200 - t199 * t382 + t194 * t383;
+            let t780 = sin_target_rotation_z * t772 + cos_target_rotation_z * t769;
+            let t789 = cos_frame_rotation_x * t408 - sin_frame_rotation_x * t412;
+            let t790 = sin_frame_rotation_x * t408 + cos_frame_rotation_x * t412;
+            let t795 = cos_frame_rotation_y * t790 - sin_frame_rotation_y * t404;
+            let t796 = sin_frame_rotation_y * t790 + cos_frame_rotation_y * t404;
+            let t801 = cos_frame_rotation_z * t796 - sin_frame_rotation_z * t789;
+            let t802 = sin_frame_rotation_z * t796 + cos_frame_rotation_z * t789;
+            let t813 = cos_frame_rotation_x * t422 - sin_frame_rotation_x * t424;
+            let t814 = sin_frame_rotation_x * t422 + cos_frame_rotation_x * t424;
+            let t819 = cos_frame_rotation_y * t814 - sin_frame_rotation_y * t420;
+            let t820 = sin_frame_rotation_y * t814 + cos_frame_rotation_y * t420;
+            let t825 = cos_frame_rotation_z * t820 - sin_frame_rotation_z * t813;
+            let t826 = sin_frame_rotation_z * t820 + cos_frame_rotation_z * t813;
+            let t838 = t207 - t208 * t384 + t49 * t383;
+            let t840 = t207 * t384 + t208 - t49 * t382;
+            let t842 = t49 - t207 * t383 + t208 * t382;
+            let t847 = cos_frame_rotation_x * t840 - sin_frame_rotation_x * t842;
+            let t848 = sin_frame_rotation_x * t840 + cos_frame_rotation_x * t842;
+            let t853 = cos_frame_rotation_y * t848 - sin_frame_rotation_y * t838;
+            let t854 = sin_frame_rotation_y * t848 + cos_frame_rotation_y * t838;
+            let t859 = cos_frame_rotation_z * t854 - sin_frame_rotation_z * t847;
+            let t860 = sin_frame_rotation_z * t854 + cos_frame_rotation_z * t847;
+            let t872 = t213 - t214 * t384 + t51 * t383;
+            let t874 = t213 * t384 + t214 - t51 * t382;
+            let t876 = t51 - t213 * t383 + t214 * t382;
+            let t881 = cos_frame_rotation_x * t874 - sin_frame_rotation_x * t876;
+            let t882 = sin_frame_rotation_x * t874 + cos_frame_rotation_x * t876;
+            let t887 = cos_frame_rotation_y * t882 - sin_frame_rotation_y * t872;
+            let t888 = sin_frame_rotation_y * t882 + cos_frame_rotation_y * t872;
+            let t893 = cos_frame_rotation_z * t888 - sin_frame_rotation_z * t881;
+            let t894 = sin_frame_rotation_z * t888 + cos_frame_rotation_z * t881;
+            let t943 = t225 * t384 - t222 - t226 * t383;
+            let t946 = t225 + t226 * t382 + t222 * t384;
+            let t949 = t226 - t225 * t382 - t222 * t383;
+            let t972 = t236 - t240 * t383 + t239 * t384;
+            let t975 = t239 + t240 * t382 - t236 * t384;
+            let t985 = sin_target_rotation_z * t946 + cos_target_rotation_z * t943;
+            let t1019 = (t149 * t213 + t144 * t214 + t207 * t225 + t208 * t222
                 + t45 * t239 - t46 * t236) / t381;
-            let t1023 = (t51 * t144 + t150 * t213 + t207 * t226 + t49 * t222 + t45 * t240
+            let t1021 = (t51 * t144 + t150 * t213 + t207 * t226 + t49 * t222 + t45 * t240
                 + sin_target_rotation_y * t236) / t381;
-            let t1025 = (t150 * t214 - t51 * t149 + t208 * t226 - t49 * t225 + t46 * t240
+            let t1023 = (t150 * t214 - t51 * t149 + t208 * t226 - t49 * t225 + t46 * t240
                 + sin_target_rotation_y * t239) / t381;
-            let t1028 = t383 * t1023 - t384 * t1021 - t382 * t1025;
-            let t1039 = t477 * t1028 + t18 * t1021 + t19 * t1023;
-            let t1046 = t473 * t1028 - t17 * t1023 - t18 * t1025;
-            let t1051 = t475 * t1028 - t17 * t1021 + t19 * t1025;
-            let t1053 = q * (t14 * t1023 + t15 * t1025);
-            let t1054 = q * (t14 * t1021 - t16 * t1025);
-            let t1055 = q * (t15 * t1021 + t16 * t1023);
-            let t1071 = t269 - t273 * t383 + t272 * t384;
-            let t1074 = t272 + t273 * t382 - t269 * t384;
-            let t1077 = t273 - t272 * t382 + t269 * t383;
-            let t1100 = t283 + t287 * t383 + t286 * t384;
-            let t1103 = t286 - t287 * t382 - t283 * t384;
-            let t1113 = sin_target_rotation_z * t1074 + cos_target_rotation_z * t1071;
-            let t1147 = (t175 * t213 - t170 * t214 + t207 * t272 - t208 * t269
+            let t1026 = t383 * t1021 - t384 * t1019 - t382 * t1023;
+            let t1037 = t477 * t1026 + t18 * t1019 + t19 * t1021;
+            let t1044 = t473 * t1026 - t17 * t1021 - t18 * t1023;
+            let t1049 = t475 * t1026 - t17 * t1019 + t19 * t1023;
+            let t1051 = q * (t14 * t1021 + t15 * t1023);
+            let t1052 = q * (t14 * t1019 - t16 * t1023);
+            let t1053 = q * (t15 * t1019 + t16 * t1021);
+            let t1069 = t269 - t273 * t383 + t272 * t384;
+            let t1072 = t272 + t273 * t382 - t269 * t384;
+            let t1075 = t273 - t272 * t382 + t269 * t383;
+            let t1098 = t283 + t287 * t383 + t286 * t384;
+            let t1101 = t286 - t287 * t382 - t283 * t384;
+            let t1111 = sin_target_rotation_z * t1072 + cos_target_rotation_z * t1069;
+            let t1145 = (t175 * t213 - t170 * t214 + t207 * t272 - t208 * t269
                 + t45 * t286 - t46 * t283) / t381;
-            let t1149 = (t51 * t170 - t176 * t213 - t207 * t273 + t49 * t269 + t45 * t287
+            let t1147 = (t51 * t170 - t176 * t213 - t207 * t273 + t49 * t269 + t45 * t287
                 - sin_target_rotation_y * t283) / t381;
-            let t1151 = (t176 * t214 - t51 * t175 + t208 * t273 - t49 * t272 - t46 * t287
+            let t1149 = (t176 * t214 - t51 * t175 + t208 * t273 - t49 * t272 - t46 * t287
                 + sin_target_rotation_y * t286) / t381;
-            let t1154 = t384 * t1147 + t383 * t1149 + t382 * t1151;
-            let t1165 = t18 * t1147 - t477 * t1154 - t19 * t1149;
-            let t1172 = t17 * t1149 - t473 * t1154 - t18 * t1151;
-            let t1177 = t19 * t1151 - t475 * t1154 - t17 * t1147;
-            let t1179 = q * (t15 * t1151 - t14 * t1149);
-            let t1180 = q * (t14 * t1147 - t16 * t1151);
-            let t1181 = q * (t16 * t1149 - t15 * t1147);
-            let t1197 = t326 * t383 - t320 + t325 * t384;
-            let t1200 = t325 - t326 * t382 + t320 * t384;
-            let t1203 = t326 + t325 * t382 + t320 * t383;
-            let t1226 = t340 - t346 * t383 + t345 * t384;
-            let t1229 = t345 + t346 * t382 - t340 * t384;
-            let t1239 = sin_target_rotation_z * t1200 + cos_target_rotation_z * t1197;
-            let t1273 = (t199 * t213 - t194 * t214 + t207 * t325 + t208 * t320
+            let t1152 = t384 * t1145 + t383 * t1147 + t382 * t1149;
+            let t1163 = t18 * t1145 - t477 * t1152 - t19 * t1147;
+            let t1170 = t17 * t1147 - t473 * t1152 - t18 * t1149;
+            let t1175 = t19 * t1149 - t475 * t1152 - t17 * t1145;
+            let t1177 = q * (t15 * t1149 - t14 * t1147);
+            let t1178 = q * (t14 * t1145 - t16 * t1149);
+            let t1179 = q * (t16 * t1147 - t15 * t1145);
+            let t1195 = t326 * t383 - t320 + t325 * t384;
+            let t1198 = t325 - t326 * t382 + t320 * t384;
+            let t1201 = t326 + t325 * t382 + t320 * t383;
+            let t1224 = t340 - t346 * t383 + t345 * t384;
+            let t1227 = t345 + t346 * t382 - t340 * t384;
+            let t1237 = sin_target_rotation_z * t1198 + cos_target_rotation_z * t1195;
+            let t1271 = (t199 * t213 - t194 * t214 + t207 * t325 + t208 * t320
                 + t45 * t345 - t46 * t340) / t381;
-            let t1275 = (t51 * t194 - t200 * t213 + t207 * t326 - t49 * t320 - t45 * t346
+            let t1273 = (t51 * t194 - t200 * t213 + t207 * t326 - t49 * t320 - t45 * t346
                 - sin_target_rotation_y * t340) / t381;
-            let t1277 = (t200 * t214 - t51 * t199 - t208 * t326 - t49 * t325 + t46 * t346
+            let t1275 = (t200 * t214 - t51 * t199 - t208 * t326 - t49 * t325 + t46 * t346
                 + sin_target_rotation_y * t345) / t381;
-            let t1280 = t384 * t1273 + t383 * t1275 + t382 * t1277;
-            let t1291 = t18 * t1273 - t477 * t1280 - t19 * t1275;
-            let t1298 = t17 * t1275 - t473 * t1280 - t18 * t1277;
-            let t1303 = t19 * t1277 - t475 * t1280 - t17 * t1273;
-            let t1305 = q * (t15 * t1277 - t14 * t1275);
-            let t1306 = q * (t14 * t1273 - t16 * t1277);
-            let t1307 = q * (t16 * t1275 - t15 * t1273);
+            let t1278 = t384 * t1271 + t383 * t1273 + t382 * t1275;
+            let t1289 = t18 * t1271 - t477 * t1278 - t19 * t1273;
+            let t1296 = t17 * t1273 - t473 * t1278 - t18 * t1275;
+            let t1301 = t19 * t1275 - t475 * t1278 - t17 * t1271;
+            let t1303 = q * (t15 * t1275 - t14 * t1273);
+            let t1304 = q * (t14 * t1271 - t16 * t1275);
+            let t1305 = q * (t16 * t1273 - t15 * t1271);
             residuals
                 .copy_from_slice(
                     &[
-                        t803 + frame_translation_x - x,
-                        t804 + frame_translation_y - y,
-                        t797 + frame_translation_z - z,
+                        t801 + frame_translation_x - x,
+                        t802 + frame_translation_y - y,
+                        t795 + frame_translation_z - z,
                         0.5
-                            * (prepared_16 * t821 - prepared_5 * t896 - prepared_7 * t862
-                                + prepared_6 * t828 + prepared_18 * t855
-                                + prepared_9 * t889),
+                            * (prepared_16 * t819 - prepared_5 * t894 - prepared_7 * t860
+                                + prepared_6 * t826 + prepared_18 * t853
+                                + prepared_9 * t887),
                         0.5
-                            * (prepared_17 * t855 - prepared_8 * t889 - prepared_6 * t827
-                                - prepared_15 * t821 + prepared_7 * t861
-                                + prepared_5 * t895),
+                            * (prepared_17 * t853 - prepared_8 * t887 - prepared_6 * t825
+                                - prepared_15 * t819 + prepared_7 * t859
+                                + prepared_5 * t893),
                         0.5
-                            * (prepared_15 * t828 - prepared_9 * t895
-                                - prepared_16 * t827 - prepared_17 * t862
-                                - prepared_18 * t861 + prepared_8 * t896),
+                            * (prepared_15 * t826 - prepared_9 * t893
+                                - prepared_16 * t825 - prepared_17 * t860
+                                - prepared_18 * t859 + prepared_8 * t894),
                     ],
                 );
             jacobian
@@ -16078,143 +16078,143 @@ pub mod full_rack {
                         t11 * t445,
                         t7 * (t445 * t504 / rack_pitch_period),
                         1.0,
-                        t57 * t791 + sin_frame_rotation_z * t792,
-                        cos_frame_rotation_z * t797,
-                        -t804,
+                        t57 * t789 + sin_frame_rotation_z * t790,
+                        cos_frame_rotation_z * t795,
+                        -t802,
                         t58 - t66 * t383 + t65 * t384,
                         t65 + t66 * t382 - t58 * t384,
                         t66 - t65 * t382 + t58 * t383,
-                        t114 + t585,
-                        t113 + t597,
-                        t112 + t592,
-                        t566 + q * (t114 + t588),
-                        t565 + q * (t113 + t593),
-                        t564 + q * (t112 + t598),
-                        t114 - t585,
-                        t113 - t597,
-                        t112 - t592,
-                        t566 + q * (t114 - t588),
-                        t565 + q * (t113 - t593),
-                        t564 + q * (t112 - t598),
+                        t114 + t584,
+                        t113 + t596,
+                        t112 + t591,
+                        t565 + q * (t114 + t587),
+                        t564 + q * (t113 + t592),
+                        t563 + q * (t112 + t597),
+                        t114 - t584,
+                        t113 - t596,
+                        t112 - t591,
+                        t565 + q * (t114 - t587),
+                        t564 + q * (t113 - t592),
+                        t563 + q * (t112 - t597),
                         t9 * t548,
                         t11 * t548,
                         t7 * (t504 * t548 / rack_pitch_period),
                         1.0,
-                        t87 * t791 - cos_frame_rotation_z * t792,
-                        sin_frame_rotation_z * t797,
-                        t803,
+                        t87 * t789 - cos_frame_rotation_z * t790,
+                        sin_frame_rotation_z * t795,
+                        t801,
                         t88 - t94 * t383 + t93 * t384,
                         t93 + t94 * t382 - t88 * t384,
                         t94 - t93 * t382 + t88 * t383,
-                        t136 + t681,
-                        t135 + t693,
-                        t134 + t688,
-                        t662 - q * (t684 - t136),
-                        t661 + q * (t135 + t689),
-                        t660 + q * (t134 + t694),
-                        t136 - t681,
-                        t135 - t693,
-                        t134 - t688,
-                        t662 + q * (t136 + t684),
-                        t661 + q * (t135 - t689),
-                        t660 + q * (t134 - t694),
-                        t9 * t644,
-                        t11 * t644,
-                        t7 * (t504 * t644 / rack_pitch_period),
+                        t136 + t679,
+                        t135 + t691,
+                        t134 + t686,
+                        t660 - q * (t682 - t136),
+                        t659 + q * (t135 + t687),
+                        t658 + q * (t134 + t692),
+                        t136 - t679,
+                        t135 - t691,
+                        t134 - t686,
+                        t660 + q * (t136 + t682),
+                        t659 + q * (t135 - t687),
+                        t658 + q * (t134 - t692),
+                        t9 * t643,
+                        t11 * t643,
+                        t7 * (t504 * t643 / rack_pitch_period),
                         1.0,
-                        cos_frame_rotation_y * t791,
-                        -t798,
+                        cos_frame_rotation_y * t789,
+                        -t796,
                         t115 * t384 - sin_frame_rotation_y - t116 * t383,
                         t115 + t116 * t382 + sin_frame_rotation_y * t384,
                         t116 - t115 * t382 - sin_frame_rotation_y * t383,
-                        t1039, t1051, t1046, -t1055, t1054, t1053, -t1039, -t1051, -t1046, t1055,
-                        -t1054, -t1053,
-                        t143 * t883 + t138 * t884 + t221 * t849 + t154 * t850
-                            + t235 * t815 - t160 * t816,
-                        t159 * t821 - t137 * t889 - prepared_11 * t890 - t153 * t855
-                            - prepared_19 * t856 - prepared_20 * t822,
-                        prepared_13 * t827 - prepared_10 * t895 - prepared_12 * t861,
+                        t1037, t1049, t1044, -t1053, t1052, t1051, -t1037, -t1049, -t1044, t1053,
+                        -t1052, -t1051,
+                        t143 * t881 + t138 * t882 + t221 * t847 + t154 * t848
+                            + t235 * t813 - t160 * t814,
+                        t159 * t819 - t137 * t887 - prepared_11 * t888 - t153 * t853
+                            - prepared_19 * t854 - prepared_20 * t820,
+                        prepared_13 * t825 - prepared_10 * t893 - prepared_12 * t859,
                         cos_target_rotation_x
-                            * (sin_target_rotation_y * t987
-                                + sin_target_rotation_z * t729
-                                - cos_target_rotation_z * t732
-                                + cos_target_rotation_y * t951)
+                            * (sin_target_rotation_y * t985
+                                + sin_target_rotation_z * t727
+                                - cos_target_rotation_z * t730
+                                + cos_target_rotation_y * t949)
                             - sin_target_rotation_x
-                                * (sin_target_rotation_y * t740
-                                    + cos_target_rotation_y * t735
-                                    + cos_target_rotation_z * t948
-                                    - sin_target_rotation_z * t945),
+                                * (sin_target_rotation_y * t738
+                                    + cos_target_rotation_y * t733
+                                    + cos_target_rotation_z * t946
+                                    - sin_target_rotation_z * t943),
                         cos_target_rotation_y
-                            * (sin_target_rotation_x * t987 - t236 * t383 + t239 * t382
-                                - t240 + cos_target_rotation_x * t740)
+                            * (sin_target_rotation_x * t985 - t236 * t383 + t239 * t382
+                                - t240 + cos_target_rotation_x * t738)
                             - sin_target_rotation_y
-                                * (cos_target_rotation_x * t735
-                                    + sin_target_rotation_x * t951
-                                    + sin_target_rotation_z * t977
-                                    + cos_target_rotation_z * t974),
-                        t213 * t732 - t214 * t729 + t207 * t948 - t208 * t945
+                                * (cos_target_rotation_x * t733
+                                    + sin_target_rotation_x * t949
+                                    + sin_target_rotation_z * t975
+                                    + cos_target_rotation_z * t972),
+                        t213 * t730 - t214 * t727 + t207 * t946 - t208 * t943
                             + cos_target_rotation_y
-                                * (cos_target_rotation_z * t977
-                                    - sin_target_rotation_z * t974),
-                        t1165, t1177, t1172, t1181, t1180, t1179, -t1165, -t1177, -t1172, -t1181,
-                        -t1180, -t1179,
-                        t169 * t883 + t137 * t884 + t268 * t849 + t153 * t850
-                            - t282 * t815 - t159 * t816,
-                        t138 * t889 + prepared_14 * t890 + t154 * t855
-                            - prepared_21 * t856 - t160 * t821 + prepared_22 * t822,
-                        prepared_13 * t828 - prepared_10 * t896 - prepared_12 * t862,
+                                * (cos_target_rotation_z * t975
+                                    - sin_target_rotation_z * t972),
+                        t1163, t1175, t1170, t1179, t1178, t1177, -t1163, -t1175, -t1170, -t1179,
+                        -t1178, -t1177,
+                        t169 * t881 + t137 * t882 + t268 * t847 + t153 * t848
+                            - t282 * t813 - t159 * t814,
+                        t138 * t887 + prepared_14 * t888 + t154 * t853
+                            - prepared_21 * t854 - t160 * t819 + prepared_22 * t820,
+                        prepared_13 * t826 - prepared_10 * t894 - prepared_12 * t860,
                         cos_target_rotation_x
-                            * (sin_target_rotation_y * t1113
-                                + sin_target_rotation_z * t750
-                                - cos_target_rotation_z * t753
-                                + cos_target_rotation_y * t1077)
+                            * (sin_target_rotation_y * t1111
+                                + sin_target_rotation_z * t748
+                                - cos_target_rotation_z * t751
+                                + cos_target_rotation_y * t1075)
                             - sin_target_rotation_x
-                                * (sin_target_rotation_y * t761
-                                    + cos_target_rotation_y * t756
-                                    + cos_target_rotation_z * t1074
-                                    - sin_target_rotation_z * t1071),
+                                * (sin_target_rotation_y * t759
+                                    + cos_target_rotation_y * t754
+                                    + cos_target_rotation_z * t1072
+                                    - sin_target_rotation_z * t1069),
                         cos_target_rotation_y
-                            * (sin_target_rotation_x * t1113 - t283 * t383 + t286 * t382
-                                + t287 + cos_target_rotation_x * t761)
+                            * (sin_target_rotation_x * t1111 - t283 * t383 + t286 * t382
+                                + t287 + cos_target_rotation_x * t759)
                             - sin_target_rotation_y
-                                * (cos_target_rotation_x * t756
-                                    + sin_target_rotation_x * t1077
-                                    + sin_target_rotation_z * t1103
-                                    + cos_target_rotation_z * t1100),
-                        t213 * t753 - t214 * t750 + t207 * t1074 - t208 * t1071
+                                * (cos_target_rotation_x * t754
+                                    + sin_target_rotation_x * t1075
+                                    + sin_target_rotation_z * t1101
+                                    + cos_target_rotation_z * t1098),
+                        t213 * t751 - t214 * t748 + t207 * t1072 - t208 * t1069
                             + cos_target_rotation_y
-                                * (cos_target_rotation_z * t1103
-                                    - sin_target_rotation_z * t1100),
-                        t1291, t1303, t1298, t1307, t1306, t1305, -t1291, -t1303, -t1298, -t1307,
-                        -t1306, -t1305,
-                        t193 * t883 - t192 * t884 - t319 * t849 - t318 * t850
-                            + t339 * t815 - t338 * t816,
-                        t191 * t889 - t317 * t855 + t337 * t821,
-                        prepared_14 * t895 + prepared_11 * t896 - prepared_21 * t861
-                            + prepared_19 * t862 + prepared_22 * t827
-                            + prepared_20 * t828,
+                                * (cos_target_rotation_z * t1101
+                                    - sin_target_rotation_z * t1098),
+                        t1289, t1301, t1296, t1305, t1304, t1303, -t1289, -t1301, -t1296, -t1305,
+                        -t1304, -t1303,
+                        t193 * t881 - t192 * t882 - t319 * t847 - t318 * t848
+                            + t339 * t813 - t338 * t814,
+                        t191 * t887 - t317 * t853 + t337 * t819,
+                        prepared_14 * t893 + prepared_11 * t894 - prepared_21 * t859
+                            + prepared_19 * t860 + prepared_22 * t825
+                            + prepared_20 * t826,
                         cos_target_rotation_x
-                            * (sin_target_rotation_y * t1239
-                                + sin_target_rotation_z * t771
-                                - cos_target_rotation_z * t774
-                                - cos_target_rotation_y * t1203)
+                            * (sin_target_rotation_y * t1237
+                                + sin_target_rotation_z * t769
+                                - cos_target_rotation_z * t772
+                                - cos_target_rotation_y * t1201)
                             - sin_target_rotation_x
-                                * (sin_target_rotation_y * t782
-                                    + cos_target_rotation_y * t777
-                                    + cos_target_rotation_z * t1200
-                                    - sin_target_rotation_z * t1197),
+                                * (sin_target_rotation_y * t780
+                                    + cos_target_rotation_y * t775
+                                    + cos_target_rotation_z * t1198
+                                    - sin_target_rotation_z * t1195),
                         cos_target_rotation_y
-                            * (sin_target_rotation_x * t1239 - t340 * t383 + t345 * t382
-                                - t346 + cos_target_rotation_x * t782)
+                            * (sin_target_rotation_x * t1237 - t340 * t383 + t345 * t382
+                                - t346 + cos_target_rotation_x * t780)
                             - sin_target_rotation_y
-                                * (cos_target_rotation_x * t777
-                                    - sin_target_rotation_x * t1203
-                                    + sin_target_rotation_z * t1229
-                                    + cos_target_rotation_z * t1226),
-                        t213 * t774 - t214 * t771 + t207 * t1200 - t208 * t1197
+                                * (cos_target_rotation_x * t775
+                                    - sin_target_rotation_x * t1201
+                                    + sin_target_rotation_z * t1227
+                                    + cos_target_rotation_z * t1224),
+                        t213 * t772 - t214 * t769 + t207 * t1198 - t208 * t1195
                             + cos_target_rotation_y
-                                * (cos_target_rotation_z * t1229
-                                    - sin_target_rotation_z * t1226),
+                                * (cos_target_rotation_z * t1227
+                                    - sin_target_rotation_z * t1224),
                     ],
                 );
         }
@@ -16227,7 +16227,7 @@ pub mod full_rack {
     ///
     /// Once per sample: 1 operations (1 multiplication).
     /// Residuals: 115 operations (50 additions, 50 multiplications, 5 divisions, 1 negation, 9 functions).
-    /// With the Jacobian: 499 operations (201 additions, 263 multiplications, 23 divisions, 3 negations, 9 functions).
+    /// With the Jacobian: 497 operations (201 additions, 264 multiplications, 20 divisions, 3 negations, 9 functions).
     #[derive(Debug, Clone, Copy)]
     pub struct CartPositionTwo;
     impl ResidualFamily for CartPositionTwo {
@@ -16426,8 +16426,9 @@ pub mod full_rack {
                 + 0.5 * (t6 + joint1_track_offset_z + t3 + joint2_track_offset_z)
                 + t13 * t148;
             let t186 = t54 * t148 + t53 * t147 + t46 * t146;
+            let t190 = t145 * t145;
             let t192 = 2.0 * t144;
-            let t193 = t145 * ((t37 * t64 + t36 * t65 + t35 * t66) / t144) / t192;
+            let t193 = (t37 * t64 + t36 * t65 + t35 * t66) * t190 / t192;
             let t194 = t37 * t193;
             let t197 = t36 * t193;
             let t200 = t35 * t193;
@@ -16449,55 +16450,55 @@ pub mod full_rack {
             let t240 = t15 * t210 - t14 * t208;
             let t245 = rack_pitch_sine * t11 - t9 * rack_pitch_cosine;
             let t289 = t82 * t148 + t81 * t147 + t76 * t146;
-            let t295 = t145 * ((t37 * t92 + t36 * t93 + t35 * t94) / t144) / t192;
-            let t296 = t37 * t295;
-            let t299 = t36 * t295;
-            let t302 = t35 * t295;
-            let t305 = 0.5 * (t92 * t145 - t296 - t296);
-            let t306 = 0.5 * (t93 * t145 - t299 - t299);
-            let t307 = 0.5 * (t94 * t145 - t302 - t302);
-            let t308 = (target_position_x * t81 - target_position_y * t76) / t138;
-            let t310 = (target_position_z * t76 - target_position_x * t82) / t138;
-            let t312 = (target_position_y * t82 - target_position_z * t81) / t138;
-            let t315 = t141 * t308 + t140 * t310 + t139 * t312;
-            let t326 = t18 * t308 - t218 * t315 - t19 * t310;
-            let t329 = t16 * t310 - t15 * t308;
-            let t333 = t17 * t310 - t214 * t315 - t18 * t312;
-            let t334 = t14 * t308 - t16 * t312;
-            let t338 = t19 * t312 - t216 * t315 - t17 * t308;
-            let t339 = t15 * t312 - t14 * t310;
-            let t385 = t104 * t148 + t103 * t147 - sin_frame_rotation_y * t146;
-            let t391 = t145 * ((t37 * t114 + t36 * t115 - t35 * t116) / t144) / t192;
-            let t392 = t37 * t391;
-            let t395 = t36 * t391;
-            let t398 = t35 * t391;
-            let t401 = 0.5 * (t114 * t145 - t392 - t392);
-            let t402 = 0.5 * (t115 * t145 - t395 - t395);
-            let t403 = -0.5 * (t398 + t116 * t145 + t398);
-            let t404 = (target_position_x * t103
+            let t294 = (t37 * t92 + t36 * t93 + t35 * t94) * t190 / t192;
+            let t295 = t37 * t294;
+            let t298 = t36 * t294;
+            let t301 = t35 * t294;
+            let t304 = 0.5 * (t92 * t145 - t295 - t295);
+            let t305 = 0.5 * (t93 * t145 - t298 - t298);
+            let t306 = 0.5 * (t94 * t145 - t301 - t301);
+            let t307 = (target_position_x * t81 - target_position_y * t76) / t138;
+            let t309 = (target_position_z * t76 - target_position_x * t82) / t138;
+            let t311 = (target_position_y * t82 - target_position_z * t81) / t138;
+            let t314 = t141 * t307 + t140 * t309 + t139 * t311;
+            let t325 = t18 * t307 - t218 * t314 - t19 * t309;
+            let t328 = t16 * t309 - t15 * t307;
+            let t332 = t17 * t309 - t214 * t314 - t18 * t311;
+            let t333 = t14 * t307 - t16 * t311;
+            let t337 = t19 * t311 - t216 * t314 - t17 * t307;
+            let t338 = t15 * t311 - t14 * t309;
+            let t384 = t104 * t148 + t103 * t147 - sin_frame_rotation_y * t146;
+            let t389 = (t37 * t114 + t36 * t115 - t35 * t116) * t190 / t192;
+            let t390 = t37 * t389;
+            let t393 = t36 * t389;
+            let t396 = t35 * t389;
+            let t399 = 0.5 * (t114 * t145 - t390 - t390);
+            let t400 = 0.5 * (t115 * t145 - t393 - t393);
+            let t401 = -0.5 * (t396 + t116 * t145 + t396);
+            let t402 = (target_position_x * t103
                 + target_position_y * sin_frame_rotation_y) / t138;
-            let t406 = (target_position_x * t104
+            let t404 = (target_position_x * t104
                 + target_position_z * sin_frame_rotation_y) / t138;
-            let t408 = (target_position_y * t104 - target_position_z * t103) / t138;
-            let t411 = t140 * t406 - t141 * t404 - t139 * t408;
-            let t422 = t218 * t411 + t18 * t404 + t19 * t406;
-            let t425 = t15 * t404 + t16 * t406;
-            let t429 = t214 * t411 - t17 * t406 - t18 * t408;
-            let t430 = t14 * t404 - t16 * t408;
-            let t434 = t216 * t411 - t17 * t404 + t19 * t408;
-            let t435 = t14 * t406 + t15 * t408;
-            let t469 = cos_frame_rotation_x * t165 - sin_frame_rotation_x * t169;
-            let t470 = sin_frame_rotation_x * t165 + cos_frame_rotation_x * t169;
-            let t475 = cos_frame_rotation_y * t470 - sin_frame_rotation_y * t161;
-            let t476 = sin_frame_rotation_y * t470 + cos_frame_rotation_y * t161;
-            let t481 = cos_frame_rotation_z * t476 - sin_frame_rotation_z * t469;
-            let t482 = sin_frame_rotation_z * t476 + cos_frame_rotation_z * t469;
+            let t406 = (target_position_y * t104 - target_position_z * t103) / t138;
+            let t409 = t140 * t404 - t141 * t402 - t139 * t406;
+            let t420 = t218 * t409 + t18 * t402 + t19 * t404;
+            let t423 = t15 * t402 + t16 * t404;
+            let t427 = t214 * t409 - t17 * t404 - t18 * t406;
+            let t428 = t14 * t402 - t16 * t406;
+            let t432 = t216 * t409 - t17 * t402 + t19 * t406;
+            let t433 = t14 * t404 + t15 * t406;
+            let t467 = cos_frame_rotation_x * t165 - sin_frame_rotation_x * t169;
+            let t468 = sin_frame_rotation_x * t165 + cos_frame_rotation_x * t169;
+            let t473 = cos_frame_rotation_y * t468 - sin_frame_rotation_y * t161;
+            let t474 = sin_frame_rotation_y * t468 + cos_frame_rotation_y * t161;
+            let t479 = cos_frame_rotation_z * t474 - sin_frame_rotation_z * t467;
+            let t480 = sin_frame_rotation_z * t474 + cos_frame_rotation_z * t467;
             residuals
                 .copy_from_slice(
                     &[
-                        t481 + frame_translation_x - x,
-                        t482 + frame_translation_y - y,
-                        t475 + frame_translation_z - z,
+                        t479 + frame_translation_x - x,
+                        t480 + frame_translation_y - y,
+                        t473 + frame_translation_z - z,
                     ],
                 );
             jacobian
@@ -16519,52 +16520,52 @@ pub mod full_rack {
                         t11 * t186,
                         t7 * (t186 * t245 / rack_pitch_period),
                         1.0,
-                        t45 * t469 + sin_frame_rotation_z * t470,
-                        cos_frame_rotation_z * t475,
-                        -t482,
+                        t45 * t467 + sin_frame_rotation_z * t468,
+                        cos_frame_rotation_z * t473,
+                        -t480,
                         t46 - t54 * t140 + t53 * t141,
                         t53 + t54 * t139 - t46 * t141,
                         t54 - t53 * t139 + t46 * t140,
-                        t102 + t326,
-                        t101 + t338,
-                        t100 + t333,
-                        t307 + q * (t102 + t329),
-                        t306 + q * (t101 + t334),
-                        t305 + q * (t100 + t339),
-                        t102 - t326,
-                        t101 - t338,
-                        t100 - t333,
-                        t307 + q * (t102 - t329),
-                        t306 + q * (t101 - t334),
-                        t305 + q * (t100 - t339),
+                        t102 + t325,
+                        t101 + t337,
+                        t100 + t332,
+                        t306 + q * (t102 + t328),
+                        t305 + q * (t101 + t333),
+                        t304 + q * (t100 + t338),
+                        t102 - t325,
+                        t101 - t337,
+                        t100 - t332,
+                        t306 + q * (t102 - t328),
+                        t305 + q * (t101 - t333),
+                        t304 + q * (t100 - t338),
                         t9 * t289,
                         t11 * t289,
                         t7 * (t245 * t289 / rack_pitch_period),
                         1.0,
-                        t75 * t469 - cos_frame_rotation_z * t470,
-                        sin_frame_rotation_z * t475,
-                        t481,
+                        t75 * t467 - cos_frame_rotation_z * t468,
+                        sin_frame_rotation_z * t473,
+                        t479,
                         t76 - t82 * t140 + t81 * t141,
                         t81 + t82 * t139 - t76 * t141,
                         t82 - t81 * t139 + t76 * t140,
-                        t124 + t422,
-                        t123 + t434,
-                        t122 + t429,
-                        t403 - q * (t425 - t124),
-                        t402 + q * (t123 + t430),
-                        t401 + q * (t122 + t435),
-                        t124 - t422,
-                        t123 - t434,
-                        t122 - t429,
-                        t403 + q * (t124 + t425),
-                        t402 + q * (t123 - t430),
-                        t401 + q * (t122 - t435),
-                        t9 * t385,
-                        t11 * t385,
-                        t7 * (t245 * t385 / rack_pitch_period),
+                        t124 + t420,
+                        t123 + t432,
+                        t122 + t427,
+                        t401 - q * (t423 - t124),
+                        t400 + q * (t123 + t428),
+                        t399 + q * (t122 + t433),
+                        t124 - t420,
+                        t123 - t432,
+                        t122 - t427,
+                        t401 + q * (t124 + t423),
+                        t400 + q * (t123 - t428),
+                        t399 + q * (t122 - t433),
+                        t9 * t384,
+                        t11 * t384,
+                        t7 * (t245 * t384 / rack_pitch_period),
                         1.0,
-                        cos_frame_rotation_y * t469,
-                        -t476,
+                        cos_frame_rotation_y * t467,
+                        -t474,
                         t103 * t141 - sin_frame_rotation_y - t104 * t140,
                         t103 + t104 * t139 + sin_frame_rotation_y * t141,
                         t104 - t103 * t139 - sin_frame_rotation_y * t140,
