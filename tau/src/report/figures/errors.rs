@@ -1,0 +1,252 @@
+//! Errors of the calibrated variants at the validation poses: Table I as bars, error by pose, Figure 8.
+
+use super::axis::Axis;
+use super::chart::{self, ACCENT, Anchor, Grid, PALE, Rect, STRONG, Show, WIDTH, series};
+use super::{Figure, angle_unit, length_unit};
+use crate::report::number::{fixed, largest, shared_decimals};
+use crate::study::results::{PoseError, Study};
+
+/// Table I as bars: mean and largest position error of each variant.
+pub fn error_by_variant(study: &Study) -> Option<Figure> {
+    let variants = &study.variants;
+    if variants.is_empty() {
+        return None;
+    }
+    let title = "Position error by variant";
+    let subtitle = format!(
+        "Mean and largest error at {} validation poses, which took no part in calibration",
+        { study.poses.validation }
+    );
+    let values = || {
+        variants
+            .iter()
+            .flat_map(|variant| [variant.position_um.mean, variant.position_um.max])
+    };
+    let (factor, unit) = length_unit(largest(values()));
+    let decimals = shared_decimals(values().map(|value| factor * value));
+    let longest = variants
+        .iter()
+        .map(|variant| variant.name.chars().count())
+        .max()
+        .unwrap_or(0)
+        .min(30);
+    let left = 24.0 + 6.4 * longest as f64;
+    let place = Rect {
+        left,
+        top: 74.0,
+        width: WIDTH - left - 30.0,
+        height: 36.0 * variants.len() as f64,
+    };
+    let svg = chart::draw(title, &subtitle, place.top + place.height + 44.0, |sheet| {
+        sheet.box_legend(&[("mean", STRONG), ("largest", PALE)], 58.0);
+        let reach = values().map(|value| 1.06 * factor * value);
+        let x = Axis::from_zero(&format!("position error ({unit})"), reach, 8.0);
+        let mut y = Axis::names("", variants.iter().map(|variant| variant.name.clone()));
+        // The first variant stands on top.
+        let rows = y.range.1;
+        for tick in &mut y.ticks {
+            tick.0 = rows - tick.0;
+        }
+        let panel = sheet.panel(place, &x, &y, Show::BOTH);
+        for (variant, (centre, _)) in variants.iter().zip(&y.ticks) {
+            let mean = factor * variant.position_um.mean;
+            let max = factor * variant.position_um.max;
+            panel.bar((0.0, centre + 0.02), (mean, centre + 0.34), STRONG);
+            panel.bar((0.0, centre - 0.34), (max, centre - 0.02), PALE);
+            let ink = chart::INK;
+            panel.label(
+                &fixed(mean, decimals),
+                (mean, centre + 0.18),
+                Anchor::Left,
+                ink,
+            );
+            panel.label(
+                &fixed(max, decimals),
+                (max, centre - 0.18),
+                Anchor::Left,
+                ink,
+            );
+        }
+    });
+    Some(Figure {
+        file_name: "position_error_by_variant.svg",
+        number: None,
+        title: title.to_owned(),
+        caption: "The figures of Table I. The error of a pose is the distance between the TCP position that the \
+                  calibrated model predicts from the commands and the measured one."
+            .to_owned(),
+        svg,
+    })
+}
+
+/// Position error of each validation pose, one panel a variant.
+pub fn error_by_pose(study: &Study) -> Option<Figure> {
+    let variants: Vec<_> = study
+        .variants
+        .iter()
+        .filter(|variant| !variant.pose_errors.is_empty())
+        .collect();
+    if variants.is_empty() {
+        return None;
+    }
+    let title = "Position error by pose";
+    let subtitle = "Each bar is a validation pose; the line marks the mean";
+    let errors = || variants.iter().flat_map(|variant| &variant.pose_errors);
+    let (factor, unit) = length_unit(largest(errors().map(PoseError::length_um)));
+    let grid = Grid {
+        rows: variants.len(),
+        columns: 1,
+        margin: [62.0, 70.0, 14.0, 44.0],
+        column_gap: 0.0,
+        row_gap: 28.0,
+        row_height: 70.0,
+    };
+    let svg = chart::draw(title, subtitle, grid.height(), |sheet| {
+        let x = Axis::linear(
+            "pose number in the file",
+            errors().map(|error| f64::from(error.pose)),
+            10.0,
+        );
+        let lengths = errors().map(|error| factor * error.length_um());
+        let y = Axis::from_zero(&format!("error ({unit})"), lengths, 3.0);
+        // Bars fill their share of the panel, at most a third of a pose number apart from touching.
+        let half = (0.3 * (x.range.1 - x.range.0) / variants[0].pose_errors.len() as f64).min(0.8);
+        let means = variants
+            .iter()
+            .map(|variant| factor * variant.position_um.mean);
+        let decimals = shared_decimals(means);
+        for (row, variant) in variants.iter().enumerate() {
+            let show = Show {
+                x: row + 1 == variants.len(),
+                y: true,
+            };
+            let panel = sheet.panel(grid.cell(row, 0), &x, &y, show);
+            let worst = variant
+                .pose_errors
+                .iter()
+                .max_by(|a, b| a.length_um().total_cmp(&b.length_um()))
+                .filter(|worst| worst.length_um().is_finite());
+            for error in &variant.pose_errors {
+                let at = f64::from(error.pose);
+                let is_worst = worst.is_some_and(|worst| worst.pose == error.pose);
+                let color = if is_worst { ACCENT } else { STRONG };
+                panel.bar(
+                    (at - half, 0.0),
+                    (at + half, factor * error.length_um()),
+                    color,
+                );
+            }
+            let mean = factor * variant.position_um.mean;
+            panel.line([(x.range.0, mean), (x.range.1, mean)], chart::INK, 1.2);
+            panel.title(&variant.name);
+            if let Some(worst) = worst {
+                let max = factor * worst.length_um();
+                panel.remark(&format!(
+                    "mean {} {unit}, largest {} {unit} at pose {}",
+                    fixed(mean, decimals),
+                    fixed(max, decimals),
+                    worst.pose
+                ));
+            }
+        }
+    });
+    Some(Figure {
+        file_name: "position_error_by_pose.svg",
+        number: None,
+        title: title.to_owned(),
+        caption: "All panels share one scale. The largest error of each variant is drawn in orange. Errors that \
+                  come back at neighbouring poses point to something that the model lacks rather than to noise."
+            .to_owned(),
+        svg,
+    })
+}
+
+/// Figure 8: orientation errors at the validation poses, for the variants that predict orientation.
+pub fn orientation_errors(study: &Study) -> Option<Figure> {
+    let variants: Vec<_> = study
+        .variants
+        .iter()
+        .filter(|variant| {
+            variant
+                .pose_errors
+                .iter()
+                .any(|error| error.orientation_rad.is_some())
+        })
+        .collect();
+    if variants.is_empty() {
+        return None;
+    }
+    let errors = || {
+        variants
+            .iter()
+            .flat_map(|variant| &variant.pose_errors)
+            .filter_map(|error| {
+                error
+                    .orientation_rad
+                    .map(|angles| (f64::from(error.pose), angles))
+            })
+    };
+    let (factor, unit) = angle_unit(largest(errors().flat_map(|(_, angles)| angles)));
+    let title = "Orientation errors at the validation poses";
+    let subtitle = "Predicted minus measured ZYZ Euler angles, for the variants with all links";
+    let grid = Grid {
+        rows: 3,
+        columns: 1,
+        margin: [66.0, 78.0, 14.0, 44.0],
+        column_gap: 0.0,
+        row_gap: 14.0,
+        row_height: 106.0,
+    };
+    let svg = chart::draw(title, subtitle, grid.height(), |sheet| {
+        let legend: Vec<_> = variants
+            .iter()
+            .enumerate()
+            .map(|(index, variant)| (variant.name.as_str(), series(index)))
+            .collect();
+        sheet.legend(&legend, 58.0);
+        let x = Axis::linear(
+            "pose number in the file",
+            errors().map(|(pose, _)| pose),
+            10.0,
+        );
+        for (row, angle) in ["α", "β", "γ"].iter().enumerate() {
+            let values = errors().map(|(_, angles)| factor * angles[row]);
+            let y = Axis::symmetric(&format!("{angle} ({unit})"), values, 4.0);
+            let panel = sheet.panel(
+                grid.cell(row, 0),
+                &x,
+                &y,
+                Show {
+                    x: row == 2,
+                    y: true,
+                },
+            );
+            for (index, variant) in variants.iter().enumerate() {
+                let marks = variant.pose_errors.iter().filter_map(|error| {
+                    let angles = error.orientation_rad?;
+                    Some((f64::from(error.pose), factor * angles[row]))
+                });
+                panel.marks(marks, series(index), 2.8);
+            }
+        }
+    });
+    let largest: Vec<_> = variants
+        .iter()
+        .filter_map(|variant| {
+            let angles = variant.orientation_rad_max_abs?;
+            let [a, b, c] = angles
+                .map(|angle| fixed(factor * angle, shared_decimals(angles.map(|a| factor * a))));
+            Some(format!("{} {a}, {b}, {c} {unit}", variant.name))
+        })
+        .collect();
+    Some(Figure {
+        file_name: "figure_8_orientation_errors.svg",
+        number: Some(8),
+        title: title.to_owned(),
+        caption: format!(
+            "A reduced arm predicts no orientation and is not drawn. Largest |α|, |β|, |γ|: {}.",
+            largest.join("; ")
+        ),
+        svg,
+    })
+}

@@ -1,0 +1,364 @@
+//! The report: one HTML document with everything in it, for the screen and for A4 paper.
+
+use maud::{DOCTYPE, Markup, PreEscaped, html};
+
+use super::figures::Figure;
+use super::findings;
+use super::number::{general, printable};
+use super::tables::{self, Cell, Table};
+use crate::study::results::{Study, VariantResult};
+
+const STYLE: &str = include_str!("style.css");
+/// Correlations listed for each variant.
+const CORRELATIONS: usize = 10;
+
+/// A part of the report, with the name that links point to.
+struct Section {
+    id: &'static str,
+    title: &'static str,
+    body: Markup,
+}
+
+/// The report as an HTML document that needs no other file.
+pub fn page(study: &Study, figures: &[Figure]) -> String {
+    let sections = [
+        Section {
+            id: "errors",
+            title: "Errors at the validation poses",
+            body: errors(study, figures),
+        },
+        Section {
+            id: "method",
+            title: "How the figures were obtained",
+            body: method(study),
+        },
+        Section {
+            id: "assumptions",
+            title: "What the models assume",
+            body: assumptions(study, figures),
+        },
+        Section {
+            id: "geometry",
+            title: "Calibrated geometry",
+            body: geometry(study),
+        },
+        Section {
+            id: "sensitivity",
+            title: "Sensitivity",
+            body: sensitivity(study, figures),
+        },
+        Section {
+            id: "determined",
+            title: "What the data determine",
+            body: determined(study),
+        },
+        Section {
+            id: "parameters",
+            title: "All parameters",
+            body: parameters(study),
+        },
+    ];
+    let title = format!("Calibration of {}", &study.robot);
+    let page = html! {
+        (DOCTYPE)
+        html lang="en" {
+            head {
+                meta charset="utf-8";
+                meta name="viewport" content="width=device-width, initial-scale=1";
+                title { (title) }
+                style { (PreEscaped(STYLE)) }
+            }
+            body {
+                header {
+                    p.kind { "Calibration report" }
+                    h1 { (study.robot) }
+                    p.source { "Measurements: " (study.folder) }
+                }
+                main {
+                    (summary(study))
+                    nav aria-label="Contents" {
+                        ol { @for section in &sections { li { a href={ "#" (section.id) } { (section.title) } } } }
+                    }
+                    @for (index, section) in sections.iter().enumerate() {
+                        section id=(section.id) {
+                            h2 { span.count { (index + 1) } " " (section.title) }
+                            (section.body)
+                        }
+                    }
+                }
+            }
+        }
+    };
+    printable(&page.into_string())
+}
+
+fn summary(study: &Study) -> Markup {
+    html! {
+        section.summary aria-label="Summary" {
+            @if let Some(best) = findings::best(study) {
+                dl.keys {
+                    div { dt { "Best variant" } dd { (best.name) } }
+                    div { dt { "Mean position error" } dd { (general(best.position_um.mean, 3)) " µm" } }
+                    div { dt { "Largest position error" } dd { (general(best.position_um.max, 3)) " µm" } }
+                    div { dt { "Validation poses" } dd { (study.poses.validation) } }
+                }
+            }
+            p { (findings::poses(study)) " " (findings::noise(study)) }
+            @if let Some(errors) = findings::errors(study) {
+                p { (errors) " " @if let Some(comparison) = findings::comparison(study) { (comparison) } }
+            }
+            @for sentence in findings::assumptions(study) { p { (sentence) } }
+            @if !study.remarks.is_empty() {
+                aside.remarks {
+                    h3 { "Remarks" }
+                    ul { @for remark in &study.remarks { li { (remark) } } }
+                }
+            }
+        }
+    }
+}
+
+fn errors(study: &Study, figures: &[Figure]) -> Markup {
+    html! {
+        @if study.variants.is_empty() {
+            p { "No variant was calibrated." }
+        } @else {
+            p {
+                "Each calibrated model predicts the pose of the plate from the commands of a validation pose; the error \
+                 is predicted minus measured. Position errors are lengths of the three-dimensional difference. A reduced \
+                 arm predicts no orientation."
+            }
+            (table(&tables::errors(study), "wide"))
+            (figure(figures, "position_error_by_variant.svg"))
+            (figure(figures, "position_error_by_pose.svg"))
+            (figure(figures, "figure_8_orientation_errors.svg"))
+        }
+    }
+}
+
+fn method(study: &Study) -> Markup {
+    html! {
+        p {
+            "Every link has a fixed length between a joint on its cart and a joint on the plate. With the plate at \
+             position " var { "T" } " and rotation " var { "R" } " (ZYZ Euler angles " (ANGLES) "), the plate joint " var { "P" }
+            " in TCP coordinates and the cart joint " var { "C" } "(" var { "q" } ") at the command " var { "q" } ", its residual is"
+        }
+        p.equation {
+            var { "r" } " = " var { "L" } sup { "2" } " − ‖" var { "T" } " + " var { "R P" } " − " var { "C" } "(" var { "q" } ")‖" sup { "2" }
+        }
+        p {
+            "A reduced arm replaces the links of a cluster by one and carries the plate joint in the track offset: "
+            span.formula {
+                var { "r" } " = " var { "L" } sup { "2" } " − ‖" var { "T" } " − " var { "C" } "(" var { "q" } ")‖" sup { "2" }
+            }
+            ". A linear track moves the joint by "
+            span.formula { var { "C" } "(" var { "q" } ") = " var { "C" } sup { "0" } " + " var { "q v" } }
+            " with a free direction " var { "v" } ", whose length holds the scale of the actuator. A piecewise track interpolates \
+             between the cart poses of set 2, carried into the frame of set 1 by a rigid transform that is calibrated."
+        }
+        p {
+            "Each link (each cluster, where the arm is reduced) is calibrated by minimising the sum, over the calibration \
+             poses, of " span.formula { "(" var { "r" } " / σ" sub { var { "r" } } ")" sup { "2" } } ", plus the sum, over the parameters, of "
+            span.formula { "((value − nominal) / tolerance)" sup { "2" } }
+            ". The σ" sub { var { "r" } } " are what the stated noise of position and rotation makes of each residual; nominal \
+             values and tolerances (one standard deviation) are those of the robot file. Without these priors, plate joints \
+             and track offsets trade against each other, since the plate hardly rotates."
+        }
+        p {
+            (findings::poses(study)) " Standard deviations and correlations come from the inverse of the normal matrix of \
+             data and priors at the optimum."
+        }
+        @if !study.variants.is_empty() { (table(&tables::solver(study), "")) }
+    }
+}
+
+const ANGLES: PreEscaped<&str> = PreEscaped("<var>α</var>, <var>β</var>, <var>γ</var>");
+
+fn assumptions(study: &Study, figures: &[Figure]) -> Markup {
+    html! {
+        @for found in tables::assumptions(study) { (table(&found, "")) }
+        @if study.assumptions.orientation.is_empty() {
+            p { "No orientation was measured." }
+        }
+        (figure(figures, "figure_4_orientation.svg"))
+        @if study.assumptions.linearity.is_empty() {
+            p { "Without cart poses (set 2) the linearity of the tracks cannot be checked." }
+        }
+        (figure(figures, "figure_5_linearity_parallel.svg"))
+        (figure(figures, "figure_6_linearity_orthogonal.svg"))
+        @if study.assumptions.sets.is_empty() {
+            p { "Without cart positions at random poses (set 3) and cart poses (set 2) the two cannot be compared." }
+        }
+        (figure(figures, "set_comparison.svg"))
+    }
+}
+
+fn geometry(study: &Study) -> Markup {
+    html! {
+        p {
+            "Lengths and coordinates in the measurement frame of set 1 at " var { "q" } " = 0; the plate joint in TCP coordinates. \
+             The cost is the sum of squared residuals " var { "r" } " over the calibration poses, without weights or priors."
+        }
+        @for variant in &study.variants { (table(&tables::geometry(variant), "wide compact")) }
+    }
+}
+
+fn sensitivity(study: &Study, figures: &[Figure]) -> Markup {
+    let Some(found) = &study.sensitivity else {
+        return html! { p { "No variant with all links was calibrated, so there is no sensitivity to show." } };
+    };
+    html! {
+        p {
+            "Each parameter of each link of " (found.variant) " is changed by ±" (number_markup(&general(found.step, 1)))
+            " in its SI unit, and the pose predicted anew at " (found.poses) " validation poses. The tables hold sums over the poses \
+             and both signs. Implicit differentiation of the residuals gives the same within "
+            (number_markup(&general(100.0 * found.disagreement, 2))) " %. C is the track offset; O the direction of a linear track or \
+             the rotation of a piecewise one."
+        }
+        @for quantity in tables::sensitivity(found) { (table(&quantity, "wide compact")) }
+        (figure(figures, "figure_9_sensitivity_position.svg"))
+        (figure(figures, "figure_10_sensitivity_orientation.svg"))
+    }
+}
+
+fn determined(study: &Study) -> Markup {
+    let undetermined: Vec<_> = study
+        .variants
+        .iter()
+        .filter_map(tables::undetermined)
+        .collect();
+    let correlations: Vec<_> = study
+        .variants
+        .iter()
+        .filter_map(|variant| tables::correlations(variant, CORRELATIONS))
+        .collect();
+    html! {
+        ul { @for variant in &study.variants { li { (findings::undetermined(variant)) } } }
+        @if !undetermined.is_empty() {
+            h3 { "Combinations that only the prior determines" }
+            p {
+                "Shares are in units of the tolerances; the ratio compares the standard deviation from the data alone with that \
+                 of the prior. Single values of these parameters must not be read as measured: the pose depends on them only \
+                 through other combinations."
+            }
+            @for found in &undetermined { (table(found, "wide compact long")) }
+        }
+        @if !correlations.is_empty() {
+            h3 { "Largest correlations" }
+            div.columns { @for found in &correlations { (table(found, "compact")) } }
+        }
+    }
+}
+
+fn parameters(study: &Study) -> Markup {
+    let shown = |variant: &&VariantResult| !variant.parameters.is_empty();
+    html! {
+        p {
+            "Values to the second digit of their standard deviation. A σ of one tolerance means that the data add nothing to \
+             the prior; a change of more than three tolerances that nominal value and measurement disagree."
+        }
+        @for variant in study.variants.iter().filter(shown) {
+            (table(&tables::parameters(variant), "wide compact long"))
+        }
+    }
+}
+
+/// The figure of this file name, where the study has it.
+fn figure(figures: &[Figure], file_name: &str) -> Markup {
+    let found = figures.iter().find(|figure| figure.file_name == file_name);
+    html! {
+        @if let Some(found) = found {
+            figure {
+                (PreEscaped(&found.svg))
+                figcaption {
+                    @if let Some(number) = found.number { b { "Figure " (number) ". " } }
+                    (found.caption)
+                }
+            }
+        }
+    }
+}
+
+/// A table with its headings in one or two rows.
+fn table(table: &Table, class: &str) -> Markup {
+    let grouped = table.columns.iter().any(|column| !column.group.is_empty());
+    let numeric = |index: usize| {
+        !table
+            .rows
+            .iter()
+            .any(|row| matches!(row.get(index), Some(Cell::Text(_))))
+    };
+    let first =
+        |index: usize| index > 0 && table.columns[index].group != table.columns[index - 1].group;
+    html! {
+        div.scroll {
+            table class=(class) {
+                caption { (table.title) }
+                thead {
+                    @if grouped { tr { (group_headings(table)) } }
+                    tr {
+                        @for (index, column) in table.columns.iter().enumerate() {
+                            @if !grouped || !column.group.is_empty() {
+                                th.number[numeric(index)].first[first(index)] scope="col" { (column.name) }
+                            }
+                        }
+                    }
+                }
+                tbody {
+                    @for row in &table.rows {
+                        tr {
+                            @for (index, cell) in row.iter().enumerate() {
+                                @if index == 0 { th scope="row" { (cell_markup(cell)) } }
+                                @else { td.number[numeric(index)].first[first(index)] { (cell_markup(cell)) } }
+                            }
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// The upper row of headings: groups over their columns, and single columns over both rows.
+fn group_headings(table: &Table) -> Markup {
+    let columns = &table.columns;
+    let mut start = 0;
+    let mut headings = Vec::new();
+    while start < columns.len() {
+        let group = &columns[start].group;
+        let alike = columns[start..]
+            .iter()
+            .take_while(|column| column.group == *group)
+            .count();
+        let span = if group.is_empty() { 1 } else { alike };
+        headings.push((start, span));
+        start += span;
+    }
+    html! {
+        @for (start, span) in headings {
+            @if columns[start].group.is_empty() {
+                th.first[start > 0] scope="col" rowspan="2" { (columns[start].name) }
+            } @else {
+                th.group.first[start > 0] scope="colgroup" colspan=(span) { (columns[start].group) }
+            }
+        }
+    }
+}
+
+fn cell_markup(cell: &Cell) -> Markup {
+    match cell {
+        Cell::Text(text) => html! { (text) },
+        Cell::Number(number) => number_markup(number),
+        Cell::Empty => html! { span.none { "–" } },
+    }
+}
+
+/// A number with a typographic minus sign and powers of ten.
+fn number_markup(number: &str) -> Markup {
+    let minus = |text: &str| text.replace('-', "\u{2212}");
+    match number.split_once('e') {
+        Some((mantissa, exponent)) => html! { (minus(mantissa)) "·10" sup { (minus(exponent)) } },
+        None if number == "inf" => html! { "∞" },
+        None => html! { (minus(number)) },
+    }
+}

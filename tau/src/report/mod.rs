@@ -1,0 +1,20 @@
+//! What a study found, for people and for programs: terminal tables, JSON, figures and an HTML report.
+//!
+//! All of it is written from [`Study`](crate::study::results::Study) alone, and nothing here computes more
+//! than a mean or a largest value. [`write_study`] writes the output folder.
+
+pub mod figures;
+mod findings;
+#[cfg(test)]
+mod fixture;
+pub mod html;
+pub mod json;
+mod number;
+mod tables;
+pub mod terminal;
+#[cfg(test)]
+mod tests;
+mod write;
+
+pub use figures::Figure;
+pub use write::write_study;

@@ -1,0 +1,209 @@
+//! The study's tables for a terminal.
+
+use super::findings;
+use super::number::{fixed, general, printable};
+use super::tables::{self, Cell, Table};
+use crate::study::results::{Sensitivity, Study, VariantResult};
+
+/// Widest line.
+const WIDTH: usize = 100;
+/// Between columns.
+const GAP: usize = 2;
+
+/// Everything a study says, as text of at most 100 columns.
+pub fn study(study: &Study) -> String {
+    let mut text = format!("{}, {}\n\n", study.robot, study.folder);
+    let mut say = |sentence: &str| text += &wrap(sentence, "");
+    say(&findings::poses(study));
+    say(&findings::noise(study));
+    for remark in &study.remarks {
+        say(remark);
+    }
+    text.push('\n');
+    text += &render(&tables::errors(study));
+    text += &findings::comparison(study)
+        .map(|sentence| wrap(&sentence, ""))
+        .unwrap_or_default();
+    text.push('\n');
+    for variant in &study.variants {
+        text += &render(&tables::geometry(variant));
+        text.push('\n');
+    }
+    if let Some(found) = &study.sensitivity {
+        text += &sensitivity(found);
+        text.push('\n');
+    }
+    text += "Assumptions\n";
+    for sentence in findings::assumptions(study) {
+        text += &wrap(&sentence, "  ");
+    }
+    text += "\nWhat the data determine\n";
+    for variant in &study.variants {
+        text += &determined(variant);
+    }
+    printable(&text)
+}
+
+/// Table III, with what it was computed for and how well its two ways agree.
+pub fn sensitivity(sensitivity: &Sensitivity) -> String {
+    let tables = tables::sensitivity(sensitivity);
+    let mut text: String = tables.iter().map(|table| render(table) + "\n").collect();
+    text += &wrap(
+        &format!(
+            "{} with steps of {} either way in each parameter, summed over {} validation poses. C is the track \
+             offset, O its direction or rotation. Implicit differentiation agrees within {} %.",
+            &sensitivity.variant,
+            general(sensitivity.step, 1),
+            sensitivity.poses,
+            general(100.0 * sensitivity.disagreement, 2)
+        ),
+        "",
+    );
+    printable(&text)
+}
+
+fn determined(variant: &VariantResult) -> String {
+    const SHOWN: usize = 3;
+    let mut text = wrap(&findings::undetermined(variant), "  ");
+    for combination in variant.undetermined.iter().take(SHOWN) {
+        text += &wrap(&tables::combination(combination, SHOWN), "    ");
+    }
+    let mut pairs: Vec<_> = variant.correlations.iter().collect();
+    pairs.sort_by(|a, b| b.2.abs().total_cmp(&a.2.abs()));
+    for (one, other, value) in pairs.into_iter().take(SHOWN) {
+        let pair = format!("correlation {} of {one} and {other}", fixed(*value, 3));
+        text += &wrap(&pair, "    ");
+    }
+    text
+}
+
+/// Breaks a sentence into lines.
+fn wrap(sentence: &str, indent: &str) -> String {
+    let mut text = String::new();
+    let mut line = indent.to_owned();
+    for word in sentence.split_whitespace() {
+        if line.chars().count() + 1 + word.chars().count() > WIDTH && line.len() > indent.len() {
+            text += line.trim_end();
+            text.push('\n');
+            indent.clone_into(&mut line);
+        }
+        line += word;
+        line.push(' ');
+    }
+    text += line.trim_end();
+    text.push('\n');
+    text
+}
+
+fn cell_text(cell: &Cell) -> &str {
+    match cell {
+        Cell::Text(text) | Cell::Number(text) => text,
+        Cell::Empty => "-",
+    }
+}
+
+fn width(text: &str) -> usize {
+    text.chars().count()
+}
+
+/// A table in aligned columns. What is wider than the terminal continues below, under the same row
+/// names, broken between groups of columns.
+fn render(table: &Table) -> String {
+    let mut widths: Vec<usize> = table
+        .columns
+        .iter()
+        .map(|column| width(&column.name))
+        .collect();
+    for row in &table.rows {
+        for (widest, cell) in widths.iter_mut().zip(row) {
+            *widest = (*widest).max(width(cell_text(cell)));
+        }
+    }
+    let groups = groups(table);
+    for (start, end) in &groups {
+        let needed = width(&table.columns[*start].group);
+        let present: usize = widths[*start..*end].iter().sum::<usize>() + GAP * (end - start - 1);
+        let missing = needed.saturating_sub(present);
+        let count = end - start;
+        for (index, width) in widths[*start..*end].iter_mut().enumerate() {
+            *width += missing / count + usize::from(index < missing % count);
+        }
+    }
+    let mut text = format!("{}\n", &table.title);
+    let mut next = 0;
+    while next < groups.len() {
+        let mut total = widths[0];
+        let first = next;
+        while next < groups.len() {
+            let (start, end) = groups[next];
+            let added: usize = widths[start..end].iter().map(|width| width + GAP).sum();
+            if total + added > WIDTH && next > first {
+                break;
+            }
+            total += added;
+            next += 1;
+        }
+        text += &block(table, &widths, &groups[first..next]);
+    }
+    text
+}
+
+/// Runs of columns with a common heading; the first column, which names the rows, is not among them.
+fn groups(table: &Table) -> Vec<(usize, usize)> {
+    let mut groups: Vec<(usize, usize)> = Vec::new();
+    for index in 1..table.columns.len() {
+        let group = &table.columns[index].group;
+        match groups.last_mut() {
+            Some((start, end)) if !group.is_empty() && table.columns[*start].group == *group => {
+                *end = index + 1;
+            }
+            _ => groups.push((index, index + 1)),
+        }
+    }
+    groups
+}
+
+fn block(table: &Table, widths: &[usize], groups: &[(usize, usize)]) -> String {
+    let mut headings = " ".repeat(widths[0]);
+    let mut names = format!("{:<1$}", table.columns[0].name, widths[0]);
+    let mut rows: Vec<String> = table
+        .rows
+        .iter()
+        .map(|row| format!("{:<1$}", cell_text(&row[0]), widths[0]))
+        .collect();
+    let gap = " ".repeat(GAP);
+    for &(start, end) in groups {
+        let span: usize = widths[start..end].iter().sum::<usize>() + GAP * (end - start - 1);
+        let heading = format!("{gap}{:^span$}", table.columns[start].group);
+        headings.push_str(&heading);
+        for column in start..end {
+            let width = widths[column];
+            let left = table
+                .rows
+                .iter()
+                .any(|row| matches!(row[column], Cell::Text(_)));
+            let pad = |text: &str| {
+                if left {
+                    format!("{gap}{text:<width$}")
+                } else {
+                    format!("{gap}{text:>width$}")
+                }
+            };
+            names += &pad(&table.columns[column].name);
+            for (line, row) in rows.iter_mut().zip(&table.rows) {
+                *line += &pad(cell_text(&row[column]));
+            }
+        }
+    }
+    let rule = "─".repeat(width(&names));
+    let mut text = String::new();
+    if !headings.trim().is_empty() {
+        text += headings.trim_end();
+        text.push('\n');
+    }
+    for line in [names, rule].into_iter().chain(rows) {
+        text += line.trim_end();
+        text.push('\n');
+    }
+    text
+}
