@@ -33,6 +33,13 @@ fn a_file_reports_the_same() {
         let errors =
             check_text(&description).expect_err(&format!("{} has no error", path.display()));
         let empty = description.trim().is_empty();
+        for diagnostic in &errors.diagnostics {
+            assert!(
+                diagnostic.help.is_some(),
+                "{}: no help: {diagnostic}",
+                path.display()
+            );
+        }
         assert_eq!(
             messages(&errors, &description, empty),
             strip(expected, empty),

@@ -134,7 +134,9 @@ fn parameter_name(parser: &mut Parser<'_>) -> Parse<ParameterName> {
         Some(mut inside) => {
             let (number, span) = whole_number(&mut inside, "the number of components")?;
             if !inside.at_end() {
-                return Err(inside.expected("`]`"));
+                return Err(inside
+                    .expected("`]`")
+                    .help("a vector of 3 is declared as `name[3]`"));
             }
             Some((number, span.into()))
         }
@@ -149,7 +151,10 @@ fn term(parser: &mut Parser<'_>) -> Parse<Term> {
         return Err(unknown_item(parser, &STARTS));
     }
     let Some(target) = parser.eat_any_word() else {
-        return Err(parser.expected("`param`, `search` or a term such as `along += …;`"));
+        let what = "`param`, `search` or a term";
+        return Err(parser
+            .expected(what)
+            .help("a term reads `target += formula;`"));
     };
     if !parser.at("+=") {
         let help = match nearest(&target.to_string(), STARTS) {

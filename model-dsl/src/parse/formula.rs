@@ -163,7 +163,9 @@ fn primary(parser: &mut Parser<'_>) -> Parse<Node> {
     if let Some(mut inside) = parser.enter(Delimiter::Bracket) {
         let (index, _) = whole_number(&mut inside, "the number of a component, `0`, `1` or `2`")?;
         if !inside.at_end() {
-            return Err(inside.expected("`]`"));
+            return Err(inside
+                .expected("`]`")
+                .help("a component is written `rate[0]`"));
         }
         return node(parser, ExpressionKind::Component(name, index), &start, 1);
     }
@@ -179,7 +181,8 @@ fn list(inside: &mut Parser<'_>) -> Parse<(Vec<Expression>, usize)> {
         depth = depth.max(item.depth);
         items.push(item.expression);
         if inside.eat(",").is_none() && !inside.at_end() {
-            return Err(inside.expected("an operator, `,` or `)`"));
+            let help = "any two values have an operator or a comma between them";
+            return Err(inside.expected("an operator, `,` or `)`").help(help));
         }
     }
     Ok((items, depth))

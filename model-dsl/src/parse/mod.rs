@@ -97,16 +97,14 @@ fn unknown_item(parser: &mut Parser<'_>, keywords: &[&str]) -> Diagnostic {
             "a model is declared, without control flow; formulas stand in the terms of effects",
         );
     }
-    let expected = one_of(keywords);
-    let found = parser.found();
-    let diagnostic = Diagnostic::new(parser.here(), format!("expected {expected}, found {found}"));
-    match parser
+    let near = parser
         .word()
-        .and_then(|word| nearest(&word.to_string(), keywords.iter().copied()))
-    {
-        Some(near) => diagnostic.help(format!("did you mean `{near}`?")),
-        None => diagnostic,
-    }
+        .and_then(|word| nearest(&word.to_string(), keywords.iter().copied()));
+    let help = match near {
+        Some(near) => format!("did you mean `{near}`?"),
+        None => "every declaration begins with its keyword".to_owned(),
+    };
+    parser.expected(&one_of(keywords)).help(help)
 }
 
 /// `` `a`, `b` or `c` ``

@@ -7,16 +7,18 @@ use crate::diagnostics::{Diagnostic, Location};
 use crate::syntax::{Quantity, UnitExpression, UnitFactor};
 use crate::units::find_unit;
 
+const NUMBER_HELP: &str = "a number is decimal, such as `2`, `0.5` or `1e-3`";
+
 /// A number without sign, with its place.
 pub(super) fn number(parser: &mut Parser<'_>) -> Parse<(f64, Span)> {
     let Some(text) = parser.literal() else {
-        return Err(parser.expected("a number"));
+        return Err(parser.expected("a number").help(NUMBER_HELP));
     };
     let span = parser.here();
     let text = text.replace('_', "");
     let (digits, suffix) = text.split_at(number_length(&text));
     let Ok(value) = digits.parse::<f64>() else {
-        return Err(parser.expected("a number"));
+        return Err(parser.expected("a number").help(NUMBER_HELP));
     };
     parser.eat_literal();
     if find_unit(suffix).is_some() {
@@ -67,7 +69,7 @@ pub(super) fn whole_number(parser: &mut Parser<'_>, what: &str) -> Parse<(u64, S
         .literal()
         .and_then(|text| text.replace('_', "").parse().ok())
     else {
-        return Err(parser.expected(what));
+        return Err(parser.expected(what).help("write it in digits"));
     };
     let span = parser.here();
     parser.eat_literal();
@@ -100,7 +102,9 @@ pub(super) fn quantity(parser: &mut Parser<'_>) -> Parse<Quantity> {
             numbers.push(signed(&mut inside)?);
         }
         if !inside.at_end() {
-            return Err(inside.expected("`,` or `)`"));
+            return Err(inside
+                .expected("`,` or `)`")
+                .help("a vector reads `(x, y, z) unit`"));
         }
         if numbers.len() != 3 {
             let message = format!("a vector has 3 components, found {}", numbers.len());

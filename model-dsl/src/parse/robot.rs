@@ -5,7 +5,7 @@ use proc_macro2::{Delimiter, Ident};
 use super::cursor::Parser;
 use super::quantity::quantity;
 use super::{Parse, effect, unknown_item};
-use crate::diagnostics::{Diagnostic, Diagnostics, Location};
+use crate::diagnostics::{Diagnostics, Location};
 use crate::model::{Arm, TrackShape};
 use crate::names::nearest;
 use crate::syntax::{
@@ -215,7 +215,9 @@ fn effect_use(parser: &mut Parser<'_>) -> Parse<EffectUse> {
     while !inside.at_end() {
         places.push(inside.name("a place")?);
         if inside.eat(",").is_none() && !inside.at_end() {
-            return Err(inside.expected("`,` or `)`"));
+            return Err(inside
+                .expected("`,` or `)`")
+                .help("places have commas between them"));
         }
     }
     let location = parser.since(&effect);
@@ -274,14 +276,11 @@ fn choice<T: Copy>(parser: &mut Parser<'_>, choices: &[(&str, T)]) -> Parse<T> {
         }
     }
     let words: Vec<_> = choices.iter().map(|(word, _)| *word).collect();
-    let diagnostic: Diagnostic = parser.expected(&super::one_of(&words));
-    Err(
-        match parser
-            .word()
-            .and_then(|word| nearest(&word.to_string(), words))
-        {
-            Some(near) => diagnostic.help(format!("did you mean `{near}`?")),
-            None => diagnostic,
-        },
-    )
+    let near = parser
+        .word()
+        .and_then(|word| nearest(&word.to_string(), words.iter().copied()));
+    let help = near.map_or("write one of these words".to_owned(), |near| {
+        format!("did you mean `{near}`?")
+    });
+    Err(parser.expected(&super::one_of(&words)).help(help))
 }

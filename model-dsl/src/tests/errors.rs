@@ -82,16 +82,56 @@ fn items_after_a_mistake_are_read() {
         "robot Slide {
     track one two;
     cluster arm1 on one { link l1 l2; lnk l3; link l4 }
-    effect e on cart { param a: length b; search p: length in 1 m .. 2 m; along += (a; along -= a; }
+    effect e on cart { param a: length b; search p: length in 1 m .. 2 m; along += (a q); along -= a; }
     variant Full { arm full tracks linear; track one curved; }
 }
 robot
 effect"
     ), @r"
-    effect e on cart { param a: length b; search p: length in 1 m .. 2 m; along += (a; along -= a; }
-                                                                                                   ^
-    `}` closes nothing that is open
-    help: every bracket needs its partner
+    track one two;
+              ^^^
+    expected `;`, found `two`
+    help: every declaration without braces ends with `;`
+    cluster arm1 on one { link l1 l2; lnk l3; link l4 }
+                                  ^^
+    expected `;`, found `l2`
+    help: a link ends with `;`, or with its values in braces
+    cluster arm1 on one { link l1 l2; lnk l3; link l4 }
+                                      ^^^
+    expected `link`, found `lnk`
+    help: did you mean `link`?
+    cluster arm1 on one { link l1 l2; lnk l3; link l4 }
+                                                      ^
+    expected `;`, found `}`
+    help: a link ends with `;`, or with its values in braces
+    effect e on cart { param a: length b; search p: length in 1 m .. 2 m; along += (a q); along -= a; }
+                                       ^
+    expected `;`, found `b`
+    help: every declaration without braces ends with `;`
+    effect e on cart { param a: length b; search p: length in 1 m .. 2 m; along += (a q); along -= a; }
+                                                                  ^
+    expected `..=`, found `.`
+    help: a searched parameter reads `search name: length in 4 mm ..= 50 mm;`
+    effect e on cart { param a: length b; search p: length in 1 m .. 2 m; along += (a q); along -= a; }
+                                                                                      ^
+    expected an operator, `,` or `)`, found `q`
+    help: any two values have an operator or a comma between them
+    effect e on cart { param a: length b; search p: length in 1 m .. 2 m; along += (a q); along -= a; }
+                                                                                                ^
+    expected `+=`, found `-`
+    help: effects add up: `along += …;`
+    variant Full { arm full tracks linear; track one curved; }
+                            ^^^^^^
+    expected `;`, found `tracks`
+    help: every declaration without braces ends with `;`
+    variant Full { arm full tracks linear; track one curved; }
+                                                     ^^^^^^
+    expected `linear` or `piecewise`, found `curved`
+    help: write one of these words
+    effect
+    ^^^^^^
+    expected `{`, found the end of the description
+    help: a robot's parts stand in braces: `robot Name { … }`
     ");
 }
 

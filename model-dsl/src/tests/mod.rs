@@ -6,7 +6,7 @@ mod formulas;
 mod fuzz;
 mod robots;
 
-use crate::{Errors, Model, check_text};
+use crate::{Diagnostic, Errors, Model, check_text};
 
 const GANTRY_TAU: &str = include_str!("../../../generated/models/gantry_tau.tau");
 
@@ -24,24 +24,16 @@ fn errors(text: &str) -> String {
 }
 
 fn excerpts(text: &str, errors: &Errors) -> String {
-    let mut shown = String::new();
-    for diagnostic in &errors.diagnostics {
-        let range = diagnostic.byte_range();
+    let excerpt = |diagnostic: &Diagnostic| {
         let line = text.lines().nth(diagnostic.line() - 1).unwrap_or("");
         let code = line.trim_start();
-        let indent =
-            (diagnostic.column() - 1).saturating_sub(line.chars().count() - code.chars().count());
-        let width = text[range]
-            .lines()
-            .next()
-            .map_or(1, |first| first.chars().count().max(1));
-        shown += &format!(
-            "{code}\n{}{}\n{diagnostic}\n",
-            " ".repeat(indent),
-            "^".repeat(width)
-        );
-    }
-    shown
+        let margin = line.chars().count() - code.chars().count();
+        let indent = " ".repeat((diagnostic.column() - 1).saturating_sub(margin));
+        let place = text[diagnostic.byte_range()].lines().next().unwrap_or("");
+        let underline = "^".repeat(place.chars().count().max(1));
+        format!("{code}\n{indent}{underline}\n{diagnostic}\n")
+    };
+    errors.diagnostics.iter().map(excerpt).collect()
 }
 
 /// A robot of two tracks around the text of its effects and variants.
