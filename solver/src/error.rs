@@ -39,6 +39,8 @@ pub enum Error {
         /// Values passed.
         found: usize,
     },
+    /// The sparse factorisation does not fit in memory.
+    TooLarge,
     /// The singular value decomposition did not converge.
     SingularValues,
 }
@@ -71,6 +73,7 @@ impl fmt::Display for Error {
                 f,
                 "the problem has {expected} parameters, but {found} values were given"
             ),
+            Self::TooLarge => write!(f, "the sparse factorisation does not fit in memory"),
             Self::SingularValues => {
                 write!(f, "the singular value decomposition did not converge")
             }

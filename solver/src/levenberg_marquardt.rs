@@ -38,8 +38,7 @@ pub fn solve_observed(
     let mut cost = constant_cost(problem, &partition.constant_blocks, &parameters)?;
     let mut parts = Vec::with_capacity(partition.parts.len());
     for (index, part) in partition.parts.iter().enumerate() {
-        let mut minimizer = Minimizer::new(problem, part, &parameters, options)
-            .map_err(|fault| fault.into_error(problem))?;
+        let mut minimizer = Minimizer::new(problem, part, &parameters, options)?;
         let termination = minimizer
             .run(options, &mut |iteration| {
                 observer(&Iteration {
@@ -115,7 +114,7 @@ impl<'p> Minimizer<'p> {
         part: &Part,
         all: &[f64],
         options: &Options,
-    ) -> Result<Self, NonFinite> {
+    ) -> Result<Self, Error> {
         let mut system = System::new(problem, part, all, Content::Minimize);
         let pick = |value: fn(&crate::Parameter) -> f64| -> Vec<f64> {
             part.parameters
@@ -127,9 +126,11 @@ impl<'p> Minimizer<'p> {
         let x: Vec<f64> = part.parameters.iter().map(|&p| all[p]).collect();
         let (rows, columns) = (system.residuals.len(), x.len());
         let bounded = lower.iter().any(|l| l.is_finite()) || upper.iter().any(|u| u.is_finite());
-        let (method, linear) = new_solver(options.method, &system.jacobian);
+        let (method, linear) = new_solver(options.method, &system.jacobian)?;
         let mut costs = vec![0.0; rows];
-        system.costs(&x, &mut costs)?;
+        system
+            .costs(&x, &mut costs)
+            .map_err(|fault| fault.into_error(problem))?;
         let cost = costs.iter().sum();
         Ok(Self {
             subproblem: Subproblem::new(rows, columns, bounded),
@@ -245,11 +246,9 @@ impl<'p> Minimizer<'p> {
                     continue;
                 }
                 non_finite = 0;
-                radius = if polishing {
-                    radius.max(2.0 * step_norm)
-                } else {
-                    self.next_radius(radius, step_norm, ratio, decrease)
-                };
+                if !polishing {
+                    radius = self.next_radius(radius, step_norm, ratio, decrease);
+                }
                 if !accepted {
                     continue;
                 }
@@ -260,7 +259,12 @@ impl<'p> Minimizer<'p> {
                 self.cost = self.costs.iter().sum();
                 self.iterations += 1;
                 noise = self.load();
-                if polishing && self.subproblem.predicted >= newton_decrease {
+                let improved = if damping > 0.0 {
+                    self.subproblem.gradient_norm() < gradient_norm
+                } else {
+                    self.subproblem.predicted < newton_decrease
+                };
+                if polishing && !improved {
                     // No longer better: the point before was as good as rounding allows.
                     self.x.copy_from_slice(&self.previous);
                     std::mem::swap(&mut self.costs, &mut self.trial_costs);

@@ -1,46 +1,70 @@
 //! Dense QR: once per Jacobian down to a triangle, then column-pivoted per damping.
 
+use faer::Mat;
+
 use crate::jacobian::Jacobian;
 use crate::linear::LinearSolver;
-use crate::linear::qr::{PivotedQr, Qr};
+use crate::linear::qr::{PivotedQr, RowReduction};
 
-/// Solves by `J = Q R` and then, for each damping, by a pivoted QR of `[R; √damping I]`.
+/// Solves by `[J r] = Q [R c]` and then, for each damping, by a pivoted QR of `[R; √damping I]`.
 pub(crate) struct DenseQr {
-    /// `[J r]`, reduced to `[R Qᵀr]`.
-    reduction: Qr,
-    damped: PivotedQr,
-    columns: usize,
+    reduction: RowReduction,
+    damped: DampedTriangle,
 }
 
 impl DenseQr {
     pub(crate) fn new(rows: usize, columns: usize) -> Self {
         Self {
-            // zero rows make every triangle complete
-            reduction: Qr::new(rows.max(columns + 1), columns + 1),
-            damped: PivotedQr::new(2 * columns, columns, 1),
-            columns,
+            reduction: RowReduction::new(rows, columns + 1),
+            damped: DampedTriangle::new(columns),
         }
     }
 }
 
 impl LinearSolver for DenseQr {
     fn load(&mut self, jacobian: &Jacobian, residuals: &[f64]) {
-        let matrix = &mut self.reduction.matrix;
-        matrix.fill(0.0);
+        self.reduction.clear();
         for (row, &residual) in residuals.iter().enumerate() {
             let (columns, values) = jacobian.row(row);
-            for (&column, &value) in columns.iter().zip(values) {
-                matrix[(row, column)] = value;
-            }
-            matrix[(row, self.columns)] = residual;
+            let entries = columns.iter().copied().zip(values.iter().copied());
+            let last = (jacobian.column_count, residual);
+            self.reduction.push(entries.chain(std::iter::once(last)));
         }
-        self.reduction.factor();
+        self.reduction.reduce();
     }
 
     fn solve(&mut self, damping: f64, held: &[bool], step: &mut [f64]) -> bool {
-        let n = self.columns;
-        let triangle = &self.reduction.matrix;
-        let (matrix, rhs) = (&mut self.damped.matrix, &mut self.damped.rhs);
+        self.damped
+            .solve(self.reduction.triangle(), damping, held, step)
+    }
+
+    fn inverse_form(&mut self, v: &[f64]) -> f64 {
+        self.damped.inverse_form(v)
+    }
+}
+
+/// Damped least squares on a triangle `[R c]`.
+pub(crate) struct DampedTriangle {
+    qr: PivotedQr,
+}
+
+impl DampedTriangle {
+    pub(crate) fn new(columns: usize) -> Self {
+        Self {
+            qr: PivotedQr::new(2 * columns, columns, 1),
+        }
+    }
+
+    /// Minimises `½‖R y + c‖² + ½ damping ‖y‖²` as [`LinearSolver::solve`] does.
+    pub(crate) fn solve(
+        &mut self,
+        triangle: &Mat<f64>,
+        damping: f64,
+        held: &[bool],
+        step: &mut [f64],
+    ) -> bool {
+        let n = held.len();
+        let (matrix, rhs) = (&mut self.qr.matrix, &mut self.qr.rhs);
         matrix.fill(0.0);
         rhs.fill(0.0);
         for row in 0..n {
@@ -58,17 +82,18 @@ impl LinearSolver for DenseQr {
                 matrix[(n + column, column)] = damping.sqrt();
             }
         }
-        let rank = self.damped.factor();
-        self.damped.solve();
+        let rank = self.qr.factor();
+        self.qr.solve();
         for (column, step) in step.iter_mut().enumerate() {
             if !held[column] {
-                *step = self.damped.solution[column];
+                *step = self.qr.solution[column];
             }
         }
         rank == held.iter().filter(|&&held| !held).count()
     }
 
-    fn inverse_form(&mut self, v: &[f64]) -> f64 {
-        self.damped.inverse_form(v)
+    /// As [`LinearSolver::inverse_form`].
+    pub(crate) fn inverse_form(&mut self, v: &[f64]) -> f64 {
+        self.qr.inverse_form(v)
     }
 }

@@ -3,11 +3,25 @@
 //! Each method minimises `½‖J y + r‖² + ½ damping ‖y‖²` over the entries of y that are not held. The
 //! methods differ in how they factor; all work on columns already scaled.
 
-pub(crate) mod dense;
+mod dense;
 pub(crate) mod qr;
+mod schur;
+mod sparse;
 pub(crate) mod svd;
 
+use crate::Error;
 use crate::jacobian::Jacobian;
+use dense::DenseQr;
+use schur::{Elimination, Schur};
+use sparse::SparseCholesky;
+
+/// Up to this many parameters a dense QR is both fast enough and the most accurate.
+const DENSE_COLUMNS: usize = 160;
+/// Most parameters that Schur elimination may leave to a dense QR.
+const REDUCED_COLUMNS: usize = 600;
+/// Share of entries from which on a sparse factorisation does not pay, up to a size.
+const DENSE_SHARE: f64 = 0.25;
+const DENSE_ENTRIES: usize = 4_000_000;
 
 /// Linear algebra for the steps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -37,14 +51,37 @@ pub(crate) trait LinearSolver {
     fn inverse_form(&mut self, v: &[f64]) -> f64;
 }
 
-/// Picks the method that suits the pattern.
-pub(crate) fn new_solver(method: Method, jacobian: &Jacobian) -> (Method, Box<dyn LinearSolver>) {
-    let _ = method;
-    (
-        Method::DenseQr,
-        Box::new(dense::DenseQr::new(
-            jacobian.row_count(),
-            jacobian.column_count,
-        )),
-    )
+/// A solver by the method asked for, or by the one that suits the pattern.
+pub(crate) fn new_solver(
+    method: Method,
+    jacobian: &Jacobian,
+) -> Result<(Method, Box<dyn LinearSolver>), Error> {
+    let (rows, columns) = (jacobian.row_count(), jacobian.column_count);
+    let dense_entries = rows.saturating_mul(columns);
+    let mostly_full = dense_entries <= DENSE_ENTRIES
+        && jacobian.columns.len() as f64 > DENSE_SHARE * dense_entries as f64;
+    let mut elimination = None;
+    let method = match method {
+        Method::Auto if columns <= DENSE_COLUMNS || mostly_full => Method::DenseQr,
+        Method::Auto => {
+            let found = Elimination::detect(jacobian);
+            let pays = found.kept.len() <= REDUCED_COLUMNS && 2 * found.kept.len() <= columns;
+            elimination = Some(found);
+            if pays {
+                Method::Schur
+            } else {
+                Method::SparseCholesky
+            }
+        }
+        chosen => chosen,
+    };
+    let solver: Box<dyn LinearSolver> = match method {
+        Method::SparseCholesky => Box::new(SparseCholesky::new(jacobian)?),
+        Method::Schur => {
+            let elimination = elimination.unwrap_or_else(|| Elimination::detect(jacobian));
+            Box::new(Schur::new(jacobian, elimination))
+        }
+        Method::Auto | Method::DenseQr => Box::new(DenseQr::new(rows, columns)),
+    };
+    Ok((method, solver))
 }

@@ -6,11 +6,14 @@ use faer::linalg::householder::{
     apply_block_householder_sequence_transpose_on_the_left_in_place_with_conj as apply_transpose,
 };
 use faer::linalg::qr::{col_pivoting, no_pivoting};
-use faer::{Conj, Mat, Par};
+use faer::{Conj, Mat, Par, Spec};
 
 use crate::jacobian::Jacobian;
 
-/// A matrix that is reduced to its triangular factor in place.
+/// Rows that a reduction takes up before it factors them, at least.
+const CHUNK: usize = 512;
+
+/// Storage for Householder QR of matrices up to a size.
 pub(crate) struct Qr {
     pub(crate) matrix: Mat<f64>,
     coefficients: Mat<f64>,
@@ -18,7 +21,7 @@ pub(crate) struct Qr {
 }
 
 impl Qr {
-    /// For matrices of this size.
+    /// For matrices up to this size.
     pub(crate) fn new(rows: usize, columns: usize) -> Self {
         let block = no_pivoting::factor::recommended_block_size::<f64>(rows, columns);
         let scratch = no_pivoting::factor::qr_in_place_scratch::<f64>(
@@ -26,7 +29,7 @@ impl Qr {
             columns,
             block,
             Par::Seq,
-            faer::Spec::default(),
+            Spec::default(),
         );
         Self {
             matrix: Mat::zeros(rows, columns),
@@ -35,15 +38,70 @@ impl Qr {
         }
     }
 
-    /// Replaces [`Self::matrix`] by its factor R, in the upper triangle; what is below it is not zero.
-    pub(crate) fn factor(&mut self) {
+    /// Replaces the upper left corner of [`Self::matrix`] by its triangular factor, zeros below.
+    pub(crate) fn factor(&mut self, rows: usize, columns: usize) {
+        if rows == 0 || columns == 0 {
+            return;
+        }
         no_pivoting::factor::qr_in_place(
-            self.matrix.as_mut(),
-            self.coefficients.as_mut(),
+            self.matrix.as_mut().submatrix_mut(0, 0, rows, columns),
+            self.coefficients.as_mut().subcols_mut(0, rows.min(columns)),
             Par::Seq,
             MemStack::new(&mut self.memory),
-            faer::Spec::default(),
+            Spec::default(),
         );
+        for column in 0..columns {
+            for row in column + 1..rows {
+                self.matrix[(row, column)] = 0.0;
+            }
+        }
+    }
+}
+
+/// Reduces a matrix that comes row by row to its triangular factor, a chunk of rows at a time.
+pub(crate) struct RowReduction {
+    qr: Qr,
+    filled: usize,
+}
+
+impl RowReduction {
+    /// For matrices of this many columns, and of about so many rows.
+    pub(crate) fn new(rows: usize, columns: usize) -> Self {
+        let chunk = rows.clamp(1, CHUNK.max(4 * columns));
+        Self {
+            qr: Qr::new(columns + chunk, columns),
+            filled: 0,
+        }
+    }
+
+    /// Forgets all rows.
+    pub(crate) fn clear(&mut self) {
+        self.qr.matrix.fill(0.0);
+        self.filled = 0;
+    }
+
+    /// Adds a row, given its entries that are not zero.
+    pub(crate) fn push(&mut self, entries: impl Iterator<Item = (usize, f64)>) {
+        if self.filled == self.qr.matrix.nrows() {
+            self.reduce();
+        }
+        for (column, value) in entries {
+            self.qr.matrix[(self.filled, column)] = value;
+        }
+        self.filled += 1;
+    }
+
+    /// The triangular factor of the rows so far: the leading square of the matrix returned.
+    pub(crate) fn reduce(&mut self) -> &Mat<f64> {
+        let columns = self.qr.matrix.ncols();
+        self.qr.factor(self.filled, columns);
+        self.filled = self.filled.min(columns);
+        &self.qr.matrix
+    }
+
+    /// The factor at the last [`reduce`](Self::reduce).
+    pub(crate) fn triangle(&self) -> &Mat<f64> {
+        &self.qr.matrix
     }
 }
 
@@ -72,7 +130,7 @@ impl PivotedQr {
             columns,
             block,
             Par::Seq,
-            faer::Spec::default(),
+            Spec::default(),
         );
         let apply = transpose_scratch::<f64>(rows, block, sides);
         Self {
@@ -100,7 +158,7 @@ impl PivotedQr {
             &mut self.order_inverse,
             Par::Seq,
             MemStack::new(&mut self.memory),
-            faer::Spec::default(),
+            Spec::default(),
         );
         let size = self.coefficients.ncols();
         apply_transpose(
@@ -149,22 +207,15 @@ impl PivotedQr {
     }
 }
 
-/// The triangular factor R (square, upper) of a sparse matrix whose columns are multiplied by `factors`.
+/// The triangular factor (square, upper) of a sparse matrix whose columns are multiplied by `factors`.
 pub(crate) fn triangle(jacobian: &Jacobian, factors: &[f64]) -> Mat<f64> {
     let columns = jacobian.column_count;
-    let mut qr = Qr::new(jacobian.row_count().max(columns), columns);
+    let mut reduction = RowReduction::new(jacobian.row_count(), columns);
     for row in 0..jacobian.row_count() {
         let (indices, values) = jacobian.row(row);
-        for (&column, value) in indices.iter().zip(values) {
-            qr.matrix[(row, column)] = value * factors[column];
-        }
+        let entries = indices.iter().zip(values);
+        reduction.push(entries.map(|(&column, value)| (column, value * factors[column])));
     }
-    qr.factor();
-    Mat::from_fn(columns, columns, |row, column| {
-        if row <= column {
-            qr.matrix[(row, column)]
-        } else {
-            0.0
-        }
-    })
+    let reduced = reduction.reduce();
+    Mat::from_fn(columns, columns, |row, column| reduced[(row, column)])
 }

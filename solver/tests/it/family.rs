@@ -100,3 +100,43 @@ pub(crate) fn problem<'a>(
         )],
     }
 }
+
+/// Largest difference between a family's Jacobian and central differences of sixth order, relative to
+/// the largest entry of each column.
+pub(crate) fn finite_difference_error(family: &dyn ResidualFamily, data: &[f64], x: &[f64]) -> f64 {
+    let shape = family.shape();
+    let pattern = family.pattern();
+    let mut prepared = vec![0.0; shape.prepared];
+    family.prepare(data, &mut prepared);
+    let mut residuals = vec![0.0; shape.residuals];
+    let mut entries = vec![0.0; pattern.len()];
+    family.linearize(&prepared, x, &mut residuals, &mut entries);
+    let mut worst = 0.0_f64;
+    for j in 0..shape.parameters {
+        let mut column = vec![0.0; shape.residuals];
+        for (i, rows) in pattern.row_starts.windows(2).enumerate() {
+            for entry in rows[0] as usize..rows[1] as usize {
+                if pattern.columns[entry] as usize == j {
+                    column[i] = entries[entry];
+                }
+            }
+        }
+        let step = 1e-3 * x[j].abs().max(1e-3);
+        let mut difference = vec![0.0; shape.residuals];
+        for (multiple, factor) in [(1.0, 0.75), (2.0, -0.15), (3.0, 1.0 / 60.0)] {
+            for sign in [1.0, -1.0] {
+                let mut moved = x.to_vec();
+                moved[j] += sign * multiple * step;
+                family.value(&prepared, &moved, &mut residuals);
+                for (difference, r) in difference.iter_mut().zip(&residuals) {
+                    *difference += sign * factor * r / step;
+                }
+            }
+        }
+        let largest = column.iter().fold(1e-12_f64, |a, b| a.max(b.abs()));
+        for (exact, approximate) in column.iter().zip(&difference) {
+            worst = worst.max((exact - approximate).abs() / largest);
+        }
+    }
+    worst
+}

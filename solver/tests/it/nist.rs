@@ -225,7 +225,9 @@ fn nist_reference_problems() {
                 solution.termination,
             )
             .unwrap();
-            if digits < 4.0 { println!("{:?} {:?}", solution.parameters, set.certified); }
+            if digits < 4.0 {
+                println!("{:?} {:?}", solution.parameters, set.certified);
+            }
             errors.push(digits);
         }
     }
