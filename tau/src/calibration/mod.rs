@@ -78,7 +78,7 @@ impl Machine {
         folder: Option<&Folder>,
         poses: &[usize],
     ) -> Result<Self, InputError> {
-        Ok(Prepared::new(robot, variant, file, folder, poses)?.machine)
+        Ok(Prepared::new(robot, variant, &file.completed(robot), folder, poses)?.machine)
     }
 }
 
@@ -142,6 +142,7 @@ pub fn calibrate(
     poses: &[usize],
     options: &Options,
 ) -> Result<Calibration, Error> {
+    let file = &file.completed(robot);
     check_poses(robot, variant, file, folder, poses)?;
     let prepared = Prepared::new(robot, variant, file, Some(folder), poses)?;
     let measured: Vec<&TcpPose> = poses.iter().map(|&pose| &folder.tcp_poses[pose]).collect();

@@ -13,6 +13,9 @@ use crate::robot_file::{LinkValues, RobotFile, Value};
 /// are mounted a decimetre off on tracks a metre or two apart. Across the tracks the poses say far more.
 pub const TRACK_ROTATION_TOLERANCE_RAD: f64 = 5e-2;
 
+/// Tolerance that stands for none, relative to the value: wide enough to say nothing.
+pub(crate) const WIDE: f64 = 1e3;
+
 /// Value of a parameter with its prior.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Nominal {
@@ -191,6 +194,44 @@ impl<'a> Sources<'a> {
             .iter()
             .filter_map(|&link| self.file.links.get(&self.robot.links[link].name))
             .collect()
+    }
+}
+
+impl RobotFile {
+    /// The file with what it lacks taken from the robot's description: values of links.
+    #[must_use]
+    pub fn completed(&self, robot: &Robot) -> Self {
+        let mut completed = self.clone();
+        for parameter in robot
+            .variants
+            .iter()
+            .flat_map(|variant| &variant.parameters)
+        {
+            let (Owner::Link(link), Some(value)) = (parameter.owner, parameter.nominal) else {
+                continue;
+            };
+            let name = &robot.links[link].name;
+            // Angles of a path are nominally zero against its registration, not against a frame.
+            if parameter.quantity == "track_rotation" {
+                continue;
+            }
+            let is_given = self
+                .links
+                .get(name)
+                .is_some_and(|values| quantity_of(values, &parameter.quantity).is_some());
+            if is_given {
+                continue;
+            }
+            let values = completed.links.entry(name.clone()).or_default();
+            if let Some(slot) = quantity_slot(values, &parameter.quantity) {
+                let slot = slot.get_or_insert_default();
+                slot.value
+                    .resize(if parameter.component.is_some() { 3 } else { 1 }, 0.0);
+                slot.value[parameter.component.unwrap_or(0)] = value;
+                slot.tol = parameter.tolerance.unwrap_or(WIDE * value.abs().max(1.0));
+            }
+        }
+        completed
     }
 }
 

@@ -2,7 +2,7 @@
 
 use tau_solver::Covariance;
 
-use super::nominal::{effect_key, quantity_slot};
+use super::nominal::{WIDE, effect_key, quantity_slot};
 use super::registration::Registration;
 use super::{Error, Nominal, closure_cost};
 use crate::kinematics::{Machine, xyz, xyz_angles};
@@ -10,10 +10,6 @@ use crate::measurements::TcpPose;
 use crate::robot::{Instance, Owner, ResidualKind};
 use crate::robot_file::{RobotFile, Value};
 use crate::study::results::{LinkResult, ParameterEstimate};
-
-/// Tolerance written for a parameter without prior, relative to its value or range: wide enough to say
-/// nothing when the file is calibrated again.
-const WIDE: f64 = 1e3;
 
 pub(super) fn estimates(
     machine: &Machine,
@@ -62,7 +58,8 @@ pub(super) fn links(
         .collect()
 }
 
-/// The file with calibrated values. What the variant does not have stays as it was.
+/// The file with calibrated values; a parameter without prior gets a tolerance that says nothing when
+/// the file is calibrated again. What the variant does not have stays as it was.
 pub(super) fn file(
     machine: &Machine,
     estimates: &[ParameterEstimate],

@@ -1,3 +1,188 @@
 //! The main job: the paper's study on a measurement folder.
 
 pub mod results;
+
+use crate::assumptions;
+use crate::calibration::{self, Calibration, Error, calibrate};
+use crate::evaluation::evaluate;
+use crate::input_error::InputError;
+use crate::measurements::{Division, Folder, Shape, Split};
+use crate::robot::{Arm, Robot, TrackShape, Variant};
+use crate::robot_file::RobotFile;
+use crate::sensitivity;
+use results::{PoseCounts, Study, VariantResult};
+
+/// How far a study is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Progress<'a> {
+    /// What is being done.
+    pub doing: &'a str,
+    /// Steps done.
+    pub done: usize,
+    /// Steps in all.
+    pub steps: usize,
+}
+
+/// Poses of a folder that take part.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Poses {
+    /// How many took which part.
+    pub counts: PoseCounts,
+    /// Which calibrate and which validate, by index.
+    pub division: Division,
+}
+
+impl Poses {
+    /// Selects the poses whose commands lie in the measured range, and divides them.
+    ///
+    /// # Errors
+    /// No pose lies in the range; none is left to calibrate or to validate.
+    pub fn select(
+        robot: &Robot,
+        file: &RobotFile,
+        folder: &Folder,
+        split: Split,
+    ) -> Result<Self, InputError> {
+        let in_range = folder.in_range(file, Shape::from(robot));
+        let division = split.divide(&in_range);
+        let counts = PoseCounts {
+            total: folder.tcp_poses.len(),
+            in_range: in_range.len(),
+            calibration: division.calibration.len(),
+            validation: division.validation.len(),
+        };
+        if in_range.is_empty() {
+            return Err(InputError::whole(
+                &folder.name,
+                format!(
+                    "none of the {} poses has all its commands in the range that set 2 covers",
+                    counts.total
+                ),
+            )
+            .help("move the carts over the whole stroke when measuring `cart_poses.csv`"));
+        }
+        if division.calibration.is_empty() || division.validation.is_empty() {
+            return Err(InputError::whole(
+                &folder.name,
+                format!(
+                    "of {} poses {} calibrate and {} validate, expected some of each",
+                    counts.in_range, counts.calibration, counts.validation
+                ),
+            )
+            .help("measure more poses, or divide them otherwise with `--split`"));
+        }
+        Ok(Self { counts, division })
+    }
+}
+
+/// Runs the study: assumptions, calibration and evaluation of every variant without effects, and the
+/// sensitivity of the last of them with a full arm.
+///
+/// Variants with piecewise tracks are left out, with a remark, where the folder has no set 2.
+///
+/// # Errors
+/// [`Error::Input`] for measurements that can't be used; otherwise the first calibration or prediction
+/// that fails.
+pub fn run(
+    robot: &Robot,
+    file: &RobotFile,
+    folder: &Folder,
+    split: Split,
+    progress: &mut dyn FnMut(Progress<'_>),
+) -> Result<Study, Error> {
+    let Poses { counts, division } = Poses::select(robot, file, folder, split)?;
+    let mut remarks = folder.remarks.clone();
+    remarks.extend(dropped(counts));
+    let variants = chosen_variants(robot, folder, &mut remarks);
+    let steps = variants.len() + 2;
+    let mut done = 0;
+    let mut next = |doing: &str| {
+        progress(Progress { doing, done, steps });
+        done += 1;
+    };
+
+    next("checking assumptions");
+    let assumptions = assumptions::check(robot, file, folder);
+    let mut results = Vec::new();
+    let mut full = None;
+    for variant in variants {
+        next(&format!("calibrating {}", variant.name));
+        let options = calibration::Options::default();
+        let calibration = calibrate(robot, variant, file, folder, &division.calibration, &options)?;
+        results.push(result(&calibration, folder, &division.validation)?);
+        if variant.arm == Arm::Full {
+            full = Some(calibration);
+        }
+    }
+    next("computing sensitivities");
+    let sensitivity = full
+        .map(|calibration| {
+            let machine = &calibration.machine;
+            sensitivity::analyse(machine, folder, &division.validation, sensitivity::PAPER_STEP)
+        })
+        .transpose()?;
+    progress(Progress { doing: "done", done: steps, steps });
+    Ok(Study {
+        robot: robot.name.clone(),
+        folder: folder.name.clone(),
+        poses: counts,
+        noise: (file.noise.position_m, file.noise.rotation_rad),
+        variants: results,
+        assumptions,
+        sensitivity,
+        remarks,
+    })
+}
+
+fn dropped(counts: PoseCounts) -> Option<String> {
+    let dropped = counts.total - counts.in_range;
+    (dropped > 0).then(|| {
+        format!(
+            "{dropped} of {} poses have commands outside the range that set 2 covers and take no part",
+            counts.total
+        )
+    })
+}
+
+/// Every variant without effects that the folder's sets allow.
+fn chosen_variants<'a>(
+    robot: &'a Robot,
+    folder: &Folder,
+    remarks: &mut Vec<String>,
+) -> Vec<&'a Variant> {
+    let (chosen, left_out): (Vec<&Variant>, Vec<&Variant>) =
+        robot.variants.iter().filter(|variant| variant.effects.is_empty()).partition(|variant| {
+            let needs_paths =
+                variant.tracks.iter().any(|track| track.shape == TrackShape::Piecewise);
+            !needs_paths || !folder.cart_poses.is_empty()
+        });
+    if !left_out.is_empty() {
+        let names: Vec<&str> = left_out.iter().map(|variant| variant.name.as_str()).collect();
+        remarks.push(format!("left out for want of set 2: {}", names.join(", ")));
+    }
+    chosen
+}
+
+/// One calibrated variant, evaluated on the validation poses.
+///
+/// # Errors
+/// A pose can't be predicted.
+pub fn result(
+    calibration: &Calibration,
+    folder: &Folder,
+    validation: &[usize],
+) -> Result<VariantResult, Error> {
+    let evaluation = evaluate(&calibration.machine, folder, validation)?;
+    Ok(VariantResult {
+        name: calibration.machine.variant.name.clone(),
+        position_um: evaluation.position_um,
+        orientation_rad_max_abs: evaluation.orientation_rad_max_abs,
+        pose_errors: evaluation.errors,
+        links: calibration.links.clone(),
+        parameters: calibration.parameters.clone(),
+        correlations: calibration.correlations.clone(),
+        undetermined: calibration.undetermined.clone(),
+        iterations: calibration.iterations,
+        termination: calibration.termination.clone(),
+    })
+}

@@ -228,7 +228,7 @@ pub struct ParameterSensitivity {
     pub orientation_rad: f64,
     /// The same by implicit differentiation.
     pub orientation_rad_analytic: f64,
-    /// Change of the paper's cost (m⁴), both steps.
+    /// Change of the paper's cost on the validation poses (m⁴), magnitudes summed over both steps.
     pub cost_m4: f64,
     /// Position change at each validation pose for the positive step (µm): Figures 9 and 10.
     pub by_pose_um: Vec<f64>,
