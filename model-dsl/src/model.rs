@@ -220,6 +220,13 @@ pub struct Effect {
     pub terms: Vec<Term>,
 }
 
+impl Effect {
+    /// Whether one of its terms reads a quantity.
+    pub fn reads(&self, quantity: Readable) -> bool {
+        self.terms.iter().any(|term| term.formula.reads(quantity))
+    }
+}
+
 /// A parameter of an effect.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EffectParameter {
@@ -290,6 +297,20 @@ pub enum Formula {
     /// `(a, b, c)`; vectors occur only at the top of a term for a vector target: scalar products and
     /// sums with vectors are resolved into components by the checker.
     Vector(Box<[Formula; 3]>),
+}
+
+impl Formula {
+    /// Whether a quantity occurs in it.
+    pub fn reads(&self, quantity: Readable) -> bool {
+        match self {
+            Self::Number(_) | Self::Parameter(..) => false,
+            Self::Read(own) => *own == quantity,
+            Self::Negate(inner) | Self::Power(inner, _) => inner.reads(quantity),
+            Self::Binary(_, left, right) => left.reads(quantity) || right.reads(quantity),
+            Self::Call(_, arguments) => arguments.iter().any(|one| one.reads(quantity)),
+            Self::Vector(components) => components.iter().any(|one| one.reads(quantity)),
+        }
+    }
 }
 
 /// A binary operator.

@@ -15,8 +15,6 @@ pub(super) struct CheckedEffect {
     pub(super) effect: Effect,
     /// What it acts on; `None` after an error.
     pub(super) subject: Option<Subject>,
-    /// A quantity of the link's cart that it reads: `q` or `direction`.
-    pub(super) reads_cart: Option<&'static str>,
 }
 
 pub(super) fn effect(
@@ -51,7 +49,6 @@ pub(super) fn effect(
             );
         }
     }
-    let reads_cart = scope.reads_cart;
     let effect = Effect {
         name: effect.name.to_string(),
         docs: effect.docs.clone(),
@@ -59,11 +56,7 @@ pub(super) fn effect(
         parameters: scope.into_parameters(),
         terms,
     };
-    CheckedEffect {
-        effect,
-        subject,
-        reads_cart,
-    }
+    CheckedEffect { effect, subject }
 }
 
 fn subject(effect: &syntax::Effect, diagnostics: &mut Diagnostics) -> Option<Subject> {

@@ -6,7 +6,7 @@ use super::call::call;
 use super::quantity::unit_factor;
 use super::vocabulary::{FUNCTIONS, QUANTITIES, find_quantity, meaning, subject_word};
 use crate::diagnostics::{Diagnostic, Diagnostics, Location};
-use crate::model::{BinaryOperator, EffectParameter, Formula, Readable, Subject, Track};
+use crate::model::{BinaryOperator, EffectParameter, Formula, Subject, Track};
 use crate::names::{article, nearest};
 use crate::syntax::{self, Expression, ExpressionKind};
 use crate::units::{Dimension, find_unit, to_si};
@@ -17,7 +17,6 @@ pub(super) struct Scope<'a> {
     pub(super) subject: Option<Subject>,
     pub(super) tracks: &'a [Track],
     parameters: Vec<Declaration<'a>>,
-    pub(super) reads_cart: Option<&'static str>,
 }
 
 struct Declaration<'a> {
@@ -39,7 +38,6 @@ impl<'a> Scope<'a> {
             subject,
             tracks,
             parameters: Vec::new(),
-            reads_cart: None,
         }
     }
 
@@ -364,11 +362,6 @@ fn named(name: &Ident, scope: &mut Scope<'_>, diagnostics: &mut Diagnostics) -> 
     }
     if let Some(quantity) = find_quantity(&text) {
         available(name, quantity.subjects, scope, diagnostics)?;
-        match quantity.readable {
-            Readable::Command => scope.reads_cart = Some("q"),
-            Readable::Direction => scope.reads_cart = Some("direction"),
-            _ => {}
-        }
         return Some(Checked::scalar(
             Formula::Read(quantity.readable),
             quantity.dimension,

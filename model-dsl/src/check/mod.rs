@@ -5,6 +5,7 @@
 mod call;
 mod effect;
 mod formula;
+mod place;
 mod quantity;
 mod robot;
 mod variant;

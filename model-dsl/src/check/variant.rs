@@ -6,14 +6,14 @@ use super::Declared;
 use super::effect::CheckedEffect;
 use super::robot::{Geometry, unknown_track};
 use crate::diagnostics::{Diagnostic, Diagnostics, Location};
-use crate::model::{Arm, Effect, EffectUse, Place, Subject, Target, TrackModel, Variant};
+use crate::model::{Arm, EffectUse, TrackModel, Variant};
 use crate::names::suggest;
 use crate::syntax::{self, VariantBody, VariantLine};
 
-struct Context<'a> {
-    robot: &'a syntax::Robot,
-    geometry: &'a Geometry,
-    effects: &'a [CheckedEffect],
+pub(super) struct Context<'a> {
+    pub(super) robot: &'a syntax::Robot,
+    pub(super) geometry: &'a Geometry,
+    pub(super) effects: &'a [CheckedEffect],
 }
 
 /// What one variant declares itself.
@@ -256,192 +256,6 @@ impl Context<'_> {
         }
     }
 
-    fn effect_use(
-        &self,
-        used: &syntax::EffectUse,
-        diagnostics: &mut Diagnostics,
-    ) -> Option<(EffectUse, Location)> {
-        let found = self
-            .effects
-            .iter()
-            .position(|checked| used.effect == checked.effect.name);
-        let Some((effect, checked)) =
-            found.and_then(|index| Some((index, self.effects.get(index)?)))
-        else {
-            let names = self
-                .effects
-                .iter()
-                .map(|checked| checked.effect.name.as_str());
-            let help = suggest("effect", &used.effect.to_string(), names);
-            let message = format!("cannot find effect `{}`", used.effect);
-            diagnostics.error(&used.effect, message, help);
-            return None;
-        };
-        let subject = checked.subject?;
-        let (wanted, example) = match subject {
-            Subject::Cart => (1, "track"),
-            Subject::CartFromSource => (2, "moved, source"),
-            Subject::Link => (1, "link"),
-            Subject::Tcp => (1, "tcp"),
-        };
-        if used.places.len() != wanted {
-            let plural = if wanted == 1 { "" } else { "s" };
-            let message = format!(
-                "`{}` takes {wanted} place{plural}, found {}",
-                used.effect,
-                used.places.len()
-            );
-            let help = format!("write `{}({example})`", used.effect);
-            diagnostics.error(used.location, message, help);
-            return None;
-        }
-        let place = match (subject, used.places.as_slice()) {
-            (Subject::Cart, [place]) if *place == "all" => {
-                self.some_cart(place, diagnostics)?;
-                Place::AllCarts
-            }
-            (Subject::Cart, [place]) => {
-                let track = self.track(place, &used.effect, diagnostics)?;
-                Place::Cart {
-                    track,
-                    source: None,
-                }
-            }
-            (Subject::CartFromSource, [moved, source]) => {
-                let track = self.track(moved, &used.effect, diagnostics);
-                let from = self.track(source, &used.effect, diagnostics);
-                let (track, from) = track.zip(from)?;
-                if track == from {
-                    let message = format!("`{moved}` cannot be its own source");
-                    let help = "name two tracks: the cart that moves, and the one that causes it";
-                    diagnostics.error(source, message, help);
-                    return None;
-                }
-                Place::Cart {
-                    track,
-                    source: Some(from),
-                }
-            }
-            (Subject::Link, [place]) => self.links(place, &used.effect, checked, diagnostics)?,
-            (_, [place, ..]) if *place != "tcp" => {
-                let help = format!("write `{}(tcp)`", used.effect);
-                let message = format!("`{}` acts on the tcp, found `{place}`", used.effect);
-                diagnostics.error(place, message, help);
-                return None;
-            }
-            _ => Place::Tcp,
-        };
-        Some((EffectUse { effect, place }, used.location))
-    }
-
-    fn some_cart(&self, place: &Ident, diagnostics: &mut Diagnostics) -> Option<()> {
-        if !self.geometry.tracks.is_empty() {
-            return Some(());
-        }
-        let message = format!("robot `{}` has no carts", self.robot.name);
-        diagnostics.error(place, message, "an effect on cart needs a track");
-        None
-    }
-
-    fn track(&self, place: &Ident, effect: &Ident, diagnostics: &mut Diagnostics) -> Option<usize> {
-        let found = self
-            .geometry
-            .tracks
-            .iter()
-            .position(|track| *place == track.name);
-        if found.is_none() {
-            diagnostics.push(
-                self.wrong_kind(place, effect, "cart", "track")
-                    .unwrap_or_else(|| unknown_track(place, &self.geometry.tracks)),
-            );
-        }
-        found
-    }
-
-    fn links(
-        &self,
-        place: &Ident,
-        effect: &Ident,
-        checked: &CheckedEffect,
-        diagnostics: &mut Diagnostics,
-    ) -> Option<Place> {
-        let links = &self.geometry.links;
-        let found = links.iter().position(|link| *place == link.name);
-        let (on, found) =
-            if *place == "all" {
-                (links.as_slice(), Place::AllLinks)
-            } else if let Some(index) = found {
-                (links.get(index..=index)?, Place::Link(index))
-            } else {
-                let names = links.iter().map(|link| link.name.as_str());
-                diagnostics.push(
-                    self.wrong_kind(place, effect, "link", "link")
-                        .unwrap_or_else(|| {
-                            Diagnostic::new(place, format!("cannot find link `{place}`"))
-                                .help(suggest("link", &place.to_string(), names))
-                        }),
-                );
-                return None;
-            };
-        let on_base = on.iter().find(|link| {
-            self.geometry
-                .clusters
-                .get(link.cluster)
-                .is_some_and(|cluster| cluster.track.is_none())
-        });
-        // A cluster on an unknown track has no cart either, but that has been reported.
-        let places_known =
-            self.robot.clusters.iter().all(|cluster| {
-                cluster.place == "base" || self.robot.tracks.contains(&cluster.place)
-            });
-        if let (Some(quantity), Some(link), true) = (checked.reads_cart, on_base, places_known) {
-            let message = format!(
-                "`{effect}` reads `{quantity}` of the link's cart, but `{}` stands on the fixed base",
-                link.name
-            );
-            let help = "use it at links whose cluster is on a track";
-            diagnostics.error(place, message, help);
-            return None;
-        }
-        Some(found)
-    }
-
-    /// The message for a place that exists but is of another kind.
-    fn wrong_kind(
-        &self,
-        place: &Ident,
-        effect: &Ident,
-        on: &str,
-        wanted: &str,
-    ) -> Option<Diagnostic> {
-        let found = match place.to_string().as_str() {
-            "tcp" => "the tcp".to_owned(),
-            "base" => "the fixed base".to_owned(),
-            "all" => "every place".to_owned(),
-            _ => format!("a {}", self.geometry.names.kind(place)?),
-        };
-        let message = format!("`{effect}` acts on a {on}, but `{place}` is {found}");
-        let names: Vec<_> = if wanted == "track" {
-            self.geometry
-                .tracks
-                .iter()
-                .map(|track| format!("`{}`", track.name))
-                .collect()
-        } else {
-            self.geometry
-                .links
-                .iter()
-                .map(|link| format!("`{}`", link.name))
-                .collect()
-        };
-        let help = if names.is_empty() {
-            format!("no {wanted} is declared")
-        } else {
-            format!("name a {wanted}: {}", names.join(", "))
-        };
-        Some(Diagnostic::new(place, message).help(help))
-    }
-
     /// Structure and effects of a variant with those of its bases.
     fn resolve(
         &self,
@@ -520,38 +334,5 @@ impl Context<'_> {
         }
         Diagnostic::new(*first, message)
             .help("start from a variant that states its arm and tracks: `variant Name { … }`")
-    }
-
-    /// A reduced arm folds the plate joints into the track's offset, so that effects on single links and
-    /// rotations of the cart have nothing to act on.
-    fn needs_full(
-        &self,
-        effect: &Effect,
-        used: &EffectUse,
-        location: Location,
-    ) -> Option<Diagnostic> {
-        let reason = effect
-            .terms
-            .iter()
-            .find_map(|term| match (term.target, used.place) {
-                (Target::Joint, _) => Some("a reduced arm has no plate joints to move".to_owned()),
-                (Target::Roll | Target::Pitch | Target::Yaw, _) => {
-                    Some("a reduced arm has no levers for the cart to turn".to_owned())
-                }
-                (Target::Length, Place::Link(link)) => {
-                    let link = self.geometry.links.get(link)?;
-                    let together = self
-                        .geometry
-                        .links
-                        .iter()
-                        .filter(|other| other.cluster == link.cluster)
-                        .count();
-                    (together > 1)
-                        .then(|| format!("`{}` shares the one length of its cluster", link.name))
-                }
-                _ => None,
-            })?;
-        let message = format!("effect `{}` needs a full arm: {reason}", effect.name);
-        Some(Diagnostic::new(location, message).help("start from a variant with `arm full;`"))
     }
 }
