@@ -1,6 +1,6 @@
 //! Levenberg-Marquardt with a trust region, on each independent part of a problem.
 
-use crate::jacobian::{Jacobian, norm};
+use crate::jacobian::{dot, norm};
 use crate::linear::{LinearSolver, Method, new_solver};
 use crate::partition::{Part, partition};
 use crate::subproblem::Subproblem;
@@ -14,9 +14,11 @@ const POOR: f64 = 0.25;
 /// From this share on the radius grows.
 const GOOD: f64 = 0.75;
 /// Consecutive trial steps that may fail to be finite.
-const MAX_NON_FINITE: usize = 60;
-/// Predicted decreases below this many roundings of the cost are not compared with actual ones.
+const MAX_NON_FINITE: usize = 100;
+/// A predicted decrease below this many roundings of the cost can't be compared with the actual one.
 const ROUNDINGS: f64 = 16.0;
+/// Most retreats in a row from steps at rounding level that made the linear model worse.
+const MAX_RETREATS: usize = 8;
 
 /// Minimises the cost of `problem`.
 ///
@@ -86,8 +88,8 @@ struct Minimizer<'p> {
     lower: Vec<f64>,
     upper: Vec<f64>,
     x: Vec<f64>,
+    /// The trial point; after it was taken, the point before.
     trial: Vec<f64>,
-    previous: Vec<f64>,
     /// Scaled parameters are `scale * x`: the largest column norms of the Jacobian so far.
     scale: Vec<f64>,
     norms: Vec<f64>,
@@ -95,17 +97,36 @@ struct Minimizer<'p> {
     costs: Vec<f64>,
     cost: f64,
     trial_costs: Vec<f64>,
+    radius: f64,
     initial_cost: f64,
     iterations: usize,
     trials: usize,
 }
 
-/// Sizes at the current linearisation that tell progress from rounding.
-struct Noise {
+/// Sizes of the linear model at a point.
+struct Model {
     /// Size of the terms whose rounding the residual vector carries.
-    residual: f64,
+    residual_scale: f64,
     /// Rounding of the cost.
-    cost: f64,
+    rounding: f64,
+    /// Decrease of the cost that the undamped step promises.
+    newton_decrease: f64,
+    gradient_norm: f64,
+    /// Length of the scaled parameters.
+    size: f64,
+}
+
+/// What came of a trial step.
+struct Trial {
+    /// Decrease of the cost; −∞ where it is not finite.
+    decrease: f64,
+    /// Decrease that the linear model predicted.
+    predicted: f64,
+    /// Whether both decreases are too small to tell from rounding, and the step is taken in the hope of
+    /// a better linear model.
+    polishing: bool,
+    accepted: bool,
+    fault: Option<NonFinite>,
 }
 
 impl<'p> Minimizer<'p> {
@@ -140,13 +161,13 @@ impl<'p> Minimizer<'p> {
             lower,
             upper,
             trial: x.clone(),
-            previous: x.clone(),
             x,
             scale: vec![0.0; columns],
             norms: vec![0.0; columns],
             trial_costs: vec![0.0; rows],
             costs,
             cost,
+            radius: 0.0,
             initial_cost: cost,
             iterations: 0,
             trials: 0,
@@ -159,169 +180,167 @@ impl<'p> Minimizer<'p> {
         observer: &mut dyn FnMut(Iteration),
     ) -> Result<Termination, NonFinite> {
         self.system.linearize(&self.x)?;
-        let mut noise = self.load();
-        let mut radius = 0.0;
+        let mut model = self.load();
+        self.radius = options.initial_radius * if model.size > 0.0 { model.size } else { 1.0 };
         let mut damping = 0.0;
-        let mut non_finite = 0;
-        let mut first = true;
+        let mut faults = 0;
+        let mut last_fault = None;
+        let mut retreats = 0;
         loop {
-            let newton_decrease = self.subproblem.predicted.max(0.0);
-            if (2.0 * newton_decrease).sqrt() <= options.gradient_tolerance * noise.residual {
+            let promise = (2.0 * model.newton_decrease).sqrt();
+            if promise <= options.gradient_tolerance * model.residual_scale {
                 return Ok(Termination::Gradient);
             }
             if self.iterations >= options.max_iterations {
                 return Ok(Termination::MaxIterations);
             }
-            let size = self.scaled_size();
-            if first {
-                radius = options.initial_radius * if size > 0.0 { size } else { 1.0 };
+            self.subproblem.solve(
+                self.radius,
+                damping,
+                &self.system.jacobian,
+                &self.system.residuals,
+                &mut *self.linear,
+            );
+            damping = self.subproblem.damping;
+            let step_norm = norm(&self.subproblem.step);
+            if self.trials == 0 {
+                self.radius = self.radius.min(step_norm);
             }
-            let gradient_norm = self.subproblem.gradient_norm();
+            if !self.set_trial() || step_norm <= options.step_tolerance * model.size {
+                return last_fault.map_or(Ok(Termination::Step), Err);
+            }
+            let trial = self.evaluate(&model)?;
+            observer(Iteration {
+                part: 0,
+                iteration: self.iterations,
+                cost: self.cost,
+                cost_change: -trial.decrease,
+                gradient_norm: model.gradient_norm,
+                step_norm,
+                trust_radius: self.radius,
+                damping,
+                accepted: trial.accepted,
+            });
+            last_fault = trial.fault;
+            if let Some(fault) = trial.fault {
+                faults += 1;
+                if faults > MAX_NON_FINITE {
+                    return Err(fault);
+                }
+                self.radius = 0.25 * self.radius.min(step_norm);
+                continue;
+            }
+            faults = 0;
+            if !trial.polishing {
+                self.radius = self.next_radius(step_norm, &trial);
+            }
+            if !trial.accepted {
+                continue;
+            }
 
-            // Trial steps from one linearisation, until one is taken.
-            loop {
-                self.subproblem.solve(
-                    radius,
-                    damping,
-                    &self.system.jacobian,
-                    &self.system.residuals,
-                    &mut *self.linear,
-                );
-                damping = self.subproblem.damping;
-                let step_norm = norm(&self.subproblem.step);
-                if first {
-                    radius = radius.min(step_norm);
-                    first = false;
-                }
-                let moved = self.set_trial();
-                if !moved || step_norm <= options.step_tolerance * size {
-                    return Ok(Termination::Step);
-                }
-                let predicted = self.subproblem.predicted;
-                self.trials += 1;
-                let evaluated = self.system.costs(&self.trial, &mut self.trial_costs);
-                let decrease = if evaluated.is_ok() {
-                    self.costs
-                        .iter()
-                        .zip(&self.trial_costs)
-                        .map(|(old, new)| old - new)
-                        .sum()
-                } else {
-                    f64::NEG_INFINITY
-                };
-                let polishing =
-                    predicted <= ROUNDINGS * noise.cost && decrease >= -ROUNDINGS * noise.cost;
-                let ratio = if predicted > 0.0 {
-                    decrease / predicted
-                } else {
-                    0.0
-                };
-                let mut accepted = polishing || ratio >= ACCEPT;
-                let mut fault = evaluated.err();
-                if accepted {
-                    if let Err(error) = self.system.linearize(&self.trial) {
-                        (accepted, fault) = (false, Some(error));
-                        // the derivatives at the point we stay at were overwritten
-                        self.system.linearize(&self.x)?;
-                        self.rescale();
-                    }
-                }
-                observer(Iteration {
-                    part: 0,
-                    iteration: self.iterations,
-                    cost: self.cost,
-                    cost_change: -decrease,
-                    gradient_norm,
-                    step_norm,
-                    trust_radius: radius,
-                    damping,
-                    accepted,
-                });
-                if let Some(fault) = fault {
-                    non_finite += 1;
-                    if non_finite > MAX_NON_FINITE {
-                        return Err(fault);
-                    }
-                    radius = 0.25 * radius.min(step_norm);
-                    continue;
-                }
-                non_finite = 0;
-                if !polishing {
-                    radius = self.next_radius(radius, step_norm, ratio, decrease);
-                }
-                if !accepted {
-                    continue;
-                }
-
-                self.previous.copy_from_slice(&self.x);
-                self.x.copy_from_slice(&self.trial);
-                std::mem::swap(&mut self.costs, &mut self.trial_costs);
-                self.cost = self.costs.iter().sum();
-                self.iterations += 1;
-                noise = self.load();
-                let improved = if damping > 0.0 {
-                    self.subproblem.gradient_norm() < gradient_norm
-                } else {
-                    self.subproblem.predicted < newton_decrease
-                };
-                if polishing && !improved {
-                    // No longer better: the point before was as good as rounding allows.
-                    self.x.copy_from_slice(&self.previous);
-                    std::mem::swap(&mut self.costs, &mut self.trial_costs);
-                    self.cost = self.costs.iter().sum();
+            self.exchange();
+            self.iterations += 1;
+            let next = self.load();
+            let improved = if damping > 0.0 {
+                next.gradient_norm < model.gradient_norm
+            } else {
+                next.newton_decrease < model.newton_decrease
+            };
+            if trial.polishing && !improved {
+                // The point before was better. Where the undamped step is all rounding, it was as good
+                // as can be; else (large residuals, singular Jacobian) a shorter step may still help.
+                self.exchange();
+                retreats += 1;
+                let floor = ROUNDINGS * f64::EPSILON * model.residual_scale;
+                if promise <= floor || retreats > MAX_RETREATS {
                     return Ok(Termination::Cost);
                 }
-                let tolerated = options.cost_tolerance * self.cost;
-                if predicted <= tolerated && decrease.abs() <= tolerated {
-                    return Ok(Termination::Cost);
-                }
-                break;
+                self.system.linearize(&self.x)?;
+                model = self.load();
+                self.radius = 0.25 * step_norm;
+                continue;
+            }
+            retreats = 0;
+            model = next;
+            let tolerated = options.cost_tolerance * self.cost;
+            if trial.predicted <= tolerated && trial.decrease.abs() <= tolerated {
+                return Ok(Termination::Cost);
             }
         }
     }
 
-    /// Scales the new Jacobian and solves for the undamped step.
-    fn load(&mut self) -> Noise {
-        self.system.jacobian.column_norms(&mut self.norms);
-        let mut terms = norm(&self.system.residuals);
-        for j in 0..self.x.len() {
-            terms += self.norms[j] * self.x[j].abs();
-            self.scale[j] = self.scale[j].max(self.norms[j]);
+    /// Evaluates the trial point, and the Jacobian there if the step is to be taken.
+    fn evaluate(&mut self, model: &Model) -> Result<Trial, NonFinite> {
+        self.trials += 1;
+        let predicted = self.subproblem.predicted;
+        if let Err(fault) = self.system.costs(&self.trial, &mut self.trial_costs) {
+            return Ok(Trial::failed(Some(fault)));
         }
-        let cost = f64::EPSILON * terms * norm(&self.system.residuals);
-        self.rescale();
+        let pairs = self.costs.iter().zip(&self.trial_costs);
+        let decrease: f64 = pairs.map(|(old, new)| old - new).sum();
+        if !decrease.is_finite() {
+            return Ok(Trial::failed(None));
+        }
+        let rounding = ROUNDINGS * model.rounding;
+        let polishing = predicted <= rounding && decrease >= -rounding;
+        let accepted = polishing || (predicted > 0.0 && decrease >= ACCEPT * predicted);
+        if accepted && let Err(fault) = self.system.linearize(&self.trial) {
+            // the derivatives at the point where we stay were overwritten
+            self.system.linearize(&self.x)?;
+            self.rescale();
+            return Ok(Trial::failed(Some(fault)));
+        }
+        Ok(Trial {
+            decrease,
+            predicted,
+            polishing,
+            accepted,
+            fault: None,
+        })
+    }
+
+    /// Takes the trial point, or goes back to the one before.
+    fn exchange(&mut self) {
+        std::mem::swap(&mut self.x, &mut self.trial);
+        std::mem::swap(&mut self.costs, &mut self.trial_costs);
+        self.cost = self.costs.iter().sum();
+    }
+
+    /// Scales the new Jacobian and solves for the undamped step.
+    fn load(&mut self) -> Model {
+        self.system.jacobian.column_norms(&mut self.norms);
+        let residual_norm = norm(&self.system.residuals);
+        let mut residual_scale = residual_norm;
+        let mut size = 0.0;
         for j in 0..self.x.len() {
+            residual_scale += self.norms[j] * self.x[j].abs();
+            self.scale[j] = self.scale[j].max(self.norms[j]);
             let scale = column_scale(self.scale[j]);
+            size += (self.x[j] * scale).powi(2);
             self.subproblem.lower[j] = (self.lower[j] - self.x[j]) * scale;
             self.subproblem.upper[j] = (self.upper[j] - self.x[j]) * scale;
         }
+        self.rescale();
         self.subproblem.load(
             &self.system.jacobian,
             &self.system.residuals,
             &mut *self.linear,
         );
-        Noise {
-            residual: terms,
-            cost,
+        Model {
+            residual_scale,
+            rounding: f64::EPSILON * residual_scale * residual_norm,
+            newton_decrease: self.subproblem.predicted.max(0.0),
+            gradient_norm: self.subproblem.gradient_norm(),
+            size: size.sqrt(),
         }
     }
 
     /// Divides the Jacobian's columns by the scale.
     fn rescale(&mut self) {
-        let jacobian: &mut Jacobian = &mut self.system.jacobian;
+        let jacobian = &mut self.system.jacobian;
         for (&column, value) in jacobian.columns.iter().zip(&mut jacobian.values) {
             *value /= column_scale(self.scale[column]);
         }
-    }
-
-    /// Length of the scaled parameters.
-    fn scaled_size(&self) -> f64 {
-        self.x
-            .iter()
-            .zip(&self.scale)
-            .map(|(x, &scale)| (x * column_scale(scale)).powi(2))
-            .sum::<f64>()
-            .sqrt()
     }
 
     /// Applies the step; false if it changes no parameter.
@@ -340,15 +359,10 @@ impl<'p> Minimizer<'p> {
     }
 
     /// The trust radius after a step, by the rules of MINPACK's `lmder`.
-    fn next_radius(&self, radius: f64, step_norm: f64, ratio: f64, decrease: f64) -> f64 {
-        if ratio <= POOR {
-            let slope: f64 = self
-                .subproblem
-                .step
-                .iter()
-                .zip(&self.subproblem.gradient)
-                .map(|(y, g)| y * g)
-                .sum();
+    fn next_radius(&self, step_norm: f64, trial: &Trial) -> f64 {
+        let (decrease, predicted) = (trial.decrease, trial.predicted);
+        if decrease <= POOR * predicted {
+            let slope = dot(&self.subproblem.step, &self.subproblem.gradient);
             // minimum of the parabola through both costs with the slope at the old one
             let shrink = if decrease >= 0.0 {
                 0.5
@@ -357,11 +371,23 @@ impl<'p> Minimizer<'p> {
             } else {
                 0.1
             };
-            shrink * radius.min(step_norm / 0.1)
-        } else if ratio >= GOOD || self.subproblem.damping == 0.0 {
+            shrink * self.radius.min(step_norm / 0.1)
+        } else if decrease >= GOOD * predicted || self.subproblem.damping == 0.0 {
             2.0 * step_norm
         } else {
-            radius
+            self.radius
+        }
+    }
+}
+
+impl Trial {
+    fn failed(fault: Option<NonFinite>) -> Self {
+        Self {
+            decrease: f64::NEG_INFINITY,
+            predicted: 0.0,
+            polishing: false,
+            accepted: false,
+            fault,
         }
     }
 }

@@ -70,8 +70,7 @@ pub(crate) fn partition(problem: &Problem) -> Partition {
 
     let mut part_of_root = vec![None; count];
     let mut parts: Vec<Part> = Vec::new();
-    for p in 0..count {
-        let parameter = &problem.parameters[p];
+    for (p, parameter) in problem.parameters.iter().enumerate() {
         if parameter.is_free() && (used[p] || parameter.prior.is_some()) {
             let root = sets.find(p);
             let part = *part_of_root[root].get_or_insert_with(|| {

@@ -211,7 +211,11 @@ impl<'a> Block<'a> {
                 self.samples,
                 self.sample_names.len()
             )
-        } else if self.loss.threshold().is_some_and(|k| !(k > 0.0)) {
+        } else if self
+            .loss
+            .threshold()
+            .is_some_and(|k| k.is_nan() || k <= 0.0)
+        {
             "the threshold of a loss must be positive".to_owned()
         } else if pattern.row_starts.len() != shape.residuals + 1
             || pattern.row_starts.last().copied() != u32::try_from(pattern.len()).ok()

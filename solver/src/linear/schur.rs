@@ -79,7 +79,9 @@ impl Elimination {
             }
         }
         groups.retain(|group| !group.is_empty());
-        groups.iter_mut().for_each(|group| group.sort_unstable());
+        for group in &mut groups {
+            group.sort_unstable();
+        }
         groups.sort_unstable();
         kept.sort_unstable();
         Self { groups, kept }

@@ -138,20 +138,18 @@ impl LinearSolver for SparseCholesky {
             self.rhs[(j, 0)] = -gradient;
         }
         for column in 0..held.len() {
-            for place in starts[column]..starts[column + 1] {
-                let row = rows[place];
+            let range = starts[column]..starts[column + 1];
+            for (&row, entry) in rows[range.clone()].iter().zip(&self.normal[range]) {
                 if held[column] {
-                    self.rhs[(row, 0)] -= self.normal[place] * step[column];
+                    self.rhs[(row, 0)] -= entry * step[column];
                 }
                 if held[row] && row != column {
-                    self.rhs[(column, 0)] -= self.normal[place] * step[row];
+                    self.rhs[(column, 0)] -= entry * step[row];
                 }
             }
         }
-        for j in 0..held.len() {
-            if held[j] {
-                self.rhs[(j, 0)] = 0.0;
-            }
+        for (j, _) in held.iter().enumerate().filter(|(_, held)| **held) {
+            self.rhs[(j, 0)] = 0.0;
         }
         self.back_substitute();
         for (j, step) in step.iter_mut().enumerate() {

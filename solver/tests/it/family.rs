@@ -101,42 +101,89 @@ pub(crate) fn problem<'a>(
     }
 }
 
-/// Largest difference between a family's Jacobian and central differences of sixth order, relative to
-/// the largest entry of each column.
+/// Largest difference between a family's Jacobian over all samples and central differences of sixth
+/// order, relative to the largest entry of each column.
 pub(crate) fn finite_difference_error(family: &dyn ResidualFamily, data: &[f64], x: &[f64]) -> f64 {
     let shape = family.shape();
-    let pattern = family.pattern();
-    let mut prepared = vec![0.0; shape.prepared];
-    family.prepare(data, &mut prepared);
-    let mut residuals = vec![0.0; shape.residuals];
-    let mut entries = vec![0.0; pattern.len()];
-    family.linearize(&prepared, x, &mut residuals, &mut entries);
+    let samples: Vec<Vec<f64>> = if shape.data == 0 {
+        vec![Vec::new()]
+    } else {
+        data.chunks(shape.data).map(<[f64]>::to_vec).collect()
+    };
+    let prepared: Vec<Vec<f64>> = samples
+        .iter()
+        .map(|sample| {
+            let mut prepared = vec![0.0; shape.prepared];
+            family.prepare(sample, &mut prepared);
+            prepared
+        })
+        .collect();
     let mut worst = 0.0_f64;
     for j in 0..shape.parameters {
-        let mut column = vec![0.0; shape.residuals];
-        for (i, rows) in pattern.row_starts.windows(2).enumerate() {
-            for entry in rows[0] as usize..rows[1] as usize {
-                if pattern.columns[entry] as usize == j {
-                    column[i] = entries[entry];
-                }
-            }
+        let column = exact_column(family, &prepared, x, j);
+        let largest = column.iter().fold(1e-12_f64, |a, b| a.max(b.abs()));
+        // The better of several steps: one is too long where the function is curved, another too short
+        // where it is large.
+        let error = [1e-3, 1e-4, 1e-5].map(|relative| {
+            let step = relative * x[j].abs().max(1e-3);
+            let difference = central_difference(family, &prepared, x, j, step);
+            column
+                .iter()
+                .zip(&difference)
+                .map(|(exact, approximate)| (exact - approximate).abs() / largest)
+                .fold(0.0, f64::max)
+        });
+        worst = worst.max(error.into_iter().fold(f64::INFINITY, f64::min));
+    }
+    worst
+}
+
+/// Derivatives by one parameter as the family gives them.
+fn exact_column(
+    family: &dyn ResidualFamily,
+    prepared: &[Vec<f64>],
+    x: &[f64],
+    parameter: usize,
+) -> Vec<f64> {
+    let pattern = family.pattern();
+    let mut residuals = vec![0.0; family.shape().residuals];
+    let mut entries = vec![0.0; pattern.len()];
+    let mut column = Vec::new();
+    for prepared in prepared {
+        family.linearize(prepared, x, &mut residuals, &mut entries);
+        for rows in pattern.row_starts.windows(2) {
+            let range = rows[0] as usize..rows[1] as usize;
+            let place = pattern.columns[range.clone()]
+                .iter()
+                .position(|&c| c as usize == parameter);
+            column.push(place.map_or(0.0, |place| entries[range.start + place]));
         }
-        let step = 1e-3 * x[j].abs().max(1e-3);
-        let mut difference = vec![0.0; shape.residuals];
-        for (multiple, factor) in [(1.0, 0.75), (2.0, -0.15), (3.0, 1.0 / 60.0)] {
-            for sign in [1.0, -1.0] {
-                let mut moved = x.to_vec();
-                moved[j] += sign * multiple * step;
-                family.value(&prepared, &moved, &mut residuals);
+    }
+    column
+}
+
+/// Derivatives by one parameter, of sixth order in the step.
+fn central_difference(
+    family: &dyn ResidualFamily,
+    prepared: &[Vec<f64>],
+    x: &[f64],
+    parameter: usize,
+    step: f64,
+) -> Vec<f64> {
+    let count = family.shape().residuals;
+    let mut residuals = vec![0.0; count];
+    let mut difference = vec![0.0; count * prepared.len()];
+    for (multiple, factor) in [(1.0, 0.75), (2.0, -0.15), (3.0, 1.0 / 60.0)] {
+        for sign in [1.0, -1.0] {
+            let mut moved = x.to_vec();
+            moved[parameter] += sign * multiple * step;
+            for (prepared, difference) in prepared.iter().zip(difference.chunks_mut(count)) {
+                family.value(prepared, &moved, &mut residuals);
                 for (difference, r) in difference.iter_mut().zip(&residuals) {
                     *difference += sign * factor * r / step;
                 }
             }
         }
-        let largest = column.iter().fold(1e-12_f64, |a, b| a.max(b.abs()));
-        for (exact, approximate) in column.iter().zip(&difference) {
-            worst = worst.max((exact - approximate).abs() / largest);
-        }
     }
-    worst
+    difference
 }

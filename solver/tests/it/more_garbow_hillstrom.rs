@@ -362,13 +362,8 @@ impl Model for Problem {
             }
             34 => {
                 let total = sum((1..n - 1).map(|j| x[j] * (j + 1) as f64));
-                each(&|i| {
-                    if (i as usize) < m {
-                        total * (i - 1.0) - 1.0
-                    } else {
-                        T::from(-1.0)
-                    }
-                });
+                each(&|i| total * (i - 1.0) - 1.0);
+                out[m - 1] = T::from(-1.0);
             }
             35 => {
                 out.fill(T::from(0.0));
@@ -454,6 +449,9 @@ fn published_minima_are_reached_by_every_method() {
 fn minima_are_stationary() {
     for (case, test, family) in families() {
         let solution = solve(&problem(&family, &[], &test.start()), &Options::default()).unwrap();
+        if solution.cost < 1e-20 {
+            continue; // residuals of zero are stationary, and their direction is rounding
+        }
         let (n, m) = (case.1, case.2);
         let mut residuals = vec![0.0; m];
         let mut jacobian = vec![0.0; m * n];
@@ -464,11 +462,15 @@ fn minima_are_stationary() {
             let slope: f64 = column().zip(&residuals).map(|(d, r)| d * r).sum();
             let length = column().map(|d| d * d).sum::<f64>().sqrt();
             let reference = length * size;
-            // Freudenstein and Roth's local minimum has a singular square Jacobian: there the cost is
-            // flat to rounding well before the gradient is.
-            let tolerance = if case.0 == 2 { 1e-7 } else { 1e-10 };
+            // Where residuals are large and their curvature decides (2: singular square Jacobian; 16),
+            // the cost is flat to rounding well before the gradient vanishes.
+            let tolerance = if matches!(case.0, 2 | 16) {
+                1e-7
+            } else {
+                1e-10
+            };
             assert!(
-                slope.abs() <= tolerance * reference + 1e-18,
+                slope.abs() <= tolerance * reference,
                 "{case:?}: parameter {j}, cosine {:e}",
                 slope / reference
             );

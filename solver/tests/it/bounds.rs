@@ -1,0 +1,155 @@
+//! Bounds against enumeration of all active sets, and on curved problems.
+
+use tau_solver::{Method, Options, Parameter, Problem, Termination, solve};
+
+use crate::family::{Family, Model, problem};
+use crate::linear_model::{
+    Linear, inverse, normal_equations, pseudo_random, regression, samples, times,
+};
+use crate::scalar::Scalar;
+
+const N: usize = 4;
+
+/// Minimum of a regression within bounds by trying all ways to hold parameters at bounds.
+fn enumerate(data: &[f64], lower: &[f64], upper: &[f64]) -> Vec<f64> {
+    let (matrix, rhs) = normal_equations(data, N, 1.0);
+    let cost = |a: &[f64]| -> f64 {
+        let image = times(&matrix, a);
+        (0..N).map(|i| a[i] * (0.5 * image[i] - rhs[i])).sum()
+    };
+    let mut best: Option<Vec<f64>> = None;
+    for code in 0..3_usize.pow(N as u32) {
+        let digit = |i: usize| code / 3_usize.pow(i as u32) % 3;
+        let free: Vec<usize> = (0..N).filter(|&i| digit(i) == 0).collect();
+        let mut a: Vec<f64> = (0..N)
+            .map(|i| [0.0, lower[i], upper[i]][digit(i)])
+            .collect();
+        if a.iter().any(|v| v.is_infinite()) {
+            continue;
+        }
+        let block: Vec<Vec<f64>> = free
+            .iter()
+            .map(|&i| free.iter().map(|&j| matrix[i][j]).collect())
+            .collect();
+        let image = times(&matrix, &a);
+        let side: Vec<f64> = free.iter().map(|&i| rhs[i] - image[i]).collect();
+        for (&i, v) in free.iter().zip(times(&inverse(&block), &side)) {
+            a[i] = v;
+        }
+        let feasible = (0..N).all(|i| a[i] >= lower[i] && a[i] <= upper[i]);
+        if feasible && best.as_ref().is_none_or(|b| cost(&a) < cost(b)) {
+            best = Some(a);
+        }
+    }
+    best.unwrap()
+}
+
+#[test]
+fn linear_problems_agree_with_enumeration() {
+    let data = samples(N, 12);
+    let family = Family::new(Linear(N));
+    let numbers = pseudo_random(60 * 2 * N, 3);
+    for case in numbers.chunks(2 * N) {
+        let mut lower: Vec<f64> = (0..N).map(|i| 2.5 + 2.0 * case[i]).collect();
+        let upper: Vec<f64> = (0..N)
+            .map(|i| lower[i] + 0.1 + 2.0 * case[N + i].abs())
+            .collect();
+        if case[0] > 0.0 {
+            lower[1] = f64::NEG_INFINITY;
+        }
+        let expected = enumerate(&data, &lower, &upper);
+        let mut problem = regression(&family, &data, N);
+        for (i, parameter) in problem.parameters.iter_mut().enumerate() {
+            *parameter = parameter.clone().with_bounds(lower[i], upper[i]);
+        }
+        for method in [Method::DenseQr, Method::SparseCholesky, Method::Schur] {
+            let options = Options {
+                method,
+                ..Options::default()
+            };
+            let solution = solve(&problem, &options).unwrap();
+            assert!(solution.converged());
+            assert!(solution.iterations <= 12, "{}", solution.iterations);
+            for i in 0..N {
+                let found = solution.parameters[i];
+                assert!(found >= lower[i] && found <= upper[i]);
+                assert!(
+                    (found - expected[i]).abs() < 1e-9,
+                    "{method:?} {i}: {found} {expected:?}"
+                );
+            }
+        }
+    }
+}
+
+/// Rosenbrock's valley.
+struct Valley;
+
+impl Model for Valley {
+    fn sizes(&self) -> (usize, usize, usize) {
+        (0, 2, 2)
+    }
+
+    fn residuals<T: Scalar>(&self, _: &[f64], x: &[T], out: &mut [T]) {
+        out[0] = (x[1] - x[0].square()) * 10.0;
+        out[1] = -x[0] + 1.0;
+    }
+}
+
+fn valley(family: &Family<Valley>, bounds: [(f64, f64); 2]) -> Problem<'_> {
+    let mut problem = problem(family, &[], &[-1.2, 1.0]);
+    for (parameter, (lower, upper)) in problem.parameters.iter_mut().zip(bounds) {
+        *parameter = parameter.clone().with_bounds(lower, upper);
+    }
+    problem
+}
+
+#[test]
+fn curved_valley_stops_at_its_bound() {
+    let family = Family::new(Valley);
+    // With x ≤ 0.5 the minimum is at (0.5, 0.25), with cost ½·0.25.
+    let problem = valley(&family, [(-2.0, 0.5), (-2.0, 2.0)]);
+    let solution = solve(&problem, &Options::default()).unwrap();
+    assert!(solution.converged());
+    assert!((solution.parameters[0] - 0.5).abs() < f64::MIN_POSITIVE);
+    assert!((solution.parameters[1] - 0.25).abs() < 1e-14);
+    assert!((solution.cost - 0.125).abs() < 1e-15);
+    assert!(solution.iterations < 40, "{}", solution.iterations);
+}
+
+#[test]
+fn bounds_that_do_not_bind_do_not_matter() {
+    let family = Family::new(Valley);
+    let problem = valley(&family, [(-1.5, 3.0), (-0.5, 2.0)]);
+    let solution = solve(&problem, &Options::default()).unwrap();
+    assert!(solution.parameters.iter().all(|x| (x - 1.0).abs() < 1e-12));
+}
+
+#[test]
+fn curved_corner_satisfies_the_optimality_conditions() {
+    // With x ≥ 1.5 and y ≤ 1.9 both are held: gradient pushes out of the box at (1.5, 1.9).
+    let family = Family::new(Valley);
+    let problem = valley(&family, [(1.5, 4.0), (-1.0, 1.9)]);
+    let solution = solve(&problem, &Options::default()).unwrap();
+    assert_eq!(solution.parameters, [1.5, 1.9]);
+    assert_eq!(solution.termination, Termination::Gradient);
+    let (x, y) = (1.5, 1.9);
+    let gradient = [-200.0 * x * (y - x * x) - (1.0 - x), 100.0 * (y - x * x)];
+    assert!(gradient[0] > 0.0 && gradient[1] < 0.0);
+}
+
+#[test]
+fn starts_outside_are_moved_and_empty_ranges_fix() {
+    let family = Family::new(Valley);
+    let mut problem = valley(&family, [(0.3, 0.3), (-5.0, 5.0)]);
+    problem.parameters[1].start = 9.0;
+    let solution = solve(&problem, &Options::default()).unwrap();
+    assert!((solution.parameters[0] - 0.3).abs() < f64::MIN_POSITIVE);
+    assert!((solution.parameters[1] - 0.09).abs() < 1e-14);
+    problem.parameters[0] = Parameter::new("x", 0.0).with_bounds(1.0, 0.0);
+    let error = solve(&problem, &Options::default()).unwrap_err();
+    assert_eq!(
+        error.to_string(),
+        "parameter `x`: no value lies between 1 and 0"
+    );
+}
