@@ -2,12 +2,15 @@
 
 use faer::Mat;
 
+use crate::linear::SparseCholesky;
 use crate::linear::qr::triangle;
 use crate::linear::svd::svd;
 use crate::partition::partition;
 use crate::system::{Content, System};
 use crate::{Error, Problem};
 
+/// Parts with more parameters are factored sparsely.
+const DENSE_COLUMNS: usize = 400;
 /// Share of a direction without information from which on a parameter counts as taking part in it.
 const LEAST_SHARE: f64 = 1e-6;
 
@@ -16,11 +19,13 @@ const LEAST_SHARE: f64 = 1e-6;
 /// The linear approximation `(JᵀJ)⁻¹`, priors included, robust losses as weights. Fixed parameters
 /// have none; parameters in different independent parts are uncorrelated; parameters that nothing
 /// determines have infinite variance. Bounds are ignored.
-#[derive(Debug, Clone)]
+///
+/// Small parts are inverted at once; in large ones each question costs a sparse triangular solve.
+#[derive(Debug)]
 pub struct Covariance {
     /// Part and column of each parameter.
     place: Vec<Place>,
-    parts: Vec<Mat<f64>>,
+    parts: Vec<PartCovariance>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -57,7 +62,7 @@ pub fn covariance(problem: &Problem, parameters: &[f64]) -> Result<Covariance, E
         system
             .linearize(&x)
             .map_err(|fault| fault.into_error(problem))?;
-        parts.push(part_covariance(&system)?);
+        parts.push(PartCovariance::new(&mut system)?);
     }
     Ok(Covariance { place, parts })
 }
@@ -74,10 +79,50 @@ pub(crate) fn check_at(problem: &Problem, parameters: &[f64]) -> Result<(), Erro
     Ok(())
 }
 
-fn part_covariance(system: &System) -> Result<Mat<f64>, Error> {
-    let n = system.jacobian.column_count;
-    let factors = inverse_column_norms(system);
-    let decomposition = svd(triangle(&system.jacobian, &factors).as_ref())?;
+/// The covariance of one part.
+#[derive(Debug)]
+enum PartCovariance {
+    Dense(Mat<f64>),
+    Sparse {
+        /// Of the normal equations with columns multiplied by `factors`.
+        factor: Box<SparseCholesky>,
+        factors: Vec<f64>,
+    },
+}
+
+impl PartCovariance {
+    fn new(system: &mut System) -> Result<Self, Error> {
+        let factors = inverse_column_norms(system);
+        if factors.len() > DENSE_COLUMNS {
+            let jacobian = &mut system.jacobian;
+            for (&column, value) in jacobian.columns.iter().zip(&mut jacobian.values) {
+                *value *= factors[column];
+            }
+            let mut factor = Box::new(SparseCholesky::new(jacobian)?);
+            if factor.factor_undamped(jacobian, &system.residuals) {
+                return Ok(Self::Sparse { factor, factors });
+            }
+            // singular: only the dense decomposition tells which parameters are to blame
+            return dense_covariance(system, &vec![1.0; factors.len()], &factors).map(Self::Dense);
+        }
+        dense_covariance(system, &factors, &factors).map(Self::Dense)
+    }
+
+    fn entry(&self, i: usize, j: usize) -> f64 {
+        match self {
+            Self::Dense(matrix) => matrix[(i, j)],
+            Self::Sparse { factor, factors } => {
+                factors[i] * factors[j] * factor.inverse_entry(i.min(j), i.max(j))
+            }
+        }
+    }
+}
+
+/// Covariance by singular values of the Jacobian with columns multiplied by `scaling`; entry i, j of
+/// what comes out is multiplied by the factors of i and j.
+fn dense_covariance(system: &System, scaling: &[f64], factors: &[f64]) -> Result<Mat<f64>, Error> {
+    let n = factors.len();
+    let decomposition = svd(triangle(&system.jacobian, scaling).as_ref())?;
     let least = rank_tolerance(&decomposition.values);
     let rank = decomposition
         .values
@@ -132,7 +177,7 @@ impl Covariance {
                     part: other,
                     column: j,
                 },
-            ) if part == other => self.parts[part][(i, j)],
+            ) if part == other => self.parts[part].entry(i, j),
             _ => 0.0,
         }
     }

@@ -25,7 +25,10 @@ impl Jacobian {
     pub(crate) fn column_norms(&self, norms: &mut [f64]) {
         norms.fill(0.0);
         for (&column, &value) in self.columns.iter().zip(&self.values) {
-            norms[column] = f64::hypot(norms[column], value);
+            norms[column] += value * value;
+        }
+        for norm in norms.iter_mut() {
+            *norm = norm.sqrt().min(f64::MAX);
         }
     }
 

@@ -329,7 +329,11 @@ impl<'p> Minimizer<'p> {
         Model {
             residual_scale,
             rounding: f64::EPSILON * residual_scale * residual_norm,
-            newton_decrease: self.subproblem.predicted.max(0.0),
+            // a step that overflows promises no known decrease
+            newton_decrease: match self.subproblem.predicted {
+                predicted if predicted.is_nan() => f64::INFINITY,
+                predicted => predicted.max(0.0),
+            },
             gradient_norm: self.subproblem.gradient_norm(),
             size: size.sqrt(),
         }

@@ -81,7 +81,12 @@ impl Parameter {
     fn check(&self) -> Result<(), Error> {
         let reason = if !self.start.is_finite() {
             format!("the start {} is not a finite number", self.start)
-        } else if self.lower.is_nan() || self.upper.is_nan() || self.lower > self.upper {
+        } else if self.lower.is_nan()
+            || self.upper.is_nan()
+            || self.lower > self.upper
+            || self.lower == f64::INFINITY
+            || self.upper == f64::NEG_INFINITY
+        {
             format!("no value lies between {} and {}", self.lower, self.upper)
         } else if let Some(prior) = self.prior
             && !(prior.mean.is_finite() && prior.sigma.is_finite() && prior.sigma > 0.0)

@@ -156,8 +156,8 @@ impl<'p> System<'p> {
                 );
                 for (i, &residual) in residuals.iter().enumerate() {
                     let index = sample * shape.residuals + i;
-                    let whitened = residual * weight(block, index);
-                    if !whitened.is_finite() {
+                    let cost = block.loss.at(residual * weight(block, index)).cost;
+                    if !cost.is_finite() {
                         return Err(NonFinite {
                             block: piece.block,
                             sample,
@@ -165,7 +165,7 @@ impl<'p> System<'p> {
                             parameter: None,
                         });
                     }
-                    costs[piece.row + index] = block.loss.at(whitened).cost;
+                    costs[piece.row + index] = cost;
                 }
             }
         }

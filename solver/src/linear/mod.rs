@@ -13,7 +13,7 @@ use crate::Error;
 use crate::jacobian::Jacobian;
 use dense::DenseQr;
 use schur::{Elimination, Schur};
-use sparse::SparseCholesky;
+pub(crate) use sparse::SparseCholesky;
 
 /// Up to this many parameters a dense QR is both fast enough and the most accurate.
 const DENSE_COLUMNS: usize = 160;

@@ -1,5 +1,7 @@
 //! Sparse Cholesky factorisation of the normal equations; symbolic analysis once.
 
+use std::fmt;
+
 use faer::dyn_stack::{MemBuffer, MemStack, StackReq};
 use faer::linalg::cholesky::llt::factor::LltRegularization;
 use faer::sparse::linalg::cholesky::{
@@ -29,6 +31,15 @@ pub(crate) struct SparseCholesky {
     factor: Vec<f64>,
     rhs: Mat<f64>,
     memory: MemBuffer,
+}
+
+impl fmt::Debug for SparseCholesky {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("SparseCholesky")
+            .field("columns", &self.gradient.len())
+            .field("entries", &self.factor.len())
+            .finish_non_exhaustive()
+    }
 }
 
 impl SparseCholesky {
@@ -103,6 +114,26 @@ impl SparseCholesky {
             )
             .is_ok()
             && self.factor.iter().all(|value| value.is_finite())
+    }
+
+    /// Factors `JᵀJ`; false if it is not positive definite.
+    pub(crate) fn factor_undamped(&mut self, jacobian: &Jacobian, residuals: &[f64]) -> bool {
+        self.load(jacobian, residuals);
+        self.factor(0.0, &vec![false; jacobian.column_count])
+    }
+
+    /// An entry of the inverse of the matrix factored last.
+    pub(crate) fn inverse_entry(&self, row: usize, column: usize) -> f64 {
+        let mut unit = Mat::zeros(self.gradient.len(), 1);
+        unit[(column, 0)] = 1.0;
+        let scratch = self.symbolic.solve_in_place_scratch::<f64>(1, Par::Seq);
+        LltRef::new(&self.symbolic, &self.factor).solve_in_place_with_conj(
+            Conj::No,
+            unit.as_mut(),
+            Par::Seq,
+            MemStack::new(&mut MemBuffer::new(scratch)),
+        );
+        unit[(row, 0)]
     }
 
     /// Replaces [`Self::rhs`] by the solution.

@@ -125,7 +125,7 @@ pub(crate) fn finite_difference_error(family: &dyn ResidualFamily, data: &[f64],
         // The better of several steps: one is too long where the function is curved, another too short
         // where it is large.
         let error = [1e-3, 1e-4, 1e-5].map(|relative| {
-            let step = relative * x[j].abs().max(1e-3);
+            let step = relative * if x[j] == 0.0 { 1.0 } else { x[j].abs() };
             let difference = central_difference(family, &prepared, x, j, step);
             column
                 .iter()

@@ -4,7 +4,7 @@ use std::cell::RefCell;
 
 use tau_runtime::{Pattern, ResidualFamily, Shape};
 use tau_solver::{
-    Block, Error, Iteration, Method, Options, Parameter, Problem, Termination, solve,
+    Block, Error, Iteration, Method, Options, Parameter, Problem, Termination, covariance, solve,
     solve_observed,
 };
 
@@ -363,6 +363,31 @@ fn large_bundles_choose_schur_elimination() {
     let solution = solve(&problem, &Options::default()).unwrap();
     assert_eq!(solution.parts[0].method, Method::Schur);
     assert!(solution.converged());
+}
+
+#[test]
+fn covariance_of_large_parts_agrees_with_small_ones() {
+    // The bundle with its last points held is small enough for the dense decomposition; with those
+    // points known to a nanometre instead of held it is not, and must give the same.
+    let family = Family::new(Bearing);
+    let mut large = bundle(&family, 6, 250);
+    let last = 18 + 2 * 150;
+    for parameter in &mut large.parameters[last..] {
+        let mean = parameter.prior.unwrap().mean;
+        parameter.start = mean;
+        *parameter = parameter.clone().with_prior(mean, 1e-9);
+    }
+    let at: Vec<f64> = large.parameters.iter().map(|p| p.start).collect();
+    let sparse = covariance(&large, &at).unwrap();
+    for parameter in &mut large.parameters[last..] {
+        parameter.fixed = true;
+    }
+    let dense = covariance(&large, &at).unwrap();
+    for i in [0, 7, 17, 18, 40, 201, 317] {
+        assert!((sparse.sigma(i) / dense.sigma(i) - 1.0).abs() < 1e-6, "{i}");
+        let (a, b) = (sparse.correlation(i, 10), dense.correlation(i, 10));
+        assert!((a - b).abs() < 1e-6, "{i}: {a} {b}");
+    }
 }
 
 /// Broyden's tridiagonal function, one row.
