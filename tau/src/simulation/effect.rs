@@ -1,0 +1,427 @@
+//! Physical errors as functions, each written by hand from its physics.
+//!
+//! They carry the names and parameters of the catalogue, but nothing here reads its text: what the
+//! estimator finds is found in data that another formula made.
+
+use std::f64::consts::TAU;
+use std::fmt;
+use std::sync::Arc;
+
+use tau_codegen::language::model::Place;
+
+/// When, how warm, and from which side.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Conditions {
+    /// Side of approach of each command, ±1.
+    pub directions: Vec<f64>,
+    /// Time (s).
+    pub time_s: f64,
+    /// Temperature (°C).
+    pub temperature_c: f64,
+}
+
+/// What an error of a cart can depend on.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CartReading {
+    /// Command of the cart (m).
+    pub q_m: f64,
+    /// Command of the source cart (m).
+    pub source_q_m: f64,
+    /// Side of approach, ±1.
+    pub direction: f64,
+    /// Time (s).
+    pub time_s: f64,
+    /// Temperature (°C).
+    pub temperature_c: f64,
+    /// Force of the arm on the cart (N): along, horizontal, vertical.
+    pub load_n: [f64; 3],
+    /// Position of the TCP (m).
+    pub tcp_m: [f64; 3],
+}
+
+/// An error of a cart, in its track's frame.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct CartError {
+    /// Along, horizontal, vertical (m).
+    pub shift_m: [f64; 3],
+    /// Roll, pitch, yaw as a rotation vector (rad).
+    pub turn_rad: [f64; 3],
+}
+
+/// What an error of a link can depend on.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LinkReading {
+    /// Length without errors, at command zero (m).
+    pub length_m: f64,
+    /// Tension (N).
+    pub tension_n: f64,
+    /// Command of its cart, or of its own length (m).
+    pub q_m: f64,
+    /// Side of approach of that command, ±1.
+    pub direction: f64,
+    /// Time (s).
+    pub time_s: f64,
+    /// Temperature (°C).
+    pub temperature_c: f64,
+    /// Position of the TCP (m).
+    pub tcp_m: [f64; 3],
+}
+
+/// An error of a link.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct LinkError {
+    /// Change of length (m).
+    pub length_m: f64,
+    /// Displacement of the plate joint in TCP coordinates (m).
+    pub joint_m: [f64; 3],
+}
+
+/// What an error of the tracker can depend on.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TcpReading {
+    /// True position of the TCP (m).
+    pub position_m: [f64; 3],
+    /// Time (s).
+    pub time_s: f64,
+    /// Temperature (°C).
+    pub temperature_c: f64,
+}
+
+/// What an error does.
+#[derive(Clone)]
+pub enum Physics {
+    /// Displaces a cart.
+    Cart(Arc<dyn Fn(&CartReading) -> CartError + Send + Sync>),
+    /// Changes a link.
+    Link(Arc<dyn Fn(&LinkReading) -> LinkError + Send + Sync>),
+    /// Adds to the measured TCP position (m).
+    Tcp(Arc<dyn Fn(&TcpReading) -> [f64; 3] + Send + Sync>),
+}
+
+/// A physical error at a place of the true machine.
+#[derive(Clone)]
+pub struct Effect {
+    /// Name, of the catalogue where it is one of those.
+    pub name: String,
+    /// Where it acts.
+    pub place: Place,
+    /// Whether the catalogue has it.
+    pub listed: bool,
+    /// Parameters, SI, in the order of the catalogue; empty for one that is not listed.
+    pub parameters: Vec<(String, Vec<f64>)>,
+    /// What it does.
+    pub physics: Physics,
+}
+
+impl fmt::Debug for Effect {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Effect")
+            .field("name", &self.name)
+            .field("place", &self.place)
+            .field("parameters", &self.parameters)
+            .finish_non_exhaustive()
+    }
+}
+
+impl Effect {
+    /// An error that no catalogue lists.
+    pub fn unlisted(name: &str, place: Place, physics: Physics) -> Self {
+        Self {
+            name: name.to_owned(),
+            place,
+            listed: false,
+            parameters: Vec::new(),
+            physics,
+        }
+    }
+
+    /// Its function of a cart, with the source it reads, where it acts there.
+    pub(crate) fn on_cart(
+        &self,
+        track: usize,
+    ) -> Option<(
+        &(dyn Fn(&CartReading) -> CartError + Send + Sync),
+        Option<usize>,
+    )> {
+        let source = match self.place {
+            Place::Cart {
+                track: place,
+                source,
+            } if place == track => source,
+            Place::AllCarts => None,
+            _ => return None,
+        };
+        match &self.physics {
+            Physics::Cart(error) => Some((error.as_ref(), source)),
+            _ => None,
+        }
+    }
+
+    /// Its function of a link, where it acts there.
+    pub(crate) fn on_link(
+        &self,
+        link: usize,
+    ) -> Option<&(dyn Fn(&LinkReading) -> LinkError + Send + Sync)> {
+        match (&self.physics, self.place) {
+            (Physics::Link(error), Place::AllLinks) => Some(error.as_ref()),
+            (Physics::Link(error), Place::Link(place)) if place == link => Some(error.as_ref()),
+            _ => None,
+        }
+    }
+
+    /// Its function of the TCP, where it acts there.
+    pub(crate) fn on_tcp(&self) -> Option<&(dyn Fn(&TcpReading) -> [f64; 3] + Send + Sync)> {
+        match &self.physics {
+            Physics::Tcp(error) => Some(error.as_ref()),
+            _ => None,
+        }
+    }
+}
+
+/// What a listed effect acts on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Subject {
+    Cart,
+    CartFromSource,
+    Link,
+    Tcp,
+}
+
+/// A parameter of a listed effect.
+pub(crate) struct Parameter {
+    pub(crate) name: &'static str,
+    pub(crate) components: usize,
+    pub(crate) unit: &'static str,
+    /// Whether the effect means nothing without it: a period.
+    pub(crate) required: bool,
+}
+
+/// A listed effect: its physics as a function of its parameters, one number a component.
+pub(crate) struct Listed {
+    pub(crate) name: &'static str,
+    pub(crate) subject: Subject,
+    pub(crate) parameters: &'static [Parameter],
+    pub(crate) physics: fn(Vec<f64>) -> Physics,
+}
+
+const fn amplitude(name: &'static str, unit: &'static str) -> Parameter {
+    Parameter {
+        name,
+        components: 1,
+        unit,
+        required: false,
+    }
+}
+
+const fn vector(name: &'static str, unit: &'static str) -> Parameter {
+    Parameter {
+        name,
+        components: 3,
+        unit,
+        required: false,
+    }
+}
+
+const PERIODIC: &[Parameter] = &[
+    amplitude("sine", "m"),
+    amplitude("cosine", "m"),
+    Parameter {
+        name: "period",
+        components: 1,
+        unit: "m",
+        required: true,
+    },
+];
+
+/// All listed effects.
+pub(crate) const LISTED: &[Listed] = &[
+    Listed {
+        name: "rack_pitch",
+        subject: Subject::Cart,
+        parameters: PERIODIC,
+        physics: periodic,
+    },
+    Listed {
+        name: "pinion_eccentricity",
+        subject: Subject::Cart,
+        parameters: PERIODIC,
+        physics: periodic,
+    },
+    Listed {
+        name: "positioning_error",
+        subject: Subject::Cart,
+        parameters: &[amplitude("degree2", "m"), amplitude("degree3", "m")],
+        physics: |p| {
+            shift(move |at| {
+                let [_, second, third] = legendre(at.q_m);
+                [p[0] * second + p[1] * third, 0.0, 0.0]
+            })
+        },
+    },
+    Listed {
+        name: "straightness",
+        subject: Subject::Cart,
+        parameters: &[
+            amplitude("horizontal2", "m"),
+            amplitude("horizontal3", "m"),
+            amplitude("vertical2", "m"),
+            amplitude("vertical3", "m"),
+        ],
+        physics: |p| {
+            shift(move |at| {
+                let [_, second, third] = legendre(at.q_m);
+                [
+                    0.0,
+                    p[0] * second + p[1] * third,
+                    p[2] * second + p[3] * third,
+                ]
+            })
+        },
+    },
+    Listed {
+        name: "angular_motion",
+        subject: Subject::Cart,
+        parameters: &[
+            amplitude("roll1", "rad"),
+            amplitude("roll2", "rad"),
+            amplitude("roll3", "rad"),
+            amplitude("pitch1", "rad"),
+            amplitude("pitch2", "rad"),
+            amplitude("pitch3", "rad"),
+            amplitude("yaw1", "rad"),
+            amplitude("yaw2", "rad"),
+            amplitude("yaw3", "rad"),
+        ],
+        physics: |p| {
+            cart(move |at| {
+                let shapes = legendre(at.q_m);
+                let angle = |axis: usize| (0..3).map(|k| p[3 * axis + k] * shapes[k]).sum();
+                CartError {
+                    shift_m: [0.0; 3],
+                    turn_rad: [angle(0), angle(1), angle(2)],
+                }
+            })
+        },
+    },
+    Listed {
+        name: "backlash",
+        subject: Subject::Cart,
+        parameters: &[amplitude("gap", "m")],
+        physics: |p| {
+            shift(move |at| {
+                [
+                    if at.direction < 0.0 {
+                        -p[0] / 2.0
+                    } else {
+                        p[0] / 2.0
+                    },
+                    0.0,
+                    0.0,
+                ]
+            })
+        },
+    },
+    Listed {
+        name: "cart_compliance",
+        subject: Subject::Cart,
+        parameters: &[
+            amplitude("along_compliance", "m/N"),
+            amplitude("horizontal_compliance", "m/N"),
+            amplitude("vertical_compliance", "m/N"),
+        ],
+        physics: |p| shift(move |at| [0, 1, 2].map(|axis| p[axis] * at.load_n[axis])),
+    },
+    Listed {
+        name: "link_compliance",
+        subject: Subject::Link,
+        parameters: &[amplitude("strain", "1/N")],
+        physics: |p| length(move |at| at.length_m * p[0] * at.tension_n),
+    },
+    Listed {
+        name: "link_thermal",
+        subject: Subject::Link,
+        parameters: &[amplitude("expansion", "1/K")],
+        physics: |p| length(move |at| at.length_m * p[0] * (at.temperature_c - REFERENCE_C)),
+    },
+    Listed {
+        name: "track_thermal",
+        subject: Subject::Cart,
+        parameters: &[amplitude("expansion", "1/K"), amplitude("shift", "m/K")],
+        physics: |p| {
+            shift(move |at| {
+                let warmer = at.temperature_c - REFERENCE_C;
+                [warmer * p[0] * at.q_m + warmer * p[1], 0.0, 0.0]
+            })
+        },
+    },
+    Listed {
+        name: "cart_crosstalk",
+        subject: Subject::CartFromSource,
+        parameters: &[amplitude("gain", "1")],
+        physics: |p| shift(move |at| [p[0] * at.source_q_m, 0.0, 0.0]),
+    },
+    Listed {
+        name: "tracker_drift",
+        subject: Subject::Tcp,
+        parameters: &[vector("rate", "m/s")],
+        physics: |p| tcp(move |at| [0, 1, 2].map(|axis| p[axis] * at.time_s)),
+    },
+    Listed {
+        name: "tracker_scale",
+        subject: Subject::Tcp,
+        parameters: &[amplitude("scale", "1")],
+        // The measured length holds the share, so that it is the true one over 1 − scale.
+        physics: |p| tcp(move |at| at.position_m.map(|x| x / (1.0 - p[0]) - x)),
+    },
+    Listed {
+        name: "joint_placement",
+        subject: Subject::Link,
+        parameters: &[vector("offset", "m")],
+        physics: |p| {
+            Physics::Link(Arc::new(move |_| LinkError {
+                length_m: 0.0,
+                joint_m: [p[0], p[1], p[2]],
+            }))
+        },
+    },
+];
+
+/// Reference temperature of ISO 1 (°C).
+const REFERENCE_C: f64 = 20.0;
+
+fn cart(error: impl Fn(&CartReading) -> CartError + Send + Sync + 'static) -> Physics {
+    Physics::Cart(Arc::new(error))
+}
+
+fn shift(error: impl Fn(&CartReading) -> [f64; 3] + Send + Sync + 'static) -> Physics {
+    cart(move |at| CartError {
+        shift_m: error(at),
+        turn_rad: [0.0; 3],
+    })
+}
+
+fn length(error: impl Fn(&LinkReading) -> f64 + Send + Sync + 'static) -> Physics {
+    Physics::Link(Arc::new(move |at| LinkError {
+        length_m: error(at),
+        joint_m: [0.0; 3],
+    }))
+}
+
+fn tcp(error: impl Fn(&TcpReading) -> [f64; 3] + Send + Sync + 'static) -> Physics {
+    Physics::Tcp(Arc::new(error))
+}
+
+/// One period of a wheel or a rack a `period` of travel.
+fn periodic(p: Vec<f64>) -> Physics {
+    let (radius, phase, period) = (p[0].hypot(p[1]), p[1].atan2(p[0]), p[2]);
+    shift(move |at| {
+        let turns = at.q_m / period;
+        [radius * (TAU * turns + phase).sin(), 0.0, 0.0]
+    })
+}
+
+/// Legendre's polynomials of degree 1, 2 and 3, by their recurrence (n+1) Pₙ₊₁ = (2n+1) x Pₙ − n Pₙ₋₁.
+fn legendre(x: f64) -> [f64; 3] {
+    let second = (3.0 * x * x - 1.0) / 2.0;
+    [x, second, (5.0 * x * second - 2.0 * x) / 3.0]
+}

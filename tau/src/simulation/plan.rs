@@ -1,0 +1,332 @@
+//! Where to measure: poses, points on the tracks, order, time, temperature and side of approach.
+
+use nalgebra::Vector3;
+
+use super::build::Commanded;
+use super::effect::Conditions;
+use super::machine::{Machine, track_frame};
+use super::random::Random;
+
+/// Where the TCP is measured in set 1.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Poses {
+    /// A grid about the pose at all commands zero: layers along the mean track, rows across, columns up,
+    /// walked to and fro.
+    Grid {
+        /// Layers, rows, columns.
+        counts: [usize; 3],
+        /// Steps (m); by default those of the prototype, in proportion to the links.
+        step_m: Option<[f64; 3]>,
+        /// Poses after which to stop.
+        limit: Option<usize>,
+        /// Random displacement of each point, as a share of the step.
+        jitter: f64,
+    },
+    /// At random in the box that the prototype's grid fills, with all commands in the measured range.
+    Random {
+        /// Number.
+        count: usize,
+    },
+    /// At these positions (m).
+    Positions(Vec<[f64; 3]>),
+}
+
+impl Default for Poses {
+    fn default() -> Self {
+        Self::Grid {
+            counts: GRID,
+            step_m: None,
+            limit: Some(176),
+            jitter: 0.0,
+        }
+    }
+}
+
+/// Points on each track in set 2.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TrackPoints {
+    /// Number of points; none, and there is no set 2.
+    pub count: usize,
+    /// Random displacement of each point within the track, as a share of the step, as ISO 230-2 asks
+    /// for against aliasing.
+    pub jitter: f64,
+    /// Whether each point is measured on the way back, too.
+    pub both_ways: bool,
+}
+
+impl Default for TrackPoints {
+    fn default() -> Self {
+        Self {
+            count: 28,
+            jitter: 0.0,
+            both_ways: false,
+        }
+    }
+}
+
+/// The side from which poses are approached.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum Approach {
+    /// As the last move leaves it.
+    #[default]
+    Moves,
+    /// At random, by a detour.
+    Random,
+}
+
+/// Temperature during set 1; sets 2 and 3 are taken before, at its start.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Temperature {
+    /// At the start (°C).
+    pub start_c: f64,
+    /// Rise that it tends to (K).
+    pub rise_k: f64,
+    /// Time in which it comes nearer by a factor e (s).
+    pub time_constant_s: f64,
+    /// Random part, one standard deviation (K).
+    pub jitter_k: f64,
+}
+
+impl Default for Temperature {
+    fn default() -> Self {
+        Self {
+            start_c: 20.0,
+            rise_k: 0.0,
+            time_constant_s: 2000.0,
+            jitter_k: 0.02,
+        }
+    }
+}
+
+impl Temperature {
+    fn at(&self, time_s: f64, random: &mut Random) -> f64 {
+        self.start_c
+            + self.rise_k * (1.0 - (-time_s / self.time_constant_s).exp())
+            + self.jitter_k * random.normal()
+    }
+}
+
+/// The prototype's grid, and its steps over the mean link length.
+const GRID: [usize; 3] = [6, 6, 5];
+const STEPS: [f64; 3] = [0.24 / 2.0435, 0.2 / 2.0435, 0.2 / 2.0435];
+/// Times between measurements of the three sets (s).
+pub(super) const SECONDS: [f64; 3] = [30.0, 20.0, 10.0];
+/// Commands are rounded as a controller's are (1/m).
+const COUNTS_PER_METRE: f64 = 1e7;
+
+/// One stop: commands with the pose where the machine of the drawings would be.
+#[derive(Debug, Clone)]
+pub(super) struct Stop {
+    pub(super) commanded: Commanded,
+    pub(super) conditions: Conditions,
+}
+
+/// Stops, and how many points were out of reach.
+pub(super) struct Stops {
+    pub(super) stops: Vec<Stop>,
+    pub(super) left_out: usize,
+}
+
+/// What planning needs to know.
+pub(super) struct Planner<'a> {
+    /// The machine of the drawings.
+    pub(super) nominal: &'a Machine,
+    /// At all commands zero.
+    pub(super) home: &'a Commanded,
+    /// Measured range of the commands (m).
+    pub(super) range_m: (f64, f64),
+    pub(super) approach: Approach,
+    pub(super) temperature: Temperature,
+}
+
+impl Planner<'_> {
+    /// Set 1.
+    pub(super) fn tcp_poses(&self, poses: &Poses, random: &mut Random) -> Stops {
+        let stops = match poses {
+            Poses::Grid {
+                counts,
+                step_m,
+                limit,
+                jitter,
+            } => {
+                let steps = step_m.unwrap_or_else(|| self.default_steps());
+                let points = self.grid(*counts, steps, *jitter, random);
+                let mut stops = self.visit(&points);
+                stops.0.truncate(limit.unwrap_or(usize::MAX));
+                stops
+            }
+            Poses::Random { count } => self.random(*count, random),
+            Poses::Positions(points) => {
+                self.visit(&points.iter().map(|&point| point.into()).collect::<Vec<_>>())
+            }
+        };
+        self.schedule(stops, 0.0, SECONDS[0], true, random)
+    }
+
+    /// Set 3: random poses.
+    pub(super) fn random_poses(&self, count: usize, random: &mut Random) -> Stops {
+        let stops = self.random(count, random);
+        self.schedule(stops, SECONDS[2], SECONDS[2], false, random)
+    }
+
+    /// Set 2: commands of all carts and sides of approach, in order.
+    pub(super) fn track_points(
+        &self,
+        points: TrackPoints,
+        random: &mut Random,
+    ) -> Vec<(u32, f64, f64)> {
+        let (low, high) = self.range_m;
+        let step = (high - low) / (points.count.max(2) - 1) as f64;
+        let there: Vec<(u32, f64, f64)> = (0..points.count)
+            .map(|k| {
+                let q = low + step * k as f64 + points.jitter * step * random.uniform(-0.5, 0.5);
+                (k as u32 + 1, rounded(q.clamp(low, high)), 1.0)
+            })
+            .collect();
+        let back = there.iter().rev().map(|&(point, q, _)| (point, q, -1.0));
+        let back: Vec<_> = if points.both_ways {
+            back.collect()
+        } else {
+            Vec::new()
+        };
+        there.into_iter().chain(back).collect()
+    }
+
+    fn default_steps(&self) -> [f64; 3] {
+        STEPS.map(|share| share * self.nominal.mean_length_m())
+    }
+
+    /// Along the mean track, across it and up; the axes of the measurement frame without tracks.
+    fn axes(&self) -> nalgebra::Matrix3<f64> {
+        let tracks = 0..self.nominal.tracks;
+        let mean: Vector3<f64> = tracks.map(|track| self.nominal.direction(track)).sum();
+        track_frame(mean)
+    }
+
+    fn grid(
+        &self,
+        counts: [usize; 3],
+        steps: [f64; 3],
+        jitter: f64,
+        random: &mut Random,
+    ) -> Vec<Vector3<f64>> {
+        let (axes, centre) = (self.axes(), self.home.pose.position_m);
+        let mut points = Vec::new();
+        let to_and_fro = |back: bool, k: usize, count: usize| if back { count - 1 - k } else { k };
+        for layer in 0..counts[0] {
+            for row in 0..counts[1] {
+                let row = to_and_fro(layer % 2 == 1, row, counts[1]);
+                let back = points.len() / counts[2].max(1) % 2 == 1;
+                for column in 0..counts[2] {
+                    let column = to_and_fro(back, column, counts[2]);
+                    let index = [layer, row, column];
+                    let offset = Vector3::from_fn(|axis, _| {
+                        let middle = (counts[axis] as f64 - 1.0) / 2.0;
+                        let place =
+                            index[axis] as f64 - middle + jitter * random.uniform(-0.5, 0.5);
+                        place * steps[axis]
+                    });
+                    points.push(centre + axes * offset);
+                }
+            }
+        }
+        points
+    }
+
+    fn visit(&self, points: &[Vector3<f64>]) -> (Vec<Commanded>, usize) {
+        let mut here = self.home.clone();
+        let mut stops = Vec::new();
+        for &point in points {
+            // A point that can't be reached from the one before may still be reached from home.
+            let next = here
+                .towards(self.nominal, point)
+                .or_else(|| self.home.towards(self.nominal, point));
+            if let Some(next) = next {
+                here = next;
+                stops.push(here.clone());
+            }
+        }
+        let left_out = points.len() - stops.len();
+        (stops, left_out)
+    }
+
+    fn random(&self, count: usize, random: &mut Random) -> (Vec<Commanded>, usize) {
+        let (axes, steps) = (self.axes(), self.default_steps());
+        let (low, high) = self.range_m;
+        let mut stops = Vec::new();
+        for _ in 0..50 * count {
+            if stops.len() == count {
+                break;
+            }
+            let offset = Vector3::from_fn(|axis, _| {
+                let half = (GRID[axis] as f64 - 1.0) / 2.0 * steps[axis];
+                random.uniform(-half, half)
+            });
+            let point = self.home.pose.position_m + axes * offset;
+            let stop = self.home.towards(self.nominal, point);
+            let carts = |stop: &Commanded| {
+                stop.commands_m
+                    .iter()
+                    .take(self.nominal.tracks)
+                    .all(|q| (low..=high).contains(q))
+            };
+            stops.extend(stop.filter(carts));
+        }
+        let left_out = count - stops.len();
+        (stops, left_out)
+    }
+
+    fn schedule(
+        &self,
+        (stops, left_out): (Vec<Commanded>, usize),
+        start_s: f64,
+        step_s: f64,
+        warming: bool,
+        random: &mut Random,
+    ) -> Stops {
+        let mut before: Option<Conditions> = None;
+        let mut last = vec![f64::NEG_INFINITY; self.nominal.commands];
+        let mut scheduled = Vec::with_capacity(stops.len());
+        for (index, mut commanded) in stops.into_iter().enumerate() {
+            for command in &mut commanded.commands_m {
+                *command = rounded(*command);
+            }
+            let directions = commanded
+                .commands_m
+                .iter()
+                .enumerate()
+                .map(|(k, &now)| match self.approach {
+                    Approach::Random => random.sign(),
+                    Approach::Moves if now > last[k] => 1.0,
+                    Approach::Moves if now < last[k] => -1.0,
+                    Approach::Moves => before.as_ref().map_or(1.0, |before| before.directions[k]),
+                })
+                .collect();
+            let time_s = start_s + step_s * index as f64;
+            let temperature_c = if warming {
+                self.temperature.at(time_s, random)
+            } else {
+                self.temperature.start_c
+            };
+            let conditions = Conditions {
+                directions,
+                time_s,
+                temperature_c,
+            };
+            last.clone_from(&commanded.commands_m);
+            before = Some(conditions.clone());
+            scheduled.push(Stop {
+                commanded,
+                conditions,
+            });
+        }
+        Stops {
+            stops: scheduled,
+            left_out,
+        }
+    }
+}
+
+fn rounded(command_m: f64) -> f64 {
+    (command_m * COUNTS_PER_METRE).round() / COUNTS_PER_METRE
+}
