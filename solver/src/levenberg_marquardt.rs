@@ -260,6 +260,9 @@ impl<'p> Minimizer<'p> {
                 self.radius = 0.25 * step_norm;
                 continue;
             }
+            if trial.polishing {
+                self.radius = self.radius.max(2.0 * step_norm);
+            }
             retreats = 0;
             model = next;
             let tolerated = options.cost_tolerance * self.cost;

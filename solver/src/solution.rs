@@ -81,7 +81,7 @@ pub struct Iteration {
     pub cost: f64,
     /// Change of the cost by the step; negative is better, infinite where the trial was not finite.
     pub cost_change: f64,
-    /// Largest component of the gradient in scaled parameters, without those held at a bound.
+    /// Length of the gradient in scaled parameters, without what pushes against bounds.
     pub gradient_norm: f64,
     /// Length of the step in scaled parameters.
     pub step_norm: f64,

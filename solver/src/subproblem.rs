@@ -84,12 +84,13 @@ impl Subproblem {
         };
     }
 
-    /// Largest component of the gradient along which the bounds let the cost decrease.
+    /// Length of the gradient, without what pushes against bounds.
     pub(crate) fn gradient_norm(&self) -> f64 {
         (0..self.step.len())
             .filter(|&j| !self.is_blocked(j))
-            .map(|j| self.gradient[j].abs())
-            .fold(0.0, f64::max)
+            .map(|j| self.gradient[j] * self.gradient[j])
+            .sum::<f64>()
+            .sqrt()
     }
 
     /// Finds the step for `radius`. `damping` is where the search starts, zero if unknown.

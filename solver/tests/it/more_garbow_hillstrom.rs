@@ -457,22 +457,26 @@ fn minima_are_stationary() {
         let mut jacobian = vec![0.0; m * n];
         family.linearize(&[], &solution.parameters, &mut residuals, &mut jacobian);
         let size = residuals.iter().map(|r| r * r).sum::<f64>().sqrt();
-        for j in 0..n {
-            let column = || (0..m).map(|i| jacobian[i * n + j]);
-            let slope: f64 = column().zip(&residuals).map(|(d, r)| d * r).sum();
-            let length = column().map(|d| d * d).sum::<f64>().sqrt();
-            let reference = length * size;
-            // Where residuals are large and their curvature decides (2: singular square Jacobian; 16),
-            // the cost is flat to rounding well before the gradient vanishes.
-            let tolerance = if matches!(case.0, 2 | 16) {
-                1e-7
-            } else {
-                1e-10
-            };
+        let column = |j: usize| (0..m).map(move |i| i * n + j);
+        let lengths: Vec<f64> = (0..n)
+            .map(|j| column(j).map(|k| jacobian[k].powi(2)).sum::<f64>().sqrt())
+            .collect();
+        // What the residuals carry of rounding: that of the terms they are sums of.
+        let terms: f64 = lengths
+            .iter()
+            .zip(&solution.parameters)
+            .map(|(length, x)| length * x.abs())
+            .sum();
+        let noise = 8.0 * f64::EPSILON * (size + terms);
+        for (j, length) in lengths.iter().enumerate() {
+            let slope: f64 = column(j)
+                .zip(&residuals)
+                .map(|(k, r)| jacobian[k] * r)
+                .sum();
             assert!(
-                slope.abs() <= tolerance * reference,
+                slope.abs() <= length * (1e-10 * size + noise),
                 "{case:?}: parameter {j}, cosine {:e}",
-                slope / reference
+                slope / (length * size)
             );
         }
     }
