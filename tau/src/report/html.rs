@@ -160,12 +160,18 @@ fn method(study: &Study) -> Markup {
             "Each link (each cluster, where the arm is reduced) is calibrated by minimising the sum, over the calibration \
              poses, of " span.formula { "(" var { "r" } " / σ" sub { var { "r" } } ")" sup { "2" } } ", plus the sum, over the parameters, of "
             span.formula { "((value − nominal) / tolerance)" sup { "2" } }
-            ". The σ" sub { var { "r" } } " are what the stated noise of position and rotation makes of each residual; nominal \
-             values and tolerances (one standard deviation) are those of the robot file. Without these priors, plate joints \
+            ". The weights follow from the stated noise of position and rotation, carried into each residual at the nominal values: "
+            span.formula {
+                "σ" sub { var { "r" } } sup { "2" } " = σ" sub { var { "T" } } sup { "2" } " ‖∂" var { "r" } "/∂" var { "T" } "‖" sup { "2" }
+                " + σ" sub { var { "R" } } sup { "2" } " ‖∂" var { "r" } "/∂" var { "ω" } "‖" sup { "2" }
+            }
+            ". Nominal values and tolerances (one standard deviation) are those of the robot file. Without these priors, plate joints \
              and track offsets trade against each other, since the plate hardly rotates."
         }
         p {
-            (findings::poses(study)) " Standard deviations and correlations come from the inverse of the normal matrix of \
+            "Of the poses in range, in the order of the file, the first, third, fifth … calibrate and the second, fourth, sixth … \
+             validate, unless another split was asked for: here " (study.poses.calibration) " and " (study.poses.validation)
+            ". Standard deviations and correlations come from the inverse of the normal matrix of \
              data and priors at the optimum."
         }
         @if !study.variants.is_empty() { (table(&tables::solver(study), "")) }
@@ -215,7 +221,7 @@ fn sensitivity(study: &Study, figures: &[Figure]) -> Markup {
             (number_markup(&general(100.0 * found.disagreement, 2))) " %. C is the track offset; O the direction of a linear track or \
              the rotation of a piecewise one."
         }
-        @for quantity in tables::sensitivity(found) { (table(&quantity, "wide compact")) }
+        @for quantity in tables::sensitivity(found) { (table(&quantity, "wide compact even")) }
         (figure(figures, "figure_9_sensitivity_position.svg"))
         (figure(figures, "figure_10_sensitivity_orientation.svg"))
     }
@@ -255,7 +261,8 @@ fn parameters(study: &Study) -> Markup {
     html! {
         p {
             "Values to the second digit of their standard deviation. A σ of one tolerance means that the data add nothing to \
-             the prior; a change of more than three tolerances that nominal value and measurement disagree."
+             the prior; a change of more than three tolerances that nominal value and measurement disagree. Rotations of piecewise \
+             tracks are given against the registered path, nominally zero."
         }
         @for variant in study.variants.iter().filter(shown) {
             (table(&tables::parameters(variant), "wide compact long"))

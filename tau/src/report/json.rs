@@ -5,9 +5,11 @@
 
 use serde_json::{Map, Value, json};
 
+use crate::evaluation::Evaluation;
 use crate::study::results::{
     Combination, LinkResult, LinkSensitivity, ParameterEstimate, ParameterSensitivity,
-    PathDeviation, PoseError, Sensitivity, Study, TrackComparison, TrackLinearity, VariantResult,
+    PathDeviation, PoseCounts, PoseError, Sensitivity, Study, TrackComparison, TrackLinearity,
+    VariantResult,
 };
 
 /// The result of `tau study`.
@@ -28,18 +30,33 @@ pub fn study(study: &Study) -> Value {
         "robot": study.robot,
         "folder": study.folder,
         "noise": { "position_m": study.noise.0, "rotation_rad": study.noise.1 },
-        "poses": {
-            "total": study.poses.total,
-            "in_range": study.poses.in_range,
-            "calibration": study.poses.calibration,
-            "validation": study.poses.validation,
-        },
+        "poses": poses(study.poses),
         "variants": variants,
         "variant_order": order,
         "assumptions": assumptions(study),
         "sensitivity": study.sensitivity.as_ref().map(sensitivity),
         "discovery": Value::Null,
         "remarks": study.remarks,
+    })
+}
+
+/// How many poses took which part.
+pub fn poses(poses: PoseCounts) -> Value {
+    json!({
+        "total": poses.total,
+        "in_range": poses.in_range,
+        "calibration": poses.calibration,
+        "validation": poses.validation,
+    })
+}
+
+/// Errors of predicted poses, with the field names of [`variant`].
+pub fn evaluation(evaluation: &Evaluation) -> Value {
+    let position = evaluation.position_um;
+    json!({
+        "position_um": { "mean": position.mean, "max": position.max, "rms": position.rms },
+        "orientation_rad": evaluation.orientation_rad_max_abs.map(|max_abs| json!({ "max_abs": max_abs })),
+        "pose_errors": evaluation.errors.iter().map(pose_error).collect::<Vec<_>>(),
     })
 }
 

@@ -17,4 +17,5 @@ mod tests;
 mod write;
 
 pub use figures::Figure;
+pub(crate) use write::write_files;
 pub use write::write_study;

@@ -1,6 +1,8 @@
 //! The tables of the report, as text cells: terminal and HTML print the same digits from here.
 
-use super::number::{fixed, general, largest, rms, scientific, shared_decimals, with_sigma};
+use super::number::{
+    decimals, fixed, general, largest, rms, scientific, shared_decimals, with_sigma,
+};
 use crate::study::results::{
     Combination, LinkResult, OrientationPoint, ParameterEstimate, ParameterSensitivity,
     PathDeviation, Sensitivity, Study, VariantResult,
@@ -367,7 +369,8 @@ pub(super) fn parameters(variant: &VariantResult) -> Table {
     }
 }
 
-/// A combination as a sum of at most `count` terms, small shares left out.
+/// A combination as a sum of at most `count` terms, small shares left out; dots stand for what is more
+/// than a fiftieth of its square.
 pub(super) fn combination(combination: &Combination, count: usize) -> String {
     let top = largest(combination.terms.iter().map(|(_, share)| *share));
     let notable: Vec<_> = combination
@@ -379,13 +382,17 @@ pub(super) fn combination(combination: &Combination, count: usize) -> String {
     for (index, (name, share)) in notable.iter().take(count).enumerate() {
         let sign = match (index, *share < 0.0) {
             (0, false) => "",
-            (0, true) => "-",
+            (0, true) => "−",
             (_, false) => " + ",
-            (_, true) => " - ",
+            (_, true) => " − ",
         };
         sum.extend([sign, &fixed(share.abs(), 2), " ", name]);
     }
-    if combination.terms.len() > notable.len().min(count) {
+    let square =
+        |terms: &mut dyn Iterator<Item = f64>| terms.map(|share| share * share).sum::<f64>();
+    let shown = square(&mut notable.iter().take(count).map(|(_, share)| *share));
+    let all = square(&mut combination.terms.iter().map(|(_, share)| *share));
+    if shown < 0.98 * all {
         sum += " + …";
     }
     sum
@@ -413,6 +420,11 @@ pub(super) fn undetermined(variant: &VariantResult) -> Option<Table> {
     })
 }
 
+/// A correlation, with enough digits to tell it from one.
+pub(super) fn correlation(value: f64) -> String {
+    fixed(value, decimals(1.0 - value.abs(), 1).clamp(3, 9))
+}
+
 /// The largest correlations of a variant, at most `count`.
 pub(super) fn correlations(variant: &VariantResult, count: usize) -> Option<Table> {
     let mut pairs: Vec<_> = variant.correlations.iter().collect();
@@ -420,11 +432,43 @@ pub(super) fn correlations(variant: &VariantResult, count: usize) -> Option<Tabl
     let rows: Vec<_> = pairs
         .into_iter()
         .take(count)
-        .map(|(one, other, value)| vec![text(one), text(other), number(*value, 3)])
+        .map(|(one, other, value)| vec![text(one), text(other), Cell::Number(correlation(*value))])
         .collect();
     (!rows.is_empty()).then(|| Table {
         title: variant.name.clone(),
         columns: columns(&[("", &["Parameter", "and", "correlation"])]),
         rows,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn correlations_are_told_from_one() {
+        assert_eq!(correlation(0.9771), "0.977");
+        assert_eq!(correlation(-0.999_83), "-0.9998");
+        assert_eq!(correlation(-0.999_999_6), "-0.9999996");
+    }
+
+    #[test]
+    fn combinations_say_when_something_is_left_out() {
+        let sum = |shares: &[f64], count| {
+            let terms = shares
+                .iter()
+                .zip('a'..)
+                .map(|(share, name)| (name.to_string(), *share));
+            combination(
+                &Combination {
+                    terms: terms.collect(),
+                    data_over_prior: 3.0,
+                },
+                count,
+            )
+        };
+        assert_eq!(sum(&[0.71, -0.70, 0.05], 6), "0.71 a − 0.70 b");
+        assert_eq!(sum(&[-0.58, 0.58, 0.57], 2), "−0.58 a + 0.58 b + …");
+        assert_eq!(sum(&[], 3), "");
+    }
 }

@@ -1,9 +1,10 @@
 //! The study's tables for a terminal.
 
 use super::findings;
-use super::number::{fixed, general, printable};
+use super::number::{general, printable};
 use super::tables::{self, Cell, Table};
-use crate::study::results::{Sensitivity, Study, VariantResult};
+use crate::evaluation::Evaluation;
+use crate::study::results::{Sensitivity, Study, Summary, VariantResult};
 
 /// Widest line.
 const WIDTH: usize = 100;
@@ -44,6 +45,48 @@ pub fn study(study: &Study) -> String {
     printable(&text)
 }
 
+/// One variant: its row of Table I in words, Table II, and what the data determine.
+pub fn variant(result: &VariantResult) -> String {
+    let text = position_and_orientation(
+        result.position_um,
+        result.orientation_rad_max_abs,
+        result.pose_errors.len(),
+    ) + "\n"
+        + &render(&tables::geometry(result))
+        + "\n"
+        + &determined(result);
+    printable(&text)
+}
+
+/// Errors of predicted poses, in words.
+pub fn evaluation(evaluation: &Evaluation) -> String {
+    let text = position_and_orientation(
+        evaluation.position_um,
+        evaluation.orientation_rad_max_abs,
+        evaluation.errors.len(),
+    );
+    printable(&text)
+}
+
+fn position_and_orientation(
+    position_um: Summary,
+    orientation_rad: Option<[f64; 3]>,
+    poses: usize,
+) -> String {
+    let Summary { mean, max, rms } = position_um;
+    let [mean, max, rms] = [mean, max, rms].map(|value| general(value, 3));
+    let position = format!(
+        "Position error at {poses} validation poses: mean {mean} µm, largest {max} µm, rms {rms} µm."
+    );
+    let orientation = orientation_rad.map_or_else(String::new, |angles| {
+        let [alpha, beta, gamma] = angles.map(|angle| general(1e3 * angle, 3));
+        let sentence =
+            format!("Largest orientation error: {alpha}, {beta} and {gamma} mrad in α, β and γ.");
+        wrap(&sentence, "")
+    });
+    wrap(&position, "") + &orientation
+}
+
 /// Table III, with what it was computed for and how well its two ways agree.
 pub fn sensitivity(sensitivity: &Sensitivity) -> String {
     let tables = tables::sensitivity(sensitivity);
@@ -71,7 +114,10 @@ fn determined(variant: &VariantResult) -> String {
     let mut pairs: Vec<_> = variant.correlations.iter().collect();
     pairs.sort_by(|a, b| b.2.abs().total_cmp(&a.2.abs()));
     for (one, other, value) in pairs.into_iter().take(SHOWN) {
-        let pair = format!("correlation {} of {one} and {other}", fixed(*value, 3));
+        let pair = format!(
+            "correlation {} of {one} and {other}",
+            tables::correlation(*value)
+        );
         text += &wrap(&pair, "    ");
     }
     text

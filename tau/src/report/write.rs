@@ -32,8 +32,8 @@ pub fn write_study(folder: &Path, study: &Study) -> io::Result<Vec<PathBuf>> {
     write_files(folder, &files)
 }
 
-/// Writes all files of a folder or none.
-fn write_files(folder: &Path, files: &[(&str, String)]) -> io::Result<Vec<PathBuf>> {
+/// Writes all files of a folder or none; the folder is made if it is not there.
+pub(crate) fn write_files(folder: &Path, files: &[(&str, String)]) -> io::Result<Vec<PathBuf>> {
     fs::create_dir_all(folder).map_err(|error| at(&error, folder))?;
     let targets: Vec<PathBuf> = files.iter().map(|(name, _)| folder.join(name)).collect();
     if let Some(target) = targets.iter().find(|target| target.is_dir()) {
