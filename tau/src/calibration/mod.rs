@@ -83,14 +83,14 @@ impl Machine {
 }
 
 /// A variant at its nominal values.
-struct Prepared {
-    machine: Machine,
-    nominal: Vec<Nominal>,
-    registration: Option<Registration>,
+pub(crate) struct Prepared {
+    pub(crate) machine: Machine,
+    pub(crate) nominal: Vec<Nominal>,
+    pub(crate) registration: Option<Registration>,
 }
 
 impl Prepared {
-    fn new(
+    pub(crate) fn new(
         robot: &Robot,
         variant: &Variant,
         file: &RobotFile,

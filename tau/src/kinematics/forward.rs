@@ -91,8 +91,10 @@ impl Machine {
         }
     }
 
-    /// All assembly modes at given commands (m) that a systematic search finds, the most firmly held
-    /// (largest smallest singular value) first; singular ones are left out.
+    /// All assembly modes at given commands (m) that a systematic search finds; singular ones are left
+    /// out. First comes the one nearest to `orientation` if that is given, otherwise the one most
+    /// firmly held (largest smallest singular value): a mirrored arm is held about as firmly, so give
+    /// an orientation, or start from a measured pose, where one is known.
     ///
     /// The search starts Newton's method on a sphere about the carts, in 26 directions and, for a full
     /// arm, in the 24 orientations of a cube relative to `orientation`. For a reduced arm the
@@ -123,7 +125,7 @@ impl Machine {
                 };
                 let is_known = modes.iter().any(|mode| {
                     (mode.pose.position - pose.position).norm() < SAME_MODE
-                        && mode.pose.rotation.angle_to(&pose.rotation) < SAME_MODE
+                        && turn_between(&mode.pose, &pose.rotation) < SAME_MODE
                 });
                 if is_known {
                     continue;
@@ -141,10 +143,12 @@ impl Machine {
         if modes.is_empty() {
             return Err(Error::NoAssembly);
         }
-        modes.sort_by(|a, b| {
-            b.smallest_singular_value
-                .total_cmp(&a.smallest_singular_value)
-        });
+        // Descending, so the sign turns distance into preference.
+        let preference = |mode: &AssemblyMode| match (orientation, self.variant.arm) {
+            (Some(wanted), Arm::Full) => -turn_between(&mode.pose, &wanted),
+            _ => mode.smallest_singular_value,
+        };
+        modes.sort_by(|a, b| preference(b).total_cmp(&preference(a)));
         Ok(modes)
     }
 
@@ -217,6 +221,12 @@ impl Machine {
         }
         Ok((centre / count, radius / count))
     }
+}
+
+/// Length of the chord between two rotations: for small turns the angle (rad), free of the rounding
+/// that the arc cosine magnifies.
+fn turn_between(pose: &Pose, rotation: &Rotation3<f64>) -> f64 {
+    (pose.rotation.matrix() - rotation.matrix()).norm() / std::f64::consts::SQRT_2
 }
 
 fn motion_in_words([x, y, z, a, b, c]: [f64; POSE_COLUMNS]) -> String {

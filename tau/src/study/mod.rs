@@ -134,7 +134,8 @@ pub fn run(
     })
 }
 
-fn dropped(counts: PoseCounts) -> Option<String> {
+/// A remark on the poses that take no part, if there are any.
+pub(crate) fn dropped(counts: PoseCounts) -> Option<String> {
     let dropped = counts.total - counts.in_range;
     (dropped > 0).then(|| {
         format!(

@@ -1,0 +1,114 @@
+//! Table III of the paper, from its own Table II at the prototype's poses.
+
+use tau::calibration::{Options, calibrate};
+use tau::kinematics::Machine;
+use tau::measurements::Split;
+use tau::sensitivity::{PAPER_STEP, analyse};
+use tau::study::Poses;
+use tau::study::results::Sensitivity;
+
+use crate::support::{gantry_tau, paper_file, prototype};
+
+/// Printed value of a quantity (`position` in mm, `orientation` in rad) for a parameter and a link.
+fn printed(quantity: &str, parameter: &str, link: &str) -> f64 {
+    let mut lines = include_str!("reference/table3_sensitivity.csv").lines();
+    let header: Vec<&str> = lines.next().unwrap().split(',').collect();
+    let column = header.iter().position(|name| *name == link).unwrap();
+    lines
+        .map(|line| line.split(',').collect::<Vec<_>>())
+        .find(|row| row[0] == quantity && row[1] == parameter)
+        .and_then(|row| row[column].parse().ok())
+        .unwrap()
+}
+
+fn paper_sensitivity() -> Sensitivity {
+    let robot = gantry_tau();
+    let (folder, file) = prototype();
+    let poses = Poses::select(&robot, &file, &folder, Split::Alternate).unwrap();
+    let full = robot.variant("Full").unwrap();
+    let machine = Machine::from_file(&robot, full, &paper_file(), None, &[]).unwrap();
+    analyse(&machine, &folder, &poses.division.validation, PAPER_STEP).unwrap()
+}
+
+#[test]
+fn table_iii_is_the_papers() {
+    // Its poses were never published: those of the prototype fill the same workspace.
+    let sensitivity = paper_sensitivity();
+    assert_eq!(sensitivity.poses, 60);
+    let mut deviations = Vec::new();
+    for link in &sensitivity.links {
+        let rows = link
+            .parameters
+            .iter()
+            .filter(|row| !row.parameter.starts_with("Orient"));
+        for row in rows {
+            let deviation = |quantity: &str, found: f64| {
+                (found / printed(quantity, &row.parameter, &link.link) - 1.0).abs()
+            };
+            deviations.push(deviation("position", row.position_mm));
+            // Link 1 decides where the plate is along its track, not how it is turned.
+            if link.link == "l1" {
+                assert!(row.orientation_rad < 1e-4);
+            } else {
+                deviations.push(deviation("orientation", row.orientation_rad));
+            }
+        }
+    }
+    deviations.sort_by(f64::total_cmp);
+    assert_eq!(deviations.len(), 6 * 7 + 5 * 7);
+    assert!(deviations[38] <= 0.10, "median {}", deviations[38]);
+    assert!(deviations[76] <= 0.30, "largest {}", deviations[76]);
+}
+
+#[test]
+fn steps_and_implicit_differentiation_agree_in_every_variant() {
+    let robot = gantry_tau();
+    let (folder, file) = prototype();
+    let poses = Poses::select(&robot, &file, &folder, Split::Alternate).unwrap();
+    for variant in robot
+        .variants
+        .iter()
+        .filter(|variant| variant.effects.is_empty())
+    {
+        let calibration = calibrate(
+            &robot,
+            variant,
+            &file,
+            &folder,
+            &poses.division.calibration,
+            &Options::default(),
+        )
+        .unwrap();
+        let few = &poses.division.validation[..10];
+        let sensitivity = analyse(&calibration.machine, &folder, few, PAPER_STEP).unwrap();
+        assert!(
+            sensitivity.disagreement < 1e-5,
+            "{}: {}",
+            variant.name,
+            sensitivity.disagreement
+        );
+        let rows = if variant.name == "Nominal" || variant.name == "Piecewise" {
+            7
+        } else {
+            10
+        };
+        for link in &sensitivity.links {
+            assert_eq!(link.parameters.len(), rows);
+            for row in &link.parameters {
+                assert!(row.position_mm > 0.0 && row.by_pose_um.len() == 10);
+            }
+        }
+    }
+}
+
+#[test]
+fn the_cost_changes_by_the_square_of_the_step() {
+    // A step of a length changes every closure by 2·L·step: twice (2·L·step)² over the poses, once the
+    // calibrated residuals are small beside it.
+    let sensitivity = paper_sensitivity();
+    let lengthened = 2.0 * 2.04422 * PAPER_STEP;
+    let expected = 2.0 * 60.0 * lengthened * lengthened;
+    let row = &sensitivity.links[0].parameters[0];
+    assert_eq!(row.parameter, "L");
+    assert!(row.cost_m4 >= 0.99 * expected, "{} {expected}", row.cost_m4);
+}
