@@ -204,6 +204,20 @@ fn generated_gantry_tau_agrees_with_dual_numbers() {
 }
 
 #[test]
+fn robots_of_other_layouts_agree_with_dual_numbers() {
+    for text in [
+        include_str!("robots/linear_delta.tau"),
+        include_str!("robots/hexaglide.tau"),
+        include_str!("robots/four_track.tau"),
+        include_str!("robots/stewart.tau"),
+    ] {
+        let robot = Robot::from_text(text).unwrap_or_else(|errors| panic!("{errors:?}"));
+        let model = tau_model_dsl::check_text(text).unwrap();
+        check_robot(&robot, &model, 0..3);
+    }
+}
+
+#[test]
 fn interpreter_agrees_with_generated_code_bit_for_bit() {
     let generated = Robot::from(&tau_generated::gantry_tau::ROBOT);
     let interpreted = Robot::from_text(&generated.description).unwrap();

@@ -136,12 +136,7 @@ impl<'a> Block<'a> {
         let shape = family.shape();
         let samples = data.len().checked_div(shape.data).unwrap_or(1);
         let mut prepared = vec![0.0; samples * shape.prepared];
-        for sample in 0..samples {
-            family.prepare(
-                &data[sample * shape.data..(sample + 1) * shape.data],
-                &mut prepared[sample * shape.prepared..(sample + 1) * shape.prepared],
-            );
-        }
+        family.prepare_all(data, &mut prepared);
         Self {
             label: label.into(),
             family,

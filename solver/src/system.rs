@@ -7,6 +7,8 @@ use crate::problem::{Block, Prior, Problem};
 
 /// Position in a row of an entry that belongs to no free parameter.
 const DROPPED: usize = usize::MAX;
+/// Samples that a family is asked for at once.
+const BATCH: usize = 64;
 
 /// Where a number that is not finite turned up.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -134,8 +136,8 @@ impl<'p> System<'p> {
             all: all.to_vec(),
             jacobian,
             family_parameters: vec![0.0; most_parameters],
-            family_residuals: vec![0.0; most_residuals],
-            family_jacobian: vec![0.0; most_entries],
+            family_residuals: vec![0.0; BATCH * most_residuals],
+            family_jacobian: vec![0.0; BATCH * most_entries],
         }
     }
 
@@ -147,25 +149,25 @@ impl<'p> System<'p> {
             let shape = block.family.shape();
             let parameters = &mut self.family_parameters[..shape.parameters];
             gather(&self.all, &block.parameters, parameters);
-            let residuals = &mut self.family_residuals[..shape.residuals];
-            for sample in 0..block.samples {
-                block.family.value(
-                    &block.prepared[sample * shape.prepared..(sample + 1) * shape.prepared],
-                    parameters,
-                    residuals,
-                );
+            for first in (0..block.samples).step_by(BATCH) {
+                let count = BATCH.min(block.samples - first);
+                let residuals = &mut self.family_residuals[..count * shape.residuals];
+                let prepared = first * shape.prepared..(first + count) * shape.prepared;
+                block
+                    .family
+                    .value_all(&block.prepared[prepared], parameters, residuals);
                 for (i, &residual) in residuals.iter().enumerate() {
-                    let index = sample * shape.residuals + i;
-                    let cost = block.loss.at(residual * weight(block, index)).cost;
-                    if !cost.is_finite() {
+                    let index = first * shape.residuals + i;
+                    let whitened = residual * weight(block, index);
+                    if !whitened.is_finite() {
                         return Err(NonFinite {
                             block: piece.block,
-                            sample,
-                            residual: i,
+                            sample: index / shape.residuals,
+                            residual: index % shape.residuals,
                             parameter: None,
                         });
                     }
-                    costs[piece.row + index] = cost;
+                    costs[piece.row + index] = block.loss.at(whitened).cost;
                 }
             }
         }
@@ -186,16 +188,23 @@ impl<'p> System<'p> {
             let pattern = block.family.pattern();
             let parameters = &mut self.family_parameters[..shape.parameters];
             gather(&self.all, &block.parameters, parameters);
-            let residuals = &mut self.family_residuals[..shape.residuals];
-            let derivatives = &mut self.family_jacobian[..pattern.len()];
             let first_entry = self.jacobian.row_starts[piece.row];
             for sample in 0..block.samples {
-                block.family.linearize(
-                    &block.prepared[sample * shape.prepared..(sample + 1) * shape.prepared],
-                    parameters,
-                    residuals,
-                    derivatives,
-                );
+                let in_batch = sample % BATCH;
+                if in_batch == 0 {
+                    let count = BATCH.min(block.samples - sample);
+                    let prepared = sample * shape.prepared..(sample + count) * shape.prepared;
+                    block.family.linearize_all(
+                        &block.prepared[prepared],
+                        parameters,
+                        &mut self.family_residuals[..count * shape.residuals],
+                        &mut self.family_jacobian[..count * pattern.len()],
+                    );
+                }
+                let residuals =
+                    &self.family_residuals[in_batch * shape.residuals..][..shape.residuals];
+                let derivatives =
+                    &self.family_jacobian[in_batch * pattern.len()..][..pattern.len()];
                 let start = first_entry + sample * piece.entries;
                 let entries = &mut self.jacobian.values[start..start + piece.entries];
                 entries.fill(0.0);
