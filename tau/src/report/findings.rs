@@ -29,10 +29,20 @@ pub(super) fn poses(study: &Study) -> String {
             poses.total, poses.in_range
         ),
     };
+    let division = if held_out(study) {
+        "no pose does both"
+    } else {
+        "some do both, so the errors below are partly those of the fit"
+    };
     format!(
-        "{selection}. {} calibrate and {} validate; no pose does both.",
+        "{selection}. {} calibrate and {} validate; {division}.",
         poses.calibration, poses.validation
     )
+}
+
+/// Whether the validation poses took no part in calibration.
+pub(super) fn held_out(study: &Study) -> bool {
+    study.poses.calibration + study.poses.validation <= study.poses.in_range
 }
 
 /// The stated noise.

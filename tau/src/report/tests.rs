@@ -323,6 +323,20 @@ fn numbers_that_are_not_finite_are_left_out() {
 }
 
 #[test]
+fn poses_that_both_calibrate_and_validate_are_owned_up_to() {
+    let mut study = fixture::study();
+    let claims = |study: &Study| {
+        let (_, page, terminal) = render(study);
+        let claim = "took no part in calibration";
+        (page.contains(claim), terminal.contains("no pose does both"))
+    };
+    assert_eq!(claims(&study), (true, true));
+    study.poses.calibration = study.poses.in_range;
+    study.poses.validation = study.poses.in_range;
+    assert_eq!(claims(&study), (false, false));
+}
+
+#[test]
 fn one_pose_and_one_track_make_a_report() {
     let mut study = fixture::study();
     study.variants.truncate(1);

@@ -3,6 +3,7 @@
 use super::axis::Axis;
 use super::chart::{self, ACCENT, Anchor, Grid, PALE, Rect, STRONG, Show, WIDTH, series};
 use super::{Figure, angle_unit, length_unit};
+use crate::report::findings::held_out;
 use crate::report::number::{fixed, largest, shared_decimals};
 use crate::study::results::{PoseError, Study};
 
@@ -13,9 +14,14 @@ pub fn error_by_variant(study: &Study) -> Option<Figure> {
         return None;
     }
     let title = "Position error by variant";
+    let division = if held_out(study) {
+        ", which took no part in calibration"
+    } else {
+        ""
+    };
     let subtitle = format!(
-        "Mean and largest error at {} validation poses, which took no part in calibration",
-        { study.poses.validation }
+        "Mean and largest error at {} validation poses{division}",
+        study.poses.validation
     );
     let values = || {
         variants
