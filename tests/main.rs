@@ -1,6 +1,15 @@
 //! Whole-program, snapshot and property tests, one module a theme.
 
 mod bad_input;
-mod derivatives;
-mod reference;
+mod calibration;
 mod codegen;
+mod derivatives;
+mod effects;
+mod hand_written;
+mod kinematics;
+mod reference;
+mod sensitivity;
+mod simulation;
+mod study;
+mod support;
+mod docs;

@@ -1,0 +1,84 @@
+//! What the documentation shows is true.
+
+use std::path::Path;
+
+fn root() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .parent()
+        .expect("the workspace's root")
+}
+
+fn read(path: &str) -> String {
+    std::fs::read_to_string(root().join(path)).unwrap_or_else(|error| panic!("{path}: {error}"))
+}
+
+/// Blocks of code in a language, without their fences.
+fn blocks(text: &str, language: &str) -> Vec<String> {
+    let fence = format!("```{language}\n");
+    text.split(&fence)
+        .skip(1)
+        .map(|rest| rest.split("```").next().unwrap_or("").to_owned())
+        .collect()
+}
+
+#[test]
+fn descriptions_in_the_readme_compile() {
+    let blocks = blocks(&read("README.md"), "tau");
+    assert!(!blocks.is_empty());
+    for block in blocks {
+        tau::Robot::from_text(&block).unwrap_or_else(|errors| panic!("{errors:?}\n{block}"));
+    }
+}
+
+#[test]
+fn table_of_the_readme_is_what_the_study_prints() {
+    let robot = tau::Robot::from(&tau_generated::gantry_tau::ROBOT);
+    let study = tau::study::run(
+        &robot,
+        &tau::prototype::robot_file().unwrap(),
+        &tau::prototype::folder().unwrap(),
+        tau::measurements::Split::default(),
+        &mut |_| {},
+    )
+    .unwrap();
+    let printed = tau::report::terminal::study(&study);
+    let table = &blocks(&read("README.md"), "text")[0];
+    assert!(
+        printed.contains(table.as_str()),
+        "README shows\n{table}\nprinted\n{printed}"
+    );
+}
+
+#[test]
+fn operation_counts_of_the_readme_are_those_of_the_generated_code() {
+    let generated = read("generated/src/models/gantry_tau.rs");
+    assert!(generated.contains("//   full::closure: 25 / 34 / 56\n"));
+    assert!(read("README.md").contains("takes 56 operations per iteration, after 25 that"));
+}
+
+#[test]
+fn links_lead_somewhere() {
+    for page in [
+        "README.md",
+        "ARCHITECTURE.md",
+        "docs/language.md",
+        "docs/solver.md",
+    ] {
+        let text = read(page);
+        let folder = Path::new(page).parent().unwrap();
+        for target in text
+            .split("](")
+            .skip(1)
+            .filter_map(|rest| rest.split(')').next())
+        {
+            if target.starts_with("http") || target.starts_with('#') {
+                continue;
+            }
+            let file = target.split('#').next().unwrap();
+            assert!(
+                root().join(folder).join(file).exists(),
+                "{page} links to {target}"
+            );
+        }
+    }
+}
