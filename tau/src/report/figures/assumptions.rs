@@ -64,7 +64,7 @@ pub fn orientation_grid(study: &Study) -> Option<Figure> {
 /// A quantity of a path deviation with its name.
 type Direction = (&'static str, fn(&PathDeviation) -> f64);
 
-const PARALLEL: Direction = ("along the track", |point| point.parallel_um);
+const PARALLEL: Direction = ("parallel", |point| point.parallel_um);
 const HORIZONTAL: Direction = ("horizontal", |point| point.horizontal_um);
 const VERTICAL: Direction = ("vertical", |point| point.vertical_um);
 
