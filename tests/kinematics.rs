@@ -1,8 +1,10 @@
 //! Forward and inverse kinematics, on the Gantry-Tau and on machines of other layouts.
 
+use std::collections::BTreeMap;
+
 use nalgebra::{Rotation3, Vector3};
 use tau::Robot;
-use tau::kinematics::{Error, InverseOptions, Machine, Pose, Sample, zyz};
+use tau::kinematics::{Error, InverseOptions, Machine, Pose, Sample, Statics, track_axes, zyz};
 use tau::robot_file::{Noise, RobotFile};
 
 use crate::support::{Random, gantry_tau, paper_file, prototype};
@@ -18,10 +20,10 @@ fn described(text: &str, variant: &str) -> Machine {
         },
         payload: None,
         range_m: None,
-        links: Default::default(),
-        clusters: Default::default(),
-        tracks: Default::default(),
-        effects: Default::default(),
+        links: BTreeMap::default(),
+        clusters: BTreeMap::default(),
+        tracks: BTreeMap::default(),
+        effects: BTreeMap::default(),
     };
     Machine::from_file(&robot, robot.variant(variant).unwrap(), &file, None, &[]).unwrap()
 }
@@ -269,17 +271,65 @@ fn driven_lengths_are_distances() {
 fn long_ways_are_followed_in_one_assembly_mode() {
     let (folder, _) = prototype();
     let machine = nominal("Full");
-    let start = Sample::from(&folder.tcp_poses[0]);
-    let first = machine.forward(&start).unwrap();
-    let commands = [
-        folder.tcp_poses[0].commands_m.clone(),
-        folder.tcp_poses[170].commands_m.clone(),
-    ];
-    let poses = machine.forward_sequence(&commands, Some(first)).unwrap();
-    let there = machine
-        .forward(&Sample::from(&folder.tcp_poses[170]))
-        .unwrap();
-    assert!(difference(&poses[1], &there) < 1e-9);
+    let first = Sample::from(&folder.tcp_poses[60]);
+    let start = machine.forward(&first).unwrap();
+    let mut random = Random(17);
+    for _ in 0..20 {
+        let end: Vec<f64> = first
+            .commands_m
+            .iter()
+            .map(|q| q + 0.6 * random.uniform())
+            .collect();
+        let way = |steps: u32| -> Vec<Vec<f64>> {
+            let at = |share: f64| {
+                first
+                    .commands_m
+                    .iter()
+                    .zip(&end)
+                    .map(|(a, b)| a + share * (b - a))
+                    .collect()
+            };
+            (0..=steps)
+                .map(|step| at(f64::from(step) / f64::from(steps)))
+                .collect()
+        };
+        let [fast, slow] = [1, 100].map(|steps| machine.forward_sequence(&way(steps), Some(start)));
+        match (fast, slow) {
+            (Ok(fast), Ok(slow)) => {
+                assert!(difference(&fast[1], &slow[100]) < 1e-9, "{end:?}");
+            }
+            (fast, slow) => assert!(fast.is_err() == slow.is_err(), "{end:?} {fast:?}"),
+        }
+    }
+}
+
+#[test]
+fn the_carts_carry_the_payload() {
+    let (folder, file) = prototype();
+    let statics = Statics::new(&gantry_tau(), &file).unwrap();
+    let (payload, links) = (file.payload.unwrap(), &file.links);
+    let weight = Vector3::from(payload.gravity_m_s2) * payload.mass_kg;
+    for measured in folder.tcp_poses.iter().step_by(25) {
+        let pose = Sample::from(measured).pose;
+        let forces = statics.forces(&pose, &measured.commands_m);
+        let names = [&["l1"][..], &["l2a", "l2b"], &["l3a", "l3b", "l3c"]];
+        let total: Vector3<f64> = names
+            .iter()
+            .zip(&forces.loads_n)
+            .map(|(names, load)| {
+                let direction = |name: &&str| {
+                    let value = links[*name].track_direction.as_ref().unwrap();
+                    Vector3::from_column_slice(&value.value)
+                };
+                let axes = track_axes(names.iter().map(direction).sum());
+                axes[0] * load[0] + axes[1] * load[1] + axes[2] * load[2]
+            })
+            .sum();
+        assert!((total - weight).norm() < 1e-9, "{total} {weight}");
+        // A single link can only pull along itself.
+        let load = Vector3::from(forces.loads_n[0]);
+        assert!((load.norm() - forces.tensions_n[0].abs()).abs() < 1e-9);
+    }
 }
 
 #[test]

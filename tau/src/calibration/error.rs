@@ -63,12 +63,3 @@ impl From<InputError> for Error {
         Self::Input(error)
     }
 }
-
-impl From<tau_solver::Error> for Error {
-    fn from(error: tau_solver::Error) -> Self {
-        Self::NotConverged {
-            variant: String::new(),
-            why: error.to_string(),
-        }
-    }
-}

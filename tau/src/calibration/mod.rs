@@ -148,16 +148,18 @@ pub fn calibrate(
     let measured: Vec<&TcpPose> = poses.iter().map(|&pose| &folder.tcp_poses[pose]).collect();
     let start = options.start.as_deref().unwrap_or(&prepared.machine.values);
     let (problem, used) = problem(&prepared, file, folder, &measured, start)?;
-    let solution = tau_solver::solve(&problem, &options.solver)?;
     let not_converged = |why: String| Error::NotConverged {
         variant: variant.name.clone(),
         why,
     };
+    let failed = |error: tau_solver::Error| not_converged(error.to_string());
+    let solution = tau_solver::solve(&problem, &options.solver).map_err(failed)?;
     if !solution.converged() || solution.parameters.iter().any(|value| !value.is_finite()) {
         return Err(not_converged(solution.termination.to_string()));
     }
-    let covariance = tau_solver::covariance(&problem, &solution.parameters)?;
-    let identifiability = tau_solver::identifiability(&problem, &solution.parameters)?;
+    let covariance = tau_solver::covariance(&problem, &solution.parameters).map_err(failed)?;
+    let identifiability =
+        tau_solver::identifiability(&problem, &solution.parameters).map_err(failed)?;
 
     let mut values = prepared.machine.values.clone();
     for (&index, &value) in used.iter().zip(&solution.parameters) {
