@@ -6,7 +6,7 @@ use tau_model_dsl::Model;
 use tau_model_dsl::model::{Arm, TrackShape};
 use tau_runtime::{self as runtime, Input, ResidualKind, Shape};
 
-use crate::equations::{self, Context, Equations, ParameterInfo, Staging};
+use crate::equations::{self, Context, Equations, Parameter, Staging};
 use crate::graph::{Expr, Node};
 use crate::interpret::Interpreted;
 use crate::lower::Programs;
@@ -36,7 +36,7 @@ pub struct CompiledVariant {
     /// Effects with their places.
     pub effects: Vec<(String, Vec<String>)>,
     /// All parameters.
-    pub parameters: Vec<ParameterInfo>,
+    pub parameters: Vec<Parameter>,
     /// The distinct residual families.
     pub families: Vec<Family>,
     /// Residuals: families applied to links, clusters and carts.
@@ -114,6 +114,16 @@ pub fn compile(model: &Model, description: &str) -> CompiledRobot {
 
 /// Compiles one variant, by its index.
 pub fn compile_variant(model: &Model, variant: usize) -> CompiledVariant {
+    compile_with(model, variant, true)
+}
+
+/// Compiles one variant, by its index, without the closures by pose that kinematics needs: enough to
+/// fit it, in less time.
+pub fn compile_residuals(model: &Model, variant: usize) -> CompiledVariant {
+    compile_with(model, variant, false)
+}
+
+fn compile_with(model: &Model, variant: usize, by_pose: bool) -> CompiledVariant {
     let variant = &model.variants[variant];
     let parameters = equations::parameters(model, variant);
     let context = || Context::new(model, variant, &parameters, Staging::Staged);
@@ -157,7 +167,7 @@ pub fn compile_variant(model: &Model, variant: usize) -> CompiledVariant {
     for of in 0..closures {
         compiled.add(equations::closure(context(), of, false));
     }
-    for of in 0..closures {
+    for of in (0..closures).filter(|_| by_pose) {
         compiled.add(equations::closure_by_pose(context(), of));
     }
     for of in 0..carts {

@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use tau_codegen::CompiledRobot;
 use tau_codegen::compile::CompiledVariant;
+pub use tau_codegen::equations::Parameter;
 use tau_codegen::language::{self, Errors};
 use tau_runtime as runtime;
 pub use tau_runtime::{Arm, Input, Owner, ResidualFamily, ResidualKind, TrackModel, TrackShape};
@@ -62,28 +63,6 @@ pub struct Variant {
     pub parameters: Vec<Parameter>,
     /// All residuals; see [`Variant::instances_of`].
     pub instances: Vec<Instance>,
-}
-
-/// A scalar parameter.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Parameter {
-    /// Full name, such as `l1.track_offset.x` or `rack_pitch(two).sine`.
-    pub name: String,
-    /// What it belongs to.
-    pub owner: Owner,
-    /// `length`, `plate_joint`, `track_offset`, `track_direction`, `track_rotation`, `translation`,
-    /// `rotation`, `position`, or the name of an effect's parameter.
-    pub quantity: String,
-    /// Component 0, 1 or 2 of a vector.
-    pub component: Option<usize>,
-    /// SI unit.
-    pub unit: String,
-    /// Nominal value from the description, SI, where it gives one.
-    pub nominal: Option<f64>,
-    /// One standard deviation of the prior from the description, SI.
-    pub tolerance: Option<f64>,
-    /// Range over which discovery searches it, SI.
-    pub search: Option<(f64, f64)>,
 }
 
 /// A residual family applied to a link, a cluster or a cart.
@@ -302,20 +281,7 @@ impl From<&CompiledVariant> for Variant {
             arm: variant.arm,
             tracks: variant.tracks.clone(),
             effects: variant.effects.clone(),
-            parameters: variant
-                .parameters
-                .iter()
-                .map(|p| Parameter {
-                    name: p.name.clone(),
-                    owner: p.owner,
-                    quantity: p.quantity.clone(),
-                    component: p.component,
-                    unit: p.unit.clone(),
-                    nominal: p.nominal,
-                    tolerance: p.tolerance,
-                    search: p.search,
-                })
-                .collect(),
+            parameters: variant.parameters.clone(),
             instances: variant
                 .instances
                 .iter()

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use tau_model_dsl::model::{Model, Variant};
 use tau_runtime::{Input, Owner};
 
-use super::ParameterInfo;
+use super::Parameter;
 use crate::graph::{Expr, Graph, Stage};
 use crate::vector::Vector;
 
@@ -31,7 +31,7 @@ pub(super) struct PoseSymbols {
 pub struct Context<'a> {
     pub(super) model: &'a Model,
     pub(super) variant: &'a Variant,
-    table: &'a [ParameterInfo],
+    table: &'a [Parameter],
     staging: Staging,
     pub(super) g: Graph,
     pub(super) parameters: BTreeMap<usize, Expr>,
@@ -48,7 +48,7 @@ impl<'a> Context<'a> {
     pub fn new(
         model: &'a Model,
         variant: &'a Variant,
-        table: &'a [ParameterInfo],
+        table: &'a [Parameter],
         staging: Staging,
     ) -> Self {
         Self {
@@ -94,7 +94,7 @@ impl<'a> Context<'a> {
     }
 
     /// Name inside the family: by role, so that links of the same form share one family.
-    fn local_name(&self, info: &ParameterInfo) -> String {
+    fn local_name(&self, info: &Parameter) -> String {
         let mut name = match info.owner {
             owner if Some(owner) == self.own => info.quantity.clone(),
             Owner::Link(link) => {

@@ -13,7 +13,7 @@ mod targets;
 
 pub use closure::{closure, closure_by_pose};
 pub use context::{Context, Staging};
-pub use parameters::{ParameterInfo, parameters, places};
+pub use parameters::{Parameter, parameters, places};
 pub use targets::{cart_pose, cart_position};
 
 use crate::graph::{Expr, Graph, Stage};

@@ -3,30 +3,31 @@
 use tau_model_dsl::model::{Arm, LinkDefaults, Model, Place, TrackShape, Variant};
 use tau_runtime::Owner;
 
-/// A scalar parameter of a variant. See [`tau_runtime::Parameter`], of which this is the owned form.
+/// A scalar parameter of a variant: the owned form of [`tau_runtime::Parameter`].
 #[derive(Debug, Clone, PartialEq)]
-pub struct ParameterInfo {
+pub struct Parameter {
     /// Full name, such as `l1.track_offset.x`.
     pub name: String,
     /// What it belongs to.
     pub owner: Owner,
-    /// Quantity.
+    /// `length`, `plate_joint`, `track_offset`, `track_direction`, `track_rotation`, `translation`,
+    /// `rotation`, `position`, or the name of an effect's parameter.
     pub quantity: String,
-    /// Component of a vector.
+    /// Component 0, 1 or 2 of a vector.
     pub component: Option<usize>,
-    /// SI unit.
+    /// SI unit, such as `m`, `rad`, `1`, `m/N`.
     pub unit: String,
-    /// Nominal value from the description.
+    /// Nominal value from the description, SI, where it gives one.
     pub nominal: Option<f64>,
-    /// Tolerance from the description.
+    /// One standard deviation of the prior from the description, SI.
     pub tolerance: Option<f64>,
-    /// Range to search.
+    /// Range over which discovery searches it, SI.
     pub search: Option<(f64, f64)>,
 }
 
 /// All parameters of a variant: links or clusters, shared track directions, effects, then the frames
 /// and targets of sets 2 and 3.
-pub fn parameters(model: &Model, variant: &Variant) -> Vec<ParameterInfo> {
+pub fn parameters(model: &Model, variant: &Variant) -> Vec<Parameter> {
     let mut table = Table::default();
     match variant.arm {
         Arm::Full => {
@@ -101,7 +102,7 @@ pub fn parameters(model: &Model, variant: &Variant) -> Vec<ParameterInfo> {
         for parameter in &effect.parameters {
             for component in 0..parameter.components {
                 table.push(
-                    ParameterInfo {
+                    Parameter {
                         name: String::new(),
                         owner: Owner::Effect(index),
                         quantity: parameter.name.clone(),
@@ -147,11 +148,11 @@ pub fn places(model: &Model, place: Place) -> Vec<String> {
 
 #[derive(Default)]
 struct Table {
-    infos: Vec<ParameterInfo>,
+    infos: Vec<Parameter>,
 }
 
 impl Table {
-    fn push(&mut self, mut info: ParameterInfo, of: &str) {
+    fn push(&mut self, mut info: Parameter, of: &str) {
         info.name = format!("{of}.{}", info.quantity);
         if let Some(component) = info.component {
             info.name.push_str([".x", ".y", ".z"][component]);
@@ -169,7 +170,7 @@ impl Table {
         tolerance: Option<f64>,
     ) {
         self.push(
-            ParameterInfo {
+            Parameter {
                 name: String::new(),
                 owner,
                 quantity: quantity.into(),
@@ -194,7 +195,7 @@ impl Table {
     ) {
         for component in 0..3 {
             self.push(
-                ParameterInfo {
+                Parameter {
                     name: String::new(),
                     owner,
                     quantity: quantity.into(),
