@@ -129,7 +129,7 @@ impl Machine {
             state.pose = self.close(&state)?;
             let (tensions, loads) = self.forces(&state)?;
             let moved = (state.pose.position_m - before.position_m).norm()
-                + state.pose.rotation.angle_to(&before.rotation);
+                + (state.pose.rotation.matrix() - before.rotation.matrix()).norm();
             let changed = loads
                 .iter()
                 .zip(&state.loads_n)
