@@ -269,38 +269,28 @@ fn driven_lengths_are_distances() {
 
 #[test]
 fn long_ways_are_followed_in_one_assembly_mode() {
-    let (folder, _) = prototype();
-    let machine = nominal("Full");
-    let first = Sample::from(&folder.tcp_poses[60]);
-    let start = machine.forward(&first).unwrap();
+    let machine = described(include_str!("robots/stewart.tau"), "Full");
     let mut random = Random(17);
-    for _ in 0..20 {
-        let end: Vec<f64> = first
-            .commands_m
-            .iter()
-            .map(|q| q + 0.6 * random.uniform())
-            .collect();
+    let mut reached = 0;
+    for _ in 0..60 {
+        let end: Vec<f64> = (0..6).map(|_| 0.3 * random.uniform()).collect();
         let way = |steps: u32| -> Vec<Vec<f64>> {
-            let at = |share: f64| {
-                first
-                    .commands_m
-                    .iter()
-                    .zip(&end)
-                    .map(|(a, b)| a + share * (b - a))
-                    .collect()
-            };
+            let at = |share: f64| end.iter().map(|q| share * q).collect();
             (0..=steps)
                 .map(|step| at(f64::from(step) / f64::from(steps)))
                 .collect()
         };
-        let [fast, slow] = [1, 100].map(|steps| machine.forward_sequence(&way(steps), Some(start)));
-        match (fast, slow) {
-            (Ok(fast), Ok(slow)) => {
-                assert!(difference(&fast[1], &slow[100]) < 1e-9, "{end:?}");
-            }
-            (fast, slow) => assert!(fast.is_err() == slow.is_err(), "{end:?} {fast:?}"),
+        let [fast, slow] =
+            [1, 200].map(|steps| machine.forward_sequence(&way(steps), Some(level(0.8))));
+        if let (Ok(fast), Ok(slow)) = (fast, slow) {
+            assert!(difference(&fast[1], &slow[200]) < 1e-9, "{end:?}");
+            reached += 1;
         }
     }
+    assert!(
+        reached > 20,
+        "half of these lengths can be assembled: {reached}"
+    );
 }
 
 #[test]

@@ -45,7 +45,7 @@ impl Machine {
 
     /// Poses along a sequence of commands (m), each started from the one before, the first from
     /// `start` or, without it, from the best held [assembly mode](Self::assembly_modes). Where a step
-    /// is so long that Newton's method fails or ends in another assembly mode, the way is halved.
+    /// is too long for Newton's method, the way is halved.
     ///
     /// # Errors
     /// As [`Machine::forward`], with the index of the commands.
@@ -79,12 +79,8 @@ impl Machine {
 
     fn follow(&self, start: Pose, from: &[f64], to: &[f64], halvings: u32) -> Result<Pose, Error> {
         let result = self.forward(&Sample::new(start, to));
-        let is_continued = match &result {
-            Ok(pose) => self.side(start, from)? == self.side(*pose, to)?,
-            Err(Error::NotConverged { .. }) => false,
-            Err(_) => true,
-        };
-        if is_continued || halvings == 0 || from.len() != to.len() || from == to {
+        let has_way = from.len() == to.len() && from != to;
+        if !matches!(result, Err(Error::NotConverged { .. })) || halvings == 0 || !has_way {
             return result;
         }
         let middle: Vec<f64> = from
@@ -94,16 +90,6 @@ impl Machine {
             .collect();
         let pose = self.follow(start, from, &middle, halvings - 1)?;
         self.follow(pose, &middle, to, halvings - 1)
-    }
-
-    /// On which side of the singular poses a pose lies, by the determinant of the closures' Jacobian:
-    /// assembly modes that continue each other lie on the same. `None` where it is not square.
-    fn side(&self, pose: Pose, commands_m: &[f64]) -> Result<Option<bool>, Error> {
-        let closures = self.closures(&Sample::new(pose, commands_m))?;
-        let jacobian = closures.jacobian.select_columns(self.pose_unknowns());
-        Ok(jacobian
-            .is_square()
-            .then(|| jacobian.determinant().is_sign_positive()))
     }
 
     /// All assembly modes at given commands (m) that a systematic search finds; singular ones are left
