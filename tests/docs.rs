@@ -82,3 +82,10 @@ fn links_lead_somewhere() {
         }
     }
 }
+
+#[test]
+fn robot_file_of_the_documentation_is_read() {
+    let text = &blocks(&read("docs/files.md"), "toml")[0];
+    let file = tau::robot_file::RobotFile::parse(text, "robot.toml").unwrap();
+    assert_eq!(file.links["l1"].length.as_ref().unwrap().value, [2.04399]);
+}
