@@ -9,7 +9,7 @@ use tau_model_dsl::model::{EffectUse, Place};
 use crate::derivatives::check_robot;
 
 /// The standard robot without effects of its own.
-const GANTRY_TAU: &str = "robot GantryTau {
+pub(crate) const GANTRY_TAU: &str = "robot GantryTau {
     track one, two, three;
     cluster arm1 on one   { link l1; }
     cluster arm2 on two   { link l2a, l2b; }

@@ -383,12 +383,13 @@ impl<'a> Session<'a> {
         let mut pose = self.home.pose;
         let carts: Vec<Vec<CartState>> = points
             .iter()
-            .map(|&(_, q, direction)| {
+            .enumerate()
+            .map(|(index, &(_, q, direction))| {
                 let mut commands = vec![q; self.nominal.commands];
                 commands[tracks..].fill(0.0);
                 let conditions = Conditions {
                     directions: vec![direction; commands.len()],
-                    time_s: 0.0,
+                    time_s: SECONDS[1] * index as f64,
                     temperature_c: self.simulation.temperature.start_c,
                 };
                 match self.machine.solve(&commands, &conditions, pose) {

@@ -1,0 +1,250 @@
+//! Requests as they are typed, and what is wrong with them.
+
+use tau::InputError;
+use tau::simulation::{Effect, Request};
+
+use super::drawings;
+
+/// Message and help of the one mistake in an effect, with what is marked.
+fn mistake(text: &str) -> (String, String, String) {
+    let error = Effect::parse(text, &drawings().0, "--effect").unwrap_err();
+    let [problem] = error.problems() else {
+        panic!("{error}")
+    };
+    let marked = text[problem.place.as_ref().unwrap().span.clone()].to_owned();
+    (
+        problem.message.clone(),
+        problem.help.clone().unwrap_or_default(),
+        marked,
+    )
+}
+
+#[test]
+fn effects_are_read_with_their_place_and_parameters() {
+    let robot = drawings().0;
+    let read = |text: &str| Effect::parse(text, &robot, "--effect").unwrap().parameters;
+    let rack = read(" rack_pitch( two ) :sine=8e-5,period = 0.0133 ");
+    let expected = [
+        ("sine", vec![8e-5]),
+        ("cosine", vec![0.0]),
+        ("period", vec![0.0133]),
+    ];
+    assert_eq!(
+        rack,
+        expected.map(|(name, values)| (name.to_owned(), values))
+    );
+    for text in [
+        "tracker_drift(tcp): rate=(1e-8, 0, -2e-8)",
+        "tracker_drift(tcp): rate=[1e-8,0,-2e-8]",
+    ] {
+        assert_eq!(read(text), [("rate".to_owned(), vec![1e-8, 0.0, -2e-8])]);
+    }
+}
+
+#[test]
+fn mistakes_in_effects_are_marked_and_mended() {
+    for (text, message, help, marked) in [
+        (
+            "rack_pich(two): sine=8e-5",
+            "unknown effect `rack_pich`",
+            "did you mean `rack_pitch`?",
+            "rack_pich",
+        ),
+        (
+            "rack_pitch(tow): sine=8e-5, period=0.01",
+            "`rack_pitch` acts on a track's cart, and `tow` is none",
+            "did you mean `two`?",
+            "tow",
+        ),
+        (
+            "rack_pitch(two): sin=8e-5, period=0.01",
+            "`rack_pitch` has no parameter `sin`",
+            "did you mean `sine`?",
+            "sin",
+        ),
+        (
+            "backlash(one): gap=40um",
+            "`40um` is not a number",
+            "write `gap=…` in m",
+            "40um",
+        ),
+        (
+            "backlash(one)",
+            "`backlash` has no parameters here",
+            "add them after a colon: `gap=…` in m",
+            "backlash(one)",
+        ),
+        (
+            "backlash(one): gap=0",
+            "all amplitudes of `backlash` are zero, so that it does nothing",
+            "",
+            "gap=0",
+        ),
+        (
+            "rack_pitch(one): sine=1e-5",
+            "`rack_pitch` needs a period above zero",
+            "add `period=…`",
+            "sine=1e-5",
+        ),
+        (
+            "backlash(one): gap=1e-5, gap=2e-5",
+            "`gap` is given twice",
+            "",
+            "gap",
+        ),
+        (
+            "cart_crosstalk(one): gain=1e-5",
+            "`cart_crosstalk` acts at 2 places",
+            "name the cart that moves and the one it follows: `(one, two)`",
+            "one",
+        ),
+        (
+            "cart_crosstalk(one, one): gain=1e-5",
+            "a cart is not its own source",
+            "",
+            "one",
+        ),
+        (
+            "tracker_scale(two): scale=1e-5",
+            "`tracker_scale` acts on the tracker's target",
+            "its place is `tcp`",
+            "two",
+        ),
+        (
+            "joint_placement(l2b): offset=1e-4",
+            "`offset` has 3 components, found 1",
+            "write `offset=(…, …, …)` in m",
+            "1e-4",
+        ),
+        (
+            "link_thermal(l2): expansion=1e-5",
+            "`link_thermal` acts on a link, and `l2` is none",
+            "expected one of `l1`, `l2a`, `l2b`, `l3a`, `l3b`, `l3c`",
+            "l2",
+        ),
+        (
+            "backlash",
+            "expected an effect with its place and parameters",
+            "write it as `rack_pitch(two): sine=8e-5, period=0.0133`",
+            "backlash",
+        ),
+        (
+            "backlash(one: gap=1e-5",
+            "the parenthesis about the place is not closed",
+            "write it as `rack_pitch(two): sine=8e-5, period=0.0133`",
+            "backlash(one",
+        ),
+    ] {
+        assert_eq!(
+            mistake(text),
+            (message.to_owned(), help.to_owned(), marked.to_owned()),
+            "{text}"
+        );
+    }
+}
+
+proptest::proptest! {
+    #[test]
+    fn no_text_makes_the_parser_panic(text in "[a-z_(): =,.0-9é\\[\\]-]{0,40}", name in 0..14_usize) {
+        let robot = drawings().0;
+        let _ = Effect::parse(&text, &robot, "--effect");
+        let listed = super::LISTED[name].split('(').next().unwrap();
+        let _ = Effect::parse(&format!("{listed}({text}"), &robot, "--effect");
+    }
+}
+
+fn refused(request: &Request) -> InputError {
+    match request.simulation(&drawings().0) {
+        Ok(_) => panic!("{request:?} was taken"),
+        Err(error) => error,
+    }
+}
+
+#[test]
+fn all_mistakes_of_a_request_are_named_at_once() {
+    let request = Request {
+        variant: Some("Fulll".into()),
+        effects: vec![
+            "backlash(four): gap=1e-5".into(),
+            "drift(tcp): rate=1".into(),
+        ],
+        noise_position_m: Some(-1.0),
+        outliers: 1.5,
+        serial_noise: f64::NAN,
+        grid: [usize::MAX, 2, 2],
+        ..Request::default()
+    };
+    let error = refused(&request);
+    let sources: Vec<&str> = error
+        .problems()
+        .iter()
+        .map(|problem| problem.source.as_str())
+        .collect();
+    assert_eq!(
+        sources,
+        [
+            "--noise-position",
+            "--serial-noise",
+            "--outliers",
+            "--grid",
+            "--effect",
+            "--effect",
+            "--variant"
+        ]
+    );
+}
+
+#[test]
+fn a_robot_file_that_is_not_there_is_named() {
+    let request = Request {
+        robot: Some("nowhere/robot.toml".into()),
+        ..Request::default()
+    };
+    assert!(refused(&request).to_string().contains("nowhere/robot.toml"));
+}
+
+#[test]
+fn a_request_writes_what_it_says() {
+    let parent = tempfile::tempdir().unwrap();
+    let folder = parent.path().join("trial");
+    let request = Request {
+        effects: vec!["backlash(one): gap=4e-5".into()],
+        grid: [2, 2, 2],
+        track_points: 3,
+        cart_poses: 4,
+        outliers: 0.25,
+        noise_position_m: Some(2e-5),
+        payload_mass_kg: Some(60.0),
+        ..Request::default()
+    };
+    let robot = drawings().0;
+    let summary = request.run(&robot, &folder).unwrap();
+    assert_eq!(summary.rows, [8, 9, 12]);
+    assert_eq!(summary.effects, [("backlash".to_owned(), "one".to_owned())]);
+    assert_eq!((summary.outliers, summary.out_of_reach), (2, 0));
+    let read = tau::measurements::Folder::read(&folder, (&robot).into()).unwrap();
+    assert_eq!(read.tcp_poses.len(), 8);
+    let file = tau::robot_file::RobotFile::read(&folder.join("robot.toml"), &robot).unwrap();
+    assert_eq!(
+        (file.noise.position_m, file.noise.rotation_rad),
+        (2e-5, 4e-5)
+    );
+    assert_eq!(file.payload.unwrap().mass_kg, 60.0);
+}
+
+#[test]
+fn a_grid_out_of_reach_is_refused() {
+    let request = Request {
+        grid_step_m: Some([50.0, 50.0, 50.0]),
+        grid: [2, 2, 2],
+        ..Request::default()
+    };
+    let simulation = request.simulation(&drawings().0).unwrap();
+    let error = tau::simulation::simulate(&simulation)
+        .unwrap_err()
+        .to_string();
+    assert!(
+        error.contains("fewer than two poses are within reach"),
+        "{error}"
+    );
+}
