@@ -266,7 +266,7 @@ mod tests {
             })
         };
         let exact = Registration::of(&tracks.map(Some), &measured(0.0)).unwrap();
-        assert!(exact.rotation.angle_to(&truth) < 1e-12);
+        assert!((exact.rotation.matrix() - truth.matrix()).norm() < 1e-12);
         assert!(
             (exact.apply(measured(0.0)[1].unwrap().origin) - tracks[1].line.origin).norm() < 1e-12
         );

@@ -59,6 +59,9 @@ impl<'a> From<&'a TcpPose> for Sample<'a> {
     }
 }
 
+const PATH: &str = "the path of the cart (set 2, `cart_poses.csv`)";
+const PAYLOAD: &str = "`[payload]` and all dimensions of the links in the robot file";
+
 impl Surroundings {
     /// Appends the data that a family takes.
     ///
@@ -86,8 +89,6 @@ impl Surroundings {
         let end = |track: usize, which: usize| -> Option<Vector3<f64>> {
             Some(segment(track)?.ends[which])
         };
-        const PATH: &str = "the path of the cart (set 2, `cart_poses.csv`)";
-        const PAYLOAD: &str = "`[payload]` and all dimensions of the links in the robot file";
         for &input in inputs {
             let (value, missing) = match input {
                 Input::Command(k) => (sample.commands_m.get(k).copied(), "the command"),

@@ -137,7 +137,7 @@ impl Machine {
         poses: &[Pose],
         options: &InverseOptions,
     ) -> Result<Vec<Reached>, (usize, Error)> {
-        self.continued(poses, options, |pose, options| self.inverse(*pose, options))
+        continued(poses, options, |pose, options| self.inverse(*pose, options))
     }
 
     /// Commands and orientations along a sequence of positions (m), likewise.
@@ -149,25 +149,9 @@ impl Machine {
         positions_m: &[[f64; 3]],
         options: &InverseOptions,
     ) -> Result<Vec<Reached>, (usize, Error)> {
-        self.continued(positions_m, options, |position, options| {
+        continued(positions_m, options, |position, options| {
             self.inverse_position(*position, options)
         })
-    }
-
-    fn continued<T>(
-        &self,
-        targets: &[T],
-        options: &InverseOptions,
-        solve: impl Fn(&T, &InverseOptions) -> Result<Reached, Error>,
-    ) -> Result<Vec<Reached>, (usize, Error)> {
-        let mut options = options.clone();
-        let mut reached = Vec::with_capacity(targets.len());
-        for (index, target) in targets.iter().enumerate() {
-            let next = solve(target, &options).map_err(|error| (index, error))?;
-            options.near = Some((next.pose, next.commands_m.clone()));
-            reached.push(next);
-        }
-        Ok(reached)
     }
 
     /// For each command, the mean of the roots of the closures that it drives.
@@ -258,4 +242,20 @@ impl Machine {
             )
             .collect()
     }
+}
+
+/// Solves for each target near the solution of the one before.
+fn continued<T>(
+    targets: &[T],
+    options: &InverseOptions,
+    solve: impl Fn(&T, &InverseOptions) -> Result<Reached, Error>,
+) -> Result<Vec<Reached>, (usize, Error)> {
+    let mut options = options.clone();
+    let mut reached = Vec::with_capacity(targets.len());
+    for (index, target) in targets.iter().enumerate() {
+        let next = solve(target, &options).map_err(|error| (index, error))?;
+        options.near = Some((next.pose, next.commands_m.clone()));
+        reached.push(next);
+    }
+    Ok(reached)
 }

@@ -31,7 +31,7 @@ impl Pose {
         let r = self.rotation.matrix();
         let sine = r[(0, 2)].hypot(r[(1, 2)]);
         if sine < 1e-9 {
-            let alpha = r[(1, 0)].atan2(r[(1, 1)]);
+            let alpha = (-r[(0, 1)]).atan2(r[(1, 1)]);
             return [alpha, sine.atan2(r[(2, 2)]), 0.0];
         }
         [
