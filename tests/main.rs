@@ -2,6 +2,7 @@
 
 mod bad_input;
 mod calibration;
+mod cli;
 mod codegen;
 mod derivatives;
 mod effects;

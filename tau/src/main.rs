@@ -1,1 +1,7 @@
-fn main() {}
+//! The command line `tau`; see [`tau::cli`].
+
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    tau::cli::main()
+}

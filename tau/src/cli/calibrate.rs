@@ -1,0 +1,165 @@
+//! `tau calibrate`.
+
+use std::fs;
+use std::path::Path;
+
+use serde_json::json;
+
+use super::deliver::{Outcome, Target, check_folder, pretty, written};
+use super::resolve::{Case, both};
+use super::{Failure, arguments};
+use crate::calibration::{self, Calibration, calibrate};
+use crate::input_error::InputError;
+use crate::report;
+use crate::study;
+
+pub(super) fn run(arguments: &arguments::Calibrate) -> Result<Outcome, Failure> {
+    let out = &arguments.out;
+    let outputs = both(
+        Target::resolve(arguments.json.target.as_deref()),
+        check_folder(out).and_then(|()| check_nominal_is_kept(&arguments.input, out)),
+    );
+    let ((case, variant), (target, ())) = both(
+        Case::with_variant(&arguments.input, &arguments.variant),
+        outputs,
+    )?;
+    let poses = case.poses()?;
+    let Case {
+        robot,
+        file,
+        folder,
+        ..
+    } = &case;
+
+    let options = calibration::Options::default();
+    let found = calibrate(
+        robot,
+        &variant,
+        file,
+        folder,
+        &poses.division.calibration,
+        &options,
+    )?;
+    let result = study::result(&found, folder, &poses.division.validation)?;
+
+    let mut statistics = report::json::variant(&result);
+    statistics["variant"] = json!(variant.name);
+    statistics["robot"] = json!(robot.name);
+    statistics["folder"] = json!(folder.name);
+    statistics["poses"] = report::json::poses(poses.counts);
+    statistics["cost"] = json!(found.cost);
+    let files = [
+        ("robot.toml", found.file.to_toml()),
+        ("parameters.csv", parameters(&found)?),
+        ("covariance.csv", covariance(&found)?),
+        ("undetermined.csv", undetermined(&found)?),
+        ("statistics.json", pretty(&statistics)),
+    ];
+    let mut summary = format!("{}, {}, {}\n\n", robot.name, variant.name, folder.name);
+    summary += &report::terminal::variant(&result);
+    let files = files.map(|(name, content)| (out.join(name), content));
+    summary += &written(files.iter().map(|(path, _)| path.as_path()));
+    Ok(Outcome {
+        summary,
+        remarks: case.remarks(&poses),
+        files: files.into(),
+        json: target.map(|target| (statistics, target)),
+        ..Outcome::default()
+    })
+}
+
+/// The calibrated file must not replace the nominal values that it comes from.
+fn check_nominal_is_kept(input: &arguments::Input, out: &Path) -> Result<(), InputError> {
+    let nominal = match (&input.robot.robot, &input.folder) {
+        (Some(file), _) => file.clone(),
+        (None, Some(folder)) => folder.join("robot.toml"),
+        (None, None) => return Ok(()),
+    };
+    let calibrated = out.join("robot.toml");
+    match (fs::canonicalize(&nominal), fs::canonicalize(&calibrated)) {
+        (Ok(nominal), Ok(same)) if nominal == same => Err(InputError::whole(
+            calibrated.display().to_string(),
+            "the calibrated parameters would replace the nominal ones that they are computed from",
+        )
+        .help("name another folder with `--out`")),
+        _ => Ok(()),
+    }
+}
+
+fn parameters(found: &Calibration) -> Result<String, Failure> {
+    let header = [
+        "parameter",
+        "unit",
+        "nominal",
+        "tolerance",
+        "value",
+        "sigma",
+    ];
+    let rows = found.parameters.iter().map(|parameter| {
+        vec![
+            parameter.name.clone(),
+            parameter.unit.clone(),
+            number(parameter.nominal),
+            parameter.tolerance.map_or_else(String::new, number),
+            number(parameter.value),
+            number(parameter.sigma),
+        ]
+    });
+    csv(header.map(String::from).into(), rows)
+}
+
+fn covariance(found: &Calibration) -> Result<String, Failure> {
+    let names = || {
+        found
+            .parameters
+            .iter()
+            .map(|parameter| parameter.name.clone())
+    };
+    let header = std::iter::once("parameter".to_owned()).chain(names());
+    let rows = names().zip(&found.covariance).map(|(name, row)| {
+        let entries = row.iter().copied().map(number);
+        std::iter::once(name).chain(entries).collect()
+    });
+    csv(header.collect(), rows)
+}
+
+fn undetermined(found: &Calibration) -> Result<String, Failure> {
+    let header = ["combination", "data_over_prior", "parameter", "share"];
+    let rows = found
+        .undetermined
+        .iter()
+        .enumerate()
+        .flat_map(|(index, combination)| {
+            combination.terms.iter().map(move |(parameter, share)| {
+                vec![
+                    (index + 1).to_string(),
+                    number(combination.data_over_prior),
+                    parameter.clone(),
+                    number(*share),
+                ]
+            })
+        });
+    csv(header.map(String::from).into(), rows)
+}
+
+/// All digits, so that it can be read again bit for bit.
+pub(super) fn number(value: f64) -> String {
+    format!("{value:?}")
+}
+
+/// A table as comma-separated text; names that hold commas are quoted.
+pub(super) fn csv(
+    header: Vec<String>,
+    rows: impl IntoIterator<Item = Vec<String>>,
+) -> Result<String, Failure> {
+    let mut writer = csv::Writer::from_writer(Vec::new());
+    let written = std::iter::once(header)
+        .chain(rows)
+        .try_for_each(|row| writer.write_record(row));
+    let failed = |why: String| Failure::Failed(format!("a table can't be written: {why}"));
+    written.map_err(|error| failed(error.to_string()))?;
+    let bytes = writer
+        .into_inner()
+        .map_err(|error| failed(error.to_string()))?;
+    String::from_utf8(bytes).map_err(|error| failed(error.to_string()))
+}

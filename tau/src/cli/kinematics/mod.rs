@@ -1,0 +1,303 @@
+//! `tau kinematics`.
+
+mod targets;
+
+use std::path::Path;
+
+use serde_json::{Value, json};
+
+use super::calibrate::{csv, number};
+use super::deliver::{Outcome, Target, check_file};
+use super::resolve::{both, find, folder, robot, robot_file};
+use super::{Failure, arguments};
+use crate::input_error::InputError;
+use crate::kinematics::{self, InverseOptions, Machine, Pose, Reached, Sample};
+use crate::measurements::{Folder, Shape, Split, TcpPose};
+use crate::robot::Arm;
+use crate::study::Poses;
+use targets::Row;
+
+pub(super) fn forward(arguments: &arguments::Forward) -> Result<Outcome, Failure> {
+    let setup = Setup::resolve(&arguments.with)?;
+    let commands = setup.machine.robot.commands;
+    let (rows, start) = both(
+        match (&arguments.poses, &arguments.commands) {
+            (Some(path), _) => targets::commands_of_file(path, commands),
+            (None, Some(numbers)) => targets::commands_of_option(numbers, commands),
+            (None, None) => Ok(Vec::new()),
+        },
+        arguments
+            .start
+            .as_ref()
+            .map(targets::start_of_option)
+            .transpose(),
+    )?;
+    let mut reached: Vec<Reached> = Vec::with_capacity(rows.len());
+    for (index, row) in rows.iter().enumerate() {
+        let pose = setup
+            .predict(row, rows[..index].last().zip(reached.last()), start)
+            .map_err(|error| fail(row, &error))?;
+        reached.push(Reached {
+            commands_m: row.commands_m.clone(),
+            pose,
+            mismatch_m: 0.0,
+        });
+    }
+    setup.outcome(&rows, &reached)
+}
+
+pub(super) fn inverse(arguments: &arguments::Inverse) -> Result<Outcome, Failure> {
+    let setup = Setup::resolve(&arguments.with)?;
+    let rows = match (&arguments.poses, &arguments.pose) {
+        (Some(path), _) => targets::poses_of_file(path)?,
+        (None, Some(numbers)) => targets::poses_of_option(numbers)?,
+        (None, None) => Vec::new(),
+    };
+    let mut reached: Vec<Reached> = Vec::with_capacity(rows.len());
+    for row in &rows {
+        let next = setup
+            .reach(row, reached.last())
+            .map_err(|error| fail(row, &error))?;
+        reached.push(next);
+    }
+    setup.outcome(&rows, &reached)
+}
+
+/// An error of a row; what the input lacks is the input's fault.
+fn fail(row: &Row, error: &kinematics::Error) -> Failure {
+    use kinematics::Error::{Commands, Missing, Target};
+    match error {
+        Missing { .. } | Commands { .. } | Target(_) => {
+            InputError::whole(&row.source, format!("pose {}: {error}", row.pose)).into()
+        }
+        error => Failure::Failed(format!("{}: pose {}: {error}", row.source, row.pose)),
+    }
+}
+
+/// A machine, and what settles how its arm is assembled.
+struct Setup<'a> {
+    machine: Machine,
+    range_m: Vec<Option<(f64, f64)>>,
+    measured: Vec<TcpPose>,
+    json: Option<Target>,
+    out: Option<&'a Path>,
+}
+
+impl<'a> Setup<'a> {
+    fn resolve(with: &'a arguments::Kinematic) -> Result<Self, InputError> {
+        let robot = robot(with.robot.model.as_deref())?;
+        let path = with.folder.as_deref();
+        // Parameters without measurements are enough for straight tracks.
+        let needs_folder = path.is_some() || with.robot.robot.is_none();
+        let measurements = if needs_folder {
+            folder(path, &robot).map(Some)
+        } else {
+            Ok(None)
+        };
+        let file = robot_file(with.robot.robot.as_deref(), path, &robot);
+        let outputs = both(
+            Target::resolve(with.json.target.as_deref()),
+            with.out.as_deref().map_or(Ok(()), check_file),
+        );
+        let variant = find(&robot, &with.variant.name);
+        let (((folder, file), variant), (json, ())) =
+            both(both(both(measurements, file), variant), outputs)?;
+
+        let poses = match &folder {
+            Some(folder) => {
+                let poses = Poses::select(&robot, &file, folder, Split::default())?;
+                poses.division.calibration
+            }
+            None => Vec::new(),
+        };
+        let shape = Shape::from(&robot);
+        let range_m = folder.as_ref().map_or_else(
+            || Folder::default().measured_range(&file, shape),
+            |folder| folder.measured_range(&file, shape),
+        );
+        Ok(Self {
+            machine: Machine::from_file(&robot, &variant, &file, folder.as_ref(), &poses)?,
+            range_m,
+            measured: folder.map_or_else(Vec::new, |folder| folder.tcp_poses),
+            json,
+            out: with.out.as_deref(),
+        })
+    }
+
+    /// The pose at the commands of a row, by continuity from the row before where it gives no start.
+    fn predict(
+        &self,
+        row: &Row,
+        before: Option<(&Row, &Reached)>,
+        start: Option<Pose>,
+    ) -> Result<Pose, kinematics::Error> {
+        let sample = |pose| Sample {
+            commands_m: &row.commands_m,
+            pose,
+            directions: row.directions.as_deref(),
+            conditions: row.conditions,
+        };
+        if let Some(own) = row.start {
+            return self.machine.forward(&sample(own));
+        }
+        let Some((before, reached)) = before else {
+            return match start.or_else(|| self.measured_near_commands(&row.commands_m)) {
+                Some(start) => self.machine.forward(&sample(start)),
+                None => {
+                    let modes = self.machine.assembly_modes(&row.commands_m, None)?;
+                    self.machine.forward(&sample(modes[0].pose))
+                }
+            };
+        };
+        let result = self.machine.forward(&sample(reached.pose));
+        if !matches!(result, Err(kinematics::Error::NotConverged { .. })) {
+            return result;
+        }
+        // Too far for one step: the way there is followed, then the row's own conditions taken in.
+        let way = [before.commands_m.clone(), row.commands_m.clone()];
+        match self.machine.forward_sequence(&way, Some(reached.pose)) {
+            Ok(poses) => self.machine.forward(&sample(poses[1])),
+            Err(_) => result,
+        }
+    }
+
+    /// The commands for the pose of a row, by continuity from the row before where it gives no angles.
+    fn reach(&self, row: &Row, before: Option<&Reached>) -> Result<Reached, kinematics::Error> {
+        let position = row.position_m;
+        let commands_m = match before {
+            Some(before) => before.commands_m.clone(),
+            None => self.measured_near_position(position).map_or_else(
+                || {
+                    let middle = |range: &Option<(f64, f64)>| {
+                        range.map_or(0.0, |(low, high)| f64::midpoint(low, high))
+                    };
+                    self.range_m.iter().map(middle).collect()
+                },
+                |measured| measured.commands_m.clone(),
+            ),
+        };
+        let nearby = row.start.or_else(|| match before {
+            Some(before) => Some(before.pose),
+            None => self
+                .measured_near_position(position)
+                .map(|measured| Pose::from_zyz(measured.position_m, measured.angles_rad)),
+        });
+        let options = InverseOptions {
+            near: nearby.map(|pose| (pose, commands_m)),
+            range_m: self.range_m.clone(),
+            ..InverseOptions::default()
+        };
+        match row.start {
+            Some(pose) if !self.is_given_by_position() => self.machine.inverse(pose, &options),
+            _ => self.machine.inverse_position(position, &options),
+        }
+    }
+
+    /// Whether a position says all that can be asked for.
+    fn is_given_by_position(&self) -> bool {
+        self.machine.variant.arm == Arm::Reduced || self.machine.orientation_follows()
+    }
+
+    fn measured_near_commands(&self, commands_m: &[f64]) -> Option<Pose> {
+        let measured = nearest(&self.measured, commands_m, |pose| &pose.commands_m)?;
+        Some(Pose::from_zyz(measured.position_m, measured.angles_rad))
+    }
+
+    fn measured_near_position(&self, position_m: [f64; 3]) -> Option<&TcpPose> {
+        nearest(&self.measured, &position_m, |pose| &pose.position_m)
+    }
+
+    /// A remark where commands lie outside the measured range: there, paths and effects are extrapolated.
+    fn beyond_range(&self, rows: &[Row], reached: &[Reached]) -> Option<String> {
+        let is_beyond = |reached: &Reached| {
+            let mut pairs = reached.commands_m.iter().zip(&self.range_m);
+            pairs.any(|(q, range)| range.is_some_and(|(low, high)| *q < low || *q > high))
+        };
+        let beyond: Vec<u32> = rows
+            .iter()
+            .zip(reached)
+            .filter(|(_, reached)| is_beyond(reached))
+            .map(|(row, _)| row.pose)
+            .collect();
+        match &beyond[..] {
+            [] => None,
+            [pose] => Some(format!(
+                "commands of pose {pose} lie outside the measured range"
+            )),
+            [pose, others @ ..] => Some(format!(
+                "commands of pose {pose} and {} more lie outside the measured range",
+                others.len()
+            )),
+        }
+    }
+
+    fn outcome(self, rows: &[Row], reached: &[Reached]) -> Result<Outcome, Failure> {
+        let has_orientation = self.machine.variant.arm == Arm::Full;
+        let pairs = || rows.iter().zip(reached);
+        let mut header = vec!["pose".to_owned()];
+        header.extend((1..=self.machine.robot.commands).map(|k| format!("q{k}_m")));
+        header.extend(["x_m", "y_m", "z_m"].map(String::from));
+        if has_orientation {
+            header.extend(["alpha_rad", "beta_rad", "gamma_rad"].map(String::from));
+        }
+        let table = pairs().map(|(row, reached)| {
+            let angles = if has_orientation {
+                &reached.pose.angles_rad()[..]
+            } else {
+                &[]
+            };
+            let mut fields = vec![row.pose.to_string()];
+            let numbers = reached.commands_m.iter().copied();
+            fields.extend(numbers.chain(reached.pose.position_m()).map(number));
+            fields.extend(angles.iter().copied().map(number));
+            fields
+        });
+        let table = csv(header, table)?;
+        let poses: Vec<Value> = pairs()
+            .map(|(row, reached)| {
+                json!({
+                    "pose": row.pose,
+                    "commands_m": reached.commands_m,
+                    "position_m": reached.pose.position_m(),
+                    "angles_rad": has_orientation.then(|| reached.pose.angles_rad()),
+                })
+            })
+            .collect();
+        let value = json!({
+            "robot": self.machine.robot.name,
+            "variant": self.machine.variant.name,
+            "poses": poses,
+        });
+        let remarks = self.beyond_range(rows, reached).into_iter().collect();
+        let json = self.json.map(|target| (value, target));
+        Ok(match self.out {
+            Some(path) => Outcome {
+                summary: format!("written: {}\n", path.display()),
+                files: vec![(path.to_owned(), table)],
+                json,
+                remarks,
+                ..Outcome::default()
+            },
+            None => Outcome {
+                data: table,
+                json,
+                remarks,
+                ..Outcome::default()
+            },
+        })
+    }
+}
+
+fn nearest<'a>(
+    poses: &'a [TcpPose],
+    to: &[f64],
+    of: impl Fn(&'a TcpPose) -> &'a [f64],
+) -> Option<&'a TcpPose> {
+    let distance = |pose: &'a TcpPose| -> f64 {
+        let pairs = of(pose).iter().zip(to);
+        pairs.map(|(a, b)| (a - b).powi(2)).sum()
+    };
+    poses
+        .iter()
+        .min_by(|a, b| distance(a).total_cmp(&distance(b)))
+}

@@ -1,0 +1,36 @@
+//! A bar on standard error, where it is a terminal.
+
+use indicatif::{ProgressBar, ProgressStyle};
+
+use super::Console;
+use crate::study::Progress;
+
+/// A bar that is removed when the work ends.
+pub(super) struct Bar(ProgressBar);
+
+impl Bar {
+    /// A bar, or nothing where it would not be seen or is not wanted.
+    pub(super) fn new(console: &Console<'_>) -> Self {
+        let bar = if console.terminals.err && !console.quiet {
+            ProgressBar::new(0)
+        } else {
+            ProgressBar::hidden()
+        };
+        if let Ok(style) = ProgressStyle::with_template("{bar:24} {pos}/{len} {msg}") {
+            bar.set_style(style);
+        }
+        Self(bar)
+    }
+
+    pub(super) fn show(&self, progress: Progress<'_>) {
+        self.0.set_length(progress.steps as u64);
+        self.0.set_position(progress.done as u64);
+        self.0.set_message(progress.doing.to_owned());
+    }
+}
+
+impl Drop for Bar {
+    fn drop(&mut self) {
+        self.0.finish_and_clear();
+    }
+}

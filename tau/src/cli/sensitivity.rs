@@ -1,0 +1,31 @@
+//! `tau sensitivity`.
+
+use super::deliver::{Outcome, Target};
+use super::resolve::{Case, both};
+use super::{Failure, arguments};
+use crate::kinematics::Machine;
+use crate::report;
+use crate::sensitivity;
+
+pub(super) fn run(arguments: &arguments::Sensitivity) -> Result<Outcome, Failure> {
+    let ((case, variant), target) = both(
+        Case::with_variant(&arguments.input, &arguments.variant),
+        Target::resolve(arguments.json.target.as_deref()),
+    )?;
+    let poses = case.poses()?;
+    let division = &poses.division;
+    let Case {
+        robot,
+        file,
+        folder,
+        ..
+    } = &case;
+    let machine = Machine::from_file(robot, &variant, file, Some(folder), &division.calibration)?;
+    let found = sensitivity::analyse(&machine, folder, &division.validation, arguments.step)?;
+    Ok(Outcome {
+        summary: report::terminal::sensitivity(&found),
+        remarks: case.remarks(&poses),
+        json: target.map(|target| (report::json::sensitivity(&found), target)),
+        ..Outcome::default()
+    })
+}

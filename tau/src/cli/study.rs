@@ -1,0 +1,37 @@
+//! `tau study`.
+
+use std::path::PathBuf;
+
+use super::deliver::{Outcome, Target, cannot_write, check_folder, written};
+use super::progress::Bar;
+use super::resolve::{Case, both};
+use super::{Console, Failure, arguments};
+use crate::report;
+use crate::study;
+
+pub(super) fn run(arguments: &arguments::Study, console: &Console<'_>) -> Result<Outcome, Failure> {
+    let out = arguments.out();
+    let outputs = both(
+        Target::resolve(arguments.json.target.as_deref()),
+        check_folder(out),
+    );
+    let (case, (target, ())) = both(Case::resolve(&arguments.input), outputs)?;
+
+    let bar = Bar::new(console);
+    let results = study::run(
+        &case.robot,
+        &case.file,
+        &case.folder,
+        case.split,
+        &mut |progress| bar.show(progress),
+    )?;
+    drop(bar);
+
+    let paths = report::write_study(out, &results).map_err(|error| cannot_write(out, &error))?;
+    let files = written(paths.iter().map(PathBuf::as_path));
+    Ok(Outcome {
+        summary: report::terminal::study(&results) + &files,
+        json: target.map(|target| (report::json::study(&results), target)),
+        ..Outcome::default()
+    })
+}

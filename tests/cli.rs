@@ -1,0 +1,481 @@
+//! The command line: what it computes, prints and writes, and what it answers bad input with.
+
+mod bad_input;
+mod kinematics;
+
+use std::ffi::OsString;
+use std::fs;
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+
+use serde_json::Value;
+use tau::Robot;
+use tau::robot_file::RobotFile;
+
+use crate::support::gantry_tau;
+
+const DATA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../data/prototype");
+const DESCRIPTION: &str = concat!(
+    env!("CARGO_MANIFEST_DIR"),
+    "/../generated/models/gantry_tau.tau"
+);
+const VARIANTS: [&str; 5] = [
+    "Nominal",
+    "Piecewise",
+    "Full",
+    "FullPiecewise",
+    "BestPerLink",
+];
+
+/// What a command line did.
+struct Ran {
+    code: u8,
+    out: String,
+    err: String,
+}
+
+/// Runs a command line; words are separated by spaces, and `DIR` stands for a folder.
+fn tau_in(folder: &Path, line: &str) -> Ran {
+    let words = line.split_whitespace().map(|word| {
+        let word = word.replace("DIR", &folder.display().to_string());
+        OsString::from(word.replace("DATA", DATA).replace("GANTRY", DESCRIPTION))
+    });
+    let (mut out, mut err) = (Vec::new(), Vec::new());
+    let code = tau::cli::run(words, &mut out, &mut err);
+    let text = |bytes| String::from_utf8(bytes).unwrap();
+    Ran {
+        code,
+        out: text(out),
+        err: text(err),
+    }
+}
+
+impl Ran {
+    /// Its standard output, when it is done.
+    #[track_caller]
+    fn done(self) -> String {
+        assert_eq!(self.code, 0, "{}", self.err);
+        self.out
+    }
+
+    /// Its standard output as JSON, when it is done.
+    #[track_caller]
+    fn json(self) -> Value {
+        serde_json::from_str(&self.done()).expect("nothing but JSON")
+    }
+}
+
+/// Names of everything in a folder.
+fn listing(folder: &Path) -> Vec<String> {
+    let mut names: Vec<String> = fs::read_dir(folder)
+        .unwrap()
+        .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+        .collect();
+    names.sort();
+    names
+}
+
+#[track_caller]
+fn fields<const N: usize>(value: &Value, names: [&str; N]) {
+    for name in names {
+        assert!(value.get(name).is_some(), "`{name}` in {value:#}");
+    }
+}
+
+#[track_caller]
+fn number(value: &Value) -> f64 {
+    value.as_f64().expect("a number")
+}
+
+#[test]
+fn the_study_prints_the_tables_and_writes_the_report() {
+    let folder = tempfile::tempdir().unwrap();
+    let ran = tau_in(
+        folder.path(),
+        "tau study --out DIR/new/study --json DIR/json/study.json",
+    );
+    assert_eq!(ran.err, "");
+    let out = ran.done();
+    for expected in ["Table I.", "Table II.", "Table III.", "report.html"] {
+        assert!(out.contains(expected), "{expected} in {out}");
+    }
+    let study = folder.path().join("new/study");
+    let written: Vec<PathBuf> = out
+        .lines()
+        .skip_while(|line| *line != "Written")
+        .skip(1)
+        .map(|line| PathBuf::from(line.trim()))
+        .collect();
+    assert_eq!(listing(&study).len(), written.len());
+    assert!(written.iter().all(|path| path.is_file()), "{written:?}");
+    for figure in [
+        "figure_4",
+        "figure_5",
+        "figure_6",
+        "figure_8",
+        "figure_9",
+        "figure_10",
+    ] {
+        let is_there = listing(&study).iter().any(|name| name.starts_with(figure));
+        assert!(is_there, "{figure}");
+    }
+    let json = |path: &Path| -> Value { serde_json::from_slice(&fs::read(path).unwrap()).unwrap() };
+    assert_eq!(
+        json(&study.join("study.json")),
+        json(&folder.path().join("json/study.json"))
+    );
+}
+
+#[test]
+fn the_json_of_a_study_has_the_fields_of_the_design() {
+    let folder = tempfile::tempdir().unwrap();
+    let study = tau_in(folder.path(), "tau study DATA --out DIR/study --json -").json();
+    fields(&study, ["variants", "poses", "discovery"]);
+    let poses =
+        ["total", "in_range", "calibration", "validation"].map(|name| &study["poses"][name]);
+    assert_eq!(poses.map(number), [176.0, 121.0, 61.0, 60.0]);
+    for name in VARIANTS {
+        let variant = &study["variants"][name];
+        fields(&variant["position_um"], ["mean", "max", "rms"]);
+        assert!(number(&variant["position_um"]["mean"]) < 150.0);
+        assert!(number(&variant["iterations"]) > 0.0);
+        let links = variant["links"].as_object().expect("links");
+        let is_full = variant["orientation_rad"].is_object();
+        assert_eq!(links.len(), if is_full { 6 } else { 3 }, "{name}");
+        if is_full {
+            let angles = &variant["orientation_rad"]["max_abs"];
+            assert_eq!(angles.as_array().map(Vec::len), Some(3));
+        }
+        for link in links.values() {
+            let names = [
+                "length_m",
+                "plate_joint_m",
+                "track_offset_m",
+                "track_direction",
+                "cost",
+            ];
+            fields(link, names);
+        }
+    }
+}
+
+#[test]
+fn a_split_changes_which_poses_take_part() {
+    let folder = tempfile::tempdir().unwrap();
+    let counts = |options: &str| {
+        let line = format!("tau evaluate --variant Nominal --json - {options}");
+        let poses = &tau_in(folder.path(), &line).json()["poses"];
+        [number(&poses["calibration"]), number(&poses["validation"])]
+    };
+    assert_eq!(counts("--split first:100"), [100.0, 21.0]);
+    assert_eq!(counts("--split fraction:0.8 --seed 2"), [97.0, 24.0]);
+    let mean = |options: &str| {
+        let line = format!("tau evaluate --variant Nominal --json - {options}");
+        number(&tau_in(folder.path(), &line).json()["position_um"]["mean"])
+    };
+    let of_seed = |seed: u32| mean(&format!("--split fraction:0.8 --seed {seed}"));
+    assert_eq!(of_seed(2), mean("--split fraction:0.8:2"));
+    assert_ne!(of_seed(2), of_seed(3));
+}
+
+#[test]
+fn what_calibrate_writes_evaluates_to_what_it_says() {
+    let folder = tempfile::tempdir().unwrap();
+    let robot = gantry_tau();
+    for variant in VARIANTS.into_iter().chain(["FullRack"]) {
+        let line = format!("tau calibrate DATA --variant {variant} --out DIR/{variant} --json -");
+        let calibrated = tau_in(folder.path(), &line).json();
+        let line = format!(
+            "tau evaluate DATA --variant {variant} --robot DIR/{variant}/robot.toml --json -"
+        );
+        let evaluated = tau_in(folder.path(), &line).json();
+        fields(
+            &evaluated,
+            ["position_um", "orientation_rad", "poses", "pose_errors"],
+        );
+        for name in ["mean", "max", "rms"] {
+            let [a, b] = [&calibrated, &evaluated].map(|v| number(&v["position_um"][name]));
+            assert!(
+                (a - b).abs() < 1e-3,
+                "{variant}: {name} is {a} µm, then {b} µm"
+            );
+        }
+        let out = folder.path().join(variant);
+        let names = [
+            "covariance.csv",
+            "parameters.csv",
+            "robot.toml",
+            "statistics.json",
+            "undetermined.csv",
+        ];
+        assert_eq!(listing(&out), names);
+        let statistics = fs::read_to_string(out.join("statistics.json")).unwrap();
+        assert_eq!(
+            serde_json::from_str::<Value>(&statistics).unwrap(),
+            calibrated
+        );
+        RobotFile::read(&out.join("robot.toml"), &robot).unwrap();
+    }
+}
+
+#[test]
+fn the_covariance_belongs_to_the_parameters() {
+    let folder = tempfile::tempdir().unwrap();
+    let summary = tau_in(folder.path(), "tau calibrate --variant Full --out DIR").done();
+    assert!(summary.contains("Table II."), "{summary}");
+    let table = |name: &str| -> Vec<Vec<String>> {
+        let text = fs::read_to_string(folder.path().join(name)).unwrap();
+        let row = |line: &str| line.split(',').map(str::to_owned).collect();
+        text.lines().map(row).collect()
+    };
+    let (parameters, covariance) = (table("parameters.csv"), table("covariance.csv"));
+    assert_eq!(parameters.len(), 61);
+    assert_eq!(covariance.len(), 61);
+    let entry = |row: usize, column: usize| covariance[row][column].parse::<f64>().unwrap();
+    for row in 1..61 {
+        assert_eq!(covariance[row][0], parameters[row][0]);
+        assert_eq!(covariance[0][row], parameters[row][0]);
+        let sigma: f64 = parameters[row][5].parse().unwrap();
+        assert!((entry(row, row).sqrt() - sigma).abs() < 1e-9 * sigma);
+        let is_symmetric = |column: usize| {
+            let difference = (entry(row, column) - entry(column, row)).abs();
+            difference <= 1e-9 * (entry(row, row) * entry(column, column)).sqrt()
+        };
+        assert!((1..row).all(is_symmetric), "{}", covariance[row][0]);
+    }
+    assert_eq!(
+        table("undetermined.csv")[0][..2],
+        ["combination", "data_over_prior"]
+    );
+}
+
+#[test]
+fn the_json_of_sensitivity_has_the_fields_of_the_design() {
+    let folder = tempfile::tempdir().unwrap();
+    tau_in(
+        folder.path(),
+        "tau calibrate DATA --variant Full --out DIR/full -q",
+    )
+    .done();
+    let line =
+        "tau sensitivity DATA --robot DIR/full/robot.toml --variant Full --step 5e-5 --json -";
+    let found = tau_in(folder.path(), line).json();
+    assert_eq!(number(&found["poses"]), 60.0);
+    assert_eq!(number(&found["step"]), 5e-5);
+    for table in ["position_mm", "orientation_rad", "cost_m4"] {
+        for link in ["l1", "l2a", "l2b", "l3a", "l3b", "l3c"] {
+            let row = &found[table][link];
+            fields(
+                row,
+                ["L", "Px", "Py", "Pz", "Offset_x", "Offset_y", "Offset_z"],
+            );
+            fields(row, ["Orient_1", "Orient_2", "Orient_3"]);
+        }
+    }
+    // Table III of the paper gives 11.42 mm for the length of link 1, with its own parameters.
+    let length = number(&found["position_mm"]["l1"]["L"]);
+    assert!((8.0..15.0).contains(&length), "{length}");
+
+    let half = tau_in(folder.path(), &line.replace("5e-5", "2.5e-5")).json();
+    let halved = number(&half["position_mm"]["l1"]["L"]);
+    assert!((2.0 * halved - length).abs() < 1e-3 * length);
+    let without_folder = "tau sensitivity --variant Full --robot DIR/full/robot.toml --json -";
+    assert_eq!(tau_in(folder.path(), without_folder).json(), found);
+}
+
+#[test]
+fn simulate_writes_a_folder_that_calibrates() {
+    let folder = tempfile::tempdir().unwrap();
+    let line =
+        "tau simulate --out DIR/measured --seed 5 --poses 60 --effect backlash(two):gap=4e-5";
+    let made = tau_in(folder.path(), &format!("{line} --json -")).json();
+    assert_eq!(made["effects"][0]["name"], "backlash");
+    assert_eq!(made["effects"][0]["place"], "two");
+    assert_eq!(number(&made["rows"]["tcp_poses"]), 60.0);
+    let names = [
+        "cart_poses.csv",
+        "cart_positions.csv",
+        "robot.toml",
+        "tcp_poses.csv",
+        "truth.json",
+    ];
+    assert_eq!(listing(&folder.path().join("measured")), names);
+    let line = "tau calibrate DIR/measured --variant Full --out DIR/calibrated --json -";
+    let calibrated = tau_in(folder.path(), line).json();
+    assert!(
+        number(&calibrated["position_um"]["mean"]) < 200.0,
+        "{calibrated:#}"
+    );
+}
+
+#[test]
+fn generate_writes_what_is_checked_in() {
+    let folder = tempfile::tempdir().unwrap();
+    let line = "tau generate GANTRY --out DIR/code";
+    let path = folder.path().join("code/gantry_tau.rs");
+
+    let missing = tau_in(folder.path(), &format!("{line} --check"));
+    assert_eq!((missing.code, missing.out.as_str()), (1, ""));
+    assert!(
+        missing.err.contains("gantry_tau.rs does not exist"),
+        "{}",
+        missing.err
+    );
+    assert!(!path.exists());
+
+    tau_in(folder.path(), line).done();
+    let written = fs::read_to_string(&path).unwrap();
+    let checked_in = include_str!("../generated/src/models/gantry_tau.rs");
+    let code = |text: &str| text.split_once('\n').unwrap().1.to_owned();
+    assert_eq!(code(&written), code(checked_in));
+    tau_in(folder.path(), &format!("{line} --check")).done();
+
+    // The header's command is one that a user can run.
+    let header = written.lines().next().unwrap();
+    let command = header.split('`').nth(1).unwrap();
+    fs::remove_file(&path).unwrap();
+    tau_in(folder.path(), command).done();
+    assert_eq!(fs::read_to_string(&path).unwrap(), written);
+
+    fs::write(&path, written.replacen("const", "static", 1)).unwrap();
+    let stale = tau_in(folder.path(), &format!("{line} --check"));
+    assert_eq!(stale.code, 1);
+    assert!(
+        stale.err.contains("gantry_tau.rs is stale from line"),
+        "{}",
+        stale.err
+    );
+    tau_in(folder.path(), line).done();
+    assert_eq!(fs::read_to_string(&path).unwrap(), written);
+}
+
+#[test]
+fn a_description_of_ones_own_is_compiled_at_run_time() {
+    let folder = tempfile::tempdir().unwrap();
+    let line = |model: &str| format!("tau calibrate DATA --variant Full --out DIR/{model}");
+    tau_in(folder.path(), &line("built_in")).done();
+    tau_in(folder.path(), &(line("typed") + " --model GANTRY")).done();
+    for file in ["robot.toml", "covariance.csv", "statistics.json"] {
+        let [a, b] = ["built_in", "typed"]
+            .map(|model| fs::read(folder.path().join(model).join(file)).unwrap());
+        assert!(a == b, "{file}");
+    }
+}
+
+#[test]
+fn quiet_commands_print_only_what_was_asked_for() {
+    let folder = tempfile::tempdir().unwrap();
+    for line in [
+        "tau -q study --out DIR/study",
+        "tau calibrate --quiet --variant Nominal --out DIR/nominal",
+        "tau generate -q GANTRY --out DIR/code",
+        "tau evaluate -q --variant Nominal",
+    ] {
+        let ran = tau_in(folder.path(), line);
+        assert_eq!(
+            (ran.code, ran.out.as_str(), ran.err.as_str()),
+            (0, "", ""),
+            "{line}"
+        );
+    }
+    let value = tau_in(folder.path(), "tau evaluate -q --variant Nominal --json -").json();
+    assert_eq!(value["variant"], "Nominal");
+}
+
+#[test]
+fn remarks_go_to_standard_error() {
+    let folder = tempfile::tempdir().unwrap();
+    let ran = tau_in(
+        folder.path(),
+        "tau evaluate DATA --variant Nominal --json -",
+    );
+    assert!(ran.err.starts_with("note: 55 of 176 poses"), "{}", ran.err);
+    ran.json();
+}
+
+#[test]
+fn completions_know_every_command() {
+    let folder = tempfile::tempdir().unwrap();
+    for shell in ["bash", "elvish", "fish", "powershell", "zsh"] {
+        let script = tau_in(folder.path(), &format!("tau completions {shell}")).done();
+        for command in [
+            "study",
+            "calibrate",
+            "evaluate",
+            "sensitivity",
+            "generate",
+            "kinematics",
+        ] {
+            assert!(script.contains(command), "{command} in {shell}");
+        }
+    }
+}
+
+#[test]
+fn help_teaches() {
+    let folder = tempfile::tempdir().unwrap();
+    for command in [
+        "",
+        "study",
+        "calibrate",
+        "evaluate",
+        "sensitivity",
+        "simulate",
+        "generate",
+        "kinematics",
+        "kinematics forward",
+        "kinematics inverse",
+        "completions",
+    ] {
+        let line = format!("tau {command} --help");
+        let ran = tau_in(folder.path(), &line);
+        assert_eq!(ran.err, "");
+        let help = ran.done();
+        let too_wide = help.lines().find(|line| line.chars().count() > 110);
+        assert_eq!(too_wide, None);
+        let name = format!("help_{}", command.replace(' ', "_"));
+        insta::assert_snapshot!(name.trim_end_matches('_'), help);
+    }
+}
+
+/// A stream that can't be written.
+struct Closed(io::ErrorKind);
+
+impl Write for Closed {
+    fn write(&mut self, _: &[u8]) -> io::Result<usize> {
+        Err(self.0.into())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+#[test]
+fn a_reader_that_leaves_is_no_error_and_a_full_disk_is_one() {
+    let code = |kind| {
+        let mut err = Vec::new();
+        let line = ["tau", "evaluate", "--variant", "Nominal", "--json", "-"];
+        let code = tau::cli::run(line.map(Into::into), &mut Closed(kind), &mut err);
+        (code, String::from_utf8(err).unwrap())
+    };
+    let (left, _) = code(io::ErrorKind::BrokenPipe);
+    assert_eq!(left, 0);
+    let (full, err) = code(io::ErrorKind::StorageFull);
+    assert_eq!(full, 2);
+    assert!(err.contains("standard output"), "{err}");
+}
+
+#[test]
+fn the_built_in_robot_is_the_checked_in_description() {
+    let text = fs::read_to_string(DESCRIPTION).unwrap();
+    let typed = Robot::from_text(&text).unwrap();
+    let names = |robot: &Robot| -> Vec<String> {
+        robot
+            .variants
+            .iter()
+            .map(|variant| variant.name.clone())
+            .collect()
+    };
+    assert_eq!(names(&typed), names(&gantry_tau()));
+}

@@ -1,0 +1,167 @@
+//! What mistakes are answered with: exit code 2, nothing on standard output, nothing written.
+
+use std::fs;
+use std::path::Path;
+
+use super::{DATA, listing, tau_in};
+
+/// Everything below a folder.
+fn tree(folder: &Path) -> Vec<String> {
+    let mut names = Vec::new();
+    for name in listing(folder) {
+        let path = folder.join(&name);
+        if path.is_dir() {
+            names.extend(
+                tree(&path)
+                    .into_iter()
+                    .map(|below| format!("{name}/{below}")),
+            );
+        }
+        names.push(name);
+    }
+    names
+}
+
+/// The answers to lines that must fail, without paths of this machine.
+fn answers(folder: &Path, lines: &[&str]) -> String {
+    let before = tree(folder);
+    let answers: Vec<String> = lines
+        .iter()
+        .map(|line| {
+            let ran = tau_in(folder, line);
+            assert_eq!((ran.code, ran.out.as_str()), (2, ""), "{line}");
+            assert_eq!(tree(folder), before, "{line}");
+            let err = ran.err.replace(&folder.display().to_string(), "DIR");
+            format!("$ {line}\n{}", err.replace(DATA, "DATA"))
+        })
+        .collect();
+    answers.join("\n")
+}
+
+#[test]
+fn usage() {
+    let folder = tempfile::tempdir().unwrap();
+    let lines = [
+        "tau stdy",
+        "tau study --outt DIR/x",
+        "tau calibrate DATA",
+        "tau sensitivity --variant Full --step 0",
+        "tau kinematics",
+        "tau kinematics forward --variant Full",
+        "tau kinematics forward --variant Full --commands 0.1,a,0.2",
+        "tau kinematics forward --variant Full --commands 0.1,0.2,0.3 --poses DATA/tcp_poses.csv",
+        "tau generate --out DIR/x",
+        "tau generate GANTRY --out DIR/x --lang fortran",
+        "tau completions tcsh",
+    ];
+    insta::assert_snapshot!(answers(folder.path(), &lines));
+}
+
+#[test]
+fn names_and_numbers() {
+    let folder = tempfile::tempdir().unwrap();
+    let lines = [
+        "tau calibrate DATA --variant Fulll --out DIR/x",
+        "tau evaluate --variant Delta",
+        "tau study --out DIR/x --split sometimes",
+        "tau kinematics forward --variant Full --commands 0.1,0.2",
+        "tau kinematics forward --variant Full --commands 0,0,0 --start 1,2,3",
+        "tau kinematics inverse --variant Full --pose 1,2",
+        "tau kinematics inverse --variant Full --poses DATA/cart_poses.csv --out DIR/x.csv --json DIR",
+        "tau generate GANTRY --out DIR/x --lang rust,c",
+        "tau generate GANTRY --out DIR/x --lang latex",
+    ];
+    insta::assert_snapshot!(answers(folder.path(), &lines));
+}
+
+#[test]
+fn missing_input() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::create_dir(folder.path().join("empty")).unwrap();
+    let lines = [
+        "tau study DIR/nowhere --out DIR/x --json DIR/x.json",
+        "tau calibrate DIR/empty --variant Nowhere --out DIR/x",
+        "tau evaluate DATA --variant Full --robot DIR/nowhere.toml",
+        "tau evaluate DATA --variant Full --model DIR/nowhere.tau",
+        "tau generate DIR/nowhere.tau --out DIR/x",
+        "tau kinematics forward --variant Full --poses DIR/nowhere.csv --out DIR/x.csv",
+        "tau kinematics forward --variant Piecewise --robot DATA/robot.toml --commands 0,0,0",
+    ];
+    insta::assert_snapshot!(answers(folder.path(), &lines));
+}
+
+#[test]
+fn outputs_that_cannot_be_written() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("file"), "").unwrap();
+    fs::create_dir_all(folder.path().join("code/gantry_tau.rs")).unwrap();
+    let lines = [
+        "tau study --out DIR/file",
+        "tau study --out DIR/file/below",
+        "tau study --out DIR/x --json DIR/file/x.json",
+        "tau study --out DIR/x --json DIR",
+        "tau calibrate --variant Full --out DIR/file",
+        "tau evaluate --variant Full --json DIR/file/x.json",
+        "tau sensitivity --variant Full --json DIR",
+        "tau simulate --out DIR/file/x",
+        "tau generate GANTRY --out DIR/file",
+        "tau generate GANTRY --out DIR/code",
+        "tau kinematics forward --variant Full --commands 0,0,0 --out DIR/file/x.csv",
+    ];
+    insta::assert_snapshot!(answers(folder.path(), &lines));
+}
+
+#[test]
+fn nominal_values_are_not_replaced() {
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["tcp_poses.csv", "cart_poses.csv", "robot.toml"] {
+        fs::copy(Path::new(DATA).join(name), folder.path().join(name)).unwrap();
+    }
+    let nominal = fs::read(folder.path().join("robot.toml")).unwrap();
+    let lines = [
+        "tau calibrate DIR --variant Full --out DIR",
+        "tau calibrate --robot DIR/robot.toml --variant Full --out DIR",
+    ];
+    insta::assert_snapshot!(answers(folder.path(), &lines));
+    assert_eq!(fs::read(folder.path().join("robot.toml")).unwrap(), nominal);
+}
+
+#[test]
+fn descriptions_with_errors() {
+    let folder = tempfile::tempdir().unwrap();
+    let description = "\
+/// Größe: with a letter beyond ASCII.
+robot Pair {
+    track one, two;
+    cluster left on one { link l1; }
+    cluster right on tow { link l1; }
+    variant Full { arm full; tracks linear; }
+
+    effect sag on cart {
+        param droop: angle tol 1 mrad;
+        vertical += droop + q;
+    }
+}
+";
+    fs::write(folder.path().join("pair.tau"), description).unwrap();
+    let lines = [
+        "tau generate DIR/pair.tau --out DIR/x",
+        "tau study DATA --model DIR/pair.tau --out DIR/x",
+    ];
+    insta::assert_snapshot!(answers(folder.path(), &lines));
+}
+
+#[test]
+fn measurements_of_another_robot() {
+    let folder = tempfile::tempdir().unwrap();
+    let description = "robot Pair { track one, two; cluster a on one { link l1; } \
+                       cluster b on two { link l2; } variant Full { arm full; tracks linear; } }";
+    fs::write(folder.path().join("pair.tau"), description).unwrap();
+    let ran = tau_in(
+        folder.path(),
+        "tau study DATA --model DIR/pair.tau --out DIR/x",
+    );
+    assert_eq!((ran.code, ran.out.as_str()), (2, ""));
+    assert!(ran.err.contains("Pair"), "{}", ran.err);
+    assert_eq!(listing(folder.path()), ["pair.tau"]);
+}
