@@ -136,9 +136,13 @@ pub(super) fn check_folder(folder: &Path) -> Result<(), InputError> {
         ));
     }
     let probe = present.join(format!(".tau.{}.probe", std::process::id()));
-    fs::File::create_new(&probe)
-        .and_then(|_| fs::remove_file(&probe))
-        .map_err(|error| cannot_write(present, &error))
+    match fs::File::create_new(&probe).and_then(|_| fs::remove_file(&probe)) {
+        // Another thread is just trying the same.
+        Err(error) if error.kind() != io::ErrorKind::AlreadyExists => {
+            Err(cannot_write(present, &error))
+        }
+        _ => Ok(()),
+    }
 }
 
 fn folder_of(path: &Path) -> &Path {

@@ -24,8 +24,8 @@ impl Bar {
 
     pub(super) fn show(&self, progress: Progress<'_>) {
         self.0.set_length(progress.steps as u64);
-        self.0.set_position(progress.done as u64);
         self.0.set_message(progress.doing.to_owned());
+        self.0.set_position(progress.done as u64);
     }
 }
 
