@@ -1,7 +1,10 @@
 //! The catalogue of effects: every effect at every place, in every residual that it touches.
 
+use std::fmt::Write as _;
+
 use tau::Robot;
 use tau::effects::{CATALOGUE, needs_full_arm, places};
+use tau::robot::ResidualKind::{CartPose, CartPosition, Closure, ClosureByPose};
 use tau::robot::{Owner, ResidualKind};
 use tau_model_dsl::Model;
 use tau_model_dsl::model::{EffectUse, Place};
@@ -65,7 +68,7 @@ fn every_effect(description: &str, bases: &[&str]) -> (String, usize) {
                 }
                 count += 1;
                 let at = place_text(&model, place);
-                lines += &format!("variant V{count} = {base} + {}({at});\n", effect.name);
+                let _ = writeln!(lines, "variant V{count} = {base} + {}({at});", effect.name);
             }
         }
     }
@@ -173,7 +176,6 @@ fn an_effect_on_a_cart_is_seen_in_every_set() {
         })
         .map(|instance| (instance.kind, instance.of))
         .collect();
-    use ResidualKind::{CartPose, CartPosition, Closure, ClosureByPose};
     for expected in [
         (Closure, 1),
         (Closure, 2),
@@ -238,4 +240,19 @@ fn a_users_own_effect_agrees_with_dual_numbers() {
             .any(|p| p.name == "belt_stretch(one).softness")
     );
     check_robot(&robot, &model, 0..3);
+}
+
+/// What is said of reduced arms is what the language's checker says.
+#[test]
+fn effects_that_need_a_full_arm_are_refused_on_a_reduced_one() {
+    let model = with_catalogue(GANTRY_TAU);
+    let body = GANTRY_TAU.trim_end().strip_suffix('}').unwrap();
+    for effect in &model.effects {
+        for place in places(&model, effect) {
+            let used = format!("{}({})", effect.name, place_text(&model, place));
+            let text = format!("{CATALOGUE}{body} variant On = Nominal + {used}; }}");
+            let refused = tau_model_dsl::check_text(&text).is_err();
+            assert_eq!(refused, needs_full_arm(&model, effect, place), "{used}");
+        }
+    }
 }

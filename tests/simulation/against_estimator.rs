@@ -259,10 +259,12 @@ fn a_machine_without_errors_is_calibrated_to_the_noise() {
     assert!((14.0..28.0).contains(&nominal), "{nominal}");
 }
 
-/// Errors like those of the prototype's study: about 110 µm with a full arm, 10 to 20 % more with a
-/// reduced one.
+/// With effects of the prototype's kinds the variants err like on the prototype's measurements, which
+/// another program simulated (mean µm as an independent calibration gives them), each within a quarter.
 #[test]
 fn a_machine_like_the_prototype_has_errors_like_the_prototype() {
+    const PROTOTYPE: [(&str, f64); 3] =
+        [("Nominal", 122.0), ("Full", 110.0), ("FullPiecewise", 97.0)];
     let (robot, file) = drawings();
     let effects = [
         "rack_pitch(one): sine=5e-5, period=0.0133",
@@ -279,11 +281,13 @@ fn a_machine_like_the_prototype_has_errors_like_the_prototype() {
         },
         ..Simulation::new(robot, file)
     };
-    let [full, reduced] = ["Full", "Nominal"].map(|variant| validation_error(&machine, variant));
-    assert!(
-        (60.0..180.0).contains(&full) && (0.9 * full..2.0 * full).contains(&reduced),
-        "{full} {reduced}"
-    );
+    for (variant, wanted) in PROTOTYPE {
+        let found = validation_error(&machine, variant);
+        assert!(
+            (found / wanted - 1.0).abs() < 0.25,
+            "{variant}: {found} µm, not {wanted} µm"
+        );
+    }
 }
 
 #[test]

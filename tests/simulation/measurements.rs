@@ -212,7 +212,7 @@ fn the_seed_decides_everything() {
     assert_eq!(texts(&once), texts(&again));
     for (a, b) in texts(&once).iter().zip(&texts(&other)) {
         // The drawings and the verdict do not depend on it.
-        assert_eq!(a.1 != b.1, a.0.ends_with(".csv"), "{}", a.0);
+        assert_eq!(a.1 != b.1, a.0.contains("csv"), "{}", a.0);
     }
 }
 

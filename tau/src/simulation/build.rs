@@ -373,8 +373,10 @@ impl Commanded {
             .ceil()
             .max(1.0);
         let mut here = self.clone();
-        for step in 1..=steps as usize {
-            let position = self.pose.position_m + way * (step as f64 / steps);
+        let mut step = 0.0;
+        while step < steps {
+            step += 1.0;
+            let position = self.pose.position_m + way * (step / steps);
             here = here.near(machine, position)?;
         }
         Some(here)

@@ -87,15 +87,22 @@ pub struct TcpReading {
     pub temperature_c: f64,
 }
 
+/// Error of a cart as a function.
+pub type CartFunction = dyn Fn(&CartReading) -> CartError + Send + Sync;
+/// Error of a link as a function.
+pub type LinkFunction = dyn Fn(&LinkReading) -> LinkError + Send + Sync;
+/// Error of the measured TCP position (m) as a function.
+pub type TcpFunction = dyn Fn(&TcpReading) -> [f64; 3] + Send + Sync;
+
 /// What an error does.
 #[derive(Clone)]
 pub enum Physics {
     /// Displaces a cart.
-    Cart(Arc<dyn Fn(&CartReading) -> CartError + Send + Sync>),
+    Cart(Arc<CartFunction>),
     /// Changes a link.
-    Link(Arc<dyn Fn(&LinkReading) -> LinkError + Send + Sync>),
+    Link(Arc<LinkFunction>),
     /// Adds to the measured TCP position (m).
-    Tcp(Arc<dyn Fn(&TcpReading) -> [f64; 3] + Send + Sync>),
+    Tcp(Arc<TcpFunction>),
 }
 
 /// A physical error at a place of the true machine.
@@ -136,13 +143,7 @@ impl Effect {
     }
 
     /// Its function of a cart, with the source it reads, where it acts there.
-    pub(crate) fn on_cart(
-        &self,
-        track: usize,
-    ) -> Option<(
-        &(dyn Fn(&CartReading) -> CartError + Send + Sync),
-        Option<usize>,
-    )> {
+    pub(crate) fn on_cart(&self, track: usize) -> Option<(&CartFunction, Option<usize>)> {
         let source = match self.place {
             Place::Cart {
                 track: place,
@@ -158,10 +159,7 @@ impl Effect {
     }
 
     /// Its function of a link, where it acts there.
-    pub(crate) fn on_link(
-        &self,
-        link: usize,
-    ) -> Option<&(dyn Fn(&LinkReading) -> LinkError + Send + Sync)> {
+    pub(crate) fn on_link(&self, link: usize) -> Option<&LinkFunction> {
         match (&self.physics, self.place) {
             (Physics::Link(error), Place::AllLinks) => Some(error.as_ref()),
             (Physics::Link(error), Place::Link(place)) if place == link => Some(error.as_ref()),
@@ -170,7 +168,7 @@ impl Effect {
     }
 
     /// Its function of the TCP, where it acts there.
-    pub(crate) fn on_tcp(&self) -> Option<&(dyn Fn(&TcpReading) -> [f64; 3] + Send + Sync)> {
+    pub(crate) fn on_tcp(&self) -> Option<&TcpFunction> {
         match &self.physics {
             Physics::Tcp(error) => Some(error.as_ref()),
             _ => None,
@@ -239,13 +237,13 @@ pub(crate) const LISTED: &[Listed] = &[
         name: "rack_pitch",
         subject: Subject::Cart,
         parameters: PERIODIC,
-        physics: periodic,
+        physics: |p| periodic(&p),
     },
     Listed {
         name: "pinion_eccentricity",
         subject: Subject::Cart,
         parameters: PERIODIC,
-        physics: periodic,
+        physics: |p| periodic(&p),
     },
     Listed {
         name: "positioning_error",
@@ -412,7 +410,7 @@ fn tcp(error: impl Fn(&TcpReading) -> [f64; 3] + Send + Sync + 'static) -> Physi
 }
 
 /// One period of a wheel or a rack a `period` of travel.
-fn periodic(p: Vec<f64>) -> Physics {
+fn periodic(p: &[f64]) -> Physics {
     let (radius, phase, period) = (p[0].hypot(p[1]), p[1].atan2(p[0]), p[2]);
     shift(move |at| {
         let turns = at.q_m / period;

@@ -20,7 +20,8 @@ use nalgebra::{Rotation3, Vector3};
 
 pub use build::Build;
 pub use effect::{
-    CartError, CartReading, Conditions, Effect, LinkError, LinkReading, Physics, TcpReading,
+    CartError, CartFunction, CartReading, Conditions, Effect, LinkError, LinkFunction, LinkReading,
+    Physics, TcpFunction, TcpReading,
 };
 pub use machine::{CartState, Machine, Pose, Rod, State};
 pub use noise::{Noise, Tails};

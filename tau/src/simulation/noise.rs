@@ -99,7 +99,10 @@ impl<'a> Generator<'a> {
 /// Indices of the outliers among poses, with their deviation.
 pub(super) fn outliers(noise: &Noise, poses: usize, seed: u64) -> BTreeMap<usize, Deviation> {
     let mut random = Random::new(seed, "outliers");
-    let count = (noise.outliers * poses as f64).round().max(0.0) as usize;
+    let expected = noise.outliers * poses as f64;
+    let count = (0..poses)
+        .take_while(|&k| k as f64 + 0.5 <= expected)
+        .count();
     random
         .sample(count, poses)
         .into_iter()

@@ -1,5 +1,7 @@
 //! Effects as they are typed: `rack_pitch(two): sine=8e-5, period=0.0133`.
 
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
 use std::ops::Range;
 
 use tau_codegen::language::model::Place;
@@ -23,13 +25,13 @@ impl Effect {
         .effect(robot)
     }
 
-    /// The effects of a variant whose parameters a robot file holds, such as a calibrated one.
+    /// An effect whose parameters a robot file holds, such as a calibrated one.
     ///
     /// # Errors
     /// As [`Effect::parse`], under the name of the robot file.
     pub(crate) fn of_file(
         key: &str,
-        values: &std::collections::BTreeMap<String, Value>,
+        values: &BTreeMap<String, Value>,
         robot: &Robot,
     ) -> Result<Self, InputError> {
         let mut text = format!("{key}:");
@@ -40,7 +42,8 @@ impl Effect {
                 [scalar] => scalar.clone(),
                 several => format!("({})", several.join(", ")),
             };
-            text.push_str(&format!("{separator}{name}={value}"));
+            // Writing into a string can't fail.
+            let _ = write!(text, "{separator}{name}={value}");
         }
         Self::parse(&text, robot, "robot.toml [effects]")
     }
@@ -57,7 +60,7 @@ struct Part<'a> {
     start: usize,
 }
 
-impl<'a> Part<'a> {
+impl Part<'_> {
     fn range(self) -> Range<usize> {
         self.start..self.start + self.text.len()
     }
@@ -117,7 +120,7 @@ impl<'a> Part<'a> {
     }
 }
 
-impl<'a> Text<'a> {
+impl Text<'_> {
     fn error(&self, part: Part<'_>, message: impl Into<String>) -> InputError {
         InputError::at(self.source, part.range(), message)
     }

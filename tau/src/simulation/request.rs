@@ -13,6 +13,10 @@ use crate::robot_file::{Payload, RobotFile};
 
 /// Everything that can be asked for, as it is typed.
 #[derive(Debug, Clone, PartialEq)]
+#[expect(
+    clippy::struct_excessive_bools,
+    reason = "each is a switch of the command line"
+)]
 pub struct Request {
     /// The robot file; by default the prototype's.
     pub robot: Option<PathBuf>,
