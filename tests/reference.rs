@@ -225,7 +225,8 @@ impl Reference<'_> {
         };
         for (effect, used) in self.described.effects.iter().enumerate() {
             let applies = match used.place {
-                Place::Link(link) => full && link == of,
+                Place::Link(link) if full => link == of,
+                Place::Link(link) => self.model.links[link].cluster == of,
                 Place::AllLinks | Place::Tcp => true,
                 _ => false,
             };
@@ -237,7 +238,7 @@ impl Reference<'_> {
                 command: track.or(actuated),
                 track,
                 source: None,
-                link: Some(of),
+                link: if full { Some(of) } else { self.model.links_of_cluster(of).first().copied() },
                 length_of: Some(owner),
                 set_one: true,
             };
@@ -251,7 +252,7 @@ impl Reference<'_> {
                     }
                     (Target::Position, Formula::Vector(parts)) => {
                         for (sum, part) in tcp.iter_mut().zip(parts.iter()) {
-                            *sum += self.formula(part, scope);
+                            *sum -= self.formula(part, scope);
                         }
                     }
                     other => panic!("{other:?}"),

@@ -273,7 +273,7 @@ pub enum Target {
     Length,
     /// Plate joint in TCP coordinates (m, vector).
     Joint,
-    /// Measured TCP position (m, vector).
+    /// Error of the measured TCP position (m, vector).
     Position,
 }
 

@@ -142,6 +142,10 @@ fn residual(context: &mut Context<'_>, of: usize, turn: Option<Vector>) -> Expr 
     context.own = Some(owner);
     context.own_command = track.or(actuated_by);
 
+    let links = match context.variant.arm {
+        Arm::Full => vec![of],
+        Arm::Reduced => context.model.links_of_cluster(of),
+    };
     let mut tcp = context.vector_datum(Input::Position);
     let mut length = context.parameter(owner, "length", None);
     let mut joint = match context.variant.arm {
@@ -151,7 +155,7 @@ fn residual(context: &mut Context<'_>, of: usize, turn: Option<Vector>) -> Expr 
     for (index, used) in context.variant.effects.clone().iter().enumerate() {
         let applies = match used.place {
             Place::Tcp | Place::AllLinks => true,
-            Place::Link(link) => owner == Owner::Link(link),
+            Place::Link(link) => links.contains(&link),
             Place::Cart { .. } | Place::AllCarts => false,
         };
         if !applies {
@@ -162,7 +166,8 @@ fn residual(context: &mut Context<'_>, of: usize, turn: Option<Vector>) -> Expr 
             command: context.own_command,
             track,
             source: None,
-            link: (context.variant.arm == Arm::Full).then_some(of),
+            // The checker admits a tension in a reduced arm only where the cluster is one link.
+            link: links.first().copied(),
             length_of: Some(owner),
             at_tcp: true,
         };
@@ -173,7 +178,8 @@ fn residual(context: &mut Context<'_>, of: usize, turn: Option<Vector>) -> Expr 
                     joint = joint.map(|joint| vector::add(&mut context.g, joint, [x, y, z]));
                 }
                 (Target::Position, &[x, y, z]) => {
-                    tcp = vector::add(&mut context.g, tcp, [x, y, z]);
+                    // The effect is part of what was measured; closure holds for the rest.
+                    tcp = vector::subtract(&mut context.g, tcp, [x, y, z]);
                 }
                 _ => unreachable!("the checker admits only such targets on a link or the TCP"),
             }

@@ -92,7 +92,6 @@ pub fn run(
 ) -> Result<Study, Error> {
     let Poses { counts, division } = Poses::select(robot, file, folder, split)?;
     let mut remarks = folder.remarks.clone();
-    remarks.extend(dropped(counts));
     let variants = chosen_variants(robot, folder, &mut remarks);
     let steps = variants.len() + 2;
     let mut done = 0;
