@@ -179,6 +179,7 @@ pub(super) fn emit(
         },
         stored: Vec::with_capacity(form.values.len()),
         negated: HashMap::new(),
+        written: HashMap::new(),
     };
     for (index, value) in form.values.iter().enumerate() {
         let negative = signs.values[index];
@@ -230,8 +231,9 @@ pub(super) fn emit(
         };
         if let Operand::Temporary(temporary) = operand
             && !negative
+            && let Some(name) = graph.name_of(form.exprs[index])
         {
-            writer.program.names[temporary] = graph.name_of(form.exprs[index]).map(str::to_owned);
+            writer.program.names[temporary].get_or_insert_with(|| name.to_owned());
         }
         writer.stored.push(operand);
     }
@@ -250,13 +252,50 @@ struct Writer {
     stored: Vec<Operand>,
     /// Negated copies already made.
     negated: HashMap<usize, Operand>,
+    /// Operations already written.
+    written: HashMap<Key, usize>,
+}
+
+/// An operation as something that can be looked up.
+type Key = (u8, Option<Elementary>, Vec<(u8, u64)>);
+
+fn key(operation: &Operation) -> Key {
+    let mut operands: Vec<(u8, u64)> = operation
+        .operands()
+        .into_iter()
+        .map(|operand| match operand {
+            Operand::Constant(value) => (0, value.to_bits()),
+            Operand::Input(index) => (1, index as u64),
+            Operand::Temporary(index) => (2, index as u64),
+        })
+        .collect();
+    let (kind, function) = match operation {
+        Operation::Add(..) => (0, None),
+        Operation::Subtract(..) => (1, None),
+        Operation::Multiply(..) => (2, None),
+        Operation::Divide(..) => (3, None),
+        Operation::Negate(_) => (4, None),
+        Operation::Apply(function, _) => (5, Some(*function)),
+        Operation::Select(_) => (6, None),
+    };
+    if matches!(operation, Operation::Add(..) | Operation::Multiply(..)) {
+        operands.sort_unstable();
+    }
+    (kind, function, operands)
 }
 
 impl Writer {
+    /// The result of an operation; one that was written before is not written again.
+    ///
+    /// Expressions are unique already, but flattened sums may begin with the same terms.
     fn push(&mut self, operation: Operation) -> Operand {
-        self.program.operations.push(operation);
-        self.program.names.push(None);
-        Operand::Temporary(self.program.operations.len() - 1)
+        let next = self.program.operations.len();
+        let index = *self.written.entry(key(&operation)).or_insert(next);
+        if index == next {
+            self.program.operations.push(operation);
+            self.program.names.push(None);
+        }
+        Operand::Temporary(index)
     }
 
     /// A stored value, negated if asked.
