@@ -40,7 +40,6 @@ fn random_point(robot: &Robot, variant: &Variant, seed: u64) -> Point {
                 Input::Angle(_) => random.uniform(-3.0, 3.0),
                 Input::Time => random.uniform(0.0, 4.0),
                 Input::Temperature => random.uniform(15.0, 30.0),
-                Input::Load { .. } | Input::Tension(_) => random.uniform(-2.0, 2.0),
                 Input::Direction(_) => random.uniform(-1.0, 1.0).signum(),
                 _ => random.uniform(-2.0, 2.0),
             };

@@ -238,7 +238,11 @@ impl Reference<'_> {
                 command: track.or(actuated),
                 track,
                 source: None,
-                link: if full { Some(of) } else { self.model.links_of_cluster(of).first().copied() },
+                link: if full {
+                    Some(of)
+                } else {
+                    self.model.links_of_cluster(of).first().copied()
+                },
                 length_of: Some(owner),
                 set_one: true,
             };

@@ -107,7 +107,14 @@ pub fn run(
     for variant in variants {
         next(&format!("calibrating {}", variant.name));
         let options = calibration::Options::default();
-        let calibration = calibrate(robot, variant, file, folder, &division.calibration, &options)?;
+        let calibration = calibrate(
+            robot,
+            variant,
+            file,
+            folder,
+            &division.calibration,
+            &options,
+        )?;
         results.push(result(&calibration, folder, &division.validation)?);
         if variant.arm == Arm::Full {
             full = Some(calibration);
@@ -117,10 +124,19 @@ pub fn run(
     let sensitivity = full
         .map(|calibration| {
             let machine = &calibration.machine;
-            sensitivity::analyse(machine, folder, &division.validation, sensitivity::PAPER_STEP)
+            sensitivity::analyse(
+                machine,
+                folder,
+                &division.validation,
+                sensitivity::PAPER_STEP,
+            )
         })
         .transpose()?;
-    progress(Progress { doing: "done", done: steps, steps });
+    progress(Progress {
+        doing: "done",
+        done: steps,
+        steps,
+    });
     Ok(Study {
         robot: robot.name.clone(),
         folder: folder.name.clone(),
@@ -150,14 +166,22 @@ fn chosen_variants<'a>(
     folder: &Folder,
     remarks: &mut Vec<String>,
 ) -> Vec<&'a Variant> {
-    let (chosen, left_out): (Vec<&Variant>, Vec<&Variant>) =
-        robot.variants.iter().filter(|variant| variant.effects.is_empty()).partition(|variant| {
-            let needs_paths =
-                variant.tracks.iter().any(|track| track.shape == TrackShape::Piecewise);
+    let (chosen, left_out): (Vec<&Variant>, Vec<&Variant>) = robot
+        .variants
+        .iter()
+        .filter(|variant| variant.effects.is_empty())
+        .partition(|variant| {
+            let needs_paths = variant
+                .tracks
+                .iter()
+                .any(|track| track.shape == TrackShape::Piecewise);
             !needs_paths || !folder.cart_poses.is_empty()
         });
     if !left_out.is_empty() {
-        let names: Vec<&str> = left_out.iter().map(|variant| variant.name.as_str()).collect();
+        let names: Vec<&str> = left_out
+            .iter()
+            .map(|variant| variant.name.as_str())
+            .collect();
         remarks.push(format!("left out for want of set 2: {}", names.join(", ")));
     }
     chosen
