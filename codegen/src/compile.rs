@@ -114,16 +114,17 @@ pub fn compile(model: &Model, description: &str) -> CompiledRobot {
 
 /// Compiles one variant, by its index.
 pub fn compile_variant(model: &Model, variant: usize) -> CompiledVariant {
-    compile_with(model, variant, true)
+    let all = [
+        ResidualKind::Closure,
+        ResidualKind::ClosureByPose,
+        ResidualKind::CartPose,
+        ResidualKind::CartPosition,
+    ];
+    compile_kinds(model, variant, &all)
 }
 
-/// Compiles one variant, by its index, without the closures by pose that kinematics needs: enough to
-/// fit it, in less time.
-pub fn compile_residuals(model: &Model, variant: usize) -> CompiledVariant {
-    compile_with(model, variant, false)
-}
-
-fn compile_with(model: &Model, variant: usize, by_pose: bool) -> CompiledVariant {
+/// Compiles some of the residuals of one variant, by its index; its parameters are those of all.
+pub fn compile_kinds(model: &Model, variant: usize, kinds: &[ResidualKind]) -> CompiledVariant {
     let variant = &model.variants[variant];
     let parameters = equations::parameters(model, variant);
     let context = || Context::new(model, variant, &parameters, Staging::Staged);
@@ -164,16 +165,16 @@ fn compile_with(model: &Model, variant: usize, by_pose: bool) -> CompiledVariant
         instances: vec![],
         parameters: parameters.clone(),
     };
-    for of in 0..closures {
+    for of in (0..closures).filter(|_| kinds.contains(&ResidualKind::Closure)) {
         compiled.add(equations::closure(context(), of, false));
     }
-    for of in (0..closures).filter(|_| by_pose) {
+    for of in (0..closures).filter(|_| kinds.contains(&ResidualKind::ClosureByPose)) {
         compiled.add(equations::closure_by_pose(context(), of));
     }
-    for of in 0..carts {
+    for of in (0..carts).filter(|_| kinds.contains(&ResidualKind::CartPose)) {
         compiled.add(equations::cart_pose(context(), of));
     }
-    for of in 0..carts {
+    for of in (0..carts).filter(|_| kinds.contains(&ResidualKind::CartPosition)) {
         compiled.add(equations::cart_position(context(), of));
     }
     compiled.name_families(model);

@@ -1,0 +1,304 @@
+//! Candidates: effects at places, with the columns that they would add to the Jacobian.
+
+use nalgebra::DMatrix;
+use tau_codegen::equations;
+use tau_codegen::language::model::{Effect, Model, Place, Readable, Target, Term};
+
+use super::formula::{Formulas, Series};
+use super::generic::{self, Family};
+use super::probes::Probes;
+use super::samples::Sample;
+use crate::effects;
+use crate::kinematics::Surroundings;
+use crate::robot::{Arm, Input, Variant};
+
+/// An effect at a place.
+#[derive(Debug, Clone)]
+pub(super) struct Candidate {
+    /// Index in [`Model::effects`].
+    pub(super) effect: usize,
+    pub(super) place: Place,
+    pub(super) name: String,
+    /// Places as the description writes them.
+    pub(super) places: String,
+    /// What it is, for an unnamed family.
+    pub(super) family: Option<Family>,
+    /// The parameter whose range is searched, by index of its component.
+    pub(super) search: Option<(usize, (f64, f64))>,
+    /// Whether it is constant where it acts (a joint or length off its place, say).
+    pub(super) parameters: Vec<ParameterKind>,
+}
+
+/// A component of an effect's parameter.
+#[derive(Debug, Clone)]
+pub(super) struct ParameterKind {
+    pub(super) name: String,
+    pub(super) unit: String,
+    pub(super) nominal: f64,
+    pub(super) tolerance: Option<f64>,
+}
+
+/// Where a term acts: the derivative of the residuals by what it adds to.
+struct Action<'a> {
+    /// Rows' derivatives by the target's components.
+    probes: Vec<&'a [f64]>,
+    scope: Scope,
+    /// Samples on which it can act.
+    samples: Vec<usize>,
+}
+
+/// What a formula's words mean.
+#[derive(Debug, Clone, Copy)]
+struct Scope {
+    command: Option<usize>,
+    track: Option<usize>,
+    source: Option<usize>,
+    link: Option<usize>,
+    length: Option<f64>,
+}
+
+/// Derivatives of a term by the amplitudes at every sample, with the probe that carries them.
+pub(super) struct Entry {
+    /// Derivatives of the rows by what the term adds to.
+    pub(super) probe: Vec<f64>,
+    pub(super) samples: Vec<usize>,
+    /// By component of the effect's parameters: the value at each of `samples`.
+    pub(super) slopes: Vec<Option<Vec<f64>>>,
+}
+
+/// All candidates for a variant: effects at every place that a name can have.
+pub(super) fn all(model: &Model, base: &Variant, families: &[Family]) -> Vec<Candidate> {
+    let mut candidates = Vec::new();
+    for (index, effect) in model.effects.iter().enumerate() {
+        let family = families.iter().find(|family| family.name == effect.name).cloned();
+        for place in effects::places(model, effect) {
+            let is_common = matches!(place, Place::AllCarts | Place::AllLinks);
+            let is_searched = effect.parameters.iter().any(|parameter| parameter.search.is_some());
+            if ((family.is_some() || is_searched) && is_common)
+                || (base.arm == Arm::Reduced && effects::needs_full_arm(model, effect, place))
+            {
+                continue;
+            }
+            let places = equations::places(model, place);
+            let is_used = base
+                .effects
+                .iter()
+                .any(|(name, at)| *name == effect.name && *at == places);
+            if !is_used {
+                candidates.push(Candidate::new(index, effect, place, places.join(","), family.clone()));
+            }
+        }
+    }
+    candidates
+}
+
+impl Candidate {
+    fn new(
+        index: usize,
+        effect: &Effect,
+        place: Place,
+        places: String,
+        family: Option<Family>,
+    ) -> Self {
+        let mut parameters = Vec::new();
+        let mut search = None;
+        for parameter in &effect.parameters {
+            if let Some(range) = parameter.search.filter(|_| search.is_none()) {
+                search = Some((parameters.len(), range));
+            }
+            for component in 0..parameter.components {
+                let suffix = if parameter.components > 1 {
+                    ["_x", "_y", "_z"].get(component).copied().unwrap_or("")
+                } else {
+                    ""
+                };
+                parameters.push(ParameterKind {
+                    name: format!("{}{suffix}", parameter.name),
+                    unit: parameter.dimension.si_unit(),
+                    nominal: parameter.nominal,
+                    tolerance: parameter.tolerance,
+                });
+            }
+        }
+        Self { effect: index, place, name: effect.name.clone(), places, family, search, parameters }
+    }
+
+    /// Whether it has a name of its own.
+    pub(super) fn is_named(&self) -> bool {
+        !self.name.starts_with(generic::PREFIX)
+    }
+
+    /// As the description writes it.
+    pub(super) fn label(&self) -> String {
+        format!("{}({})", self.name, self.places.replace(',', ", "))
+    }
+
+    /// Indices of the parameters that are amplitudes: all but the searched one.
+    pub(super) fn amplitudes(&self) -> Vec<usize> {
+        (0..self.parameters.len())
+            .filter(|&k| self.search.is_none_or(|(searched, _)| searched != k))
+            .collect()
+    }
+
+    /// Parameter values at no effect.
+    pub(super) fn nominal(&self) -> Vec<f64> {
+        self.parameters.iter().map(|parameter| parameter.nominal).collect()
+    }
+
+    /// What the effect adds per parameter, term by term.
+    ///
+    /// # Errors
+    /// What the measurements lack, in words.
+    pub(super) fn entries(
+        &self,
+        model: &Model,
+        values: &[f64],
+        probes: &Probes,
+        samples: &[Sample],
+        surroundings: &Surroundings,
+    ) -> Result<Vec<Entry>, &'static str> {
+        let effect = &model.effects[self.effect];
+        let formulas = Formulas::new(effect, values);
+        let mut entries = Vec::new();
+        for term in &effect.terms {
+            for action in self.actions(model, term, probes, samples) {
+                let reader = |readable| action.scope.read(readable, &action.samples, samples, surroundings);
+                let slopes = formulas.slopes(term, &reader)?;
+                for (probe, slopes) in action.probes.iter().zip(slopes) {
+                    let count = action.samples.len();
+                    let each = |series: &Series| (0..count).map(|s| series.at(s)).collect();
+                    entries.push(Entry {
+                        probe: probe.to_vec(),
+                        samples: action.samples.clone(),
+                        slopes: (0..self.parameters.len())
+                            .map(|k| slopes.get(&k).map(each))
+                            .collect(),
+                    });
+                }
+            }
+        }
+        Ok(entries)
+    }
+
+    fn actions<'a>(
+        &self,
+        model: &Model,
+        term: &Term,
+        probes: &'a Probes,
+        samples: &[Sample],
+    ) -> Vec<Action<'a>> {
+        let of_set_1: Vec<usize> = (0..samples.len()).filter(|&s| samples[s].set == 1).collect();
+        let none = Scope { command: None, track: None, source: None, link: None, length: None };
+        let on_cart = |track: usize, source: Option<usize>, component: usize| Action {
+            probes: vec![&probes.carts[track][component]],
+            scope: Scope { command: Some(track), track: Some(track), source, ..none },
+            samples: (0..samples.len())
+                .filter(|&s| samples[s].track.is_none_or(|own| own == track))
+                .collect(),
+        };
+        let axis = match term.target {
+            Target::Along => 0,
+            Target::Horizontal => 1,
+            Target::Vertical => 2,
+            Target::Roll => 3,
+            Target::Pitch => 4,
+            Target::Yaw => 5,
+            Target::Length | Target::Joint | Target::Position => 6,
+        };
+        let on_closure = |closure: usize| {
+            let owner = &probes.closures[closure];
+            Some(Action {
+                probes: match term.target {
+                    Target::Length => vec![&owner.length],
+                    _ => owner.joint.as_ref()?.iter().map(Vec::as_slice).collect(),
+                },
+                scope: Scope {
+                    command: owner.command,
+                    link: owner.link,
+                    length: Some(owner.length_m),
+                    ..none
+                },
+                samples: of_set_1.clone(),
+            })
+        };
+        match self.place {
+            Place::Cart { track, source } => vec![on_cart(track, source, axis)],
+            Place::AllCarts => {
+                (0..model.tracks.len()).map(|track| on_cart(track, None, axis)).collect()
+            }
+            Place::Link(link) => {
+                let closure = probes.closures.iter().position(|closure| {
+                    closure.link == Some(link)
+                        || (closure.link.is_none() && closure.cluster == model.links[link].cluster)
+                });
+                closure.and_then(on_closure).into_iter().collect()
+            }
+            Place::AllLinks => (0..probes.closures.len()).filter_map(on_closure).collect(),
+            Place::Tcp => vec![Action {
+                probes: probes.tcp.iter().map(Vec::as_slice).collect(),
+                scope: none,
+                samples: of_set_1,
+            }],
+        }
+    }
+}
+
+impl Scope {
+    fn read(
+        &self,
+        readable: Readable,
+        at: &[usize],
+        samples: &[Sample],
+        surroundings: &Surroundings,
+    ) -> Result<Vec<f64>, &'static str> {
+        const NO_CART: &str = "it needs a cart, and the link has none";
+        const FULL_ARM: &str = "it needs a full arm";
+        if let Readable::Length = readable {
+            return Ok(vec![self.length.ok_or(FULL_ARM)?; at.len()]);
+        }
+        let load = |component| {
+            self.track.map(|track| Input::Load { track, component }).ok_or(NO_CART)
+        };
+        let input = match readable {
+            Readable::Command => Input::Command(self.command.ok_or(NO_CART)?),
+            Readable::CommandOf(track) => Input::Command(track),
+            Readable::SourceCommand => Input::Command(self.source.ok_or(NO_CART)?),
+            Readable::Direction => Input::Direction(self.command.ok_or(NO_CART)?),
+            Readable::Time => Input::Time,
+            Readable::Temperature => Input::Temperature,
+            Readable::LoadAlong => load(0)?,
+            Readable::LoadHorizontal => load(1)?,
+            Readable::LoadVertical => load(2)?,
+            Readable::Tension => Input::Tension(self.link.ok_or(FULL_ARM)?),
+            Readable::Position(k) => Input::TcpPosition(k),
+            Readable::Length => return Err(FULL_ARM),
+        };
+        at.iter().map(|&sample| samples[sample].input(input, surroundings)).collect()
+    }
+}
+
+/// The columns that entries add up to, one per parameter in `wanted`, on rows in units of noise.
+pub(super) fn columns(
+    entries: &[Entry],
+    wanted: &[usize],
+    row_samples: &[usize],
+    sample_count: usize,
+    total_rows: usize,
+) -> DMatrix<f64> {
+    let mut columns = DMatrix::zeros(total_rows, wanted.len());
+    let mut by_sample = vec![0.0; sample_count];
+    for entry in entries {
+        for (column, &parameter) in wanted.iter().enumerate() {
+            let Some(slopes) = &entry.slopes[parameter] else { continue };
+            by_sample.fill(0.0);
+            for (&sample, &slope) in entry.samples.iter().zip(slopes) {
+                by_sample[sample] = slope;
+            }
+            let mut target = columns.column_mut(column);
+            for (row, (&sample, &probe)) in row_samples.iter().zip(&entry.probe).enumerate() {
+                target[row] += probe * by_sample[sample];
+            }
+        }
+    }
+    columns
+}

@@ -1,0 +1,99 @@
+//! Does a candidate predict what it was not fitted to? Blocks of neighbours are held out in turn.
+
+use std::collections::BTreeMap;
+
+use nalgebra::{Cholesky, DMatrix, DVector};
+
+use super::distribution::Random;
+use super::projection::Subspace;
+use super::samples::Sample;
+use super::view::View;
+
+/// Blocks per set, and per cart in set 2: layers of the workspace, stretches of track.
+const FOLDS: usize = 8;
+const RESAMPLES: usize = 400;
+/// Share of the resamples below the lower bound.
+const LOWER: f64 = 0.05;
+
+/// Lower bootstrap bound, over units, of the fall of the held-out χ² when a candidate joins the model.
+pub(super) fn held_out_gain(view: &View, subspace: &Subspace, samples: &[Sample], seed: u64) -> f64 {
+    let folds = folds(samples);
+    let with = view.with(subspace);
+    let mut gains = vec![0.0; Sample::units(samples)];
+    for fold in 0..FOLDS {
+        let rows: Vec<usize> = (0..view.rows.len())
+            .filter(|&row| view.factors[row] > 0.0 && folds[view.rows[row].sample] == fold)
+            .collect();
+        let (Some(before), Some(after)) = (predicted(view, &rows), predicted(&with, &rows)) else {
+            continue;
+        };
+        for (k, &row) in rows.iter().enumerate() {
+            gains[samples[view.rows[row].sample].unit] += before[k].powi(2) - after[k].powi(2);
+        }
+    }
+    let mut random = Random(seed);
+    let mut sums: Vec<f64> = (0..RESAMPLES)
+        .map(|_| (0..gains.len()).map(|_| gains[random.below(gains.len())]).sum())
+        .collect();
+    sums.sort_by(f64::total_cmp);
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a small count")]
+    let lower = (LOWER * RESAMPLES as f64) as usize;
+    sums[lower]
+}
+
+/// Fold of each sample: neighbours in the order measured, set by set.
+fn folds(samples: &[Sample]) -> Vec<usize> {
+    let mut counts: BTreeMap<(u8, Option<usize>), usize> = BTreeMap::new();
+    let places: Vec<usize> = samples
+        .iter()
+        .map(|sample| {
+            let count = counts.entry((sample.set, sample.track)).or_default();
+            *count += 1;
+            *count - 1
+        })
+        .collect();
+    samples
+        .iter()
+        .zip(places)
+        .map(|(sample, place)| place * FOLDS / counts[&(sample.set, sample.track)])
+        .collect()
+}
+
+/// Residuals of rows by a model fitted to all others: `e + Q (I − QᵀQ)⁻¹ Qᵀe` over these rows.
+fn predicted(view: &View, rows: &[usize]) -> Option<DVector<f64>> {
+    let q = view.q.select_rows(rows);
+    let residuals = DVector::from_iterator(rows.len(), rows.iter().map(|&row| view.residuals[row]));
+    let columns = q.ncols();
+    let left = DMatrix::identity(columns, columns) * (1.0 + 1e-9) - q.transpose() * &q;
+    let solved = Cholesky::new(left)?.solve(&q.tr_mul(&residuals));
+    Some(residuals + q * solved)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::projection::Basis;
+    use super::*;
+
+    /// The shortcut gives what refitting without the rows gives.
+    #[test]
+    fn predictions_are_those_of_a_refit() {
+        let mut random = Random(5);
+        let mut number = || (random.bits() >> 40) as f64 / 1e7 - 0.8;
+        let jacobian = DMatrix::from_fn(40, 4, |_, _| number());
+        let measured = DVector::from_fn(40, |_, _| number());
+        let basis = Basis::of(&jacobian).unwrap();
+        let view = View {
+            residuals: basis.residuals_after(&measured),
+            q: basis.q,
+            factors: vec![1.0; 40],
+            rows: vec![],
+            degrees: 36.0,
+        };
+        let held: Vec<usize> = (10..20).collect();
+        let others: Vec<usize> = (0..40).filter(|row| !held.contains(row)).collect();
+        let (kept, rest) = (jacobian.select_rows(&others), measured.select_rows(&others));
+        let solution = (kept.transpose() * &kept).try_inverse().unwrap() * kept.tr_mul(&rest);
+        let expected = measured.select_rows(&held) - jacobian.select_rows(&held) * solution;
+        assert!((predicted(&view, &held).unwrap() - expected).amax() < 1e-7);
+    }
+}

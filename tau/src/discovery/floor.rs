@@ -1,0 +1,81 @@
+//! The error that noise alone leaves on the validation poses.
+
+use nalgebra::{DMatrix, Matrix3};
+use tau_runtime::ResidualKind;
+
+use super::fit::Fit;
+use super::Error;
+use crate::kinematics::{Machine, Sample};
+use crate::measurements::Folder;
+use crate::robot_file::Noise;
+
+/// Expected mean and mean square (m, m²) of the position error.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Floor {
+    pub(super) mean_m: f64,
+    pub(super) square_m2: f64,
+}
+
+/// By propagating the noise of the measured position and of the calibrated parameters through the
+/// forward kinematics.
+pub(super) fn floor(
+    fit: &Fit,
+    machine: &Machine,
+    folder: &Folder,
+    poses: &[usize],
+    noise: Noise,
+) -> Result<Floor, Error> {
+    let mut floor = Floor::default();
+    let mut count = 0.0;
+    let unknowns = machine.pose_unknowns().len();
+    let closures: Vec<_> = machine.variant.instances_of(ResidualKind::Closure).collect();
+    for measured in poses.iter().filter_map(|&pose| folder.tcp_poses.get(pose)) {
+        let sample = Sample::from(measured);
+        let mut by_pose = DMatrix::zeros(closures.len(), unknowns);
+        let mut by_parameter = DMatrix::zeros(closures.len(), fit.joint.used.len());
+        for (row, closure) in closures.iter().enumerate() {
+            let Some(pair) = machine.closure_instances().find(|pair| pair.of == closure.of) else {
+                continue;
+            };
+            let (_, gradient) = machine
+                .closure_by_pose(pair, &sample)
+                .map_err(|error| Error::at_pose(measured.pose, error))?;
+            for (column, value) in gradient.iter().take(unknowns).enumerate() {
+                by_pose[(row, column)] = *value;
+            }
+            let (family, shape) = (&closure.family, closure.family.shape());
+            let mut data = Vec::new();
+            let filled = machine.surroundings.fill(&closure.inputs, &sample, &mut data);
+            if filled.is_err() {
+                continue;
+            }
+            let mut prepared = vec![0.0; shape.prepared];
+            family.prepare(&data, &mut prepared);
+            let local: Vec<f64> = closure.parameters.iter().map(|&p| machine.values[p]).collect();
+            let (mut residual, mut entries) = ([0.0], vec![0.0; family.pattern().len()]);
+            family.linearize(&prepared, &local, &mut residual, &mut entries);
+            for (&column, entry) in family.pattern().columns.iter().zip(&entries) {
+                let index = closure.parameters[column as usize];
+                if let Ok(place) = fit.joint.used.binary_search(&index) {
+                    by_parameter[(row, place)] = *entry;
+                }
+            }
+        }
+        let spread = by_parameter * &fit.basis.b;
+        let Ok(moved) = by_pose.svd(true, true).solve(&spread, 1e-9) else { continue };
+        let position = moved.rows(0, 3);
+        let covariance: Matrix3<f64> = Matrix3::identity() * noise.position_m.powi(2)
+            + Matrix3::from_fn(|i, j| position.row(i).dot(&position.row(j)));
+        let trace = covariance.trace();
+        // Mean length of a normal vector, to second order in how uneven its covariance is.
+        let spread = (covariance * covariance).trace() / trace.powi(2);
+        floor.mean_m += trace.sqrt() * (1.0 - 0.25 * spread);
+        floor.square_m2 += trace;
+        count += 1.0;
+    }
+    if count > 0.0 {
+        floor.mean_m /= count;
+        floor.square_m2 /= count;
+    }
+    Ok(floor)
+}

@@ -1,0 +1,92 @@
+//! Where the tracker stood in sets 2 and 3, roughly: the fit does the rest.
+
+use nalgebra::Vector3;
+
+use tau_runtime::Owner;
+
+use crate::calibration::{Line, NominalTrack, Registration, set_2, set_3};
+use crate::kinematics::{Machine, Pose, zyz};
+use crate::measurements::Folder;
+use crate::robot::Arm;
+use crate::robot_file::RobotFile;
+
+/// How well set 1 alone tells the direction of a track, and its place (m): parts of the tolerances of a
+/// drawing, so that targets' unknown places decide little.
+const DIRECTION: f64 = 1e-3;
+const OFFSET_M: f64 = 1e-3;
+
+/// From the tracker frames to the measurement frame, as far as nominal values tell.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Frames {
+    pub(super) set2: Option<Frame>,
+    pub(super) set3: Option<Frame>,
+}
+
+/// A registered tracker frame.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Frame(Registration);
+
+impl Frames {
+    /// `machine` has been fitted to set 1, which settles where its tracks run.
+    pub(super) fn of(machine: &Machine, file: &RobotFile, folder: &Folder) -> Self {
+        let robot = &machine.robot;
+        let nominal: Vec<Option<NominalTrack>> = NominalTrack::all(robot, file)
+            .into_iter()
+            .enumerate()
+            .map(|(track, nominal)| fitted(machine, track).or(nominal))
+            .collect();
+        let register = |points: &dyn Fn(usize) -> Vec<(f64, Vector3<f64>)>| {
+            let lines: Vec<Option<Line>> =
+                (0..robot.tracks.len()).map(|track| Line::fit(&points(track))).collect();
+            Registration::of(&nominal, &lines).map(Frame)
+        };
+        Self {
+            set2: register(&|track| set_2(folder, track)),
+            set3: register(&|track| set_3(folder, track)),
+        }
+    }
+}
+
+/// A straight track as fitted: the mean over the joints that ride on its cart.
+fn fitted(machine: &Machine, track: usize) -> Option<NominalTrack> {
+    let (robot, variant) = (&machine.robot, &machine.variant);
+    let joints: Vec<Owner> = match variant.arm {
+        Arm::Full => robot.links_of_track(track).into_iter().map(Owner::Link).collect(),
+        Arm::Reduced => (0..robot.clusters.len())
+            .filter(|&cluster| robot.clusters[cluster].track == Some(track))
+            .map(Owner::Cluster)
+            .collect(),
+    };
+    let vector = |owner: Owner, quantity: &str| {
+        let value = |k| Some(machine.values[variant.parameter(owner, quantity, Some(k))?]);
+        Some(Vector3::new(value(0)?, value(1)?, value(2)?))
+    };
+    let lines = joints
+        .iter()
+        .map(|&joint| {
+            Some((
+                vector(joint, "track_offset")?,
+                vector(joint, "track_direction")
+                    .or_else(|| vector(Owner::Track(track), "track_direction"))?,
+            ))
+        })
+        .collect::<Option<Vec<_>>>()?;
+    let count = lines.len() as f64;
+    (!lines.is_empty()).then(|| NominalTrack {
+        line: Line {
+            origin: lines.iter().map(|line| line.0).sum::<Vector3<f64>>() / count,
+            direction: lines.iter().map(|line| line.1).sum::<Vector3<f64>>() / count,
+        },
+        direction_tolerance: DIRECTION,
+        offset_tolerance_m: OFFSET_M,
+    })
+}
+
+impl Frame {
+    pub(super) fn carry(&self, position_m: [f64; 3], angles_rad: Option<[f64; 3]>) -> Pose {
+        Pose {
+            position: self.0.apply(position_m.into()),
+            rotation: self.0.rotation * zyz(angles_rad.unwrap_or_default()),
+        }
+    }
+}

@@ -1,0 +1,424 @@
+//! All sets in one fit: residuals in units of their noise, their derivatives, priors.
+
+use std::sync::Arc;
+
+use nalgebra::{DMatrix, DVector, Vector3};
+use tau_runtime::ResidualFamily;
+use tau_solver::{Block, Problem};
+
+use super::samples::Sample;
+use super::variant::{TURNING, TURNING_RATES};
+use super::whitened::WhitenedPose;
+use crate::calibration::{Error, Line, MOUNTING_M, Nominal};
+use crate::input_error::InputError;
+use crate::kinematics::{self, Machine, track_axes};
+use crate::robot::{Owner, ResidualKind};
+use crate::robot_file::Noise;
+
+/// Groups of residuals that have a noise of their own.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) enum Component {
+    /// Closures of set 1.
+    Closure,
+    /// Positions of set 2.
+    CartPosition,
+    /// Rotations of set 2.
+    CartRotation,
+    /// Positions of set 3.
+    Position,
+}
+
+impl Component {
+    pub(super) const ALL: [Self; 4] =
+        [Self::Closure, Self::CartPosition, Self::CartRotation, Self::Position];
+
+    /// The set that it belongs to.
+    pub(super) fn set(self) -> u8 {
+        match self {
+            Self::Closure => 1,
+            Self::CartPosition | Self::CartRotation => 2,
+            Self::Position => 3,
+        }
+    }
+}
+
+/// A family with its samples.
+struct Part {
+    family: Arc<dyn ResidualFamily>,
+    /// Index of each parameter among those of the fit.
+    parameters: Vec<usize>,
+    data: Vec<f64>,
+    prepared: Vec<f64>,
+    /// Index of each sample.
+    samples: Vec<usize>,
+    /// First row of the fit; samples follow each other.
+    first_row: usize,
+    /// Reciprocal stated noise and component of each residual of a sample.
+    weights: Vec<(f64, Component)>,
+}
+
+/// The residuals of a variant at all samples.
+pub(super) struct Joint {
+    pub(super) machine: Machine,
+    /// Index in the variant of each parameter of the fit.
+    pub(super) used: Vec<usize>,
+    /// Prior of each of them.
+    pub(super) priors: Vec<Nominal>,
+    parts: Vec<Part>,
+    /// Sample, component and place within the sample of each row.
+    pub(super) rows: Vec<Row>,
+}
+
+/// What a residual belongs to.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Row {
+    pub(super) sample: usize,
+    pub(super) component: Component,
+    /// Index of the residual in its sample.
+    pub(super) residual: usize,
+}
+
+/// Residuals and derivatives at a point, whitened; the rows of the priors last.
+pub(super) struct Linear {
+    pub(super) residuals: DVector<f64>,
+    pub(super) jacobian: DMatrix<f64>,
+}
+
+/// Share of a column's norm that stands in for the prior of a parameter that has none.
+const WEAK: f64 = 1e-6;
+
+impl Joint {
+    /// Lays out the rows: set 1, then sets 2 and 3 by track.
+    pub(super) fn new(
+        machine: Machine,
+        nominal: &[Nominal],
+        samples: &[Sample],
+        noise: Noise,
+    ) -> Result<Self, Error> {
+        let variant = &machine.variant;
+        let mut parts: Vec<(Arc<dyn ResidualFamily>, Vec<usize>, Vec<f64>, Vec<usize>, _)> = Vec::new();
+        let indices = |set: u8, track: Option<usize>| -> Vec<usize> {
+            (0..samples.len()).filter(|&i| samples[i].set == set && samples[i].track == track).collect()
+        };
+        let closures: Vec<_> = variant.instances_of(ResidualKind::Closure).cloned().collect();
+        let poses = indices(1, None);
+        let mut data = Vec::new();
+        for &pose in &poses {
+            let sample = &samples[pose];
+            for closure in &closures {
+                fill(&machine, &closure.inputs, sample, &mut data)?;
+            }
+            let at = kinematics_sample(sample);
+            let factor = WhitenedPose::factor(&machine, &at.view(), noise).ok_or_else(|| {
+                Error::Input(InputError::whole(
+                    "tcp_poses.csv",
+                    format!("pose {}: the closures do not depend on the pose", sample.number),
+                ))
+            })?;
+            data.extend(factor);
+        }
+        let weights = vec![(1.0, Component::Closure); closures.len()];
+        let family = WhitenedPose::new(closures);
+        let parameters = family.parameters().to_vec();
+        parts.push((Arc::new(family), parameters, data, poses, weights));
+        for (kind, set) in [(ResidualKind::CartPose, 2), (ResidualKind::CartPosition, 3)] {
+            for instance in variant.instances_of(kind) {
+                let of = indices(set, Some(instance.of));
+                if of.is_empty() {
+                    continue;
+                }
+                let mut data = Vec::new();
+                for &sample in &of {
+                    fill(&machine, &instance.inputs, &samples[sample], &mut data)?;
+                }
+                let (position, rotation) = (noise.position_m.recip(), noise.rotation_rad.recip());
+                let weights = if set == 2 {
+                    [[(position, Component::CartPosition); 3], [(rotation, Component::CartRotation); 3]]
+                        .concat()
+                } else {
+                    vec![(position, Component::Position); 3]
+                };
+                parts.push((
+                    Arc::clone(&instance.family),
+                    instance.parameters.clone(),
+                    data,
+                    of,
+                    weights,
+                ));
+            }
+        }
+        let mut used: Vec<usize> = parts.iter().flat_map(|part| part.1.iter().copied()).collect();
+        used.sort_unstable();
+        used.dedup();
+        let mut rows = Vec::new();
+        let parts = parts
+            .into_iter()
+            .map(|(family, parameters, data, samples, weights)| {
+                let first_row = rows.len();
+                for &sample in &samples {
+                    rows.extend(weights.iter().enumerate().map(|(residual, &(_, component))| Row {
+                        sample,
+                        component,
+                        residual,
+                    }));
+                }
+                let mut prepared = vec![0.0; samples.len() * family.shape().prepared];
+                family.prepare_all(&data, &mut prepared);
+                let place = |index: &usize| used.binary_search(index).unwrap_or_default();
+                Part {
+                    parameters: parameters.iter().map(place).collect(),
+                    family,
+                    data,
+                    prepared,
+                    samples,
+                    first_row,
+                    weights,
+                }
+            })
+            .collect();
+        let priors = used
+            .iter()
+            .map(|&index| match variant.parameters[index].owner {
+                Owner::Target { .. } if variant.parameters[index].quantity == "position" => {
+                    Nominal { value: 0.0, tolerance: Some(MOUNTING_M) }
+                }
+                _ => nominal[index],
+            })
+            .collect();
+        Ok(Self { machine, used, priors, parts, rows })
+    }
+
+    /// The values of the whole variant.
+    pub(super) fn values(&self, fitted: &[f64]) -> Vec<f64> {
+        let mut values = self.machine.values.clone();
+        for (&index, &value) in self.used.iter().zip(fitted) {
+            values[index] = value;
+        }
+        values
+    }
+
+    /// Values of the fit out of those of the whole variant.
+    pub(super) fn fitted(&self, values: &[f64]) -> Vec<f64> {
+        self.used.iter().map(|&index| values[index]).collect()
+    }
+
+    /// Factor of each row beyond the stated noise: reciprocal scale of its component times the weight
+    /// of its sample.
+    pub(super) fn factors(&self, scales: &[f64; 4], weights: &[f64]) -> Vec<f64> {
+        self.rows
+            .iter()
+            .map(|row| weights[row.sample] / scales[row.component as usize])
+            .collect()
+    }
+
+    /// The fit as a problem for the solver. `factors` holds one number per row.
+    pub(super) fn problem(&self, start: &[f64], factors: &[f64]) -> Problem<'_> {
+        let variant = &self.machine.variant;
+        let parameters = self
+            .used
+            .iter()
+            .zip(&self.priors)
+            .zip(start)
+            .map(|((&index, prior), &start)| {
+                let described = &variant.parameters[index];
+                let mut parameter = tau_solver::Parameter::new(&described.name, start);
+                if let Some(tolerance) = prior.tolerance.filter(|tolerance| *tolerance > 0.0) {
+                    parameter = parameter.with_prior(prior.value, tolerance);
+                }
+                match described.search {
+                    Some((low, high)) => parameter.with_bounds(low, high),
+                    None => parameter,
+                }
+            })
+            .collect();
+        let blocks = self
+            .parts
+            .iter()
+            .map(|part| {
+                let weights = (0..part.samples.len() * part.weights.len())
+                    .map(|k| part.weights[k % part.weights.len()].0 * factors[part.first_row + k])
+                    .collect();
+                Block::new("joint fit", &*part.family, part.parameters.clone(), &part.data)
+                    .with_weights(weights)
+            })
+            .collect();
+        Problem { parameters, blocks }
+    }
+
+    /// Where the fit of all sets starts: values that fit set 1, and carts that turn as set 2 sees them.
+    pub(super) fn start(&self, values: &[f64], samples: &[Sample], noise: Noise) -> Vec<f64> {
+        let variant = &self.machine.variant;
+        let mut values = values.to_vec();
+        let residuals = self.residuals(&self.fitted(&values), &vec![1.0; self.rows.len()]);
+        for track in 0..self.machine.robot.tracks.len() {
+            let mut points: Vec<(f64, Vector3<f64>)> = Vec::new();
+            for (row, at) in self.rows.iter().enumerate() {
+                let sample = &samples[at.sample];
+                if at.component == Component::CartRotation && sample.track == Some(track) {
+                    if at.residual == 3 {
+                        points.push((sample.commands_m[track], Vector3::zeros()));
+                    }
+                    if let Some((_, turn)) = points.last_mut() {
+                        turn[at.residual - 3] = residuals[row] * noise.rotation_rad;
+                    }
+                }
+            }
+            let (Some(line), Some(direction)) = (Line::fit(&points), self.direction(track)) else {
+                continue;
+            };
+            for (quantity, axis) in TURNING_RATES.iter().zip(track_axes(direction)) {
+                let rate = variant.parameters.iter().position(|parameter| {
+                    parameter.quantity == *quantity
+                        && parameter.name.starts_with(&format!("{TURNING}({})", self.machine.robot.tracks[track]))
+                });
+                if let Some(rate) = rate {
+                    values[rate] -= line.direction.dot(&axis);
+                }
+            }
+        }
+        self.fitted(&values)
+    }
+
+    /// Direction of a track, or of the first path on its cart.
+    fn direction(&self, track: usize) -> Option<Vector3<f64>> {
+        let variant = &self.machine.variant;
+        let robot = &self.machine.robot;
+        let joints = robot.links_of_track(track).into_iter().map(Owner::Link);
+        let clusters = (0..robot.clusters.len()).map(Owner::Cluster).filter(|owner| {
+            matches!(owner, Owner::Cluster(c) if robot.clusters[*c].track == Some(track))
+        });
+        joints.chain(clusters).chain([Owner::Track(track)]).find_map(|owner| {
+            let value = |k| {
+                let index = variant.parameter(owner, "track_direction", Some(k))?;
+                Some(self.machine.values[index])
+            };
+            Some(Vector3::new(value(0)?, value(1)?, value(2)?))
+        })
+    }
+
+    /// The whitening of each pose of set 1, by rows, in order.
+    pub(super) fn closure_factors(&self) -> impl Iterator<Item = &[f64]> {
+        self.parts
+            .iter()
+            .filter(|part| part.weights.first().is_some_and(|weight| weight.1 == Component::Closure))
+            .flat_map(|part| {
+                let (rows, width) = (part.weights.len(), part.family.shape().data);
+                part.data.chunks_exact(width).map(move |data| &data[width - rows * rows..])
+            })
+    }
+
+    /// Residuals at a point, in units of the noise times `factors`, priors last.
+    pub(super) fn residuals(&self, fitted: &[f64], factors: &[f64]) -> DVector<f64> {
+        let rows = self.rows.len();
+        let mut residuals = DVector::zeros(rows + self.used.len());
+        let mut plain = Vec::new();
+        for part in &self.parts {
+            let local: Vec<f64> = part.parameters.iter().map(|&p| fitted[p]).collect();
+            plain.resize(part.samples.len() * part.weights.len(), 0.0);
+            part.family.value_all(&part.prepared, &local, &mut plain);
+            for (k, &residual) in plain.iter().enumerate() {
+                let row = part.first_row + k;
+                let weight = part.weights[k % part.weights.len()].0;
+                residuals[row] = residual * weight * factors[row];
+            }
+        }
+        for (column, prior) in self.priors.iter().enumerate() {
+            if let Some(tolerance) = prior.tolerance.filter(|tolerance| *tolerance > 0.0) {
+                residuals[rows + column] = (fitted[column] - prior.value) / tolerance;
+            }
+        }
+        residuals
+    }
+
+    /// Residuals and Jacobian at a point, in units of the noise times `factors`.
+    pub(super) fn linearize(&self, fitted: &[f64], factors: &[f64]) -> Linear {
+        let (rows, columns) = (self.rows.len(), self.used.len());
+        let mut residuals = DVector::zeros(rows + columns);
+        let mut jacobian = DMatrix::zeros(rows + columns, columns);
+        let (mut plain, mut entries) = (Vec::new(), Vec::new());
+        for part in &self.parts {
+            let (shape, pattern) = (part.family.shape(), part.family.pattern());
+            let local: Vec<f64> = part.parameters.iter().map(|&p| fitted[p]).collect();
+            plain.resize(part.samples.len() * shape.residuals, 0.0);
+            entries.resize(part.samples.len() * pattern.len(), 0.0);
+            part.family.linearize_all(&part.prepared, &local, &mut plain, &mut entries);
+            for (k, &residual) in plain.iter().enumerate() {
+                let row = part.first_row + k;
+                let within = k % shape.residuals;
+                let weight = part.weights[within].0 * factors[row];
+                residuals[row] = residual * weight;
+                let (start, end) =
+                    (pattern.row_starts[within] as usize, pattern.row_starts[within + 1] as usize);
+                let offset = k / shape.residuals * pattern.len();
+                for entry in start..end {
+                    let column = part.parameters[pattern.columns[entry] as usize];
+                    jacobian[(row, column)] = entries[offset + entry] * weight;
+                }
+            }
+        }
+        for column in 0..columns {
+            let row = rows + column;
+            let prior = self.priors.get(column);
+            let known = prior.and_then(|p| Some((p.value, p.tolerance.filter(|t| *t > 0.0)?)));
+            if let Some((mean, tolerance)) = known {
+                jacobian[(row, column)] = tolerance.recip();
+                residuals[row] = (fitted[column] - mean) / tolerance;
+            } else {
+                let norm = jacobian.column(column).norm();
+                jacobian[(row, column)] = if norm > 0.0 { WEAK * norm } else { 1.0 };
+            }
+        }
+        Linear { residuals, jacobian }
+    }
+}
+
+fn fill(
+    machine: &Machine,
+    inputs: &[crate::robot::Input],
+    sample: &Sample,
+    data: &mut Vec<f64>,
+) -> Result<(), Error> {
+    for &input in inputs {
+        let value = sample.input(input, &machine.surroundings).map_err(|what| {
+            let file = ["tcp_poses.csv", "cart_poses.csv", "cart_positions.csv"]
+                [usize::from(sample.set.clamp(1, 3)) - 1];
+            Error::Input(InputError::whole(file, format!("sample {}: {what}", sample.number)))
+        })?;
+        data.push(value);
+    }
+    Ok(())
+}
+
+/// A sample of set 1 as kinematics takes it.
+pub(super) struct Owned {
+    commands_m: Vec<f64>,
+    directions: Option<Vec<f64>>,
+    pose: kinematics::Pose,
+    conditions: crate::measurements::Conditions,
+}
+
+pub(super) fn kinematics_sample(sample: &Sample) -> Owned {
+    let directions = (0..sample.commands_m.len())
+        .map(|k| {
+            let none = &kinematics::Surroundings::default();
+            sample.input(crate::robot::Input::Direction(k), none).ok()
+        })
+        .collect();
+    Owned {
+        commands_m: sample.commands_m.clone(),
+        directions,
+        pose: sample.pose,
+        conditions: sample.conditions,
+    }
+}
+
+impl Owned {
+    pub(super) fn view(&self) -> kinematics::Sample<'_> {
+        kinematics::Sample {
+            commands_m: &self.commands_m,
+            pose: self.pose,
+            directions: self.directions.as_deref(),
+            conditions: self.conditions,
+        }
+    }
+}

@@ -1,0 +1,162 @@
+//! How residuals answer to what effects may add to: derivatives, by the generated equations.
+
+use tau_codegen::compile::compile_kinds;
+use tau_codegen::language::model::{EffectUse, Model, Place};
+use tau_runtime::{Owner, ResidualKind};
+
+use super::joint::Joint;
+use super::samples::Sample;
+use super::variant::{free_turning, index_of, with_effects};
+use crate::calibration::{Error, Nominal};
+use crate::kinematics::Machine;
+use crate::robot::{Arm, Variant};
+use crate::robot_file::Noise;
+
+/// Derivatives of all rows, in units of the stated noise, by what effects may add to.
+pub(super) struct Probes {
+    /// Per track: along, horizontal, vertical, roll, pitch, yaw.
+    pub(super) carts: Vec<Vec<Vec<f64>>>,
+    /// Per link, or per cluster where the arm is reduced.
+    pub(super) closures: Vec<ClosureProbe>,
+    /// Measured TCP position x, y, z.
+    pub(super) tcp: Vec<Vec<f64>>,
+}
+
+/// Derivatives by a link's length and plate joint.
+pub(super) struct ClosureProbe {
+    pub(super) cluster: usize,
+    /// `None` where the arm is reduced.
+    pub(super) link: Option<usize>,
+    /// The command that its cart, or its length, follows.
+    pub(super) command: Option<usize>,
+    pub(super) length_m: f64,
+    pub(super) length: Vec<f64>,
+    /// `None` where the arm is reduced.
+    pub(super) joint: Option<Vec<Vec<f64>>>,
+}
+
+/// Effects that add one constant to each target: their derivatives are those of the targets.
+const TARGETS: &str = "
+effect unnamed_probe_cart on cart {
+    param shift_along, shift_horizontal, shift_vertical: length;
+    param turn_roll, turn_pitch, turn_yaw: angle;
+    along += shift_along; horizontal += shift_horizontal; vertical += shift_vertical;
+    roll += turn_roll; pitch += turn_pitch; yaw += turn_yaw;
+}
+effect unnamed_probe_tcp on tcp { param shift[3]: length; position += shift; }
+";
+
+impl Probes {
+    /// At the values of a fit of `variant` (by index in the model).
+    pub(super) fn of(
+        model: &Model,
+        variant: usize,
+        base: &Joint,
+        fitted: &[f64],
+        samples: &[Sample],
+        noise: Noise,
+    ) -> Result<Self, Error> {
+        let mut probed = with_effects(model, TARGETS);
+        let (cart, tcp) =
+            (index_of(&probed, "unnamed_probe_cart"), index_of(&probed, "unnamed_probe_tcp"));
+        let places = (0..model.tracks.len()).map(|track| Place::Cart { track, source: None });
+        let mut used: Vec<EffectUse> =
+            places.map(|place| EffectUse { effect: cart, place }).collect();
+        used.push(EffectUse { effect: tcp, place: Place::Tcp });
+        let first = probed.variants[variant].effects.len();
+        probed.variants[variant].effects.extend(used);
+        let closures = Variant::from(&compile_kinds(&probed, variant, &[ResidualKind::Closure]));
+        let mut compiled = free_turning(&probed, variant, Some(&closures));
+
+        let base_variant = &base.machine.variant;
+        let values = base.values(fitted);
+        let own = |name: &str| base_variant.parameters.iter().position(|p| p.name == name);
+        let values: Vec<f64> = compiled
+            .parameters
+            .iter()
+            .map(|parameter| own(&parameter.name).map_or(0.0, |index| values[index]))
+            .collect();
+        let nominal: Vec<Nominal> =
+            values.iter().map(|&value| Nominal { value, tolerance: None }).collect();
+        // The whitening needs closures by pose, which the base has.
+        let by_pose: Vec<_> = base
+            .machine
+            .closure_instances()
+            .cloned()
+            .map(|mut instance| {
+                for index in &mut instance.parameters {
+                    let name = &base_variant.parameters[*index].name;
+                    let place = compiled.parameters.iter().position(|p| p.name == *name);
+                    *index = place.unwrap_or_default();
+                }
+                instance
+            })
+            .collect();
+        compiled.instances.extend(by_pose);
+        let machine = Machine {
+            robot: base.machine.robot.clone(),
+            variant: compiled,
+            values,
+            surroundings: base.machine.surroundings.clone(),
+        };
+        let joint = Joint::new(machine, &nominal, samples, noise)?;
+        let factors = vec![1.0; joint.rows.len()];
+        let linear = joint.linearize(&joint.fitted(&joint.machine.values), &factors);
+        let rows = joint.rows.len();
+        let variant = &joint.machine.variant;
+        let column = |owner: Owner, quantity: &str, component: Option<usize>| -> Vec<f64> {
+            variant
+                .parameter(owner, quantity, component)
+                .and_then(|index| joint.used.binary_search(&index).ok())
+                .map_or_else(
+                    || vec![0.0; rows],
+                    |column| linear.jacobian.column(column).rows(0, rows).iter().copied().collect(),
+                )
+        };
+        let tracks = model.tracks.len();
+        let carts = (0..tracks)
+            .map(|track| {
+                ["shift_along", "shift_horizontal", "shift_vertical", "turn_roll", "turn_pitch", "turn_yaw"]
+                    .map(|quantity| column(Owner::Effect(first + track), quantity, None))
+                    .into()
+            })
+            .collect();
+        let tcp =
+            (0..3).map(|k| column(Owner::Effect(first + tracks), "shift", Some(k))).collect();
+        let closures = match variant.arm {
+            Arm::Full => (0..model.links.len())
+                .map(|link| {
+                    let owner = Owner::Link(link);
+                    let cluster = model.links[link].cluster;
+                    ClosureProbe {
+                        cluster,
+                        link: Some(link),
+                        command: model.clusters[cluster].track.or(model.links[link].actuated_by),
+                        length_m: length_of(&joint, owner),
+                        length: column(owner, "length", None),
+                        joint: Some((0..3).map(|k| column(owner, "plate_joint", Some(k))).collect()),
+                    }
+                })
+                .collect(),
+            Arm::Reduced => (0..model.clusters.len())
+                .map(|cluster| {
+                    let owner = Owner::Cluster(cluster);
+                    ClosureProbe {
+                        cluster,
+                        link: None,
+                        command: model.clusters[cluster].track,
+                        length_m: length_of(&joint, owner),
+                        length: column(owner, "length", None),
+                        joint: None,
+                    }
+                })
+                .collect(),
+        };
+        Ok(Self { carts, closures, tcp })
+    }
+}
+
+fn length_of(joint: &Joint, owner: Owner) -> f64 {
+    let index = joint.machine.variant.parameter(owner, "length", None);
+    index.map_or(0.0, |index| joint.machine.values[index])
+}

@@ -1,0 +1,212 @@
+//! The measurements of all sets as one list of samples.
+
+use crate::kinematics::{Forces, Pose, Statics, Surroundings};
+use crate::measurements::{Conditions, Folder, TcpPose};
+use crate::robot::{Input, Robot};
+
+use super::frames::Frames;
+
+/// A measured pose of the TCP (set 1), of a cart (set 2) or position of a cart (set 3).
+#[derive(Debug, Clone)]
+pub(super) struct Sample {
+    /// 1, 2 or 3.
+    pub(super) set: u8,
+    /// Index of the track, in sets 2 and 3.
+    pub(super) track: Option<usize>,
+    /// Number of the pose or point in the file.
+    pub(super) number: u32,
+    /// What is measured together: samples of one unit share their errors' sign in sign flips and their
+    /// fold in confirmation.
+    pub(super) unit: usize,
+    pub(super) commands_m: Vec<f64>,
+    directions: Vec<Option<f64>>,
+    pub(super) conditions: Conditions,
+    /// Measured; in sets 2 and 3 carried near the measurement frame.
+    pub(super) pose: Pose,
+    /// Angles of `pose` as the equations take them (rad).
+    angles_rad: [f64; 3],
+    /// Pose of the plate and forces on the arm, where there is an arm and they are known.
+    pub(super) plate: Option<Pose>,
+    forces: Option<Forces>,
+}
+
+/// Missing inputs, in words.
+pub(super) const NO_DIRECTION: &str = "the column of the side of approach (`dir`) is missing";
+const NO_TIME: &str = "the column `time_s` is missing";
+const NO_TEMPERATURE: &str = "the column `temperature_c` is missing";
+const NO_LOAD: &str = "`[payload]` or dimensions of the links are missing in the robot file";
+const NO_PATH: &str = "set 2 (`cart_poses.csv`) is missing";
+const NO_COMMAND: &str = "a command is missing";
+
+impl Sample {
+    fn of_tcp(measured: &TcpPose, unit: usize) -> Self {
+        let pose = Pose::from_zyz(measured.position_m, measured.angles_rad);
+        Self {
+            set: 1,
+            track: None,
+            number: measured.pose,
+            unit,
+            commands_m: measured.commands_m.clone(),
+            directions: (0..measured.commands_m.len())
+                .map(|k| measured.directions.as_ref().and_then(|d| d.get(k).copied()))
+                .collect(),
+            conditions: measured.conditions,
+            pose,
+            angles_rad: measured.angles_rad,
+            plate: Some(pose),
+            forces: None,
+        }
+    }
+
+    /// Samples of all sets: set 1 for the given poses (indices), then sets 2 and 3 where they are there
+    /// and registered.
+    pub(super) fn all(robot: &Robot, folder: &Folder, poses: &[usize], frames: &Frames) -> Vec<Self> {
+        let mut samples: Vec<Self> = poses
+            .iter()
+            .filter_map(|&pose| folder.tcp_poses.get(pose))
+            .enumerate()
+            .map(|(unit, measured)| Self::of_tcp(measured, unit))
+            .collect();
+        let mut unit = samples.len();
+        let own_direction = |track: usize, direction: Option<f64>| {
+            (0..robot.commands).map(|k| direction.filter(|_| k == track)).collect::<Vec<_>>()
+        };
+        if let Some(frame) = frames.set2 {
+            // Targets are turned back by how the first pose of each shows them, so that what is left to
+            // fit of their rotation is small.
+            let mut mounted = vec![None; robot.tracks.len()];
+            for measured in &folder.cart_poses {
+                let mut pose = frame.carry(measured.position_m, Some(measured.angles_rad));
+                let Some(mounted) = mounted.get_mut(measured.track) else { continue };
+                pose.rotation *= mounted.get_or_insert(pose.rotation).inverse();
+                samples.push(Self {
+                    set: 2,
+                    track: Some(measured.track),
+                    number: measured.point,
+                    unit,
+                    commands_m: vec![measured.command_m; robot.commands],
+                    directions: own_direction(measured.track, measured.direction),
+                    conditions: measured.conditions,
+                    pose,
+                    angles_rad: pose.angles_rad(),
+                    plate: None,
+                    forces: None,
+                });
+                unit += 1;
+            }
+        }
+        if let Some(frame) = frames.set3 {
+            let mut last = None;
+            for measured in &folder.cart_positions {
+                if last.is_some_and(|last| last != measured.pose) {
+                    unit += 1;
+                }
+                last = Some(measured.pose);
+                samples.push(Self {
+                    set: 3,
+                    track: Some(measured.track),
+                    number: measured.pose,
+                    unit,
+                    commands_m: measured.commands_m.clone(),
+                    directions: own_direction(measured.track, measured.direction),
+                    conditions: measured.conditions,
+                    pose: frame.carry(measured.position_m, None),
+                    angles_rad: [0.0; 3],
+                    plate: None,
+                    forces: None,
+                });
+            }
+        }
+        samples
+    }
+
+    /// Number of samples' units.
+    pub(super) fn units(samples: &[Self]) -> usize {
+        samples.iter().map(|sample| sample.unit + 1).max().unwrap_or(0)
+    }
+
+    /// Side of approach of a command, where known.
+    pub(super) fn direction(&self, command: usize) -> Option<f64> {
+        self.directions.get(command).copied().flatten()
+    }
+
+    /// Computes the forces of the arm, where the plate's pose is known.
+    pub(super) fn load(&mut self, statics: &Statics) {
+        self.forces = self.plate.map(|plate| statics.forces(&plate, &self.commands_m));
+    }
+
+    /// A number that the equations take. Without an arm (set 2) nothing loads the carts.
+    pub(super) fn input(&self, input: Input, surroundings: &Surroundings) -> Result<f64, &'static str> {
+        let segment = |track: usize| {
+            let path = surroundings.paths.get(track)?.as_ref()?;
+            Some(path.segment(*self.commands_m.get(track)?))
+        };
+        let force = |of: fn(&Forces, usize, usize) -> Option<f64>, index: usize, component: usize| {
+            if self.set == 2 {
+                return Ok(0.0);
+            }
+            self.forces.as_ref().and_then(|forces| of(forces, index, component)).ok_or(NO_LOAD)
+        };
+        match input {
+            Input::Command(k) => self.commands_m.get(k).copied().ok_or(NO_COMMAND),
+            Input::Position(k) => Ok(self.pose.position[k]),
+            Input::Angle(k) => Ok(self.angles_rad[k]),
+            Input::TcpPosition(k) => Ok(self.plate.map_or(0.0, |plate| plate.position[k])),
+            Input::Direction(k) => self.directions.get(k).copied().flatten().ok_or(NO_DIRECTION),
+            Input::Time => self.conditions.time_s.ok_or(NO_TIME),
+            Input::Temperature => self.conditions.temperature_c.ok_or(NO_TEMPERATURE),
+            Input::Load { track, component } => {
+                force(|f, track, k| f.loads_n.get(track).map(|load| load[k]), track, component)
+            }
+            Input::Tension(link) => force(|f, link, _| f.tensions_n.get(link).copied(), link, 0),
+            Input::SegmentStart { track, component } => {
+                segment(track).map(|s| s.ends[0][component]).ok_or(NO_PATH)
+            }
+            Input::SegmentEnd { track, component } => {
+                segment(track).map(|s| s.ends[1][component]).ok_or(NO_PATH)
+            }
+            Input::SegmentStartCommand(track) => segment(track).map(|s| s.commands[0]).ok_or(NO_PATH),
+            Input::SegmentEndCommand(track) => segment(track).map(|s| s.commands[1]).ok_or(NO_PATH),
+        }
+    }
+
+    /// The same measurement under other conditions, to see what it would tell.
+    #[must_use]
+    pub(super) fn under(&self, treatment: Treatment) -> Self {
+        let mut other = self.clone();
+        match treatment {
+            Treatment::Same => {}
+            Treatment::Load(factor) => {
+                if let Some(forces) = &mut other.forces {
+                    forces.tensions_n.iter_mut().for_each(|tension| *tension *= factor);
+                    forces.loads_n.iter_mut().flatten().for_each(|load| *load *= factor);
+                }
+            }
+            Treatment::Warmer(kelvin) => {
+                other.conditions.temperature_c = other.conditions.temperature_c.map(|t| t + kelvin);
+            }
+            Treatment::Reversed => {
+                other.directions.iter_mut().flatten().for_each(|direction| *direction = -*direction);
+            }
+            Treatment::Later(seconds) => {
+                other.conditions.time_s = other.conditions.time_s.map(|t| t + seconds);
+            }
+        }
+        other
+    }
+}
+
+/// How a measurement is repeated.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Treatment {
+    /// As it was.
+    Same,
+    /// With so many times the payload.
+    Load(f64),
+    /// Warmer by so many kelvins.
+    Warmer(f64),
+    /// Approached from the other side.
+    Reversed,
+    /// Later by so many seconds.
+    Later(f64),
+}

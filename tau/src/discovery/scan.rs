@@ -1,0 +1,299 @@
+//! Effects with a searched parameter: the score over a fine grid of it.
+
+use nalgebra::{DMatrix, DVector};
+use tau_codegen::language::Model;
+
+use super::candidates::Candidate;
+use super::distribution::{Random, chi2_survival};
+use super::view::View;
+use super::probes::Probes;
+use super::projection::decompose;
+use super::samples::Sample;
+use crate::kinematics::Surroundings;
+
+/// Grid points per reciprocal of the range of the commands: at one, a peak is as wide as a step.
+const OVERSAMPLING: f64 = 5.0;
+/// Peaks whose statistic falls short of the highest by less fit as well (odds of twenty to one).
+pub(super) const AS_GOOD: f64 = 6.0;
+
+/// The columns of a searched effect at every point of the grid.
+pub(super) struct Scan {
+    pub(super) grid: Vec<f64>,
+    amplitudes: Vec<usize>,
+    parts: Vec<Part>,
+}
+
+/// One target on one place.
+struct Part {
+    probe: Vec<f64>,
+    samples: Vec<usize>,
+    /// Samples × (grid · amplitudes).
+    slopes: DMatrix<f64>,
+}
+
+/// The score at every point of the grid.
+pub(super) struct Scores {
+    pub(super) statistics: Vec<f64>,
+    ranks: Vec<usize>,
+    /// For each grid point, coefficients of an orthonormal basis.
+    coefficients: Vec<DMatrix<f64>>,
+    /// QᵀG of all columns.
+    absorbed: DMatrix<f64>,
+}
+
+impl Scan {
+    /// The grid is even in the reciprocal of the parameter where that is a period, a length in which
+    /// the effect repeats along a track; `range_m` is the widest range of the commands.
+    pub(super) fn new(
+        candidate: &Candidate,
+        model: &Model,
+        probes: &Probes,
+        samples: &[Sample],
+        surroundings: &Surroundings,
+        range_m: f64,
+    ) -> Result<Self, &'static str> {
+        let Some((searched, (low, high))) = candidate.search else {
+            return Err("nothing is searched");
+        };
+        let amplitudes = candidate.amplitudes();
+        let span = low.recip() - high.recip();
+        let steps = (span * OVERSAMPLING * range_m).ceil().clamp(8.0, 20_000.0);
+        let grid: Vec<f64> = (0..=count(steps))
+            .map(|k| (high.recip() + span * k as f64 / steps).recip())
+            .collect();
+        let mut values = candidate.nominal();
+        let mut parts: Vec<Part> = Vec::new();
+        for (point, &value) in grid.iter().enumerate() {
+            values[searched] = value;
+            let entries = candidate.entries(model, &values, probes, samples, surroundings)?;
+            for (part, entry) in entries.into_iter().enumerate() {
+                if point == 0 {
+                    parts.push(Part {
+                        slopes: DMatrix::zeros(entry.samples.len(), grid.len() * amplitudes.len()),
+                        probe: entry.probe.clone(),
+                        samples: entry.samples.clone(),
+                    });
+                }
+                for (k, &amplitude) in amplitudes.iter().enumerate() {
+                    if let Some(slopes) = &entry.slopes[amplitude] {
+                        let column = point * amplitudes.len() + k;
+                        parts[part].slopes.column_mut(column).copy_from_slice(slopes);
+                    }
+                }
+            }
+        }
+        Ok(Self { grid, amplitudes, parts })
+    }
+
+    /// Scores residuals at every grid point.
+    pub(super) fn scores(&self, view: &View, samples: &[Sample]) -> Scores {
+        let width = self.amplitudes.len();
+        let total = self.grid.len() * width;
+        let mut absorbed = DMatrix::zeros(view.q.ncols(), total);
+        let mut score = DVector::zeros(total);
+        let mut weighted: Vec<Vec<f64>> = Vec::new();
+        for part in &self.parts {
+            let (by_basis, by_residual, probe) = part.gather(view, samples.len());
+            absorbed += by_basis.transpose() * &part.slopes;
+            score += part.slopes.tr_mul(&by_residual);
+            weighted.push(probe);
+        }
+        let crosses: Vec<(usize, usize, Vec<f64>)> = (0..self.parts.len())
+            .flat_map(|a| (0..=a).map(move |b| (a, b)))
+            .filter_map(|(a, b)| {
+                let sums = self.cross(a, b, &weighted, view, samples.len());
+                sums.iter().any(|&s| s != 0.0).then_some((a, b, sums))
+            })
+            .collect();
+        let mut scores = Scores {
+            statistics: Vec::with_capacity(self.grid.len()),
+            ranks: Vec::with_capacity(self.grid.len()),
+            coefficients: Vec::with_capacity(self.grid.len()),
+            absorbed,
+        };
+        for point in 0..self.grid.len() {
+            let mut raw = DMatrix::<f64>::zeros(width, width);
+            for (a, b, sums) in &crosses {
+                let (left, right) = (&self.parts[*a], &self.parts[*b]);
+                for i in 0..width {
+                    for j in 0..width {
+                        let (p, q) = (
+                            left.slopes.column(point * width + i),
+                            right.slopes.column(point * width + j),
+                        );
+                        // Both parts list samples in the same order where they share rows.
+                        let sum: f64 = left.paired(right, sums).map(|(s, l, r)| s * p[l] * q[r]).sum();
+                        raw[(i, j)] += sum;
+                        if a != b {
+                            raw[(j, i)] += sum;
+                        }
+                    }
+                }
+            }
+            let norms: Vec<f64> = (0..width).map(|k| raw[(k, k)].max(0.0).sqrt()).collect();
+            let of = scores.absorbed.columns(point * width, width);
+            let left = raw - of.tr_mul(&of);
+            let (scale, vectors, kept) = decompose(&norms, &left);
+            let coefficients = DMatrix::from_fn(width, kept.len(), |row, k| {
+                scale[row] * vectors[(row, kept[k].0)] / kept[k].1.sqrt()
+            });
+            let here = score.rows(point * width, width);
+            scores.statistics.push(coefficients.tr_mul(&here).norm_squared());
+            scores.ranks.push(kept.len());
+            scores.coefficients.push(coefficients);
+        }
+        scores
+    }
+
+    /// Sums of products of two parts' probes, by sample.
+    fn cross(&self, a: usize, b: usize, weighted: &[Vec<f64>], view: &View, samples: usize) -> Vec<f64> {
+        let mut sums = vec![0.0; samples];
+        for ((row, p), q) in view.rows.iter().zip(&weighted[a]).zip(&weighted[b]) {
+            sums[row.sample] += p * q;
+        }
+        sums
+    }
+
+    /// The statistics over the grid under sign flips of the units: one column per flip.
+    pub(super) fn flipped(
+        &self,
+        scores: &Scores,
+        view: &View,
+        samples: &[Sample],
+        signs: &DMatrix<f64>,
+        flipped_basis: &DMatrix<f64>,
+    ) -> Vec<Vec<f64>> {
+        let width = self.amplitudes.len();
+        let mut score = -(scores.absorbed.transpose() * flipped_basis);
+        for part in &self.parts {
+            let (_, by_residual, _) = part.gather(view, samples.len());
+            let turned = DMatrix::from_fn(part.samples.len(), signs.ncols(), |s, flip| {
+                by_residual[s] * signs[(samples[part.samples[s]].unit, flip)]
+            });
+            score += part.slopes.transpose() * turned;
+        }
+        (0..signs.ncols())
+            .map(|flip| {
+                (0..self.grid.len())
+                    .map(|point| {
+                        let here = score.view((point * width, flip), (width, 1));
+                        scores.coefficients[point].tr_mul(&here).norm_squared()
+                    })
+                    .collect()
+            })
+            .collect()
+    }
+}
+
+impl Part {
+    /// Sums over each sample's rows of the probe times the basis, and times the residuals; and the
+    /// probe in units of the fit's noise.
+    fn gather(&self, view: &View, samples: usize) -> (DMatrix<f64>, DVector<f64>, Vec<f64>) {
+        let mut place = vec![usize::MAX; samples];
+        self.samples.iter().enumerate().for_each(|(s, &sample)| place[sample] = s);
+        let probe: Vec<f64> = self.probe.iter().zip(&view.factors).map(|(p, f)| p * f).collect();
+        let columns = view.q.ncols();
+        let mut by_basis = DMatrix::zeros(self.samples.len(), columns);
+        let mut by_residual = DVector::zeros(self.samples.len());
+        let active: Vec<(usize, usize, f64)> = view
+            .rows
+            .iter()
+            .enumerate()
+            .filter(|(row, at)| probe[*row] != 0.0 && place[at.sample] != usize::MAX)
+            .map(|(row, at)| (row, place[at.sample], probe[row]))
+            .collect();
+        for &(row, s, weight) in &active {
+            by_residual[s] += weight * view.residuals[row];
+        }
+        for column in 0..columns {
+            let q = view.q.column(column);
+            let mut target = by_basis.column_mut(column);
+            for &(row, s, weight) in &active {
+                target[s] += weight * q[row];
+            }
+        }
+        (by_basis, by_residual, probe)
+    }
+
+    /// Samples that two parts share, with a weight: (weight, place here, place there).
+    fn paired<'a>(
+        &'a self,
+        other: &'a Self,
+        sums: &'a [f64],
+    ) -> impl Iterator<Item = (f64, usize, usize)> + 'a {
+        let mut there = 0;
+        self.samples.iter().enumerate().filter_map(move |(here, &sample)| {
+            while other.samples.get(there).is_some_and(|&s| s < sample) {
+                there += 1;
+            }
+            (other.samples.get(there) == Some(&sample) && sums[sample] != 0.0)
+                .then_some((sums[sample], here, there))
+        })
+    }
+}
+
+impl Scores {
+    /// Index of the highest statistic.
+    pub(super) fn best(&self) -> usize {
+        (0..self.statistics.len())
+            .max_by(|&a, &b| self.statistics[a].total_cmp(&self.statistics[b]))
+            .unwrap_or(0)
+    }
+
+    /// Largest number of amplitudes that can be told apart.
+    pub(super) fn rank(&self) -> usize {
+        self.ranks.iter().copied().max().unwrap_or(0)
+    }
+
+    /// Values of the grid at other peaks that fit as well as the highest.
+    pub(super) fn aliases(&self, grid: &[f64]) -> Vec<f64> {
+        let best = self.best();
+        let highest = self.statistics[best];
+        let lobe = 2 * count(OVERSAMPLING);
+        (1..self.statistics.len().saturating_sub(1))
+            .filter(|&k| {
+                let here = self.statistics[k];
+                here > highest - AS_GOOD
+                    && here >= self.statistics[k - 1]
+                    && here >= self.statistics[k + 1]
+                    && k.abs_diff(best) > lobe
+            })
+            .map(|k| grid[k])
+            .collect()
+    }
+}
+
+/// Chance that the highest statistic of a whole scan exceeds `statistic` without an effect: the bound
+/// by upcrossings (Davies 1987; Gross and Vitells 2010) with their number at a low level counted in
+/// null scans.
+pub(super) fn global_p(statistic: f64, rank: f64, upcrossings: f64) -> f64 {
+    let level = rank;
+    let beyond = if statistic > level {
+        upcrossings
+            * (statistic / level).powf(0.5 * (rank - 1.0))
+            * (-0.5 * (statistic - level)).exp()
+    } else {
+        1.0
+    };
+    (chi2_survival(statistic, rank) + beyond).min(1.0)
+}
+
+/// Mean number of times that null scans cross the level `rank` upwards.
+pub(super) fn upcrossings(null_scans: &[Vec<f64>], rank: f64) -> f64 {
+    let crossings: usize = null_scans
+        .iter()
+        .map(|scan| scan.windows(2).filter(|pair| pair[0] < rank && pair[1] >= rank).count())
+        .sum();
+    crossings as f64 / null_scans.len().max(1) as f64
+}
+
+/// Random signs, one row per unit and one column per flip.
+pub(super) fn signs(units: usize, flips: usize, seed: u64) -> DMatrix<f64> {
+    let mut random = Random(seed);
+    DMatrix::from_fn(units, flips, |_, _| random.sign())
+}
+
+#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a small count")]
+fn count(number: f64) -> usize {
+    number as usize
+}

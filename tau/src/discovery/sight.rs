@@ -1,0 +1,122 @@
+//! What these measurements could show at all, before residuals are looked at.
+
+use tau_codegen::language::Model;
+use tau_codegen::language::model::{Formula, Readable};
+
+use super::bench::Bench;
+use super::candidates::Candidate;
+use super::distribution::detectable_noncentrality;
+use super::results::{Detectable, Unseen};
+use super::samples::Sample;
+use super::selection::LEVEL;
+use super::view::View;
+
+const POWER: f64 = 0.8;
+/// An effect that would have to exceed its tolerance so many times to be seen is out of sight.
+const IMPLAUSIBLE: f64 = 10.0;
+/// A signal of which the base leaves less than this share is absorbed.
+const ABSORBED: f64 = 1e-4;
+
+/// The table of what can be detected, and of what cannot; candidates out of sight are hidden.
+pub(super) fn sight(bench: &mut Bench, view: &View) -> (Vec<Detectable>, Vec<Unseen>) {
+    let (mut detectable, mut unseen) = (Vec::new(), Vec::new());
+    let tested = bench.candidates.len() as f64;
+    for (index, candidate) in bench.candidates.iter().enumerate() {
+        if !candidate.is_named() {
+            continue;
+        }
+        let out_of_sight = |why: String| Unseen {
+            name: candidate.name.clone(),
+            place: candidate.places.clone(),
+            why,
+        };
+        if let Some((_, why)) = bench.unseen.iter().find(|(unseen, _)| *unseen == index) {
+            unseen.push(out_of_sight(why.clone()));
+            continue;
+        }
+        let Some((best, rank)) = bench.best_column(view, index) else {
+            let why = constant(&bench.model, candidate, &bench.samples)
+                .unwrap_or_else(|| "the base absorbs it".to_owned());
+            unseen.push(out_of_sight(why));
+            bench.hidden.insert(index);
+            continue;
+        };
+        let parameter = &candidate.parameters[best.parameter];
+        let lambda = detectable_noncentrality(rank, LEVEL / tested, POWER);
+        let amplitude = lambda.sqrt() / best.left;
+        let surviving = (best.left / best.whole).powi(2);
+        let hopeless = parameter.tolerance.is_some_and(|t| amplitude > IMPLAUSIBLE * t);
+        if surviving < ABSORBED || hopeless {
+            let why = constant(&bench.model, candidate, &bench.samples).unwrap_or_else(|| {
+                if surviving < ABSORBED || surviving < 0.01 {
+                    format!("the base absorbs {:.2} % of it", 100.0 * (1.0 - surviving))
+                } else {
+                    format!(
+                        "it would be seen from {} = {amplitude:.1e} {} on, beyond what is plausible",
+                        parameter.name, parameter.unit
+                    )
+                }
+            });
+            unseen.push(out_of_sight(why));
+            bench.hidden.insert(index);
+            continue;
+        }
+        detectable.push(Detectable {
+            name: candidate.name.clone(),
+            place: candidate.places.clone(),
+            parameter: parameter.name.clone(),
+            amplitude,
+            unit: parameter.unit.clone(),
+            absorbed: 1.0 - surviving,
+        });
+    }
+    (detectable, unseen)
+}
+
+/// Which quantity that an effect reads hardly changes, in words.
+fn constant(model: &Model, candidate: &Candidate, samples: &[Sample]) -> Option<String> {
+    let mut read = Vec::new();
+    for term in &model.effects[candidate.effect].terms {
+        readables(&term.formula, &mut read);
+    }
+    let spread = |of: &dyn Fn(&Sample) -> Option<f64>| {
+        let values = samples.iter().filter(|sample| sample.set == 1).filter_map(of);
+        let (low, high) = values
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)));
+        high - low
+    };
+    for readable in read {
+        let (what, width, least, unit) = match readable {
+            Readable::Temperature => {
+                ("temperature", spread(&|s| s.conditions.temperature_c), 1.0, "K")
+            }
+            Readable::Time => ("time", spread(&|s| s.conditions.time_s), 1.0, "s"),
+            Readable::Direction => {
+                let command = match candidate.place {
+                    tau_codegen::language::model::Place::Cart { track, .. } => track,
+                    _ => 0,
+                };
+                ("side of approach", spread(&|s| s.direction(command)), 1.0, "")
+            }
+            _ => continue,
+        };
+        if width < least {
+            return Some(format!("the {what} hardly changes: by {width:.2} {unit}").trim().to_owned());
+        }
+    }
+    None
+}
+
+fn readables(formula: &Formula, found: &mut Vec<Readable>) {
+    match formula {
+        Formula::Read(readable) => found.push(*readable),
+        Formula::Negate(a) | Formula::Power(a, _) => readables(a, found),
+        Formula::Binary(_, a, b) => {
+            readables(a, found);
+            readables(b, found);
+        }
+        Formula::Call(_, arguments) => arguments.iter().for_each(|a| readables(a, found)),
+        Formula::Vector(parts) => parts.iter().for_each(|a| readables(a, found)),
+        Formula::Number(_) | Formula::Parameter(..) => {}
+    }
+}

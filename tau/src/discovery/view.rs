@@ -1,0 +1,91 @@
+//! What a fit leaves for candidates to explain: a basis of what is absorbed, and the residuals beside it.
+
+use std::collections::BTreeSet;
+
+use nalgebra::{DMatrix, DVector};
+
+use super::fit::Fit;
+use super::joint::Row;
+use super::projection::{Basis, Subspace};
+
+/// A linear model at its minimum.
+pub(super) struct View {
+    /// Orthonormal basis of what the model absorbs.
+    pub(super) q: DMatrix<f64>,
+    /// Whitened residuals, priors last, orthogonal to it.
+    pub(super) residuals: DVector<f64>,
+    /// Factor of each row beyond the stated noise.
+    pub(super) factors: Vec<f64>,
+    pub(super) rows: Vec<Row>,
+    /// Degrees of freedom of the residuals.
+    pub(super) degrees: f64,
+}
+
+impl View {
+    /// The model as fitted.
+    pub(super) fn of(fit: &Fit) -> Self {
+        Self {
+            q: fit.basis.q.clone(),
+            residuals: fit.residuals.clone(),
+            factors: fit.factors.clone(),
+            rows: fit.joint.rows.clone(),
+            degrees: fit.degrees(),
+        }
+    }
+
+    /// The model without some of its parameters (indices of columns); `contribution` is what they add
+    /// to the residuals.
+    pub(super) fn without(
+        fit: &Fit,
+        columns: &BTreeSet<usize>,
+        contribution: &DVector<f64>,
+    ) -> Option<Self> {
+        let kept: Vec<usize> =
+            (0..fit.jacobian.ncols()).filter(|column| !columns.contains(column)).collect();
+        let basis = Basis::of(&fit.jacobian.select_columns(&kept))?;
+        let rows = fit.joint.rows.len();
+        let mut residuals = &fit.residuals - contribution;
+        columns.iter().for_each(|&column| residuals[rows + column] = 0.0);
+        Some(Self {
+            residuals: basis.residuals_after(&residuals),
+            q: basis.q,
+            factors: fit.factors.clone(),
+            rows: fit.joint.rows.clone(),
+            degrees: fit.degrees(),
+        })
+    }
+
+    /// The model with a candidate's columns added.
+    pub(super) fn with(&self, subspace: &Subspace) -> Self {
+        let (old, new) = (self.q.ncols(), subspace.rank());
+        let mut q = self.q.clone().resize_horizontally(old + new, 0.0);
+        q.columns_mut(old, new).copy_from(&subspace.u);
+        Self {
+            residuals: &self.residuals - &subspace.u * subspace.u.tr_mul(&self.residuals),
+            q,
+            factors: self.factors.clone(),
+            rows: self.rows.clone(),
+            degrees: self.degrees - new as f64,
+        }
+    }
+
+    /// What the model leaves of columns.
+    pub(super) fn remainder(&self, columns: &DMatrix<f64>) -> DMatrix<f64> {
+        columns - &self.q * (self.q.transpose() * columns)
+    }
+
+    /// Columns over the rows of the measurements, in units of the stated noise, in those of this fit;
+    /// effects do nothing to the rows of the priors.
+    pub(super) fn weighted(&self, raw: &DMatrix<f64>) -> DMatrix<f64> {
+        let mut columns = raw.clone().resize_vertically(self.residuals.len(), 0.0);
+        for mut column in columns.column_iter_mut() {
+            column.iter_mut().zip(&self.factors).for_each(|(value, factor)| *value *= factor);
+        }
+        columns
+    }
+
+    /// Sum of squares of the residuals.
+    pub(super) fn total(&self) -> f64 {
+        self.residuals.norm_squared()
+    }
+}
