@@ -1,25 +1,22 @@
 //! The joint fit: minimum, noise of each group of residuals, outliers.
 
-use std::collections::BTreeMap;
-
 use nalgebra::{DMatrix, DVector};
+use tau_runtime::Owner;
 
-use super::distribution::{chi2_quantile_above, chi2_survival};
 use super::joint::{Component, Joint};
+use super::outliers;
 use super::projection::Basis;
 use super::samples::Sample;
 use crate::calibration::Error;
 use crate::robot_file::Noise;
 
-/// Residuals this far beyond their noise count less while outliers are looked for (Huber).
-const HUBER: f64 = 2.0;
-/// Chance that the largest of all residuals is taken for an outlier though it is none.
-const OUTLIER_LEVEL: f64 = 0.01;
 /// A fall of χ² this small is no progress; what is left of it is taken to first order.
 const CONVERGED: f64 = 0.1;
 /// Nor is a step that lowers χ² by less than this share: where something is missing, mountings and
 /// turning rates creep along a valley that means nothing.
 const SLOW: f64 = 1e-4;
+/// Longest turn of a tracker frame in one step (rad).
+const LONGEST_TURN: f64 = 0.1;
 /// Corrections of a step before it is halved.
 const CORRECTIONS: usize = 12;
 const MAX_ITERATIONS: usize = 40;
@@ -42,8 +39,11 @@ pub(super) struct Fit {
 }
 
 impl Fit {
-    /// Values that fit set 1 alone, from nominal ones.
-    pub(super) fn values_of_set_1(joint: &Joint, samples: &[Sample]) -> Result<Vec<f64>, Error> {
+    /// Values that fit set 1 alone, from nominal ones, and weights that hold back its outliers.
+    pub(super) fn of_set_1(
+        joint: &Joint,
+        samples: &[Sample],
+    ) -> Result<(Vec<f64>, Vec<f64>), Error> {
         let start = joint.fitted(&joint.machine.values);
         let factors = joint.factors(&[1.0; 4], &vec![1.0; samples.len()]);
         let options = tau_solver::Options {
@@ -60,31 +60,29 @@ impl Fit {
                 why: solution.termination.to_string(),
             });
         }
-        Ok(joint.values(&solution.parameters))
+        let residuals = joint.residuals(&solution.parameters, &factors);
+        let deviations = outliers::deviations(sums(joint, &residuals, samples.len()), samples);
+        Ok((joint.values(&solution.parameters), outliers::weights(&deviations)))
     }
 
-    /// From values of the variant that fit set 1: all sets, every sample taking part.
+    /// From values of the variant that fit set 1: all sets.
     pub(super) fn first(
         joint: Joint,
         values: &[f64],
+        weights: Vec<f64>,
         samples: &[Sample],
         noise: Noise,
     ) -> Result<Self, Error> {
         let start = joint.start(values, samples, noise);
-        Self::at(joint, start, [1.0; 4], vec![1.0; samples.len()])?.converged()
+        Self::at(joint, start, [1.0; 4], weights)?.converged()
     }
 
     /// Robust first, then without the outliers, each group of residuals with its own noise.
     pub(super) fn robust(self, samples: &[Sample]) -> Result<Self, Error> {
         let mut fit = self;
-        let mut weights = vec![1.0; samples.len()];
         for _ in 0..2 {
-            let deviations = fit.deviations(samples);
-            for (weight, deviation) in weights.iter_mut().zip(&deviations) {
-                let times = (deviation.0 / deviation.1.max(1.0)).sqrt();
-                *weight = (HUBER / times.max(HUBER)).sqrt();
-            }
-            fit = fit.moved(weights.clone())?;
+            let weights = outliers::weights(&fit.deviations(samples));
+            fit = fit.moved(weights)?;
         }
         fit.without_outliers(samples)
     }
@@ -93,7 +91,7 @@ impl Fit {
     /// noise.
     pub(super) fn without_outliers(self, samples: &[Sample]) -> Result<Self, Error> {
         let mut kept = vec![1.0; samples.len()];
-        self.outliers(samples).iter().for_each(|&sample| kept[sample] = 0.0);
+        outliers::beyond(&self.deviations(samples), samples).iter().for_each(|&sample| kept[sample] = 0.0);
         let fit = if kept == self.weights { self } else { self.moved(kept)? };
         fit.scaled()
     }
@@ -134,14 +132,14 @@ impl Fit {
             if !gain.is_finite() {
                 return Err(not_converged(&self.joint, "the residuals are not finite"));
             }
-            if std::env::var("GN").is_ok() { eprintln!("GN cost {cost} gain {gain}"); }
+            if std::env::var("GN").is_ok() { eprintln!("GN cost {cost:.3} gain {gain:.3}"); }
             if gain < CONVERGED {
                 // What is left of the step is taken to first order.
                 self.residuals = self.basis.residuals_after(&self.residuals);
                 return Ok(self);
             }
             let step = self.basis.step(&self.residuals);
-            let mut share = 1.0;
+            let mut share = self.longest_share(&step);
             let accepted = loop {
                 let (moved, residuals) = self.trial(&step, share, cost);
                 if residuals.norm_squared() < cost {
@@ -151,7 +149,7 @@ impl Fit {
                     break Some(if better { half } else { moved });
                 }
                 share *= 0.5;
-                if share < 1e-3 {
+                if share < 1e-4 {
                     break None;
                 }
             };
@@ -175,21 +173,39 @@ impl Fit {
         Err(not_converged(&self.joint, "the number of iterations ran out"))
     }
 
+    /// The share of a step that turns no tracker frame further than linear steps go.
+    fn longest_share(&self, step: &DVector<f64>) -> f64 {
+        let parameters = &self.joint.machine.variant.parameters;
+        let turn = self
+            .joint
+            .used
+            .iter()
+            .zip(step.iter())
+            .filter(|&(&index, _)| {
+                let parameter = &parameters[index];
+                matches!(parameter.owner, Owner::Frame(_)) && parameter.quantity == "rotation"
+            })
+            .map(|(_, step)| step.abs())
+            .fold(0.0, f64::max);
+        (LONGEST_TURN / turn.max(LONGEST_TURN)).min(1.0)
+    }
+
     /// A share of a step, and the residuals there. Frames and mountings trade along curved valleys:
     /// steps along their floor climb the walls, which corrections with the derivatives at hand undo.
     fn trial(&self, step: &DVector<f64>, share: f64, cost: f64) -> (Vec<f64>, DVector<f64>) {
         let mut moved = self.stepped(&self.fitted, step, share);
         let mut residuals = self.joint.residuals(&moved, &self.factors);
         for _ in 0..CORRECTIONS {
-            if residuals.norm_squared() < cost {
-                break;
-            }
+            let before = residuals.norm_squared();
             let corrected = self.stepped(&moved, &self.basis.step(&residuals), 1.0);
             let after = self.joint.residuals(&corrected, &self.factors);
-            if after.norm_squared() >= residuals.norm_squared() {
+            let now = after.norm_squared();
+            if now < before {
+                (moved, residuals) = (corrected, after);
+            }
+            if now > 0.8 * before || now < 0.5 * cost && before < cost {
                 break;
             }
-            (moved, residuals) = (corrected, after);
         }
         (moved, residuals)
     }
@@ -258,52 +274,22 @@ impl Fit {
         (rows as f64 - self.basis.q.ncols() as f64).max(1.0)
     }
 
-    /// How far each sample lies off: its sum of squares over that which a sample of its set and cart
-    /// shows, as a χ² of its number of residuals. Samples left out are judged like the others.
-    ///
-    /// The scale is the largest that the median, the upper quartile and the upper decile suggest: a
-    /// missing effect widens them all, a few outliers none.
+    /// How far each sample lies off. Samples left out are judged like the others.
     fn deviations(&self, samples: &[Sample]) -> Vec<(f64, f64)> {
         let ones = vec![1.0; samples.len()];
         let plain = self.joint.residuals(&self.fitted, &self.joint.factors(&self.scales, &ones));
-        let mut sums = vec![(0.0, 0.0_f64); samples.len()];
-        for (row, at) in self.joint.rows.iter().enumerate() {
-            sums[at.sample].0 += plain[row].powi(2);
-            sums[at.sample].1 += 1.0;
-        }
-        let mut groups: BTreeMap<(u8, Option<usize>), Vec<usize>> = BTreeMap::new();
-        for (index, sample) in samples.iter().enumerate() {
-            groups.entry((sample.set, sample.track)).or_default().push(index);
-        }
-        for group in groups.values() {
-            let degrees = sums[group[0]].1;
-            let mut sorted: Vec<f64> = group.iter().map(|&s| sums[s].0).collect();
-            sorted.sort_by(f64::total_cmp);
-            let scale = [(2, 1), (4, 3), (10, 9)]
-                .map(|(of, part)| {
-                    let share = f64::from(of - part) / f64::from(of);
-                    let index = (sorted.len() * part as usize / of as usize).min(sorted.len() - 1);
-                    sorted[index] / chi2_quantile_above(share, degrees)
-                })
-                .into_iter()
-                .fold(1e-12, f64::max);
-            group.iter().for_each(|&s| sums[s].0 /= scale);
-        }
-        sums
+        outliers::deviations(sums(&self.joint, &plain, samples.len()), samples)
     }
+}
 
-    /// Samples beyond the largest residual that so many would show.
-    pub(super) fn outliers(&self, samples: &[Sample]) -> Vec<usize> {
-        let deviations = self.deviations(samples);
-        let count = |set: u8| samples.iter().filter(|sample| sample.set == set).count() as f64;
-        let levels = [1, 2, 3].map(|set| 1.0 - (1.0 - OUTLIER_LEVEL).powf(1.0 / count(set).max(1.0)));
-        (0..samples.len())
-            .filter(|&s| {
-                let level = levels[usize::from(samples[s].set.clamp(1, 3)) - 1];
-                chi2_survival(deviations[s].0, deviations[s].1) < level
-            })
-            .collect()
+/// Each sample's sum of squares, and its number of residuals.
+fn sums(joint: &Joint, residuals: &DVector<f64>, samples: usize) -> Vec<(f64, f64)> {
+    let mut sums = vec![(0.0, 0.0_f64); samples];
+    for (row, at) in joint.rows.iter().enumerate() {
+        sums[at.sample].0 += residuals[row].powi(2);
+        sums[at.sample].1 += 1.0;
     }
+    sums
 }
 
 fn not_converged(joint: &Joint, why: &str) -> Error {

@@ -84,6 +84,8 @@ pub(super) struct Linear {
     pub(super) jacobian: DMatrix<f64>,
 }
 
+/// Residuals this many standard deviations large count less in the first fit.
+const ROBUST: f64 = 3.0;
 /// Share of a column's norm that stands in for the prior of a parameter that has none.
 const WEAK: f64 = 1e-6;
 
@@ -211,7 +213,7 @@ impl Joint {
             .collect()
     }
 
-    /// The fit as a problem for the solver. `factors` holds one number per row.
+    /// The fit as a problem for the solver, robust against outliers. `factors` holds one number per row.
     pub(super) fn problem(&self, start: &[f64], factors: &[f64]) -> Problem<'_> {
         let variant = &self.machine.variant;
         let parameters = self
@@ -240,6 +242,7 @@ impl Joint {
                     .collect();
                 Block::new("joint fit", &*part.family, part.parameters.clone(), &part.data)
                     .with_weights(weights)
+                    .with_loss(tau_solver::Loss::Huber(ROBUST))
             })
             .collect();
         Problem { parameters, blocks }

@@ -16,6 +16,7 @@ mod frames;
 mod generic;
 mod joint;
 mod misfit;
+mod outliers;
 mod probes;
 mod projection;
 pub mod results;
@@ -216,12 +217,14 @@ fn base_fit(
     let prepared = Prepared::new(robot, &free, file, Some(folder), &division.calibration)?;
     let of_set_1 = Sample::all(robot, folder, &division.calibration, &Frames::default());
     let alone = Joint::new(prepared.machine.clone(), &prepared.nominal, &of_set_1, file.noise)?;
-    let values = Fit::values_of_set_1(&alone, &of_set_1)?;
+    let (values, mut weights) = Fit::of_set_1(&alone, &of_set_1)?;
     let machine = prepared.machine.with_values(values.clone());
     let frames = Frames::of(&machine, file, folder);
     let mut samples = Sample::all(robot, folder, &division.calibration, &frames);
     let joint = Joint::new(machine.clone(), &prepared.nominal, &samples, file.noise)?;
-    let fit = Fit::first(joint, &values, &samples, file.noise)?.robust(&samples)?;
+    let about_lines = outliers::deviations(outliers::about_lines(&samples), &samples);
+    weights.extend(outliers::weights(&about_lines).drain(weights.len()..));
+    let fit = Fit::first(joint, &values, weights, &samples, file.noise)?.robust(&samples)?;
     place_plates(&machine, file, &mut samples);
     Ok((fit, samples))
 }

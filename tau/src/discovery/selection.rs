@@ -126,6 +126,13 @@ impl Search<'_> {
             && !self.accepted.iter().any(|accepted| accepted.candidate == candidate)
     }
 
+    /// The level of the next step: halved with each, so that names beyond the true ones stay within the
+    /// family's level however many steps there are.
+    fn level(&self) -> f64 {
+        let found = self.accepted.len() + self.unnamed.len();
+        LEVEL * 0.5_f64.powi(i32::try_from(found).unwrap_or(i32::MAX))
+    }
+
     /// Scores that pass Holm's procedure over all candidates.
     fn significant<'t>(&self, table: &'t Table) -> Vec<&'t Score> {
         let mut scores: Vec<&Score> = table.scores.iter().collect();
@@ -134,7 +141,7 @@ impl Search<'_> {
         scores
             .into_iter()
             .enumerate()
-            .take_while(|(k, score)| score.p_value <= LEVEL / (tested - k) as f64)
+            .take_while(|(k, score)| score.p_value <= self.level() / (tested - k) as f64)
             .map(|(_, score)| score)
             .filter(|score| self.is_open(score.candidate))
             .collect()

@@ -11,15 +11,19 @@ use crate::robot::Variant;
 pub(super) const TURNING: &str = "unnamed_turning";
 pub(super) const TURNING_RATES: [&str; 3] = ["roll_rate", "pitch_rate", "yaw_rate"];
 
-/// Turning of a cart in proportion to its command.
+/// Turning and drifting of a cart in proportion to its command.
 ///
-/// The directions of a cart's links say something of its rotation, but not all: those of one or two
-/// links leave it open, and each absorbs what else is linear in the command. So the rates at which
-/// sets 2 and 3 see the carts turn are free.
+/// The directions of a cart's links say something of its rotation and of the direction in which it
+/// runs, but not all: those of one or two links leave rotations open, and each absorbs what else is
+/// linear in the command (the two links of the paper's second cart run along directions that differ by
+/// 0.17 mm/m). So the rates at which sets 2 and 3 see the carts turn are free, and those at which they
+/// see them drift aside have room.
 const TEXT: &str = "
 effect unnamed_turning on cart {
     param roll_rate, pitch_rate, yaw_rate: angle/length tol 10 mrad/m;
+    param horizontal_rate, vertical_rate: ratio tol 200 ppm;
     roll += roll_rate * q; pitch += pitch_rate * q; yaw += yaw_rate * q;
+    horizontal += horizontal_rate * q; vertical += vertical_rate * q;
 }
 ";
 
