@@ -108,7 +108,12 @@ impl<'a> Search<'a> {
         let mut improved = true;
         while improved {
             improved = false;
-            for flips in &moves {
+            // Only a flip that reaches a negation can save one.
+            let reaches = self.reaching_negations(&free);
+            for flips in moves
+                .iter()
+                .filter(|flips| flips.iter().any(|&value| reaches[value]))
+            {
                 let flipped = self.flipped(flips);
                 let before = self.cost_around(&flipped);
                 if before == 0 {
@@ -134,6 +139,46 @@ impl<'a> Search<'a> {
             values: self.signs,
             inputs,
         }
+    }
+
+    /// The free values on whose sign a negation depends.
+    fn reaching_negations(&self, free: &[bool]) -> Vec<bool> {
+        let mut reaches = vec![false; free.len()];
+        let mut open = Vec::new();
+        for (index, value) in self.form.values.iter().enumerate() {
+            if self.needs[index]
+                .iter()
+                .any(|&minus| minus != self.signs[index])
+            {
+                open.push(index);
+            }
+            if let Value::Sum(terms) = value
+                && self.is_negative_sum(index, terms)
+            {
+                open.push(index);
+                open.extend(terms.iter().map(|&(_, term)| term));
+            }
+        }
+        let mut seen = vec![false; free.len()];
+        while let Some(index) = open.pop() {
+            if std::mem::replace(&mut seen[index], true) {
+                continue;
+            }
+            reaches[index] = free[index];
+            if let Value::Product(a, b) | Value::Quotient(a, b) = self.form.values[index]
+                && !free[index]
+            {
+                open.extend([a, b]);
+            }
+        }
+        reaches
+    }
+
+    /// Whether all terms of a sum come out negative.
+    fn is_negative_sum(&self, sum: usize, terms: &[(bool, usize)]) -> bool {
+        terms
+            .iter()
+            .all(|&(minus, term)| (minus != self.signs[term]) != self.signs[sum])
     }
 
     /// Free values that meet in one sum, directly or through a product, and that sum itself.
