@@ -420,6 +420,7 @@ fn help_teaches() {
         "calibrate",
         "evaluate",
         "sensitivity",
+        "discover",
         "simulate",
         "generate",
         "kinematics",

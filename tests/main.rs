@@ -5,6 +5,7 @@ mod calibration;
 mod cli;
 mod codegen;
 mod derivatives;
+mod discover_command;
 mod docs;
 mod effects;
 mod hand_written;

@@ -54,6 +54,7 @@
 pub mod assumptions;
 pub mod calibration;
 pub mod cli;
+pub mod discovery;
 pub mod effects;
 pub mod evaluation;
 pub mod input_error;

@@ -20,6 +20,7 @@ Examples:
   tau                                      the study on the built-in measurements
   tau study measured --out report          the study on your own
   tau calibrate measured --variant Full    one variant: parameters, sigmas, covariance
+  tau discover measured                    what the model lacks, added to the description
   tau kinematics forward --variant Full --robot tau-calibration/robot.toml --commands 0.1,0.2,-0.1
 
 A measurement folder holds CSV files with a header line, in SI units (m, rad, s, N; °C):
@@ -46,6 +47,7 @@ pub(super) enum Command {
     Calibrate(Calibrate),
     Evaluate(Evaluate),
     Sensitivity(Sensitivity),
+    Discover(Discover),
     Simulate(Simulate),
     Generate(Generate),
     #[command(subcommand)]
@@ -152,6 +154,49 @@ pub(super) struct Sensitivity {
     /// Step, in the SI unit of each parameter
     #[arg(long, value_name = "STEP", default_value_t = crate::sensitivity::PAPER_STEP, value_parser = positive)]
     pub(super) step: f64,
+    #[command(flatten)]
+    pub(super) json: Json,
+}
+
+/// Find the physical effects that a variant lacks
+///
+/// Fits a variant to all sets at once, scores every effect of the catalogue at every place, adds the
+/// missing ones one at a time, and shows the error shrink on the validation poses, which take no part.
+/// Says too what else could be meant, what could not be seen, and what remains. Writes into a folder:
+///
+///   discovered.tau    the description with the variant `Discovered`, for --model and `tau generate`
+///   discovered.rs     its generated code
+///   robot.toml        calibrated values of `Discovered`, to be used with --robot
+///   report.html       what is wrong with the machine, and the evidence
+#[derive(Debug, Args)]
+#[command(
+    verbatim_doc_comment,
+    after_help = "\
+Examples:
+  tau discover                             on the built-in measurements
+  tau discover measured --base BestPerLink --out found
+  tau discover measured --effects mine.tau --json - --quiet | jq .effects
+  tau evaluate --variant Discovered --model tau-discovery/discovered.tau \\
+      --robot tau-discovery/robot.toml
+
+--seed is the seed of the sign flips too."
+)]
+pub(super) struct Discover {
+    #[command(flatten)]
+    pub(super) input: Input,
+    /// Variant to start from; without it `Full`, or else the last one with all links and without effects
+    #[arg(long, value_name = "VARIANT")]
+    pub(super) base: Option<String>,
+    /// Effects of your own, in the language; may be given several times. They stand beside the
+    /// catalogue's, and replace those of the same name
+    #[arg(long = "effects", value_name = "F.tau")]
+    pub(super) effects: Vec<PathBuf>,
+    /// Number of sign flips that every significance must survive
+    #[arg(long, value_name = "N", default_value_t = 199, value_parser = clap::value_parser!(u32).range(19..=100_000))]
+    pub(super) flips: u32,
+    /// Folder for the files
+    #[arg(long, value_name = "DIR", default_value = "tau-discovery")]
+    pub(super) out: PathBuf,
     #[command(flatten)]
     pub(super) json: Json,
 }

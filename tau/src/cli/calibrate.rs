@@ -69,7 +69,10 @@ pub(super) fn run(arguments: &arguments::Calibrate) -> Result<Outcome, Failure> 
 }
 
 /// The calibrated file must not replace the nominal values that it comes from.
-fn check_nominal_is_kept(input: &arguments::Input, out: &Path) -> Result<(), InputError> {
+pub(super) fn check_nominal_is_kept(
+    input: &arguments::Input,
+    out: &Path,
+) -> Result<(), InputError> {
     let nominal = match (&input.robot.robot, &input.folder) {
         (Some(file), _) => file.clone(),
         (None, Some(folder)) => folder.join("robot.toml"),

@@ -7,6 +7,7 @@
 mod arguments;
 mod calibrate;
 mod deliver;
+mod discover;
 mod evaluate;
 mod generate;
 mod kinematics;
@@ -150,6 +151,7 @@ impl Console<'_> {
             Command::Calibrate(arguments) => calibrate::run(arguments),
             Command::Evaluate(arguments) => evaluate::run(arguments),
             Command::Sensitivity(arguments) => sensitivity::run(arguments),
+            Command::Discover(arguments) => discover::run(arguments, self),
             Command::Simulate(arguments) => simulate::run(arguments),
             Command::Generate(arguments) => generate::run(arguments),
             Command::Kinematics(Kinematics::Forward(arguments)) => kinematics::forward(arguments),

@@ -29,6 +29,31 @@ impl Bar {
     }
 }
 
+/// What is being done, where it is not known how much there is to do; removed when the work ends.
+pub(super) struct Spinner(ProgressBar);
+
+impl Spinner {
+    /// A line, or nothing where it would not be seen or is not wanted.
+    pub(super) fn new(console: &Console<'_>) -> Self {
+        Self(if console.terminals.err && !console.quiet {
+            ProgressBar::new_spinner()
+        } else {
+            ProgressBar::hidden()
+        })
+    }
+
+    pub(super) fn show(&self, doing: &str) {
+        self.0.set_message(doing.to_owned());
+        self.0.tick();
+    }
+}
+
+impl Drop for Spinner {
+    fn drop(&mut self) {
+        self.0.finish_and_clear();
+    }
+}
+
 impl Drop for Bar {
     fn drop(&mut self) {
         self.0.finish_and_clear();

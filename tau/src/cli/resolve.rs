@@ -32,7 +32,7 @@ impl Case {
         variant: &arguments::Variant,
     ) -> Result<(Self, Variant), InputError> {
         let robot = robot(input.robot.model.as_deref())?;
-        let variant = find(&robot, &variant.name);
+        let variant = find(&robot, &variant.name, "--variant");
         both(Self::of(robot, input), variant)
     }
 
@@ -87,13 +87,13 @@ pub(super) fn robot(description: Option<&Path>) -> Result<Robot, InputError> {
         .map_err(|errors| InputError::of_description(&path.display().to_string(), &text, &errors))
 }
 
-/// A variant by name.
-pub(super) fn find(robot: &Robot, name: &str) -> Result<Variant, InputError> {
+/// A variant by the name that an option gives.
+pub(super) fn find(robot: &Robot, name: &str, option: &str) -> Result<Variant, InputError> {
     let known = robot.variants.iter().map(|variant| variant.name.as_str());
     robot
         .variant(name)
         .cloned()
-        .ok_or_else(|| InputError::unknown_name("--variant", "variant", name, known))
+        .ok_or_else(|| InputError::unknown_name(option, "variant", name, known))
 }
 
 /// A measurement folder, or the built-in one.

@@ -2,10 +2,12 @@
 
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
-use super::figures::Figure;
+use super::discovery::section;
+use super::figures::{self, Figure};
 use super::findings;
 use super::number::{general, printable};
 use super::tables::{self, Cell, Table};
+use crate::discovery::Discovery;
 use crate::study::results::{Study, VariantResult};
 
 const STYLE: &str = include_str!("style.css");
@@ -58,26 +60,77 @@ pub fn page(study: &Study, figures: &[Figure]) -> String {
             body: parameters(study),
         },
     ];
-    let title = format!("Calibration of {}", &study.robot);
+    document(
+        "Calibration report",
+        &study.robot,
+        &study.folder,
+        &summary(study),
+        &sections,
+    )
+}
+
+/// A discovery as an HTML document that needs no other file.
+pub fn discovery_page(found: &Discovery, robot: &str, folder: &str) -> String {
+    let figures = figures::discovery(found);
+    let summary = html! {
+        section.summary aria-label="Summary" { (section::keys(found)) (section::sentences(found)) }
+    };
+    let sections = [
+        Section {
+            id: "gap",
+            title: "How the error shrinks",
+            body: section::gap(found, &figures),
+        },
+        Section {
+            id: "where",
+            title: "Where model and measurement disagree",
+            body: section::disagreement(found, &figures),
+        },
+        Section {
+            id: "considered",
+            title: "What was considered",
+            body: section::candidates(found),
+        },
+        Section {
+            id: "sight",
+            title: "What could be found",
+            body: section::sight(found),
+        },
+        Section {
+            id: "model",
+            title: "The description with what was found",
+            body: section::model(found),
+        },
+    ];
+    document("Discovery report", robot, folder, &summary, &sections)
+}
+
+fn document(
+    kind: &str,
+    robot: &str,
+    folder: &str,
+    summary: &Markup,
+    sections: &[Section],
+) -> String {
     let page = html! {
         (DOCTYPE)
         html lang="en" {
             head {
                 meta charset="utf-8";
                 meta name="viewport" content="width=device-width, initial-scale=1";
-                title { (title) }
+                title { (kind) ": " (robot) }
                 style { (PreEscaped(STYLE)) }
             }
             body {
                 header {
-                    p.kind { "Calibration report" }
-                    h1 { (study.robot) }
-                    p.source { "Measurements: " (study.folder) }
+                    p.kind { (kind) }
+                    h1 { (robot) }
+                    p.source { "Measurements: " (folder) }
                 }
                 main {
-                    (summary(study))
+                    (summary)
                     nav aria-label="Contents" {
-                        ol { @for section in &sections { li { a href={ "#" (section.id) } { (section.title) } } } }
+                        ol { @for section in sections { li { a href={ "#" (section.id) } { (section.title) } } } }
                     }
                     @for (index, section) in sections.iter().enumerate() {
                         section id=(section.id) {
@@ -270,8 +323,8 @@ fn parameters(study: &Study) -> Markup {
     }
 }
 
-/// The figure of this file name, where the study has it.
-fn figure(figures: &[Figure], file_name: &str) -> Markup {
+/// The figure of this file name, where there is one.
+pub(super) fn figure(figures: &[Figure], file_name: &str) -> Markup {
     let found = figures.iter().find(|figure| figure.file_name == file_name);
     html! {
         @if let Some(found) = found {
@@ -287,7 +340,7 @@ fn figure(figures: &[Figure], file_name: &str) -> Markup {
 }
 
 /// A table with its headings in one or two rows.
-fn table(table: &Table, class: &str) -> Markup {
+pub(super) fn table(table: &Table, class: &str) -> Markup {
     let grouped = table.columns.iter().any(|column| !column.group.is_empty());
     let numeric = |index: usize| {
         !table

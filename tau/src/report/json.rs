@@ -5,6 +5,7 @@
 
 use serde_json::{Map, Value, json};
 
+use crate::discovery::Discovery;
 use crate::evaluation::Evaluation;
 use crate::study::results::{
     Combination, LinkResult, LinkSensitivity, ParameterEstimate, ParameterSensitivity,
@@ -14,7 +15,7 @@ use crate::study::results::{
 
 /// The result of `tau study`.
 ///
-/// `discovery` is `null`: it is filled by the command that searches for effects.
+/// `discovery` is `null`: the study does not search for effects.
 pub fn study(study: &Study) -> Value {
     let variants: Map<_, _> = study
         .variants
@@ -38,6 +39,11 @@ pub fn study(study: &Study) -> Value {
         "discovery": Value::Null,
         "remarks": study.remarks,
     })
+}
+
+/// The result of `tau discover`.
+pub fn discovery(discovery: &Discovery) -> Value {
+    json!(discovery)
 }
 
 /// How many poses took which part.

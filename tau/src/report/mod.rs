@@ -1,8 +1,10 @@
-//! What a study found, for people and for programs: terminal tables, JSON, figures and an HTML report.
+//! What a study or a discovery found, for people and for programs: terminal tables, JSON, figures and an HTML report.
 //!
-//! All of it is written from [`Study`](crate::study::results::Study) alone, and nothing here computes more
-//! than a mean or a largest value. [`write_study`] writes the output folder.
+//! All of it is written from [`Study`](crate::study::results::Study) or
+//! [`Discovery`](crate::discovery::Discovery) alone, and nothing here computes more than a mean or a largest
+//! value. [`write_study`] writes the output folder.
 
+mod discovery;
 pub mod figures;
 mod findings;
 #[cfg(test)]

@@ -35,7 +35,7 @@ pub(super) struct Table {
     pub(super) rows: Vec<Vec<Cell>>,
 }
 
-fn columns(groups: &[(&str, &[&str])]) -> Vec<Column> {
+pub(super) fn columns(groups: &[(&str, &[&str])]) -> Vec<Column> {
     groups
         .iter()
         .flat_map(|(group, names)| {
@@ -47,11 +47,11 @@ fn columns(groups: &[(&str, &[&str])]) -> Vec<Column> {
         .collect()
 }
 
-fn text(value: &str) -> Cell {
+pub(super) fn text(value: &str) -> Cell {
     Cell::Text(value.to_owned())
 }
 
-fn number(value: f64, decimals: usize) -> Cell {
+pub(super) fn number(value: f64, decimals: usize) -> Cell {
     Cell::Number(fixed(value, decimals))
 }
 

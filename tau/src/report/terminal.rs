@@ -1,8 +1,10 @@
 //! The study's tables for a terminal.
 
+use super::discovery;
 use super::findings;
 use super::number::{general, printable};
 use super::tables::{self, Cell, Table};
+use crate::discovery::Discovery;
 use crate::evaluation::Evaluation;
 use crate::study::results::{Sensitivity, Study, Summary, VariantResult};
 
@@ -41,6 +43,43 @@ pub fn study(study: &Study) -> String {
     text += "\nWhat the data determine\n";
     for variant in &study.variants {
         text += &determined(variant);
+    }
+    printable(&text)
+}
+
+/// What is missing, how sure, how much it matters, what else it could be, and what remains.
+pub fn discovery(found: &Discovery) -> String {
+    use discovery::{findings, tables};
+    let mut text = wrap(&findings::verdict(found), "") + &wrap(&findings::gap(found), "") + "\n";
+    text += &render(&tables::steps(found));
+    for effect in &found.effects {
+        text += &format!("\n{}({})\n", effect.name, effect.place);
+        if let Some(meaning) = findings::meaning(found, &effect.name) {
+            text += &wrap(&meaning, "  ");
+        }
+        text += &wrap(&findings::effect(effect), "  ");
+        for rival in findings::rivals(effect) {
+            text += &wrap(&rival, "  ");
+        }
+    }
+    if !found.unnamed.is_empty() {
+        text += "\nWithout a name\n";
+        for structure in &found.unnamed {
+            text += &wrap(&findings::unnamed(structure), "  ");
+        }
+    }
+    if !found.cannot_see.is_empty() {
+        text += "\nWhat could not be seen\n";
+        for (effects, why) in findings::unseen(found) {
+            text += &wrap(&format!("{effects}: {why}"), "  ");
+        }
+    }
+    let outliers = findings::outliers(&found.left_out);
+    if outliers.is_some() || !found.remarks.is_empty() {
+        text.push('\n');
+    }
+    for sentence in outliers.iter().chain(&found.remarks) {
+        text += &wrap(sentence, "");
     }
     printable(&text)
 }

@@ -160,6 +160,15 @@ pub(crate) fn dropped(counts: PoseCounts) -> Option<String> {
     })
 }
 
+/// The variant that discovery starts from unless told otherwise: `Full`, or else the last with all links
+/// and without effects.
+pub fn base(robot: &Robot) -> Option<&Variant> {
+    robot.variant("Full").or_else(|| {
+        let is_plain = |variant: &&Variant| variant.arm == Arm::Full && variant.effects.is_empty();
+        robot.variants.iter().rfind(is_plain)
+    })
+}
+
 /// Every variant without effects that the folder's sets allow.
 fn chosen_variants<'a>(
     robot: &'a Robot,

@@ -99,7 +99,7 @@ impl<'a> Setup<'a> {
             Target::resolve(with.json.target.as_deref()),
             with.out.as_deref().map_or(Ok(()), check_file),
         );
-        let variant = find(&robot, &with.variant.name);
+        let variant = find(&robot, &with.variant.name, "--variant");
         let (((folder, file), variant), (json, ())) =
             both(both(both(measurements, file), variant), outputs)?;
 

@@ -111,7 +111,7 @@ fn ticks(low: f64, high: f64, count: f64) -> Vec<(f64, String)> {
 }
 
 /// The number with a typographic minus sign and power of ten.
-pub(super) fn typographic(number: &str) -> String {
+pub(in crate::report) fn typographic(number: &str) -> String {
     let Some((mantissa, exponent)) = number.split_once('e') else {
         return number.replace('-', "\u{2212}");
     };

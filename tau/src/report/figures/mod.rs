@@ -6,12 +6,15 @@
 mod assumptions;
 mod axis;
 mod chart;
+mod discovery;
 mod errors;
 mod sensitivity;
 
 use crate::study::results::Study;
 
 pub use assumptions::{linearity_orthogonal, linearity_parallel, orientation_grid, set_comparison};
+pub(super) use axis::typographic;
+pub use discovery::{discovery, gap_by_step, unnamed_structure};
 pub use errors::{error_by_pose, error_by_variant, orientation_errors};
 pub use sensitivity::{orientation_sensitivity, position_sensitivity};
 

@@ -1,0 +1,216 @@
+//! What discovery found, in plain sentences.
+
+use tau_codegen::language;
+
+use super::{at, chance, readable};
+use crate::discovery::results::{Estimate, FoundEffect, LeftOut, Unnamed};
+use crate::discovery::{Discovery, Status};
+use crate::report::figures::typographic;
+use crate::report::number::{fixed, general, with_sigma};
+
+/// The verdict.
+pub(in crate::report) fn verdict(found: &Discovery) -> String {
+    let base = &found.base;
+    let count = found.effects.len();
+    let effects = match count {
+        1 => "one physical effect".to_owned(),
+        _ => format!("{} physical effects", count_word(count)),
+    };
+    match found.status {
+        Status::NothingMissing => {
+            format!("{base} explains the measurements: nothing significant is missing.")
+        }
+        Status::Explained => format!(
+            "{base} lacks {effects} of the machine. With {}, nothing significant is left.",
+            if count == 1 { "it" } else { "them" }
+        ),
+        Status::PartlyExplained => format!(
+            "{base} lacks {effects} of the machine that {} a name. Something significant is left that has none.",
+            if count == 1 { "has" } else { "have" }
+        ),
+        Status::UnnamedStructure => format!(
+            "{base} lacks something that no effect of the catalogue explains. It is described below, \
+             without a name."
+        ),
+    }
+}
+
+/// How far the error at the tool falls, and how far it could.
+pub(in crate::report) fn gap(found: &Discovery) -> String {
+    let (before, after) = (found.validation.before, found.validation.after);
+    let um = |value: f64| general(value, 3);
+    let [floor, ceiling] = [found.noise_floor_um, found.ceiling_um].map(um);
+    let change = if found.effects.is_empty() {
+        format!(
+            "On the validation poses, which took no part, the position error at the tool is {} µm in the mean, \
+             {} µm at most and {} µm rms.",
+            um(before.mean_um),
+            um(before.max_um),
+            um(before.rms_um)
+        )
+    } else {
+        format!(
+            "On the validation poses, which took no part, the position error at the tool falls from {} to {} µm \
+             in the mean, from {} to {} µm at most, and from {} to {} µm rms.",
+            um(before.mean_um),
+            um(after.mean_um),
+            um(before.max_um),
+            um(after.max_um),
+            um(before.rms_um),
+            um(after.rms_um)
+        )
+    };
+    let closed = (before.rms_um.powi(2) - after.rms_um.powi(2)) / found.ceiling_um.powi(2);
+    let share = if found.effects.is_empty() || !closed.is_finite() {
+        String::new()
+    } else {
+        format!(
+            " Of that, in the mean square, {} % is gone.",
+            fixed((100.0 * closed).clamp(0.0, 100.0), 0)
+        )
+    };
+    format!(
+        "{change} The stated noise alone would show {floor} µm in the mean; beyond it, {ceiling} µm rms could be \
+         removed by any method.{share}"
+    )
+}
+
+/// What an effect is, from its description.
+pub(in crate::report) fn meaning(found: &Discovery, name: &str) -> Option<String> {
+    let model = language::check_text(&found.model_text).ok()?;
+    let effect = model.effects.iter().find(|effect| effect.name == name)?;
+    let docs = effect.docs.iter().map(|line| line.trim());
+    Some(docs.collect::<Vec<_>>().join(" ")).filter(|docs| !docs.is_empty())
+}
+
+/// Size, certainty and consequence of one effect.
+pub(in crate::report) fn effect(effect: &FoundEffect) -> String {
+    let sizes: Vec<String> = effect
+        .parameters
+        .iter()
+        .map(|(name, estimate)| size(name, estimate))
+        .collect();
+    let change = effect.heldout_drop_um;
+    let matters = format!(
+        "Adding it {} the mean error at the tool by {} µm.",
+        if change < 0.0 { "raises" } else { "lowers" },
+        general(change.abs(), 2)
+    );
+    format!(
+        "{}. {matters} Chance of so strong a sign of it without it: {} by formula, {} by sign flips.",
+        sizes.join(", "),
+        typographic(&chance(effect.p_value)),
+        typographic(&chance(effect.flip_p_value)),
+    )
+}
+
+fn size(name: &str, estimate: &Estimate) -> String {
+    let (factor, unit) = readable(&estimate.unit, estimate.value);
+    let (value, sigma) = with_sigma(factor * estimate.value, factor * estimate.sigma);
+    format!("{name} = {} ± {sigma} {unit}", typographic(&value))
+        .trim_end()
+        .to_owned()
+}
+
+/// What else could be meant by an effect, and what would decide.
+pub(in crate::report) fn rivals(effect: &FoundEffect) -> Vec<String> {
+    let mut sentences: Vec<String> = effect
+        .rivals
+        .iter()
+        .map(|rival| {
+            let decide = if rival.separate_by.is_empty() {
+                String::new()
+            } else {
+                format!(" To decide: {}.", rival.separate_by.trim_end_matches('.'))
+            };
+            format!(
+                "{} could be {} instead (cosine of the two signals {}).{decide}",
+                at(&effect.name, &effect.place),
+                at(&rival.name, &rival.place),
+                typographic(&fixed(rival.cosine, 2))
+            )
+        })
+        .collect();
+    if !effect.aliases.is_empty() {
+        let values: Vec<String> = effect
+            .aliases
+            .iter()
+            .map(|value| general(*value, 4))
+            .collect();
+        sentences.push(format!(
+            "{} fits as well with other values of the parameter that was searched: {} (SI).",
+            at(&effect.name, &effect.place),
+            values.join(", ")
+        ));
+    }
+    sentences
+}
+
+/// What is left without a name.
+pub(in crate::report) fn unnamed(structure: &Unnamed) -> String {
+    format!(
+        "{}: {} as a function of {}, {} {} rms over the samples.",
+        structure.place,
+        structure.direction,
+        structure.against,
+        general(structure.rms_um, 2),
+        unnamed_unit(structure)
+    )
+}
+
+/// Micrometres, or microradians where it is a rotation.
+pub(in crate::report) fn unnamed_unit(structure: &Unnamed) -> &'static str {
+    let is_rotation = ["roll", "pitch", "yaw", "rotation"]
+        .iter()
+        .any(|turn| structure.direction.contains(turn));
+    if is_rotation { "µrad" } else { "µm" }
+}
+
+/// What was left out as an outlier, set by set.
+pub(in crate::report) fn outliers(left_out: &[LeftOut]) -> Option<String> {
+    if left_out.is_empty() {
+        return None;
+    }
+    let mut groups: Vec<(String, Vec<String>)> = Vec::new();
+    for sample in left_out {
+        let group = match &sample.cart {
+            Some(cart) => format!("set {}, cart {cart}", sample.set),
+            None => format!("set {}", sample.set),
+        };
+        let number = sample.number.to_string();
+        match groups.iter_mut().find(|(name, _)| *name == group) {
+            Some((_, numbers)) => numbers.push(number),
+            None => groups.push((group, vec![number])),
+        }
+    }
+    let groups: Vec<String> = groups
+        .into_iter()
+        .map(|(name, numbers)| format!("{name}: {}", numbers.join(", ")))
+        .collect();
+    Some(format!("Left out as outliers: {}.", groups.join("; ")))
+}
+
+/// Effects that could not be seen, those with one reason together.
+pub(in crate::report) fn unseen(found: &Discovery) -> Vec<(String, String)> {
+    let mut reasons: Vec<(String, Vec<String>)> = Vec::new();
+    for unseen in &found.cannot_see {
+        let effect = at(&unseen.name, &unseen.place);
+        match reasons.iter_mut().find(|(why, _)| *why == unseen.why) {
+            Some((_, effects)) => effects.push(effect),
+            None => reasons.push((unseen.why.clone(), vec![effect])),
+        }
+    }
+    reasons
+        .into_iter()
+        .map(|(why, effects)| (effects.join(", "), why))
+        .collect()
+}
+
+fn count_word(count: usize) -> String {
+    const WORDS: [&str; 10] = [
+        "no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine",
+    ];
+    WORDS
+        .get(count)
+        .map_or_else(|| count.to_string(), |word| (*word).to_owned())
+}

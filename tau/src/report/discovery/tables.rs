@@ -1,0 +1,255 @@
+//! The tables of a discovery.
+
+use super::{at, chance, readable};
+use crate::discovery::Discovery;
+use crate::report::number::{fixed, general, shared_decimals, with_sigma};
+use crate::report::tables::{Cell, Table, columns, number, text};
+
+/// What each step adds to the model: the base first, then the effects that came and went.
+pub(in crate::report) fn labels(found: &Discovery) -> Vec<String> {
+    let mut before: Vec<&str> = vec![&found.base];
+    found
+        .steps
+        .iter()
+        .enumerate()
+        .map(|(index, step)| {
+            let sum = step
+                .model
+                .split_once('=')
+                .map_or(step.model.as_str(), |(_, sum)| sum);
+            let terms: Vec<&str> = sum.trim().trim_end_matches(';').split(" + ").collect();
+            let change = |sign: &str, these: &[&str], those: &[&str]| -> Vec<String> {
+                let new = these.iter().filter(|term| !those.contains(term));
+                new.map(|term| format!("{sign} {term}")).collect()
+            };
+            let mut changes = change("+", &terms, &before);
+            changes.extend(change("−", &before, &terms));
+            before = terms;
+            match changes.is_empty() {
+                true if index == 0 => found.base.clone(),
+                true => "refitted".to_owned(),
+                false => changes.join(" "),
+            }
+        })
+        .collect()
+}
+
+/// The gap after each step, and the noise floor.
+pub(in crate::report) fn steps(found: &Discovery) -> Table {
+    let errors = || {
+        found
+            .steps
+            .iter()
+            .flat_map(|step| [step.mean_um, step.max_um, step.rms_um])
+    };
+    let decimals = shared_decimals(errors());
+    let mut rows: Vec<Vec<Cell>> = labels(found)
+        .iter()
+        .zip(&found.steps)
+        .map(|(label, step)| {
+            let errors = [step.mean_um, step.max_um, step.rms_um];
+            let errors = errors.map(|error| number(error, decimals));
+            std::iter::once(text(label)).chain(errors).collect()
+        })
+        .collect();
+    let floor = number(found.noise_floor_um, decimals);
+    rows.push(vec![
+        text("stated noise alone"),
+        floor,
+        Cell::Empty,
+        Cell::Empty,
+    ]);
+    Table {
+        title: "Error at the validation poses, step by step".to_owned(),
+        columns: columns(&[
+            ("", &["Model"]),
+            ("Position error (µm)", &["mean", "largest", "rms"]),
+        ]),
+        rows,
+    }
+}
+
+/// Parameters of the effects that were found.
+pub(in crate::report) fn effects(found: &Discovery) -> Option<Table> {
+    let rows: Vec<Vec<Cell>> = found
+        .effects
+        .iter()
+        .flat_map(|effect| {
+            effect
+                .parameters
+                .iter()
+                .enumerate()
+                .map(move |(index, (name, estimate))| {
+                    let (factor, unit) = readable(&estimate.unit, estimate.value);
+                    let (value, sigma) =
+                        with_sigma(factor * estimate.value, factor * estimate.sigma);
+                    let first = index == 0;
+                    let once = |value: String| {
+                        if first {
+                            Cell::Number(value)
+                        } else {
+                            Cell::Empty
+                        }
+                    };
+                    vec![
+                        text(&if first {
+                            at(&effect.name, &effect.place)
+                        } else {
+                            String::new()
+                        }),
+                        text(name),
+                        Cell::Number(value),
+                        Cell::Number(sigma),
+                        text(&unit),
+                        once(chance(effect.p_value)),
+                        once(general(effect.chi2_drop, 3)),
+                        once(general(effect.heldout_drop_um, 2)),
+                    ]
+                })
+        })
+        .collect();
+    (!rows.is_empty()).then(|| Table {
+        title: "Effects found".to_owned(),
+        columns: columns(&[(
+            "",
+            &[
+                "Effect",
+                "Parameter",
+                "Value",
+                "σ",
+                "Unit",
+                "p-value",
+                "fall of χ²",
+                "µm at the tool",
+            ],
+        )]),
+        rows,
+    })
+}
+
+/// Residuals of the base against their noise.
+pub(in crate::report) fn misfit(found: &Discovery) -> Option<Table> {
+    let rows: Vec<Vec<Cell>> = found
+        .misfit
+        .iter()
+        .map(|misfit| {
+            let place = match (&misfit.cart, &misfit.link) {
+                (Some(cart), _) => format!("set {}, cart {cart}", misfit.set),
+                (None, Some(link)) => format!("set {}, {link}", misfit.set),
+                (None, None) => format!("set {}", misfit.set),
+            };
+            vec![
+                text(&place),
+                text(&misfit.coordinate),
+                Cell::Number(general(misfit.rms, 3)),
+                Cell::Number(general(misfit.expected_rms, 3)),
+                Cell::Number(general(misfit.excess_rms, 3)),
+                text(if misfit.unit == "urad" {
+                    "µrad"
+                } else {
+                    "µm"
+                }),
+                Cell::Number(chance(misfit.p_value)),
+            ]
+        })
+        .collect();
+    (!rows.is_empty()).then(|| Table {
+        title: format!("Residuals of {} against the stated noise", found.base),
+        columns: columns(&[(
+            "",
+            &[
+                "Where",
+                "Coordinate",
+                "rms",
+                "expected rms",
+                "excess rms",
+                "Unit",
+                "p-value",
+            ],
+        )]),
+        rows,
+    })
+}
+
+/// Estimated noise over the stated one.
+pub(in crate::report) fn noise(found: &Discovery) -> Option<Table> {
+    let rows: Vec<Vec<Cell>> = found
+        .noise
+        .iter()
+        .map(|scale| {
+            let set = Cell::Text(format!("set {}, {}", scale.set, scale.of));
+            vec![set, Cell::Number(fixed(scale.factor, 2))]
+        })
+        .collect();
+    (!rows.is_empty()).then(|| Table {
+        title: "Noise, estimated over stated".to_owned(),
+        columns: columns(&[("", &["Residuals", "factor"])]),
+        rows,
+    })
+}
+
+/// The smallest amplitudes that would be found.
+pub(in crate::report) fn detectable(found: &Discovery) -> Option<Table> {
+    let rows: Vec<Vec<Cell>> = found
+        .detectable
+        .iter()
+        .map(|detectable| {
+            let (factor, unit) = readable(&detectable.unit, detectable.amplitude);
+            vec![
+                text(&at(&detectable.name, &detectable.place)),
+                text(&detectable.parameter),
+                Cell::Number(general(factor * detectable.amplitude, 2)),
+                text(&unit),
+                Cell::Number(fixed(100.0 * detectable.absorbed, 0)),
+            ]
+        })
+        .collect();
+    (!rows.is_empty()).then(|| Table {
+        title: "Smallest amplitude found in four of five cases".to_owned(),
+        columns: columns(&[(
+            "",
+            &[
+                "Effect",
+                "Parameter",
+                "Amplitude",
+                "Unit",
+                "absorbed by the base (%)",
+            ],
+        )]),
+        rows,
+    })
+}
+
+/// Every named candidate and what became of it.
+pub(in crate::report) fn considered(found: &Discovery) -> Option<Table> {
+    let mut considered: Vec<_> = found.considered.iter().collect();
+    considered.sort_by(|a, b| a.p_value.total_cmp(&b.p_value));
+    let rows: Vec<Vec<Cell>> = considered
+        .into_iter()
+        .map(|candidate| {
+            vec![
+                text(&at(&candidate.name, &candidate.place)),
+                Cell::Number(chance(candidate.p_value)),
+                text(candidate.verdict),
+            ]
+        })
+        .collect();
+    (!rows.is_empty()).then(|| Table {
+        title: format!("Candidates, each alone beside {}", found.base),
+        columns: columns(&[("", &["Effect", "p-value", "Verdict"])]),
+        rows,
+    })
+}
+
+/// Effects that these measurements cannot show.
+pub(in crate::report) fn unseen(found: &Discovery) -> Option<Table> {
+    let rows: Vec<Vec<Cell>> = super::findings::unseen(found)
+        .into_iter()
+        .map(|(effects, why)| vec![Cell::Text(why), Cell::Text(effects)])
+        .collect();
+    (!rows.is_empty()).then(|| Table {
+        title: "What could not be seen".to_owned(),
+        columns: columns(&[("", &["Why", "Effects"])]),
+        rows,
+    })
+}

@@ -1,0 +1,195 @@
+use roxmltree::Document;
+
+use super::{chance, findings, readable, tables};
+use crate::discovery::results::{
+    Discovery, Estimate, FoundEffect, Gap, LeftOut, Rival, Status, Step, Unnamed, Unseen,
+    Validation,
+};
+use crate::report::{figures, html, json, terminal};
+
+fn gap(mean_um: f64) -> Gap {
+    Gap {
+        mean_um,
+        max_um: 3.0 * mean_um,
+        rms_um: 1.1 * mean_um,
+    }
+}
+
+fn step(model: &str, mean_um: f64) -> Step {
+    let Gap {
+        mean_um,
+        max_um,
+        rms_um,
+    } = gap(mean_um);
+    Step {
+        model: format!("variant Discovered = {model};"),
+        mean_um,
+        max_um,
+        rms_um,
+    }
+}
+
+/// A made discovery with something of everything, and a folder's worst names.
+fn found() -> Discovery {
+    let estimate = Estimate {
+        value: 4.123e-5,
+        sigma: 1.3e-6,
+        unit: "m".to_owned(),
+    };
+    let unseen = |place: &str| Unseen {
+        name: "link_thermal".to_owned(),
+        place: place.to_owned(),
+        why: "the column <temperature_c> is missing".to_owned(),
+    };
+    Discovery {
+        base: "Full".to_owned(),
+        status: Status::PartlyExplained,
+        noise_floor_um: 20.0,
+        ceiling_um: 108.0,
+        validation: Validation {
+            before: gap(100.0),
+            after: gap(25.0),
+        },
+        misfit: vec![],
+        noise: vec![],
+        effects: vec![FoundEffect {
+            name: "backlash".to_owned(),
+            place: "one".to_owned(),
+            parameters: [("gap".to_owned(), estimate)].into(),
+            p_value: 0.0,
+            flip_p_value: 0.005,
+            chi2_drop: 812.0,
+            heldout_drop_um: 75.0,
+            rivals: vec![Rival {
+                name: "positioning_error".to_owned(),
+                place: "one".to_owned(),
+                cosine: 0.93,
+                separate_by: "approach the same poses from both sides".to_owned(),
+            }],
+            aliases: vec![],
+        }],
+        considered: vec![],
+        cannot_see: vec![unseen("l1"), unseen("l2a")],
+        detectable: vec![],
+        unnamed: vec![Unnamed {
+            place: "two".to_owned(),
+            direction: "along".to_owned(),
+            against: "q".to_owned(),
+            rms_um: 12.0,
+            curve: vec![[-0.5, 1e-5], [0.0, -1e-5], [0.5, f64::NAN]],
+        }],
+        outliers: vec![7, 9],
+        left_out: vec![
+            LeftOut {
+                set: 1,
+                cart: None,
+                number: 7,
+            },
+            LeftOut {
+                set: 3,
+                cart: Some("two".to_owned()),
+                number: 9,
+            },
+        ],
+        steps: vec![
+            step("Full", 100.0),
+            step("Full + straightness(two)", 60.0),
+            step("Full + backlash(one)", 25.0),
+            step("Full + backlash(one)", 24.0),
+        ],
+        model_text: "/// Slack <of> the drive.\neffect backlash on cart { }".to_owned(),
+        remarks: vec!["set 2 & set 3 disagree".to_owned()],
+        seconds: 0.5,
+    }
+}
+
+#[test]
+fn units_fit_the_size() {
+    let shown = |unit: &str, value: f64| {
+        let (factor, name) = readable(unit, value);
+        (format!("{:.3}", factor * value), name)
+    };
+    assert_eq!(shown("m", -4.1e-5), ("-41.000".into(), "µm".into()));
+    assert_eq!(shown("m", 0.0133), ("13.300".into(), "mm".into()));
+    assert_eq!(shown("m/N", 1.2e-6), ("1.200".into(), "µm/N".into()));
+    assert_eq!(shown("rad", 2e-5), ("20.000".into(), "µrad".into()));
+    assert_eq!(shown("1/K", 1.2e-5), ("12.000".into(), "ppm/K".into()));
+    assert_eq!(shown("s", 3.0), ("3.000".into(), "s".into()));
+    assert_eq!(chance(0.0), "<1e-99");
+    assert_eq!(chance(0.005), "0.0050");
+}
+
+#[test]
+fn steps_are_named_by_what_they_change() {
+    let expected = [
+        "Full",
+        "+ straightness(two)",
+        "+ backlash(one) − straightness(two)",
+        "refitted",
+    ];
+    assert_eq!(tables::labels(&found()), expected);
+}
+
+#[test]
+fn the_terminal_tells_everything_in_a_hundred_columns() {
+    let text = terminal::discovery(&found());
+    for expected in [
+        "falls from 100 to 25.0 µm",
+        "gap = 41.2 ± 1.3 µm",
+        "lowers the mean error at the tool by 75 µm",
+        "positioning_error(one) instead",
+        "approach the same poses from both sides",
+        "two: along as a function of q, 12 µm rms",
+        "link_thermal(l1), link_thermal(l2a): the column",
+        "set 1: 7; set 3, cart two: 9",
+        "set 2 & set 3 disagree",
+        "stated noise alone",
+    ] {
+        let words = |text: &str| text.split_whitespace().collect::<Vec<_>>().join(" ");
+        assert!(words(&text).contains(expected), "{expected} in {text}");
+    }
+    assert!(
+        text.lines().all(|line| line.chars().count() <= 100),
+        "{text}"
+    );
+}
+
+#[test]
+fn a_verdict_claims_no_more_than_was_found() {
+    let mut found = found();
+    assert!(findings::verdict(&found).contains("is left that has none"));
+    found.status = Status::Explained;
+    assert!(findings::verdict(&found).contains("lacks one physical effect"));
+    found.effects.clear();
+    found.status = Status::NothingMissing;
+    assert!(findings::verdict(&found).contains("nothing significant is missing"));
+    assert!(!findings::gap(&found).contains("falls"));
+}
+
+#[test]
+fn the_page_is_well_formed_and_escapes_what_it_is_given() {
+    let found = found();
+    let page = html::discovery_page(&found, "<Robot>", "a & b");
+    let page = page.replacen("<!DOCTYPE html>", "", 1);
+    let (_, body) = page.split_once("<body>").expect("a body");
+    let body = format!("<body>{}", body.replace("</html>", ""));
+    let document = Document::parse(&body).unwrap();
+    let headings: Vec<_> = document
+        .descendants()
+        .filter(|node| node.has_tag_name("h2"))
+        .collect();
+    assert_eq!(headings.len(), 5);
+    assert_eq!(figures::discovery(&found).len(), 2);
+    for figure in figures::discovery(&found) {
+        Document::parse(&figure.svg).unwrap();
+        assert!(page.contains(&figure.svg));
+    }
+}
+
+#[test]
+fn numbers_that_are_not_finite_are_null_in_json() {
+    let value = json::discovery(&found());
+    assert_eq!(value["status"], "partly_explained");
+    assert!(value["unnamed"][0]["curve"][2][1].is_null());
+    assert!(value["where"].is_array());
+}
