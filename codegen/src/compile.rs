@@ -114,17 +114,16 @@ pub fn compile(model: &Model, description: &str) -> CompiledRobot {
 
 /// Compiles one variant, by its index.
 pub fn compile_variant(model: &Model, variant: usize) -> CompiledVariant {
-    let all = [
-        ResidualKind::Closure,
-        ResidualKind::ClosureByPose,
-        ResidualKind::CartPose,
-        ResidualKind::CartPosition,
-    ];
-    compile_kinds(model, variant, &all)
+    compile_some(model, variant, |_, _| true)
 }
 
-/// Compiles some of the residuals of one variant, by its index; its parameters are those of all.
-pub fn compile_kinds(model: &Model, variant: usize, kinds: &[ResidualKind]) -> CompiledVariant {
+/// Compiles those residuals of one variant, by its index, that are wanted, by their kind and the index
+/// of their link, cluster or track; the parameters are those of all.
+pub fn compile_some(
+    model: &Model,
+    variant: usize,
+    wanted: impl Fn(ResidualKind, usize) -> bool,
+) -> CompiledVariant {
     let variant = &model.variants[variant];
     let parameters = equations::parameters(model, variant);
     let context = || Context::new(model, variant, &parameters, Staging::Staged);
@@ -165,16 +164,16 @@ pub fn compile_kinds(model: &Model, variant: usize, kinds: &[ResidualKind]) -> C
         instances: vec![],
         parameters: parameters.clone(),
     };
-    for of in (0..closures).filter(|_| kinds.contains(&ResidualKind::Closure)) {
+    for of in (0..closures).filter(|&of| wanted(ResidualKind::Closure, of)) {
         compiled.add(equations::closure(context(), of, false));
     }
-    for of in (0..closures).filter(|_| kinds.contains(&ResidualKind::ClosureByPose)) {
+    for of in (0..closures).filter(|&of| wanted(ResidualKind::ClosureByPose, of)) {
         compiled.add(equations::closure_by_pose(context(), of));
     }
-    for of in (0..carts).filter(|_| kinds.contains(&ResidualKind::CartPose)) {
+    for of in (0..carts).filter(|&of| wanted(ResidualKind::CartPose, of)) {
         compiled.add(equations::cart_pose(context(), of));
     }
-    for of in (0..carts).filter(|_| kinds.contains(&ResidualKind::CartPosition)) {
+    for of in (0..carts).filter(|&of| wanted(ResidualKind::CartPosition, of)) {
         compiled.add(equations::cart_position(context(), of));
     }
     compiled.name_families(model);

@@ -10,6 +10,7 @@ use super::candidates::{self, Candidate};
 use super::distribution::f_survival;
 use super::fit::Fit;
 use super::generic::Family;
+use super::parallel;
 use super::probes::Probes;
 use super::projection::Subspace;
 use super::samples::Sample;
@@ -42,6 +43,12 @@ pub(super) struct Bench {
     pub(super) units: usize,
 }
 
+/// What a candidate adds to the Jacobian.
+enum Columns {
+    Plain(DMatrix<f64>),
+    Searched(Scan),
+}
+
 /// How well a candidate explains what a model leaves.
 #[derive(Clone)]
 pub(super) struct Score {
@@ -63,6 +70,7 @@ pub(super) struct Score {
 
 /// One column of a candidate: its length in units of noise per unit of its parameter, and what a model
 /// leaves of it.
+#[derive(Debug, Clone, Copy)]
 pub(super) struct Column {
     pub(super) parameter: usize,
     pub(super) whole: f64,
@@ -72,8 +80,8 @@ pub(super) struct Column {
 /// Scores of all candidates beside a model.
 pub(super) struct Table {
     pub(super) scores: Vec<Score>,
-    /// Of each scan, by its place in the bench.
-    pub(super) scans: Vec<Scores>,
+    /// Of each scan that took part, by its place in the bench.
+    scans: Vec<Option<Scores>>,
 }
 
 impl Bench {
@@ -88,29 +96,34 @@ impl Bench {
         let surroundings = fit.joint.machine.surroundings.clone();
         let candidates = candidates::all(&model, base, families);
         let row_samples: Vec<usize> = fit.joint.rows.iter().map(|row| row.sample).collect();
+        let indices: Vec<usize> = (0..candidates.len()).collect();
+        let prepared = parallel::map(&indices, |&index| {
+            let candidate = &candidates[index];
+            if candidate.search.is_some() {
+                let range = reach(candidate, &samples);
+                return Scan::new(candidate, &model, &probes, &samples, &surroundings, range)
+                    .map(Columns::Searched);
+            }
+            let entries =
+                candidate.entries(&model, &candidate.nominal(), &probes, &samples, &surroundings)?;
+            Ok(Columns::Plain(candidates::columns(
+                &entries,
+                &candidate.amplitudes(),
+                &row_samples,
+                samples.len(),
+                row_samples.len(),
+            )))
+        });
         let (mut blocks, mut places, mut scans, mut unseen) = (vec![], vec![], vec![], vec![]);
         let mut width = 0;
-        for (index, candidate) in candidates.iter().enumerate() {
-            if candidate.search.is_some() {
-                match Scan::new(candidate, &model, &probes, &samples, &surroundings, reach(candidate, &samples)) {
-                    Ok(scan) => scans.push((index, scan)),
-                    Err(why) => unseen.push((index, why.to_owned())),
-                }
-                continue;
-            }
-            match candidate.entries(&model, &candidate.nominal(), &probes, &samples, &surroundings) {
-                Ok(entries) => {
-                    let columns = candidates::columns(
-                        &entries,
-                        &candidate.amplitudes(),
-                        &row_samples,
-                        samples.len(),
-                        row_samples.len(),
-                    );
+        for (index, columns) in prepared.into_iter().enumerate() {
+            match columns {
+                Ok(Columns::Plain(columns)) => {
                     places.push((index, width..width + columns.ncols()));
                     width += columns.ncols();
                     blocks.push(columns);
                 }
+                Ok(Columns::Searched(scan)) => scans.push((index, scan)),
                 Err(why) => unseen.push((index, why.to_owned())),
             }
         }
@@ -141,14 +154,11 @@ impl Bench {
     fn count_crossings(&self, view: &View) -> Vec<f64> {
         let flips = signs(self.units, NULL_SCANS, 1);
         let basis = self.flipped_basis(view, &flips);
-        self.scans
-            .iter()
-            .map(|(_, scan)| {
-                let scores = scan.scores(view, &self.samples);
-                let nulls = scan.flipped(&scores, view, &self.samples, &flips, &basis);
-                upcrossings(&nulls, scores.rank().max(1) as f64)
-            })
-            .collect()
+        parallel::map(&self.scans, |(_, scan)| {
+            let scores = scan.scores(view, &self.samples);
+            let nulls = scan.flipped(&scores, view, &self.samples, &flips, &basis);
+            upcrossings(&nulls, scores.rank().max(1) as f64)
+        })
     }
 
     /// Qᵀ(s∘e) for each flip.
@@ -171,33 +181,49 @@ impl Bench {
         3.0 * self.units as f64
     }
 
-    /// The column of a candidate that shows best for its tolerance, and the candidate's rank; of a
-    /// searched one, in the middle of its range. `None` where the model absorbs all of them.
-    pub(super) fn best_column(&self, view: &View, candidate: usize) -> Option<(Column, f64)> {
+    /// For each candidate its column that shows best for its tolerance, and its rank; of a searched one,
+    /// in the middle of its range. `None` where the model absorbs all of them.
+    pub(super) fn best_columns(&self, view: &View) -> Vec<Option<(Column, f64)>> {
+        let mut best = vec![None; self.candidates.len()];
+        let columns = view.weighted(&self.raw);
+        let remainder = view.remainder(&columns);
+        for (candidate, place) in &self.places {
+            best[*candidate] = self.best_column(
+                *candidate,
+                &columns.columns(place.start, place.len()).into_owned(),
+                &remainder.columns(place.start, place.len()).into_owned(),
+            );
+        }
+        for (candidate, _) in &self.scans {
+            let Some((_, (low, high))) = self.candidates[*candidate].search else { continue };
+            if let Some(score) = self.at(view, *candidate, (low * high).sqrt(), 0.0, 0.0, vec![]) {
+                let left = view.remainder(&score.columns);
+                best[*candidate] = self.best_column(*candidate, &score.columns, &left);
+            }
+        }
+        best
+    }
+
+    fn best_column(
+        &self,
+        candidate: usize,
+        columns: &DMatrix<f64>,
+        left: &DMatrix<f64>,
+    ) -> Option<(Column, f64)> {
+        let rank = Subspace::of(columns, left).rank();
         let described = &self.candidates[candidate];
-        let (columns, subspace) = match described.search {
-            Some((_, (low, high))) => {
-                let score = self.at(view, candidate, (low * high).sqrt(), 0.0, 0.0, vec![])?;
-                (score.columns, score.subspace)
-            }
-            None => {
-                let score = self.score(view, candidate)?;
-                (score.columns, score.subspace)
-            }
-        };
-        let left = view.remainder(&columns);
+        let amplitudes = described.amplitudes();
         let worth = |k: usize| {
-            let tolerance = described.parameters[described.amplitudes()[k]].tolerance.unwrap_or(1.0);
-            left.column(k).norm() * tolerance
+            left.column(k).norm() * described.parameters[amplitudes[k]].tolerance.unwrap_or(1.0)
         };
         let best = (0..columns.ncols()).max_by(|&a, &b| worth(a).total_cmp(&worth(b)))?;
-        (subspace.rank() > 0).then(|| {
+        (rank > 0).then(|| {
             let column = Column {
-                parameter: described.amplitudes()[best],
+                parameter: amplitudes[best],
                 whole: columns.column(best).norm(),
                 left: left.column(best).norm(),
             };
-            (column, subspace.rank() as f64)
+            (column, rank as f64)
         })
     }
 
@@ -239,10 +265,37 @@ impl Bench {
 
     /// Scores every candidate beside a model; searches only over grids up to a length.
     pub(super) fn table(&self, view: &View, longest: usize) -> Table {
+        // The plain candidates are one task of many beside the scans, the longest first.
+        let blocks: Vec<Option<usize>> = (0..self.scans.len())
+            .filter(|&place| self.scans[place].1.grid.len() <= longest)
+            .map(Some)
+            .chain([None])
+            .rev()
+            .collect();
+        let mut scores = Vec::new();
+        let mut scans: Vec<Option<Scores>> = self.scans.iter().map(|_| None).collect();
+        let results = parallel::map(&blocks, |&block| match block {
+            None => (self.plain_scores(view), None),
+            Some(place) => {
+                let (score, scanned) = self.scan_score(view, place);
+                (score.into_iter().collect(), Some((place, scanned)))
+            }
+        });
+        for (found, scanned) in results {
+            scores.extend(found);
+            if let Some((place, scanned)) = scanned {
+                scans[place] = Some(scanned);
+            }
+        }
+        scores.sort_by_key(|score| score.candidate);
+        Table { scores, scans }
+    }
+
+    /// Scores of all candidates without a search.
+    fn plain_scores(&self, view: &View) -> Vec<Score> {
         let columns = view.weighted(&self.raw);
         let remainder = view.remainder(&columns);
-        let mut scores: Vec<Score> = self
-            .places
+        self.places
             .iter()
             .filter(|(candidate, _)| !self.hidden.contains(candidate))
             .filter_map(|(candidate, place)| {
@@ -250,30 +303,22 @@ impl Bench {
                 let left = remainder.columns(place.start, place.len()).into_owned();
                 self.linear(view, *candidate, own, &left)
             })
-            .collect();
-        let mut scans = Vec::new();
-        for (place, (candidate, scan)) in self.scans.iter().enumerate() {
-            if scan.grid.len() > longest {
-                continue;
-            }
-            let scanned = scan.scores(view, &self.samples);
-            let best = scanned.best();
-            let rank = scanned.rank() as f64;
-            if rank > 0.0
-                && let Some(score) = self.at(
-                    view,
-                    *candidate,
-                    scan.grid[best],
-                    rank,
-                    self.crossings.get(place).copied().unwrap_or(0.0),
-                    scanned.aliases(&scan.grid),
-                )
-            {
-                scores.push(score);
-            }
-            scans.push(scanned);
-        }
-        Table { scores, scans }
+            .collect()
+    }
+
+    /// The best of a scan, and the whole of it.
+    fn scan_score(&self, view: &View, place: usize) -> (Option<Score>, Scores) {
+        let (candidate, scan) = &self.scans[place];
+        let scanned = scan.scores(view, &self.samples);
+        let (best, rank) = (scanned.best(), scanned.rank() as f64);
+        let crossings = self.crossings.get(place).copied().unwrap_or(0.0);
+        let score = if rank > 0.0 && !self.hidden.contains(candidate) {
+            let aliases = scanned.aliases(&scan.grid);
+            self.at(view, *candidate, scan.grid[best], rank, crossings, aliases)
+        } else {
+            None
+        };
+        (score, scanned)
     }
 
     /// Score of a searched candidate at a value of what is searched.
@@ -352,18 +397,21 @@ impl Bench {
             }
             first += rank;
         }
-        for (place, ((_, scan), scores)) in self.scans.iter().zip(&table.scans).enumerate() {
+        let places: Vec<usize> = (0..self.scans.len()).collect();
+        let of_scans = parallel::map(&places, |&place| {
+            let scores = table.scans[place].as_ref().filter(|scores| scores.rank() > 0)?;
             let rank = scores.rank() as f64;
-            if rank == 0.0 {
-                continue;
-            }
             let crossings = self.crossings.get(place).copied().unwrap_or(0.0);
-            let nulls = scan.flipped(scores, view, &self.samples, &signs, &basis);
-            for (flip, exceeded) in exceeded.iter_mut().enumerate() {
-                let highest = nulls[flip].iter().copied().fold(0.0, f64::max);
+            let nulls = self.scans[place].1.flipped(scores, view, &self.samples, &signs, &basis);
+            let exceeds = |(flip, null): (usize, &Vec<f64>)| {
+                let highest = null.iter().copied().fold(0.0, f64::max);
                 let (equivalent, _) = f_form(highest, rank, sums[flip], degrees);
-                *exceeded |= global_p(equivalent, rank, crossings) <= p_value;
-            }
+                global_p(equivalent, rank, crossings) <= p_value
+            };
+            Some(nulls.iter().enumerate().map(exceeds).collect::<Vec<bool>>())
+        });
+        for of_scan in of_scans.into_iter().flatten() {
+            exceeded.iter_mut().zip(of_scan).for_each(|(all, own)| *all |= own);
         }
         let count = exceeded.iter().filter(|&&exceeded| exceeded).count();
         (1.0 + count as f64) / (1.0 + flips as f64)

@@ -19,6 +19,10 @@ const SLOW: f64 = 1e-4;
 const LONGEST_TURN: f64 = 0.1;
 /// Corrections of a step before it is halved.
 const CORRECTIONS: usize = 12;
+/// Changes of the estimated noise below this share are none.
+const SAME_NOISE: f64 = 0.02;
+/// Share of a step below which it is given up.
+const LEAST_SHARE: f64 = 1e-4;
 const MAX_ITERATIONS: usize = 40;
 
 /// A variant fitted to all samples.
@@ -124,7 +128,8 @@ impl Fit {
         Self::at(self.joint, self.fitted, self.scales, weights)?.converged()
     }
 
-    /// Gauss-Newton to the minimum, steps halved where they do not descend.
+    /// Gauss-Newton to the minimum. Steps with the derivatives at hand are repeated while they descend,
+    /// since residuals cost little beside derivatives; they are halved where they do not.
     fn converged(mut self) -> Result<Self, Error> {
         for _ in 0..MAX_ITERATIONS {
             let cost = self.residuals.norm_squared();
@@ -132,7 +137,6 @@ impl Fit {
             if !gain.is_finite() {
                 return Err(not_converged(&self.joint, "the residuals are not finite"));
             }
-            if std::env::var("GN").is_ok() { eprintln!("GN cost {cost:.3} gain {gain:.3}"); }
             if gain < CONVERGED {
                 // What is left of the step is taken to first order.
                 self.residuals = self.basis.residuals_after(&self.residuals);
@@ -141,31 +145,27 @@ impl Fit {
             let step = self.basis.step(&self.residuals);
             let mut share = self.longest_share(&step);
             let accepted = loop {
-                let (moved, residuals) = self.trial(&step, share, cost);
+                let (moved, residuals) = self.trial(&step, share);
                 if residuals.norm_squared() < cost {
-                    // Along a bent valley half the step can be better than all of it.
-                    let (half, after) = self.trial(&step, 0.5 * share, cost);
-                    let better = after.norm_squared() < residuals.norm_squared();
-                    break Some(if better { half } else { moved });
+                    break Some((moved, residuals.norm_squared()));
                 }
                 share *= 0.5;
-                if share < 1e-4 {
+                if share < LEAST_SHARE {
                     break None;
                 }
             };
-            let Some(moved) = accepted else {
+            let Some((moved, now)) = accepted else {
                 // No descent along the step: at a bound, or as low as rounding lets it.
                 self.residuals = self.basis.residuals_after(&self.residuals);
                 return Ok(self);
             };
             let linear = self.joint.linearize(&moved, &self.factors);
-            let slow = linear.residuals.norm_squared() > (1.0 - SLOW) * cost;
             self.basis = Basis::of(&linear.jacobian)
                 .ok_or_else(|| not_converged(&self.joint, "the derivatives are not finite"))?;
             self.fitted = moved;
             self.residuals = linear.residuals;
             self.jacobian = linear.jacobian;
-            if slow {
+            if now > (1.0 - SLOW) * cost {
                 self.residuals = self.basis.residuals_after(&self.residuals);
                 return Ok(self);
             }
@@ -192,7 +192,7 @@ impl Fit {
 
     /// A share of a step, and the residuals there. Frames and mountings trade along curved valleys:
     /// steps along their floor climb the walls, which corrections with the derivatives at hand undo.
-    fn trial(&self, step: &DVector<f64>, share: f64, cost: f64) -> (Vec<f64>, DVector<f64>) {
+    fn trial(&self, step: &DVector<f64>, share: f64) -> (Vec<f64>, DVector<f64>) {
         let mut moved = self.stepped(&self.fitted, step, share);
         let mut residuals = self.joint.residuals(&moved, &self.factors);
         for _ in 0..CORRECTIONS {
@@ -203,7 +203,7 @@ impl Fit {
             if now < before {
                 (moved, residuals) = (corrected, after);
             }
-            if now > 0.8 * before || now < 0.5 * cost && before < cost {
+            if now > 0.8 * before || before - now < CONVERGED {
                 break;
             }
         }
@@ -238,7 +238,7 @@ impl Fit {
                 .zip(&self.scales)
                 .map(|(new, old)| (new / old).ln().abs())
                 .fold(0.0, f64::max);
-            if change < 1e-2 {
+            if change < SAME_NOISE {
                 break;
             }
             self = Self::at(self.joint, self.fitted, estimate, self.weights)?.converged()?;

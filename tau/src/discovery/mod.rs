@@ -17,6 +17,7 @@ mod generic;
 mod joint;
 mod misfit;
 mod outliers;
+mod parallel;
 mod probes;
 mod projection;
 pub mod results;
@@ -166,11 +167,25 @@ pub fn discover(
     let (model, families) = catalogue(robot, options)?;
     let index = model.variants.iter().position(|v| v.name == base).unwrap_or_default();
     progress("fitting the base to all sets");
-    let (fit, samples) = base_fit(&input, &model, index, variant)?;
+    let (fitted, compiled) = std::thread::scope(|scope| {
+        let compiled = scope.spawn(|| probes::compiled(&model, index));
+        (base_fit(&input, &model, index, variant), compiled.join())
+    });
+    let (fit, samples) = fitted?;
+    let compiled = compiled.unwrap_or_else(|_| probes::compiled(&model, index));
     let machine = fit.joint.machine.with_values(fit.joint.values(&fit.fitted));
     let before_floor = floor::floor(&fit, &machine, folder, &division.validation, file.noise)?;
     progress("looking at what could be seen");
-    let probes = Probes::of(&model, index, &fit.joint, &fit.fitted, &samples, file.noise)?;
+    let own_effects = variant.effects.len();
+    let probes = Probes::of(
+        &model,
+        own_effects,
+        compiled,
+        &fit.joint,
+        &fit.fitted,
+        &samples,
+        file.noise,
+    )?;
     let mut bench = Bench::new(model, variant, &families, samples, probes, &fit);
     let (detectable, cannot_see) = sight::sight(&mut bench, &View::of(&fit));
     let misfit = misfit::misfits(&fit, &bench.samples, file.noise);
@@ -178,7 +193,7 @@ pub fn discover(
         input: &input,
         bench,
         variant: index,
-        own_effects: variant.effects.len(),
+        own_effects,
         fit,
         accepted: vec![],
         unnamed: vec![],

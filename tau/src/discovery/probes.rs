@@ -1,6 +1,6 @@
 //! How residuals answer to what effects may add to: derivatives, by the generated equations.
 
-use tau_codegen::compile::compile_kinds;
+use tau_codegen::compile::compile_some;
 use tau_codegen::language::model::{EffectUse, Model, Place};
 use tau_runtime::{Owner, ResidualKind};
 
@@ -46,28 +46,33 @@ effect unnamed_probe_cart on cart {
 effect unnamed_probe_tcp on tcp { param shift[3]: length; position += shift; }
 ";
 
+/// The variant (by index in the model) with a constant added to every target.
+pub(super) fn compiled(model: &Model, variant: usize) -> Variant {
+    let mut probed = with_effects(model, TARGETS);
+    let (cart, tcp) =
+        (index_of(&probed, "unnamed_probe_cart"), index_of(&probed, "unnamed_probe_tcp"));
+    let places = (0..model.tracks.len()).map(|track| Place::Cart { track, source: None });
+    let used = places
+        .map(|place| EffectUse { effect: cart, place })
+        .chain([EffectUse { effect: tcp, place: Place::Tcp }]);
+    probed.variants[variant].effects.extend(used);
+    let closures =
+        Variant::from(&compile_some(&probed, variant, |kind, _| kind == ResidualKind::Closure));
+    free_turning(&probed, variant, Some(&closures))
+}
+
 impl Probes {
-    /// At the values of a fit of `variant` (by index in the model).
+    /// At the values of a fit of a base with `first` effects; `compiled` is the base with a constant
+    /// added to every target.
     pub(super) fn of(
         model: &Model,
-        variant: usize,
+        first: usize,
+        mut compiled: Variant,
         base: &Joint,
         fitted: &[f64],
         samples: &[Sample],
         noise: Noise,
     ) -> Result<Self, Error> {
-        let mut probed = with_effects(model, TARGETS);
-        let (cart, tcp) =
-            (index_of(&probed, "unnamed_probe_cart"), index_of(&probed, "unnamed_probe_tcp"));
-        let places = (0..model.tracks.len()).map(|track| Place::Cart { track, source: None });
-        let mut used: Vec<EffectUse> =
-            places.map(|place| EffectUse { effect: cart, place }).collect();
-        used.push(EffectUse { effect: tcp, place: Place::Tcp });
-        let first = probed.variants[variant].effects.len();
-        probed.variants[variant].effects.extend(used);
-        let closures = Variant::from(&compile_kinds(&probed, variant, &[ResidualKind::Closure]));
-        let mut compiled = free_turning(&probed, variant, Some(&closures));
-
         let base_variant = &base.machine.variant;
         let values = base.values(fitted);
         let own = |name: &str| base_variant.parameters.iter().position(|p| p.name == name);

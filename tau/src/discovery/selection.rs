@@ -2,18 +2,19 @@
 
 use std::collections::BTreeSet;
 
-use nalgebra::DVector;
+use nalgebra::{Cholesky, DVector};
 use tau_codegen::language::model::EffectUse;
 
 use super::bench::{Bench, Score, Table, f_form};
 use super::confirmation::held_out_gain;
+use super::distribution::chi2_survival;
 use super::fit::Fit;
 use super::joint::Joint;
 use super::projection::Subspace;
 use super::results::{Gap, Step};
 use super::scan::AS_GOOD;
 use super::text;
-use super::variant::free_turning;
+use super::variant::{free_turning, free_turning_from};
 use super::view::View;
 use super::{Error, Input};
 use crate::calibration::Prepared;
@@ -215,7 +216,12 @@ impl Search<'_> {
             effect: self.bench.candidates[candidate].effect,
             place: self.bench.candidates[candidate].place,
         }));
-        let variant = free_turning(&model, self.variant, None);
+        let variant = if effects.len() == self.accepted.len() + 1 {
+            let newest = self.bench.candidates[effects[effects.len() - 1]].place;
+            free_turning_from(&model, self.variant, &self.fit.joint.machine.variant, newest)
+        } else {
+            free_turning(&model, self.variant, None)
+        };
         let Input { robot, file, folder, .. } = *self.input;
         let prepared =
             Prepared::new(robot, &variant, file, Some(folder), &self.input.division.calibration)?;
@@ -265,20 +271,12 @@ impl Search<'_> {
 
     /// The model without one of its effects: what is left to explain, and the effect's own score there.
     fn without(&self, effect: usize) -> Option<(View, Score)> {
-        let joint = &self.fit.joint;
-        let owner = Owner::Effect(self.own_effects + effect);
-        let described = &self.bench.candidates[self.accepted[effect].candidate];
-        let own: Vec<usize> = (0..joint.used.len())
-            .filter(|&column| joint.machine.variant.parameters[joint.used[column]].owner == owner)
-            .collect();
-        let searched = described.search.map(|(place, _)| place);
-        let rows = joint.rows.len();
+        let own = self.columns_of(effect);
+        let rows = self.fit.joint.rows.len();
         let mut contribution = DVector::zeros(self.fit.residuals.len());
-        for (place, &column) in own.iter().enumerate() {
-            if Some(place) != searched {
-                let moved = self.fit.fitted[column] - described.parameters[place].nominal;
-                contribution += self.fit.jacobian.column(column) * moved;
-            }
+        let (columns, amplitudes) = self.amplitudes(effect);
+        for (&column, &amplitude) in columns.iter().zip(amplitudes.iter()) {
+            contribution += self.fit.jacobian.column(column) * amplitude;
         }
         contribution.rows_mut(rows, self.fit.residuals.len() - rows).fill(0.0);
         let removed: BTreeSet<usize> = own.iter().copied().collect();
@@ -310,14 +308,9 @@ impl Search<'_> {
 
     /// Drops effects that the others have made idle.
     fn drop_idle(&mut self, tested: usize) -> Result<(), Error> {
-        if self.accepted.len() < 2 {
-            return Ok(());
-        }
-        for effect in (0..self.accepted.len() - 1).rev() {
-            let idle = self
-                .without(effect)
-                .is_some_and(|(_, score)| score.p_value > LEVEL / tested as f64);
-            if idle {
+        for effect in (0..self.accepted.len().saturating_sub(1)).rev() {
+            let Some((statistic, rank)) = self.own_statistic(effect) else { continue };
+            if chi2_survival(statistic, rank) > LEVEL / tested as f64 {
                 let removed = self.accepted.remove(effect);
                 self.refused.insert(removed.candidate);
                 let effects: Vec<usize> = self.accepted.iter().map(|a| a.candidate).collect();
@@ -326,6 +319,40 @@ impl Search<'_> {
             }
         }
         Ok(())
+    }
+
+    /// What χ² would rise by without an effect (its amplitudes against their covariance), and the
+    /// number of its amplitudes.
+    fn own_statistic(&self, effect: usize) -> Option<(f64, f64)> {
+        let (own, amplitudes) = self.amplitudes(effect);
+        let b = self.fit.basis.b.select_rows(&own);
+        let covariance = &b * b.transpose();
+        let solved = Cholesky::new(covariance)?.solve(&amplitudes);
+        Some((amplitudes.dot(&solved), own.len() as f64))
+    }
+
+    /// Columns of an effect's amplitudes in the fit, and how far they are from no effect.
+    fn amplitudes(&self, effect: usize) -> (Vec<usize>, DVector<f64>) {
+        let described = &self.bench.candidates[self.accepted[effect].candidate];
+        let columns = self.columns_of(effect);
+        let (own, values): (Vec<usize>, Vec<f64>) = described
+            .amplitudes()
+            .into_iter()
+            .filter_map(|place| Some((place, *columns.get(place)?)))
+            .map(|(place, column)| {
+                (column, self.fit.fitted[column] - described.parameters[place].nominal)
+            })
+            .unzip();
+        (own, DVector::from_vec(values))
+    }
+
+    /// Columns of an effect in the fit.
+    fn columns_of(&self, effect: usize) -> Vec<usize> {
+        let joint = &self.fit.joint;
+        let owner = Owner::Effect(self.own_effects + effect);
+        (0..joint.used.len())
+            .filter(|&column| joint.machine.variant.parameters[joint.used[column]].owner == owner)
+            .collect()
     }
 
     /// With all names found, an unnamed family may turn out to be one of them after all, or nothing.

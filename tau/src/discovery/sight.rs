@@ -21,6 +21,7 @@ const ABSORBED: f64 = 1e-4;
 pub(super) fn sight(bench: &mut Bench, view: &View) -> (Vec<Detectable>, Vec<Unseen>) {
     let (mut detectable, mut unseen) = (Vec::new(), Vec::new());
     let tested = bench.candidates.len() as f64;
+    let best_columns = bench.best_columns(view);
     for (index, candidate) in bench.candidates.iter().enumerate() {
         if !candidate.is_named() {
             continue;
@@ -34,7 +35,7 @@ pub(super) fn sight(bench: &mut Bench, view: &View) -> (Vec<Detectable>, Vec<Uns
             unseen.push(out_of_sight(why.clone()));
             continue;
         }
-        let Some((best, rank)) = bench.best_column(view, index) else {
+        let Some((best, rank)) = best_columns[index] else {
             let why = constant(&bench.model, candidate, &bench.samples)
                 .unwrap_or_else(|| "the base absorbs it".to_owned());
             unseen.push(out_of_sight(why));

@@ -2,6 +2,8 @@
 
 use std::ops::Range;
 
+use tau_codegen::language::check_text;
+
 use super::Error;
 use crate::input_error::InputError;
 use crate::robot::Robot;
@@ -47,7 +49,7 @@ pub(super) fn description(
     if !text.ends_with('\n') {
         text.push('\n');
     }
-    Robot::from_text(&text)
+    check_text(&text)
         .map_err(|errors| InputError::whole(&robot.name, errors.to_string()))?;
     Ok(text)
 }

@@ -1,11 +1,11 @@
 //! Variants as discovery fits them: as described, but for how sets 2 and 3 see the carts turn.
 
-use tau_codegen::compile::compile_kinds;
+use tau_codegen::compile::compile_some;
 use tau_codegen::language::effects_from_text;
 use tau_codegen::language::model::{EffectUse, Model, Place};
 use tau_runtime::ResidualKind;
 
-use crate::robot::Variant;
+use crate::robot::{Arm, Instance, Variant};
 
 /// Name of the effect that turns carts, and its parameters about the axes of the track.
 pub(super) const TURNING: &str = "unnamed_turning";
@@ -30,14 +30,59 @@ effect unnamed_turning on cart {
 /// The variant of a model (by index), its carts turning freely in sets 2 and 3. `closures` is the same
 /// variant where its closures have been compiled already.
 pub(super) fn free_turning(model: &Model, variant: usize, closures: Option<&Variant>) -> Variant {
+    let mut free = Variant::from(&compile_some(&turning(model, variant), variant, |kind, _| {
+        is_of_cart(kind)
+    }));
     let compiled;
     let closures = if let Some(closures) = closures {
         closures
     } else {
-        let kinds = [ResidualKind::Closure, ResidualKind::ClosureByPose];
-        compiled = Variant::from(&compile_kinds(model, variant, &kinds));
+        compiled = Variant::from(&compile_some(model, variant, |kind, _| !is_of_cart(kind)));
         &compiled
     };
+    adopt(&mut free, closures, |instance| !is_of_cart(instance.kind));
+    free
+}
+
+/// The same for a variant that differs from a compiled one, `before`, by one more effect at a place: only
+/// what that touches is compiled.
+pub(super) fn free_turning_from(
+    model: &Model,
+    variant: usize,
+    before: &Variant,
+    place: Place,
+) -> Variant {
+    let cluster_of = |closure: usize| match before.arm {
+        Arm::Full => model.links[closure].cluster,
+        Arm::Reduced => closure,
+    };
+    let touches = |kind: ResidualKind, of: usize| match place {
+        Place::Cart { track, .. } if is_of_cart(kind) => of == track,
+        Place::Cart { track, .. } => model.clusters[cluster_of(of)].track == Some(track),
+        Place::AllCarts => true,
+        Place::Link(link) => {
+            !is_of_cart(kind)
+                && match before.arm {
+                    Arm::Full => of == link,
+                    Arm::Reduced => of == model.links[link].cluster,
+                }
+        }
+        Place::AllLinks | Place::Tcp => !is_of_cart(kind),
+    };
+    let mut free = Variant::from(&compile_some(&turning(model, variant), variant, |kind, of| {
+        is_of_cart(kind) && touches(kind, of)
+    }));
+    let closures = Variant::from(&compile_some(model, variant, |kind, of| {
+        !is_of_cart(kind) && touches(kind, of)
+    }));
+    adopt(&mut free, &closures, |_| true);
+    adopt(&mut free, before, |instance| !touches(instance.kind, instance.of));
+    free.instances.sort_by_key(|instance| (order(instance.kind), instance.of));
+    free
+}
+
+/// The model with carts that turn and drift in proportion to their commands.
+fn turning(model: &Model, variant: usize) -> Model {
     let mut model = with_effects(model, TEXT);
     let effect = index_of(&model, TURNING);
     let carts = (0..model.tracks.len()).map(|track| EffectUse {
@@ -45,23 +90,34 @@ pub(super) fn free_turning(model: &Model, variant: usize, closures: Option<&Vari
         place: Place::Cart { track, source: None },
     });
     model.variants[variant].effects.extend(carts);
-    let kinds = [ResidualKind::CartPose, ResidualKind::CartPosition];
-    let mut free = Variant::from(&compile_kinds(&model, variant, &kinds));
-    let own = closures.instances.iter().filter(|instance| {
-        matches!(instance.kind, ResidualKind::Closure | ResidualKind::ClosureByPose)
-    });
-    let renamed: Vec<_> = own
-        .cloned()
-        .map(|mut instance| {
-            for index in &mut instance.parameters {
-                let name = &closures.parameters[*index].name;
-                *index = free.parameters.iter().position(|p| p.name == *name).unwrap_or_default();
-            }
-            instance
-        })
+    model
+}
+
+/// Takes over instances of another variant whose parameters are there by the same names.
+fn adopt(into: &mut Variant, from: &Variant, wanted: impl Fn(&Instance) -> bool) {
+    let places: Vec<usize> = from
+        .parameters
+        .iter()
+        .map(|own| into.parameters.iter().position(|p| p.name == own.name).unwrap_or_default())
         .collect();
-    free.instances.extend(renamed);
-    free
+    let adopted = from.instances.iter().filter(|instance| wanted(instance)).cloned();
+    into.instances.extend(adopted.map(|mut instance| {
+        instance.parameters.iter_mut().for_each(|index| *index = places[*index]);
+        instance
+    }));
+}
+
+fn is_of_cart(kind: ResidualKind) -> bool {
+    matches!(kind, ResidualKind::CartPose | ResidualKind::CartPosition)
+}
+
+fn order(kind: ResidualKind) -> usize {
+    match kind {
+        ResidualKind::Closure => 0,
+        ResidualKind::ClosureByPose => 1,
+        ResidualKind::CartPose => 2,
+        ResidualKind::CartPosition => 3,
+    }
 }
 
 /// A model with further effects, whose text is the program's own.
