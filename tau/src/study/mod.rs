@@ -4,6 +4,7 @@ pub mod results;
 
 use crate::assumptions;
 use crate::calibration::{self, Calibration, Error, calibrate};
+use crate::discovery::{self, Discovery};
 use crate::evaluation::evaluate;
 use crate::input_error::InputError;
 use crate::measurements::{Division, Folder, Shape, Split};
@@ -55,11 +56,16 @@ impl Poses {
             return Err(InputError::whole(
                 &folder.name,
                 format!(
-                    "none of the {} poses has all its commands in the range that set 2 covers",
-                    counts.total
+                    "none of the {} poses has all its commands in the range that {} covers",
+                    counts.total,
+                    if folder.cart_poses.is_empty() {
+                        "`[range]` of the robot file"
+                    } else {
+                        "set 2"
+                    },
                 ),
             )
-            .help("move the carts over the whole stroke when measuring `cart_poses.csv`"));
+            .help("measure poses, or carts (`cart_poses.csv`), over the stroke that is used"));
         }
         if division.calibration.is_empty() || division.validation.is_empty() {
             return Err(InputError::whole(
@@ -75,8 +81,9 @@ impl Poses {
     }
 }
 
-/// Runs the study: assumptions, calibration and evaluation of every variant without effects, and the
-/// sensitivity of the last of them with a full arm.
+/// Runs the study: assumptions, calibration and evaluation of every variant without effects, the
+/// sensitivity of the last of them with a full arm, and the search for what the one of [`base`] lacks. A
+/// search that fails is told in a remark.
 ///
 /// Variants with piecewise tracks are left out, with a remark, where the folder has no set 2.
 ///
@@ -93,7 +100,7 @@ pub fn run(
     let Poses { counts, division } = Poses::select(robot, file, folder, split)?;
     let mut remarks = folder.remarks.clone();
     let variants = chosen_variants(robot, folder, &mut remarks);
-    let steps = variants.len() + 2;
+    let steps = variants.len() + 3;
     let mut done = 0;
     let mut next = |doing: &str| {
         progress(Progress { doing, done, steps });
@@ -132,6 +139,8 @@ pub fn run(
             )
         })
         .transpose()?;
+    next("searching for effects");
+    let discovery = search(robot, file, folder, split, &mut remarks);
     progress(Progress {
         doing: "done",
         done: steps,
@@ -145,6 +154,7 @@ pub fn run(
         variants: results,
         assumptions,
         sensitivity,
+        discovery,
         remarks,
     })
 }
@@ -158,6 +168,25 @@ pub(crate) fn dropped(counts: PoseCounts) -> Option<String> {
             counts.total
         )
     })
+}
+
+/// What the variant of [`base`] lacks; why the search failed is remarked.
+fn search(
+    robot: &Robot,
+    file: &RobotFile,
+    folder: &Folder,
+    split: Split,
+    remarks: &mut Vec<String>,
+) -> Option<Discovery> {
+    let base = &base(robot)?.name;
+    let options = discovery::Options {
+        split,
+        ..discovery::Options::default()
+    };
+    discovery::discover(robot, base, file, folder, &options, &mut |_| {})
+        .map(|outcome| outcome.discovery)
+        .map_err(|error| remarks.push(format!("what `{base}` lacks was not found: {error}")))
+        .ok()
 }
 
 /// The variant that discovery starts from unless told otherwise: `Full`, or else the last with all links
