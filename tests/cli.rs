@@ -96,7 +96,13 @@ fn the_study_prints_the_tables_and_writes_the_report() {
     );
     assert_eq!(ran.err, "");
     let out = ran.done();
-    for expected in ["Table I.", "Table II.", "Table III.", "report.html"] {
+    for expected in [
+        "Table I.",
+        "Table II.",
+        "Table III.",
+        "What the model lacks",
+        "report.html",
+    ] {
         assert!(out.contains(expected), "{expected} in {out}");
     }
     let study = folder.path().join("new/study");
@@ -131,6 +137,7 @@ fn the_json_of_a_study_has_the_fields_of_the_design() {
     let folder = tempfile::tempdir().unwrap();
     let study = tau_in(folder.path(), "tau study DATA --out DIR/study --json -").json();
     fields(&study, ["variants", "poses", "discovery"]);
+    assert_eq!(study["discovery"]["base"], "Full");
     let poses =
         ["total", "in_range", "calibration", "validation"].map(|name| &study["poses"][name]);
     assert_eq!(poses.map(number), [176.0, 121.0, 61.0, 60.0]);

@@ -22,7 +22,7 @@ fn the_study_reports_everything() {
         },
     )
     .unwrap();
-    assert_eq!(progress, (0..=7).map(|done| (done, 7)).collect::<Vec<_>>());
+    assert_eq!(progress, (0..=8).map(|done| (done, 8)).collect::<Vec<_>>());
     let poses = study.poses;
     assert_eq!(
         (
@@ -61,6 +61,10 @@ fn the_study_reports_everything() {
     assert_eq!((study.poses.total, study.poses.in_range), (176, 121));
     assert_eq!((study.poses.calibration, study.poses.validation), (61, 60));
     assert!(study.remarks.is_empty(), "{:?}", study.remarks);
+    let discovery = study.discovery.unwrap();
+    assert_eq!(discovery.base, "Full");
+    let full = study.variants[2].position_um.mean;
+    assert!(discovery.validation.after.mean_um < 0.5 * full);
 }
 
 #[test]

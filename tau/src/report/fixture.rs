@@ -55,6 +55,7 @@ pub(super) fn study() -> Study {
             .into(),
         assumptions: assumptions(&mut numbers),
         sensitivity: Some(sensitivity(&mut numbers)),
+        discovery: None,
         remarks: vec![
             "55 of 176 poses leave the range of set 2 and are dropped.".to_owned(),
             "Column load_n is missing: effects of load cannot be seen.".to_owned(),

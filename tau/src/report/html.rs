@@ -30,6 +30,11 @@ pub fn page(study: &Study, figures: &[Figure]) -> String {
             body: errors(study, figures),
         },
         Section {
+            id: "discovery",
+            title: "What the model lacks",
+            body: lacking(study, figures),
+        },
+        Section {
             id: "method",
             title: "How the figures were obtained",
             body: method(study),
@@ -185,6 +190,19 @@ fn errors(study: &Study, figures: &[Figure]) -> Markup {
             (figure(figures, "position_error_by_variant.svg"))
             (figure(figures, "position_error_by_pose.svg"))
             (figure(figures, "figure_8_orientation_errors.svg"))
+        }
+    }
+}
+
+fn lacking(study: &Study, figures: &[Figure]) -> Markup {
+    html! {
+        @if let Some(found) = &study.discovery {
+            (section::sentences(found))
+            (section::gap(found, figures))
+            (section::disagreement(found, figures))
+            (section::sight(found))
+        } @else {
+            p { "No search for effects that the models lack succeeded." }
         }
     }
 }

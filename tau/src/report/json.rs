@@ -15,7 +15,7 @@ use crate::study::results::{
 
 /// The result of `tau study`.
 ///
-/// `discovery` is `null`: the study does not search for effects.
+/// `discovery` is `null` where the search for effects failed; a remark says why.
 pub fn study(study: &Study) -> Value {
     let variants: Map<_, _> = study
         .variants
@@ -36,7 +36,7 @@ pub fn study(study: &Study) -> Value {
         "variant_order": order,
         "assumptions": assumptions(study),
         "sensitivity": study.sensitivity.as_ref().map(sensitivity),
-        "discovery": Value::Null,
+        "discovery": study.discovery.as_ref().map(discovery),
         "remarks": study.remarks,
     })
 }

@@ -44,6 +44,10 @@ pub fn study(study: &Study) -> String {
     for variant in &study.variants {
         text += &determined(variant);
     }
+    if let Some(found) = &study.discovery {
+        text += "\nWhat the model lacks\n";
+        text += &self::discovery(found);
+    }
     printable(&text)
 }
 

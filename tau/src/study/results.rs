@@ -1,5 +1,7 @@
 //! What a study finds, as plain data: the report, the terminal tables and the JSON are written from this.
 
+use crate::discovery::Discovery;
+
 /// Everything `tau study` reports.
 #[derive(Debug, Clone)]
 pub struct Study {
@@ -17,6 +19,8 @@ pub struct Study {
     pub assumptions: Assumptions,
     /// Table III, where a variant with a full arm was calibrated.
     pub sensitivity: Option<Sensitivity>,
+    /// What the variant that discovery starts from lacks, where the search succeeded.
+    pub discovery: Option<Discovery>,
     /// Remarks for the reader: poses dropped, columns missing, and so on.
     pub remarks: Vec<String>,
 }

@@ -48,6 +48,7 @@ pub fn all(study: &Study) -> Vec<Figure> {
     ]
     .into_iter()
     .flatten()
+    .chain(study.discovery.iter().flat_map(discovery))
     .collect()
 }
 
