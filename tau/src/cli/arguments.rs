@@ -58,8 +58,9 @@ pub(super) enum Command {
 /// Run the paper's study: every variant calibrated, compared and reported
 ///
 /// Checks what the models assume, calibrates every variant without effects on one part of the poses,
-/// compares them on the other part, and computes how much each parameter matters. Prints Tables I, II
-/// and III; writes an HTML report, the figures (SVG) and the numbers (JSON).
+/// compares them on the other part, and computes how much each parameter matters. Then searches for the
+/// physical effects that `Full` lacks, as `tau discover` does. Prints Tables I, II and III; writes an HTML
+/// report, the figures (SVG) and the numbers (JSON).
 #[derive(Debug, Default, Args)]
 #[command(after_help = "\
 Examples:
