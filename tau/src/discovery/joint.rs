@@ -213,6 +213,16 @@ impl Joint {
             .collect()
     }
 
+    /// Each sample's sum of squared residuals, and their number.
+    pub(super) fn sums(&self, residuals: &DVector<f64>, samples: usize) -> Vec<(f64, f64)> {
+        let mut sums = vec![(0.0, 0.0_f64); samples];
+        for (row, at) in self.rows.iter().enumerate() {
+            sums[at.sample].0 += residuals[row].powi(2);
+            sums[at.sample].1 += 1.0;
+        }
+        sums
+    }
+
     /// The fit as a problem for the solver, robust against outliers. `factors` holds one number per row.
     pub(super) fn problem(&self, start: &[f64], factors: &[f64]) -> Problem<'_> {
         let variant = &self.machine.variant;

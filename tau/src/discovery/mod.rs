@@ -8,6 +8,7 @@
 mod bench;
 mod candidates;
 mod confirmation;
+mod descent;
 mod distribution;
 mod fit;
 mod floor;
@@ -239,7 +240,7 @@ fn base_fit(
     let joint = Joint::new(machine.clone(), &prepared.nominal, &samples, file.noise)?;
     let about_lines = outliers::deviations(outliers::about_lines(&samples), &samples);
     weights.extend(outliers::weights(&about_lines).drain(weights.len()..));
-    let fit = Fit::first(joint, &values, weights, &samples, file.noise)?.robust(&samples)?;
+    let fit = Fit::robust(joint, &values, weights, &samples, file.noise)?;
     place_plates(&machine, file, &mut samples);
     Ok((fit, samples))
 }

@@ -6,6 +6,9 @@ use nalgebra::{Cholesky, DMatrix, DVector, SymmetricEigen};
 /// rounding and what the base absorbs.
 const LEAST_SINGULAR: f64 = 1e-3;
 
+/// Repetitions of Cholesky QR; two do unless columns are nearly dependent.
+const PASSES: usize = 5;
+
 /// An orthonormal basis of a Jacobian's columns: `Q = J·B`.
 pub(super) struct Basis {
     pub(super) q: DMatrix<f64>,
@@ -30,23 +33,19 @@ impl Basis {
         let mut q = jacobian.clone();
         let mut b = DMatrix::from_diagonal(&scale);
         q.column_iter_mut().zip(scale.iter()).for_each(|(mut column, &factor)| column *= factor);
-        let shift = 1e-13 * columns as f64;
-        for pass in 0..4 {
+        for pass in 0..PASSES {
             let mut gram = q.transpose() * &q;
             let off = (&gram - DMatrix::identity(columns, columns)).amax();
-            if pass > 0 && off < 1e-13 {
+            if pass == 0 {
+                shift(&mut gram);
+            }
+            let inverse = inverse_factor(gram)?;
+            q *= &inverse;
+            b *= &inverse;
+            // Of columns that were nearly orthonormal, one pass more leaves rounding.
+            if pass > 0 && off < 0.1 {
                 break;
             }
-            if pass == 0 {
-                for k in 0..columns {
-                    gram[(k, k)] += shift;
-                }
-            }
-            let lower = Cholesky::new(gram)?.unpack();
-            let inverse = lower.solve_lower_triangular(&DMatrix::identity(columns, columns))?;
-            let upper = inverse.transpose();
-            q *= &upper;
-            b *= &upper;
         }
         q.iter().all(|value| value.is_finite()).then_some(Self { q, b })
     }
@@ -56,15 +55,55 @@ impl Basis {
         columns - &self.q * (self.q.transpose() * columns)
     }
 
-    /// Step to the least-squares minimum from residuals `e`: `−B·Qᵀe`.
-    pub(super) fn step(&self, residuals: &DVector<f64>) -> DVector<f64> {
-        -(&self.b * self.q.tr_mul(residuals))
-    }
-
     /// The residuals at that minimum, to first order: `e − Q·Qᵀe`.
     pub(super) fn residuals_after(&self, residuals: &DVector<f64>) -> DVector<f64> {
         residuals - &self.q * self.q.tr_mul(residuals)
     }
+}
+
+/// The normal equations of a Jacobian: enough for a step, at a fraction of what a basis costs.
+pub(super) struct Normal {
+    /// `(JᵀJ)⁻¹ = B·Bᵀ`.
+    b: DMatrix<f64>,
+}
+
+impl Normal {
+    /// `None` where the derivatives are not finite.
+    pub(super) fn of(jacobian: &DMatrix<f64>) -> Option<Self> {
+        let mut gram = jacobian.transpose() * jacobian;
+        let scale = gram.diagonal().map(|square| if square > 0.0 { square.sqrt().recip() } else { 1.0 });
+        for (i, mut column) in gram.column_iter_mut().enumerate() {
+            column.component_mul_assign(&scale);
+            column *= scale[i];
+        }
+        shift(&mut gram);
+        Some(Self { b: DMatrix::from_diagonal(&scale) * inverse_factor(gram)? })
+    }
+
+    /// `(JᵀJ)⁻¹ g`.
+    pub(super) fn solve(&self, gradient: &DVector<f64>) -> DVector<f64> {
+        &self.b * self.b.tr_mul(gradient)
+    }
+
+    /// How many degrees of freedom of some rows of the Jacobian the fit absorbs.
+    pub(super) fn absorbed(&self, rows: &DMatrix<f64>) -> f64 {
+        (rows * &self.b).norm_squared()
+    }
+}
+
+/// Keeps a Gram matrix of unit columns positive definite beside rounding.
+fn shift(gram: &mut DMatrix<f64>) {
+    let amount = 4.0 * f64::EPSILON * gram.ncols() as f64;
+    for k in 0..gram.ncols() {
+        gram[(k, k)] += amount;
+    }
+}
+
+/// `L⁻ᵀ` of a Gram matrix `L·Lᵀ`.
+fn inverse_factor(gram: DMatrix<f64>) -> Option<DMatrix<f64>> {
+    let columns = gram.ncols();
+    let lower = Cholesky::new(gram)?.unpack();
+    Some(lower.solve_lower_triangular(&DMatrix::identity(columns, columns))?.transpose())
 }
 
 /// The columns of a candidate beside a base: an orthonormal basis of what the base leaves of them.

@@ -195,7 +195,7 @@ impl Search<'_> {
         effects.push(score.candidate);
         let fit = self.refit(&effects, Some(&values));
         let Ok(fit) = fit else { return Ok(false) };
-        self.fit = fit.without_outliers(&self.bench.samples)?;
+        self.fit = fit;
         self.accepted.push(Accepted {
             candidate: score.candidate,
             p_value: score.p_value,
@@ -242,7 +242,7 @@ impl Search<'_> {
             }
         }
         let start = joint.fitted(&values);
-        Fit::near(joint, start, self.fit.scales, self.fit.weights.clone())
+        Fit::near(joint, start, self.fit.scales, self.fit.weights.clone(), &self.bench.samples)
     }
 
     /// Notes the gap with the model as it stands, and by how much the newest effect lowered it.

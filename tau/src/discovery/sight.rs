@@ -1,5 +1,7 @@
 //! What these measurements could show at all, before residuals are looked at.
 
+use std::collections::BTreeMap;
+
 use tau_codegen::language::Model;
 use tau_codegen::language::model::{Formula, Readable};
 
@@ -21,6 +23,7 @@ const ABSORBED: f64 = 1e-4;
 pub(super) fn sight(bench: &mut Bench, view: &View) -> (Vec<Detectable>, Vec<Unseen>) {
     let (mut detectable, mut unseen) = (Vec::new(), Vec::new());
     let tested = bench.candidates.len() as f64;
+    let mut thresholds: BTreeMap<u64, f64> = BTreeMap::new();
     let best_columns = bench.best_columns(view);
     for (index, candidate) in bench.candidates.iter().enumerate() {
         if !candidate.is_named() {
@@ -43,7 +46,9 @@ pub(super) fn sight(bench: &mut Bench, view: &View) -> (Vec<Detectable>, Vec<Uns
             continue;
         };
         let parameter = &candidate.parameters[best.parameter];
-        let lambda = detectable_noncentrality(rank, LEVEL / tested, POWER);
+        let lambda = *thresholds
+            .entry(rank.to_bits())
+            .or_insert_with(|| detectable_noncentrality(rank, LEVEL / tested, POWER));
         let amplitude = lambda.sqrt() / best.left;
         let surviving = (best.left / best.whole).powi(2);
         let hopeless = parameter.tolerance.is_some_and(|t| amplitude > IMPLAUSIBLE * t);
