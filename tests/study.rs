@@ -22,7 +22,7 @@ fn the_study_reports_everything() {
         },
     )
     .unwrap();
-    assert_eq!(progress, (0..=8).map(|done| (done, 8)).collect::<Vec<_>>());
+    assert_eq!(progress, (0..=7).map(|done| (done, 7)).collect::<Vec<_>>());
     let poses = study.poses;
     assert_eq!(
         (
@@ -61,6 +61,22 @@ fn the_study_reports_everything() {
     assert_eq!((study.poses.total, study.poses.in_range), (176, 121));
     assert_eq!((study.poses.calibration, study.poses.validation), (61, 60));
     assert!(study.remarks.is_empty(), "{:?}", study.remarks);
+    assert!(study.discovery.is_none());
+}
+
+#[test]
+fn a_study_may_end_with_the_search_for_effects() {
+    let (folder, file) = prototype();
+    let robot = gantry_tau();
+    let mut study = study::run(&robot, &file, &folder, Split::Alternate, &mut |_| {}).unwrap();
+    study::search(
+        &mut study,
+        &robot,
+        &file,
+        &folder,
+        Split::Alternate,
+        &mut |_| {},
+    );
     let discovery = study.discovery.unwrap();
     assert_eq!(discovery.base, "Full");
     let full = study.variants[2].position_um.mean;

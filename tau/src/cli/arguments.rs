@@ -58,9 +58,9 @@ pub(super) enum Command {
 /// Run the paper's study: every variant calibrated, compared and reported
 ///
 /// Checks what the models assume, calibrates every variant without effects on one part of the poses,
-/// compares them on the other part, and computes how much each parameter matters. Then searches for the
-/// physical effects that `Full` lacks, as `tau discover` does. Prints Tables I, II and III; writes an HTML
-/// report, the figures (SVG) and the numbers (JSON).
+/// compares them on the other part, and computes how much each parameter matters. Prints Tables I, II and
+/// III; writes an HTML report, the figures (SVG) and the numbers (JSON). With --discover it ends with the
+/// search for the physical effects that `Full` lacks.
 #[derive(Debug, Default, Args)]
 #[command(after_help = "\
 Examples:
@@ -74,6 +74,9 @@ pub(super) struct Study {
     /// Folder for report.html, study.json and the figures
     #[arg(long, value_name = "DIR", default_value = Study::OUT)]
     pub(super) out: Option<PathBuf>,
+    /// Also search for what the model lacks, as `tau discover` does: takes some seconds
+    #[arg(long)]
+    pub(super) discover: bool,
     #[command(flatten)]
     pub(super) json: Json,
 }

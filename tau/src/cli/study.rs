@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use super::deliver::{Outcome, Target, cannot_write, check_folder, written};
-use super::progress::Bar;
+use super::progress::{Bar, Spinner};
 use super::resolve::{Case, both};
 use super::{Console, Failure, arguments};
 use crate::report;
@@ -18,7 +18,7 @@ pub(super) fn run(arguments: &arguments::Study, console: &Console<'_>) -> Result
     let (case, (target, ())) = both(Case::resolve(&arguments.input), outputs)?;
 
     let bar = Bar::new(console);
-    let results = study::run(
+    let mut results = study::run(
         &case.robot,
         &case.file,
         &case.folder,
@@ -26,6 +26,17 @@ pub(super) fn run(arguments: &arguments::Study, console: &Console<'_>) -> Result
         &mut |progress| bar.show(progress),
     )?;
     drop(bar);
+    if arguments.discover {
+        let spinner = Spinner::new(console);
+        study::search(
+            &mut results,
+            &case.robot,
+            &case.file,
+            &case.folder,
+            case.split,
+            &mut |doing| spinner.show(doing),
+        );
+    }
 
     let paths = report::write_study(out, &results).map_err(|error| cannot_write(out, &error))?;
     let files = written(paths.iter().map(PathBuf::as_path));

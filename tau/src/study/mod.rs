@@ -4,7 +4,7 @@ pub mod results;
 
 use crate::assumptions;
 use crate::calibration::{self, Calibration, Error, calibrate};
-use crate::discovery::{self, Discovery};
+use crate::discovery;
 use crate::evaluation::evaluate;
 use crate::input_error::InputError;
 use crate::measurements::{Division, Folder, Shape, Split};
@@ -100,7 +100,7 @@ pub fn run(
     let Poses { counts, division } = Poses::select(robot, file, folder, split)?;
     let mut remarks = folder.remarks.clone();
     let variants = chosen_variants(robot, folder, &mut remarks);
-    let steps = variants.len() + 3;
+    let steps = variants.len() + 2;
     let mut done = 0;
     let mut next = |doing: &str| {
         progress(Progress { doing, done, steps });
@@ -139,8 +139,6 @@ pub fn run(
             )
         })
         .transpose()?;
-    next("searching for effects");
-    let discovery = search(robot, file, folder, split, &mut remarks);
     progress(Progress {
         doing: "done",
         done: steps,
@@ -154,7 +152,7 @@ pub fn run(
         variants: results,
         assumptions,
         sensitivity,
-        discovery,
+        discovery: None,
         remarks,
     })
 }
@@ -170,23 +168,29 @@ pub(crate) fn dropped(counts: PoseCounts) -> Option<String> {
     })
 }
 
-/// What the variant of [`base`] lacks; why the search failed is remarked.
-fn search(
+/// Adds to a study what the variant of [`base`] lacks; why a search failed is remarked.
+///
+/// A step of its own, because it takes many times as long as all the rest.
+pub fn search(
+    study: &mut Study,
     robot: &Robot,
     file: &RobotFile,
     folder: &Folder,
     split: Split,
-    remarks: &mut Vec<String>,
-) -> Option<Discovery> {
-    let base = &base(robot)?.name;
+    progress: &mut dyn FnMut(&str),
+) {
+    let Some(base) = base(robot) else { return };
     let options = discovery::Options {
         split,
         ..discovery::Options::default()
     };
-    discovery::discover(robot, base, file, folder, &options, &mut |_| {})
-        .map(|outcome| outcome.discovery)
-        .map_err(|error| remarks.push(format!("what `{base}` lacks was not found: {error}")))
-        .ok()
+    match discovery::discover(robot, &base.name, file, folder, &options, progress) {
+        Ok(outcome) => study.discovery = Some(outcome.discovery),
+        Err(error) => {
+            let remark = format!("what `{}` lacks was not found: {error}", base.name);
+            study.remarks.push(remark);
+        }
+    }
 }
 
 /// The variant that discovery starts from unless told otherwise: `Full`, or else the last with all links
