@@ -1,18 +1,19 @@
 //! Everything that candidates are scored with: samples, probes, columns, scans.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
+use std::sync::OnceLock;
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 use tau_codegen::language::Model;
 
 use super::candidates::{self, Candidate};
-use super::distribution::f_survival;
+use super::distribution::{f_quantile_above, f_survival};
 use super::fit::Fit;
 use super::generic::Family;
 use super::parallel;
 use super::probes::Probes;
-use super::projection::Subspace;
+use super::projection::{Subspace, orthonormal};
 use super::samples::Sample;
 use super::scan::{Scan, Scores, global_p, signs, upcrossings};
 use super::view::View;
@@ -33,8 +34,8 @@ pub(super) struct Bench {
     raw: DMatrix<f64>,
     places: Vec<(usize, Range<usize>)>,
     scans: Vec<(usize, Scan)>,
-    /// Mean upcrossings of each scan, once counted.
-    crossings: Vec<f64>,
+    /// Mean upcrossings of each scan, counted beside the first model that is scored.
+    crossings: Vec<OnceLock<f64>>,
     /// Candidates that the measurements cannot show, and why.
     pub(super) unseen: Vec<(usize, String)>,
     /// Candidates that take no part, because no plausible amplitude of them would show.
@@ -50,7 +51,7 @@ enum Columns {
 }
 
 /// How well a candidate explains what a model leaves.
-#[derive(Clone)]
+#[derive(Debug, Clone)]
 pub(super) struct Score {
     /// Index of the candidate.
     pub(super) candidate: usize,
@@ -63,9 +64,6 @@ pub(super) struct Score {
     /// Best value of the searched parameter, and others that fit as well.
     pub(super) searched: Option<f64>,
     pub(super) aliases: Vec<f64>,
-    /// Weighted columns and what the model leaves of them.
-    pub(super) columns: DMatrix<f64>,
-    pub(super) subspace: Subspace,
 }
 
 /// One column of a candidate: its length in units of noise per unit of its parameter, and what a model
@@ -80,8 +78,18 @@ pub(super) struct Column {
 /// Scores of all candidates beside a model.
 pub(super) struct Table {
     pub(super) scores: Vec<Score>,
+    plain: Plain,
     /// Of each scan that took part, by its place in the bench.
     scans: Vec<Option<Scores>>,
+}
+
+/// The candidates without a search beside a model.
+struct Plain {
+    /// What the model absorbs of all columns, in its basis.
+    absorbed: DMatrix<f64>,
+    /// Of each candidate, by its place in the bench: lengths of its columns, and coefficients of an
+    /// orthonormal basis of what is left of them.
+    coefficients: Vec<(Vec<f64>, DMatrix<f64>)>,
 }
 
 impl Bench {
@@ -132,7 +140,8 @@ impl Bench {
             raw.columns_mut(place.start, place.len()).copy_from(block);
         }
         let units = Sample::units(&samples);
-        let mut bench = Self {
+        let crossings = scans.iter().map(|_| OnceLock::new()).collect();
+        Self {
             model,
             candidates,
             samples,
@@ -141,24 +150,19 @@ impl Bench {
             raw,
             places,
             scans,
-            crossings: vec![],
+            crossings,
             unseen,
             hidden: BTreeSet::new(),
             units,
-        };
-        let view = View::of(fit);
-        bench.crossings = bench.count_crossings(&view);
-        bench
+        }
     }
 
-    fn count_crossings(&self, view: &View) -> Vec<f64> {
+    /// Mean upcrossings of a scan in null scans beside a model.
+    fn count_crossings(&self, view: &View, scan: &Scan, scores: &Scores) -> f64 {
         let flips = signs(self.units, NULL_SCANS, 1);
         let basis = self.flipped_basis(view, &flips);
-        parallel::map(&self.scans, |(_, scan)| {
-            let scores = scan.scores(view, &self.samples);
-            let nulls = scan.flipped(&scores, view, &self.samples, &flips, &basis);
-            upcrossings(&nulls, scores.rank().max(1) as f64)
-        })
+        let nulls = scan.flipped(scores, view, &self.samples, &flips, &basis);
+        upcrossings(&nulls, scores.rank().max(1) as f64)
     }
 
     /// Qᵀ(s∘e) for each flip.
@@ -185,20 +189,26 @@ impl Bench {
     /// in the middle of its range. `None` where the model absorbs all of them.
     pub(super) fn best_columns(&self, view: &View) -> Vec<Option<(Column, f64)>> {
         let mut best = vec![None; self.candidates.len()];
-        let columns = view.weighted(&self.raw);
-        let remainder = view.remainder(&columns);
-        for (candidate, place) in &self.places {
-            best[*candidate] = self.best_column(
-                *candidate,
-                &columns.columns(place.start, place.len()).into_owned(),
-                &remainder.columns(place.start, place.len()).into_owned(),
-            );
+        let plain = self.plain(view);
+        for ((candidate, place), (norms, coefficients)) in
+            self.places.iter().zip(&plain.coefficients)
+        {
+            let left: Vec<f64> = norms
+                .iter()
+                .zip(plain.absorbed.columns(place.start, place.len()).column_iter())
+                .map(|(whole, absorbed)| (whole * whole - absorbed.norm_squared()).max(0.0).sqrt())
+                .collect();
+            best[*candidate] = self.best_column(*candidate, norms, &left, coefficients.ncols());
         }
         for (candidate, _) in &self.scans {
             let Some((_, (low, high))) = self.candidates[*candidate].search else { continue };
-            if let Some(score) = self.at(view, *candidate, (low * high).sqrt(), 0.0, 0.0, vec![]) {
-                let left = view.remainder(&score.columns);
-                best[*candidate] = self.best_column(*candidate, &score.columns, &left);
+            if let Some((columns, subspace)) = self.at(view, *candidate, (low * high).sqrt()) {
+                let left = view.remainder(&columns);
+                let norms = |matrix: &DMatrix<f64>| -> Vec<f64> {
+                    matrix.column_iter().map(|column| column.norm()).collect()
+                };
+                best[*candidate] =
+                    self.best_column(*candidate, &norms(&columns), &norms(&left), subspace.rank());
             }
         }
         best
@@ -207,50 +217,152 @@ impl Bench {
     fn best_column(
         &self,
         candidate: usize,
-        columns: &DMatrix<f64>,
-        left: &DMatrix<f64>,
+        whole: &[f64],
+        left: &[f64],
+        rank: usize,
     ) -> Option<(Column, f64)> {
-        let rank = Subspace::of(columns, left).rank();
         let described = &self.candidates[candidate];
         let amplitudes = described.amplitudes();
-        let worth = |k: usize| {
-            left.column(k).norm() * described.parameters[amplitudes[k]].tolerance.unwrap_or(1.0)
-        };
-        let best = (0..columns.ncols()).max_by(|&a, &b| worth(a).total_cmp(&worth(b)))?;
+        let worth =
+            |k: usize| left[k] * described.parameters[amplitudes[k]].tolerance.unwrap_or(1.0);
+        let best = (0..left.len()).max_by(|&a, &b| worth(a).total_cmp(&worth(b)))?;
         (rank > 0).then(|| {
-            let column = Column {
-                parameter: amplitudes[best],
-                whole: columns.column(best).norm(),
-                left: left.column(best).norm(),
-            };
+            let column =
+                Column { parameter: amplitudes[best], whole: whole[best], left: left[best] };
             (column, rank as f64)
         })
     }
 
-    /// Score of one candidate without a search; `None` where the model absorbs it.
-    pub(super) fn score(&self, view: &View, candidate: usize) -> Option<Score> {
-        let (_, place) = self.places.iter().find(|(index, _)| *index == candidate)?;
-        let raw = self.raw.columns(place.start, place.len()).into_owned();
-        let own = view.weighted(&raw);
-        let left = view.remainder(&own);
-        self.linear(view, candidate, own, &left)
-    }
-
-    fn linear(
+    /// Columns of a candidate in units of a model's noise, and what the model leaves of them; `None`
+    /// where that is nothing.
+    pub(super) fn subspace(
         &self,
         view: &View,
         candidate: usize,
-        columns: DMatrix<f64>,
-        left: &DMatrix<f64>,
-    ) -> Option<Score> {
-        let subspace = Subspace::of(&columns, left);
-        let rank = subspace.rank() as f64;
-        if rank == 0.0 {
-            return None;
+        searched: Option<f64>,
+    ) -> Option<(DMatrix<f64>, Subspace)> {
+        if let Some(value) = searched {
+            return self.at(view, candidate, value);
         }
-        let statistic = subspace.statistic(&view.residuals);
-        let (_, p_value) = f_form(statistic, rank, view.total(), view.degrees);
-        Some(Score {
+        let (_, place) = self.places.iter().find(|(index, _)| *index == candidate)?;
+        let columns =
+            view.weighted(&self.raw.columns(place.start, place.len()).into_owned());
+        let subspace = Subspace::of(&columns, &view.remainder(&columns));
+        (subspace.rank() > 0).then_some((columns, subspace))
+    }
+
+    /// The candidates without a search beside a model, by products of their columns alone: what is
+    /// left of them is never formed.
+    fn plain(&self, view: &View) -> Plain {
+        let rows = view.rows.len();
+        let mut weighted = view.q.rows(0, rows).into_owned();
+        for mut column in weighted.column_iter_mut() {
+            column.iter_mut().zip(&view.factors).for_each(|(value, factor)| *value *= factor);
+        }
+        let absorbed = weighted.transpose() * &self.raw;
+        let squares: Vec<f64> = view.factors.iter().map(|factor| factor * factor).collect();
+        let coefficients = self
+            .places
+            .iter()
+            .map(|(_, place)| {
+                let width = place.len();
+                let mut gram = DMatrix::zeros(width, width);
+                for i in 0..width {
+                    let left = self.raw.column(place.start + i);
+                    for j in 0..=i {
+                        let right = self.raw.column(place.start + j);
+                        let sum: f64 = left
+                            .iter()
+                            .zip(right.iter())
+                            .zip(&squares)
+                            .map(|((a, b), square)| a * b * square)
+                            .sum();
+                        gram[(i, j)] = sum;
+                        gram[(j, i)] = sum;
+                    }
+                }
+                let norms: Vec<f64> = (0..width).map(|k| gram[(k, k)].max(0.0).sqrt()).collect();
+                let of = absorbed.columns(place.start, width);
+                gram -= of.tr_mul(&of);
+                let coefficients = orthonormal(&norms, &gram);
+                (norms, coefficients)
+            })
+            .collect();
+        Plain { absorbed, coefficients }
+    }
+
+    /// Products of all columns with residuals by rows, those of the priors aside.
+    fn products(&self, view: &View) -> DVector<f64> {
+        let weighted = DVector::from_iterator(
+            view.rows.len(),
+            view.factors.iter().zip(view.residuals.iter()).map(|(factor, e)| factor * e),
+        );
+        self.raw.tr_mul(&weighted)
+    }
+
+    /// Scores every candidate beside a model; searches only over grids up to a length.
+    pub(super) fn table(&self, view: &View, longest: usize) -> Table {
+        // The plain candidates are one task beside the scans.
+        let tasks: Vec<Option<usize>> = std::iter::once(None)
+            .chain((0..self.scans.len()).map(Some))
+            .filter(|task| task.is_none_or(|place| self.scans[place].1.grid.len() <= longest))
+            .collect();
+        let mut scores = Vec::new();
+        let mut plain = None;
+        let mut scans: Vec<Option<Scores>> = self.scans.iter().map(|_| None).collect();
+        for result in parallel::map(&tasks, |&task| self.scored(view, task)) {
+            match result {
+                Scored::Plain(found, products) => {
+                    scores.extend(found);
+                    plain = Some(products);
+                }
+                Scored::Scan(place, found, scanned) => {
+                    scores.extend(found);
+                    scans[place] = Some(scanned);
+                }
+            }
+        }
+        scores.sort_by_key(|score| score.candidate);
+        Table { scores, plain: plain.unwrap_or_else(|| self.plain(view)), scans }
+    }
+
+    fn scored(&self, view: &View, task: Option<usize>) -> Scored {
+        match task {
+            None => {
+                let plain = self.plain(view);
+                Scored::Plain(self.plain_scores(view, &plain), plain)
+            }
+            Some(place) => {
+                let scanned = self.scans[place].1.scores(view, &self.samples);
+                Scored::Scan(place, self.scan_score(view, place, &scanned), scanned)
+            }
+        }
+    }
+
+    /// Scores of all candidates without a search.
+    fn plain_scores(&self, view: &View, plain: &Plain) -> Vec<Score> {
+        let products = self.products(view);
+        self.places
+            .iter()
+            .zip(&plain.coefficients)
+            .filter(|((candidate, _), (_, c))| !self.hidden.contains(candidate) && c.ncols() > 0)
+            .map(|((candidate, place), (_, c))| {
+                let own = products.rows(place.start, place.len());
+                self.score_of(view, *candidate, c.tr_mul(&own).norm_squared(), c.ncols() as f64)
+            })
+            .collect()
+    }
+
+    /// Score of a candidate without a search from its statistic.
+    pub(super) fn score_of(
+        &self,
+        view: &View,
+        candidate: usize,
+        statistic: f64,
+        rank: f64,
+    ) -> Score {
+        let (_, p_value) = f_form(statistic, rank.max(1.0), view.total(), view.degrees);
+        Score {
             candidate,
             statistic,
             rank,
@@ -258,79 +370,38 @@ impl Bench {
             bic: statistic - rank * self.observations().ln(),
             searched: None,
             aliases: vec![],
-            columns,
-            subspace,
+        }
+    }
+
+    /// The best of a scan.
+    fn scan_score(&self, view: &View, place: usize, scanned: &Scores) -> Option<Score> {
+        let (candidate, scan) = &self.scans[place];
+        let (best, rank) = (scanned.best(), scanned.rank() as f64);
+        if rank == 0.0 || self.hidden.contains(candidate) {
+            return None;
+        }
+        let crossings =
+            *self.crossings[place].get_or_init(|| self.count_crossings(view, scan, scanned));
+        let statistic = scanned.statistics[best];
+        let (equivalent, _) = f_form(statistic, rank, view.total(), view.degrees);
+        Some(Score {
+            candidate: *candidate,
+            statistic,
+            rank: rank + 1.0,
+            p_value: global_p(equivalent, rank, crossings),
+            bic: statistic - (rank + 1.0) * self.observations().ln(),
+            searched: Some(scan.grid[best]),
+            aliases: scanned.aliases(&scan.grid),
         })
     }
 
-    /// Scores every candidate beside a model; searches only over grids up to a length.
-    pub(super) fn table(&self, view: &View, longest: usize) -> Table {
-        // The plain candidates are one task of many beside the scans, the longest first.
-        let blocks: Vec<Option<usize>> = (0..self.scans.len())
-            .filter(|&place| self.scans[place].1.grid.len() <= longest)
-            .map(Some)
-            .chain([None])
-            .rev()
-            .collect();
-        let mut scores = Vec::new();
-        let mut scans: Vec<Option<Scores>> = self.scans.iter().map(|_| None).collect();
-        let results = parallel::map(&blocks, |&block| match block {
-            None => (self.plain_scores(view), None),
-            Some(place) => {
-                let (score, scanned) = self.scan_score(view, place);
-                (score.into_iter().collect(), Some((place, scanned)))
-            }
-        });
-        for (found, scanned) in results {
-            scores.extend(found);
-            if let Some((place, scanned)) = scanned {
-                scans[place] = Some(scanned);
-            }
-        }
-        scores.sort_by_key(|score| score.candidate);
-        Table { scores, scans }
-    }
-
-    /// Scores of all candidates without a search.
-    fn plain_scores(&self, view: &View) -> Vec<Score> {
-        let columns = view.weighted(&self.raw);
-        let remainder = view.remainder(&columns);
-        self.places
-            .iter()
-            .filter(|(candidate, _)| !self.hidden.contains(candidate))
-            .filter_map(|(candidate, place)| {
-                let own = columns.columns(place.start, place.len()).into_owned();
-                let left = remainder.columns(place.start, place.len()).into_owned();
-                self.linear(view, *candidate, own, &left)
-            })
-            .collect()
-    }
-
-    /// The best of a scan, and the whole of it.
-    fn scan_score(&self, view: &View, place: usize) -> (Option<Score>, Scores) {
-        let (candidate, scan) = &self.scans[place];
-        let scanned = scan.scores(view, &self.samples);
-        let (best, rank) = (scanned.best(), scanned.rank() as f64);
-        let crossings = self.crossings.get(place).copied().unwrap_or(0.0);
-        let score = if rank > 0.0 && !self.hidden.contains(candidate) {
-            let aliases = scanned.aliases(&scan.grid);
-            self.at(view, *candidate, scan.grid[best], rank, crossings, aliases)
-        } else {
-            None
-        };
-        (score, scanned)
-    }
-
-    /// Score of a searched candidate at a value of what is searched.
+    /// Columns of a searched candidate at a value of what is searched.
     fn at(
         &self,
         view: &View,
         candidate: usize,
         value: f64,
-        rank: f64,
-        crossings: f64,
-        aliases: Vec<f64>,
-    ) -> Option<Score> {
+    ) -> Option<(DMatrix<f64>, Subspace)> {
         let described = &self.candidates[candidate];
         let (searched, _) = described.search?;
         let mut values = described.nominal();
@@ -348,19 +419,7 @@ impl Bench {
         );
         let columns = view.weighted(&raw);
         let subspace = Subspace::of(&columns, &view.remainder(&columns));
-        let statistic = subspace.statistic(&view.residuals);
-        let (equivalent, _) = f_form(statistic, rank, view.total(), view.degrees);
-        Some(Score {
-            candidate,
-            statistic,
-            rank: rank + 1.0,
-            p_value: global_p(equivalent, rank, crossings),
-            bic: statistic - (rank + 1.0) * self.observations().ln(),
-            searched: Some(value),
-            aliases,
-            columns,
-            subspace,
-        })
+        (subspace.rank() > 0).then_some((columns, subspace))
     }
 
     /// Chance, over random signs of the units' residuals, that any candidate does as well as `p_value`.
@@ -369,39 +428,41 @@ impl Bench {
         let basis = self.flipped_basis(view, &signs);
         let total = view.total();
         let degrees = view.degrees;
+        let mut criticals: BTreeMap<usize, f64> = BTreeMap::new();
         let sums: Vec<f64> =
             basis.column_iter().map(|column| (total - column.norm_squared()).max(1e-12)).collect();
         let mut exceeded = vec![false; flips];
-        let width: usize = table.scores.iter().map(|score| score.subspace.rank()).sum();
-        let mut by_unit = DMatrix::zeros(width, self.units);
-        let mut first = 0;
-        for score in table.scores.iter().filter(|score| score.searched.is_none()) {
-            for column in 0..score.subspace.rank() {
-                let u = score.subspace.u.column(column);
-                for (row, at) in view.rows.iter().enumerate() {
-                    by_unit[(first + column, self.samples[at.sample].unit)] +=
-                        u[row] * view.residuals[row];
+        let mut by_unit = DMatrix::zeros(self.raw.ncols(), self.units);
+        for (row, at) in view.rows.iter().enumerate() {
+            let weight = view.factors[row] * view.residuals[row];
+            if weight != 0.0 {
+                let mut target = by_unit.column_mut(self.samples[at.sample].unit);
+                for (column, value) in target.iter_mut().enumerate() {
+                    *value += weight * self.raw[(row, column)];
                 }
             }
-            first += score.subspace.rank();
         }
-        let flipped = by_unit * &signs;
-        let mut first = 0;
-        for score in table.scores.iter().filter(|score| score.searched.is_none()) {
-            let rank = score.subspace.rank();
-            let critical = super::distribution::f_quantile_above(p_value, rank as f64, degrees);
-            for (flip, exceeded) in exceeded.iter_mut().enumerate() {
-                let statistic = flipped.view((first, flip), (rank, 1)).norm_squared();
-                let rest = (sums[flip] - statistic).max(1e-12) / (degrees - rank as f64).max(1.0);
-                *exceeded |= statistic / rank as f64 / rest >= critical;
+        let flipped = by_unit * &signs - table.plain.absorbed.transpose() * &basis;
+        for ((candidate, place), (_, c)) in self.places.iter().zip(&table.plain.coefficients) {
+            if c.ncols() == 0 || self.hidden.contains(candidate) {
+                continue;
             }
-            first += rank;
+            let rank = c.ncols() as f64;
+            let critical = *criticals
+                .entry(c.ncols())
+                .or_insert_with(|| f_quantile_above(p_value, rank, degrees));
+            let statistics = c.tr_mul(&flipped.rows(place.start, place.len()));
+            for (flip, exceeded) in exceeded.iter_mut().enumerate() {
+                let statistic = statistics.column(flip).norm_squared();
+                let rest = (sums[flip] - statistic).max(1e-12) / (degrees - rank).max(1.0);
+                *exceeded |= statistic / rank / rest >= critical;
+            }
         }
         let places: Vec<usize> = (0..self.scans.len()).collect();
         let of_scans = parallel::map(&places, |&place| {
             let scores = table.scans[place].as_ref().filter(|scores| scores.rank() > 0)?;
             let rank = scores.rank() as f64;
-            let crossings = self.crossings.get(place).copied().unwrap_or(0.0);
+            let crossings = self.crossings[place].get().copied().unwrap_or(0.0);
             let nulls = self.scans[place].1.flipped(scores, view, &self.samples, &signs, &basis);
             let exceeds = |(flip, null): (usize, &Vec<f64>)| {
                 let highest = null.iter().copied().fold(0.0, f64::max);
@@ -416,6 +477,12 @@ impl Bench {
         let count = exceeded.iter().filter(|&&exceeded| exceeded).count();
         (1.0 + count as f64) / (1.0 + flips as f64)
     }
+}
+
+/// What one task of a table yields.
+enum Scored {
+    Plain(Vec<Score>, Plain),
+    Scan(usize, Option<Score>, Scores),
 }
 
 /// A statistic scaled so that its tail is that of χ² were the noise known, and its p-value by the F form.

@@ -119,8 +119,7 @@ impl Subspace {
     /// `raw` are the columns, `remainder` what the base leaves of them.
     pub(super) fn of(raw: &DMatrix<f64>, remainder: &DMatrix<f64>) -> Self {
         let norms: Vec<f64> = raw.column_iter().map(|column| column.norm()).collect();
-        let (scale, vectors, kept) = decompose(&norms, &(remainder.tr_mul(remainder)));
-        let c = coefficients(&scale, &vectors, &kept);
+        let c = orthonormal(&norms, &remainder.tr_mul(remainder));
         Self { u: remainder * &c, c }
     }
 
@@ -139,11 +138,9 @@ impl Subspace {
     }
 }
 
-/// Scales of the columns, eigenvectors of the scaled Gram matrix, and those kept with their value.
-pub(super) fn decompose(
-    norms: &[f64],
-    gram: &DMatrix<f64>,
-) -> (Vec<f64>, DMatrix<f64>, Vec<(usize, f64)>) {
+/// Coefficients that make columns orthonormal, given the Gram matrix of what is left of them and their
+/// own lengths; directions of which next to nothing is left are dropped.
+pub(super) fn orthonormal(norms: &[f64], gram: &DMatrix<f64>) -> DMatrix<f64> {
     let scale: Vec<f64> =
         norms.iter().map(|&norm| if norm > 0.0 { norm.recip() } else { 0.0 }).collect();
     let scaled = DMatrix::from_fn(norms.len(), norms.len(), |i, j| gram[(i, j)] * scale[i] * scale[j]);
@@ -157,13 +154,9 @@ pub(super) fn decompose(
         .filter(|&(_, value)| value > least)
         .collect();
     kept.sort_by(|a, b| b.1.total_cmp(&a.1));
-    (scale, eigen.eigenvectors, kept)
-}
-
-fn coefficients(scale: &[f64], vectors: &DMatrix<f64>, kept: &[(usize, f64)]) -> DMatrix<f64> {
     DMatrix::from_fn(scale.len(), kept.len(), |row, k| {
         let (index, value) = kept[k];
-        scale[row] * vectors[(row, index)] / value.sqrt()
+        scale[row] * eigen.eigenvectors[(row, index)] / value.sqrt()
     })
 }
 

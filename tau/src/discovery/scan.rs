@@ -7,7 +7,7 @@ use super::candidates::Candidate;
 use super::distribution::{Random, chi2_survival};
 use super::view::View;
 use super::probes::Probes;
-use super::projection::decompose;
+use super::projection::orthonormal;
 use super::samples::Sample;
 use crate::kinematics::Surroundings;
 
@@ -98,12 +98,10 @@ impl Scan {
             score += part.slopes.tr_mul(&by_residual);
             weighted.push(probe);
         }
-        let crosses: Vec<(usize, usize, Vec<f64>)> = (0..self.parts.len())
+        let crosses: Vec<Cross> = (0..self.parts.len())
             .flat_map(|a| (0..=a).map(move |b| (a, b)))
-            .filter_map(|(a, b)| {
-                let sums = self.cross(a, b, &weighted, view, samples.len());
-                sums.iter().any(|&s| s != 0.0).then_some((a, b, sums))
-            })
+            .map(|(a, b)| self.cross(a, b, &weighted, view, samples.len()))
+            .filter(|cross| !cross.pairs.is_empty())
             .collect();
         let mut scores = Scores {
             statistics: Vec::with_capacity(self.grid.len()),
@@ -112,46 +110,58 @@ impl Scan {
             absorbed,
         };
         for point in 0..self.grid.len() {
-            let mut raw = DMatrix::<f64>::zeros(width, width);
-            for (a, b, sums) in &crosses {
-                let (left, right) = (&self.parts[*a], &self.parts[*b]);
+            let mut gram = DMatrix::<f64>::zeros(width, width);
+            for cross in &crosses {
+                let (left, right) = (&self.parts[cross.left], &self.parts[cross.right]);
                 for i in 0..width {
+                    let p = left.column(point * width + i);
                     for j in 0..width {
-                        let (p, q) = (
-                            left.slopes.column(point * width + i),
-                            right.slopes.column(point * width + j),
-                        );
-                        // Both parts list samples in the same order where they share rows.
-                        let sum: f64 = left.paired(right, sums).map(|(s, l, r)| s * p[l] * q[r]).sum();
-                        raw[(i, j)] += sum;
-                        if a != b {
-                            raw[(j, i)] += sum;
+                        if cross.left == cross.right && j > i {
+                            break;
+                        }
+                        let sum = cross.sum(p, right.column(point * width + j));
+                        gram[(i, j)] += sum;
+                        if cross.left != cross.right || i != j {
+                            gram[(j, i)] += sum;
                         }
                     }
                 }
             }
-            let norms: Vec<f64> = (0..width).map(|k| raw[(k, k)].max(0.0).sqrt()).collect();
+            let norms: Vec<f64> = (0..width).map(|k| gram[(k, k)].max(0.0).sqrt()).collect();
             let of = scores.absorbed.columns(point * width, width);
-            let left = raw - of.tr_mul(&of);
-            let (scale, vectors, kept) = decompose(&norms, &left);
-            let coefficients = DMatrix::from_fn(width, kept.len(), |row, k| {
-                scale[row] * vectors[(row, kept[k].0)] / kept[k].1.sqrt()
-            });
+            gram -= of.tr_mul(&of);
+            let coefficients = orthonormal(&norms, &gram);
             let here = score.rows(point * width, width);
             scores.statistics.push(coefficients.tr_mul(&here).norm_squared());
-            scores.ranks.push(kept.len());
+            scores.ranks.push(coefficients.ncols());
             scores.coefficients.push(coefficients);
         }
         scores
     }
 
-    /// Sums of products of two parts' probes, by sample.
-    fn cross(&self, a: usize, b: usize, weighted: &[Vec<f64>], view: &View, samples: usize) -> Vec<f64> {
+    /// Sums of products of two parts' probes over the samples that they share.
+    fn cross(
+        &self,
+        left: usize,
+        right: usize,
+        weighted: &[Vec<f64>],
+        view: &View,
+        samples: usize,
+    ) -> Cross {
         let mut sums = vec![0.0; samples];
-        for ((row, p), q) in view.rows.iter().zip(&weighted[a]).zip(&weighted[b]) {
+        for ((row, p), q) in view.rows.iter().zip(&weighted[left]).zip(&weighted[right]) {
             sums[row.sample] += p * q;
         }
-        sums
+        let mut there = vec![None; samples];
+        self.parts[right].samples.iter().enumerate().for_each(|(k, &s)| there[s] = Some(k));
+        let pairs = self.parts[left]
+            .samples
+            .iter()
+            .enumerate()
+            .filter(|&(_, &sample)| sums[sample] != 0.0)
+            .filter_map(|(here, &sample)| Some((sums[sample], here, there[sample]?)))
+            .collect();
+        Cross { left, right, pairs }
     }
 
     /// The statistics over the grid under sign flips of the units: one column per flip.
@@ -215,20 +225,23 @@ impl Part {
         (by_basis, by_residual, probe)
     }
 
-    /// Samples that two parts share, with a weight: (weight, place here, place there).
-    fn paired<'a>(
-        &'a self,
-        other: &'a Self,
-        sums: &'a [f64],
-    ) -> impl Iterator<Item = (f64, usize, usize)> + 'a {
-        let mut there = 0;
-        self.samples.iter().enumerate().filter_map(move |(here, &sample)| {
-            while other.samples.get(there).is_some_and(|&s| s < sample) {
-                there += 1;
-            }
-            (other.samples.get(there) == Some(&sample) && sums[sample] != 0.0)
-                .then_some((sums[sample], here, there))
-        })
+    /// A column of the slopes.
+    fn column(&self, column: usize) -> &[f64] {
+        let rows = self.samples.len();
+        &self.slopes.as_slice()[column * rows..(column + 1) * rows]
+    }
+}
+
+/// Products of the probes of two parts: weight, place in the one, place in the other.
+struct Cross {
+    left: usize,
+    right: usize,
+    pairs: Vec<(f64, usize, usize)>,
+}
+
+impl Cross {
+    fn sum(&self, p: &[f64], q: &[f64]) -> f64 {
+        self.pairs.iter().map(|&(weight, here, there)| weight * p[here] * q[there]).sum()
     }
 }
 

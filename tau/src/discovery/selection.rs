@@ -84,7 +84,9 @@ impl Search<'_> {
                 self.input.options.flips,
                 self.input.options.seed + self.steps.len() as u64,
             );
-            let gain = held_out_gain(&view, &winner.subspace, &self.bench.samples, self.input.options.seed);
+            let Some(subspace) = self.subspace(&view, &winner) else { break };
+            let gain =
+                held_out_gain(&view, &subspace, &self.bench.samples, self.input.options.seed);
             self.first.get_or_insert(table);
             if flip_p_value > LEVEL {
                 // The best does no better than chance, so nothing does.
@@ -114,11 +116,16 @@ impl Search<'_> {
     /// The model with its unnamed families.
     pub(super) fn view(&self) -> View {
         self.unnamed.iter().fold(View::of(&self.fit), |view, &family| {
-            match self.bench.score(&view, family) {
-                Some(score) => view.with(&score.subspace),
+            match self.bench.subspace(&view, family, None) {
+                Some((_, subspace)) => view.with(&subspace),
                 None => view,
             }
         })
+    }
+
+    /// What a model leaves of the columns of a score.
+    fn subspace(&self, view: &View, score: &Score) -> Option<Subspace> {
+        Some(self.bench.subspace(view, score.candidate, score.searched)?.1)
     }
 
     fn is_open(&self, candidate: usize) -> bool {
@@ -160,7 +167,7 @@ impl Search<'_> {
         let (name, family) = (best(true), best(false));
         let (Some(name), Some(family)) = (name, family) else { return name.or(family).cloned() };
         if family.bic <= name.bic + AS_GOOD
-            || !self.says_more(view, &name.subspace, family, table.scores.len())
+            || !self.says_more(view, &self.subspace(view, name)?, family, table.scores.len())
         {
             return Some(name.clone());
         }
@@ -170,11 +177,11 @@ impl Search<'_> {
     /// Whether a family is significant beside a name.
     fn says_more(&self, view: &View, name: &Subspace, family: &Score, tested: usize) -> bool {
         let view = view.with(name);
-        let subspace = Subspace::of(&family.columns, &view.remainder(&family.columns));
-        let rank = subspace.rank() as f64;
-        if rank == 0.0 {
+        let Some((_, subspace)) = self.bench.subspace(&view, family.candidate, family.searched)
+        else {
             return false;
-        }
+        };
+        let rank = subspace.rank() as f64;
         let statistic = subspace.statistic(&view.residuals);
         let (_, p_value) = f_form(statistic, rank, view.total(), view.degrees);
         p_value <= LEVEL / tested as f64
@@ -184,7 +191,9 @@ impl Search<'_> {
     fn accept(&mut self, score: &Score, flip_p_value: f64) -> Result<bool, Error> {
         let described = &self.bench.candidates[score.candidate];
         let mut values = described.nominal();
-        let amplitudes = score.subspace.amplitudes(&self.view().residuals);
+        let view = self.view();
+        let Some(subspace) = self.subspace(&view, score) else { return Ok(false) };
+        let amplitudes = subspace.amplitudes(&view.residuals);
         for (&place, &amplitude) in described.amplitudes().iter().zip(amplitudes.iter()) {
             values[place] = amplitude;
         }
@@ -270,7 +279,7 @@ impl Search<'_> {
     }
 
     /// The model without one of its effects: what is left to explain, and the effect's own score there.
-    fn without(&self, effect: usize) -> Option<(View, Score)> {
+    fn without(&self, effect: usize) -> Option<(View, Score, Subspace)> {
         let own = self.columns_of(effect);
         let rows = self.fit.joint.rows.len();
         let mut contribution = DVector::zeros(self.fit.residuals.len());
@@ -282,8 +291,8 @@ impl Search<'_> {
         let removed: BTreeSet<usize> = own.iter().copied().collect();
         let mut view = View::without(&self.fit, &removed, &contribution)?;
         for &family in &self.unnamed {
-            if let Some(score) = self.bench.score(&view, family) {
-                view = view.with(&score.subspace);
+            if let Some((_, subspace)) = self.bench.subspace(&view, family, None) {
+                view = view.with(&subspace);
             }
         }
         let mut columns = self.fit.jacobian.select_columns(&own);
@@ -291,19 +300,9 @@ impl Search<'_> {
         let subspace = Subspace::of(&columns, &view.remainder(&columns));
         let statistic = subspace.statistic(&view.residuals);
         let rank = subspace.rank() as f64;
-        let (_, p_value) = f_form(statistic, rank.max(1.0), view.total(), view.degrees);
-        let score = Score {
-            candidate: self.accepted[effect].candidate,
-            statistic,
-            rank,
-            p_value,
-            bic: statistic - rank * self.bench.observations().ln(),
-            searched: None,
-            aliases: vec![],
-            columns,
-            subspace,
-        };
-        Some((view, score))
+        let score =
+            self.bench.score_of(&view, self.accepted[effect].candidate, statistic, rank);
+        Some((view, score, subspace))
     }
 
     /// Drops effects that the others have made idle.
@@ -374,7 +373,9 @@ impl Search<'_> {
             };
             let named = best.filter(|best| {
                 best.bic >= own.bic - AS_GOOD
-                    && !self.says_more(&view, &best.subspace, own, table.scores.len())
+                    && self.subspace(&view, best).is_some_and(|subspace| {
+                        !self.says_more(&view, &subspace, own, table.scores.len())
+                    })
             });
             let is_named = match named {
                 Some(best) => {
@@ -401,7 +402,7 @@ impl Search<'_> {
         let mut effect = 0;
         let mut swapped = BTreeSet::new();
         while effect < self.accepted.len() {
-            let Some((view, own)) = self.without(effect) else { break };
+            let Some((view, own, of_own)) = self.without(effect) else { break };
             let table = self.bench.table(&view, SHORT_GRID);
             let others = || {
                 table
@@ -415,7 +416,7 @@ impl Search<'_> {
             let name = others().filter(is_named).max_by(by_bic);
             let is_unnamed = family.is_some_and(|family| {
                 family.bic > own.bic + AS_GOOD
-                    && self.says_more(&view, &own.subspace, family, table.scores.len())
+                    && self.says_more(&view, &of_own, family, table.scores.len())
             });
             if let (true, Some(family)) = (is_unnamed, family) {
                 let family = family.candidate;
@@ -437,7 +438,9 @@ impl Search<'_> {
             self.accepted[effect].rivals = others()
                 .filter(is_named)
                 .filter(|score| score.bic > own.bic - AS_GOOD)
-                .map(|score| (score.candidate, cosine(&view, &own, score)))
+                .filter_map(|score| {
+                    Some((score.candidate, cosine(&view, &of_own, &self.subspace(&view, score)?)))
+                })
                 .collect();
             effect += 1;
         }
@@ -453,7 +456,7 @@ impl Search<'_> {
 }
 
 /// Cosine between the signal of an effect and what a rival can make of it.
-fn cosine(view: &View, own: &Score, rival: &Score) -> f64 {
-    let signal = &own.subspace.u * own.subspace.u.tr_mul(&view.residuals);
-    (rival.subspace.u.tr_mul(&signal).norm() / signal.norm().max(1e-300)).min(1.0)
+fn cosine(view: &View, own: &Subspace, rival: &Subspace) -> f64 {
+    let signal = &own.u * own.u.tr_mul(&view.residuals);
+    (rival.u.tr_mul(&signal).norm() / signal.norm().max(1e-300)).min(1.0)
 }

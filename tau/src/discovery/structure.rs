@@ -12,8 +12,8 @@ use crate::robot::Input;
 pub(super) fn unnamed(bench: &Bench, view: &View, family: usize) -> Option<Unnamed> {
     let candidate = &bench.candidates[family];
     let described = candidate.family.as_ref()?;
-    let score = bench.score(view, family)?;
-    let amplitudes = score.subspace.amplitudes(&view.residuals);
+    let (_, subspace) = bench.subspace(view, family, None)?;
+    let amplitudes = subspace.amplitudes(&view.residuals);
     let entries = candidate
         .entries(&bench.model, &candidate.nominal(), &bench.probes, &bench.samples, &bench.surroundings)
         .ok()?;
