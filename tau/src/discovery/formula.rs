@@ -212,7 +212,7 @@ mod tests {
             param a, b: length;
             param c: number;
             along += a * sin(c * q / (1 m)) + b * cos(c) / (2 + tanh(c)) - sqrt(a^2 + b^2) * exp(-c);
-            along += max(a, b * q / (1 m)) + abs(a - b) * atan(c) + a * ln(3 + c) * tan(c / 5) - min(a, b);
+            along += max(a, b * q / (1 m)) + abs(a - b) * atan(c) / (1 rad) + a * ln(3 + c) * tan(c / 5) - min(a, b);
         }";
         let model = effects_from_text(text, &model).unwrap();
         let effect = &model.effects[0];
