@@ -93,10 +93,9 @@ impl Scan {
         let mut score = DVector::zeros(total);
         let mut weighted: Vec<Vec<f64>> = Vec::new();
         for part in &self.parts {
-            let (by_basis, by_residual, probe) = part.gather(view, samples.len());
-            absorbed += by_basis.transpose() * &part.slopes;
-            score += part.slopes.tr_mul(&by_residual);
-            weighted.push(probe);
+            absorbed += part.by_basis(view, samples.len()) * &part.slopes;
+            score += part.slopes.tr_mul(&part.by_residual(view, samples.len()));
+            weighted.push(part.probe.iter().zip(&view.factors).map(|(p, f)| p * f).collect());
         }
         let crosses: Vec<Cross> = (0..self.parts.len())
             .flat_map(|a| (0..=a).map(move |b| (a, b)))
@@ -176,18 +175,24 @@ impl Scan {
         let width = self.amplitudes.len();
         let mut score = -(scores.absorbed.transpose() * flipped_basis);
         for part in &self.parts {
-            let (_, by_residual, _) = part.gather(view, samples.len());
+            let by_residual = part.by_residual(view, samples.len());
             let turned = DMatrix::from_fn(part.samples.len(), signs.ncols(), |s, flip| {
                 by_residual[s] * signs[(samples[part.samples[s]].unit, flip)]
             });
             score += part.slopes.transpose() * turned;
         }
-        (0..signs.ncols())
-            .map(|flip| {
-                (0..self.grid.len())
-                    .map(|point| {
-                        let here = score.view((point * width, flip), (width, 1));
-                        scores.coefficients[point].tr_mul(&here).norm_squared()
+        score
+            .column_iter()
+            .map(|column| {
+                let products = column.as_slice().chunks_exact(width);
+                products
+                    .zip(&scores.coefficients)
+                    .map(|(products, coefficients)| {
+                        let component = |c: &[f64]| -> f64 {
+                            c.iter().zip(products).map(|(c, product)| c * product).sum()
+                        };
+                        let columns = coefficients.as_slice().chunks_exact(width);
+                        columns.map(|c| component(c).powi(2)).sum()
                     })
                     .collect()
             })
@@ -196,33 +201,43 @@ impl Scan {
 }
 
 impl Part {
-    /// Sums over each sample's rows of the probe times the basis, and times the residuals; and the
-    /// probe in units of the fit's noise.
-    fn gather(&self, view: &View, samples: usize) -> (DMatrix<f64>, DVector<f64>, Vec<f64>) {
-        let mut place = vec![usize::MAX; samples];
-        self.samples.iter().enumerate().for_each(|(s, &sample)| place[sample] = s);
-        let probe: Vec<f64> = self.probe.iter().zip(&view.factors).map(|(p, f)| p * f).collect();
-        let columns = view.q.ncols();
-        let mut by_basis = DMatrix::zeros(self.samples.len(), columns);
-        let mut by_residual = DVector::zeros(self.samples.len());
-        let active: Vec<(usize, usize, f64)> = view
-            .rows
+    /// The rows that the probe touches: row, place of its sample, and the probe in units of the noise.
+    fn active(&self, view: &View, samples: usize) -> Vec<(usize, usize, f64)> {
+        let mut place = vec![None; samples];
+        self.samples.iter().enumerate().for_each(|(s, &sample)| place[sample] = Some(s));
+        view.rows
             .iter()
+            .zip(&self.probe)
+            .zip(&view.factors)
             .enumerate()
-            .filter(|(row, at)| probe[*row] != 0.0 && place[at.sample] != usize::MAX)
-            .map(|(row, at)| (row, place[at.sample], probe[row]))
-            .collect();
-        for &(row, s, weight) in &active {
-            by_residual[s] += weight * view.residuals[row];
+            .filter_map(|(row, ((at, probe), factor))| {
+                let weight = probe * factor;
+                (weight != 0.0).then_some((row, place[at.sample]?, weight))
+            })
+            .collect()
+    }
+
+    /// Sums over each sample's rows of the probe times the residuals.
+    fn by_residual(&self, view: &View, samples: usize) -> DVector<f64> {
+        let mut sums = DVector::zeros(self.samples.len());
+        for (row, s, weight) in self.active(view, samples) {
+            sums[s] += weight * view.residuals[row];
         }
+        sums
+    }
+
+    /// Sums over each sample's rows of the probe times the basis: one row per column of the basis.
+    fn by_basis(&self, view: &View, samples: usize) -> DMatrix<f64> {
+        let columns = view.q.ncols();
+        let mut sums = DMatrix::zeros(columns, self.samples.len());
+        let active = self.active(view, samples);
         for column in 0..columns {
             let q = view.q.column(column);
-            let mut target = by_basis.column_mut(column);
             for &(row, s, weight) in &active {
-                target[s] += weight * q[row];
+                sums[(column, s)] += weight * q[row];
             }
         }
-        (by_basis, by_residual, probe)
+        sums
     }
 
     /// A column of the slopes.
