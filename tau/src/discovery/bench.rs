@@ -56,8 +56,6 @@ pub(super) struct Score {
     /// Index of the candidate.
     pub(super) candidate: usize,
     pub(super) statistic: f64,
-    /// Columns that can be told apart, and one for a searched parameter.
-    pub(super) rank: f64,
     /// By the F form; over the whole search where there is one.
     pub(super) p_value: f64,
     pub(super) bic: f64,
@@ -112,8 +110,13 @@ impl Bench {
                 return Scan::new(candidate, &model, &probes, &samples, &surroundings, range)
                     .map(Columns::Searched);
             }
-            let entries =
-                candidate.entries(&model, &candidate.nominal(), &probes, &samples, &surroundings)?;
+            let entries = candidate.entries(
+                &model,
+                &candidate.nominal(),
+                &probes,
+                &samples,
+                &surroundings,
+            )?;
             Ok(Columns::Plain(candidates::columns(
                 &entries,
                 &candidate.amplitudes(),
@@ -195,13 +198,20 @@ impl Bench {
         {
             let left: Vec<f64> = norms
                 .iter()
-                .zip(plain.absorbed.columns(place.start, place.len()).column_iter())
+                .zip(
+                    plain
+                        .absorbed
+                        .columns(place.start, place.len())
+                        .column_iter(),
+                )
                 .map(|(whole, absorbed)| (whole * whole - absorbed.norm_squared()).max(0.0).sqrt())
                 .collect();
             best[*candidate] = self.best_column(*candidate, norms, &left, coefficients.ncols());
         }
         for (candidate, _) in &self.scans {
-            let Some((_, (low, high))) = self.candidates[*candidate].search else { continue };
+            let Some((_, (low, high))) = self.candidates[*candidate].search else {
+                continue;
+            };
             if let Some((columns, subspace)) = self.at(view, *candidate, (low * high).sqrt()) {
                 let left = view.remainder(&columns);
                 let norms = |matrix: &DMatrix<f64>| -> Vec<f64> {
@@ -227,8 +237,11 @@ impl Bench {
             |k: usize| left[k] * described.parameters[amplitudes[k]].tolerance.unwrap_or(1.0);
         let best = (0..left.len()).max_by(|&a, &b| worth(a).total_cmp(&worth(b)))?;
         (rank > 0).then(|| {
-            let column =
-                Column { parameter: amplitudes[best], whole: whole[best], left: left[best] };
+            let column = Column {
+                parameter: amplitudes[best],
+                whole: whole[best],
+                left: left[best],
+            };
             (column, rank as f64)
         })
     }
@@ -245,8 +258,7 @@ impl Bench {
             return self.at(view, candidate, value);
         }
         let (_, place) = self.places.iter().find(|(index, _)| *index == candidate)?;
-        let columns =
-            view.weighted(&self.raw.columns(place.start, place.len()).into_owned());
+        let columns = view.weighted(&self.raw.columns(place.start, place.len()).into_owned());
         let subspace = Subspace::of(&columns, &view.remainder(&columns));
         (subspace.rank() > 0).then_some((columns, subspace))
     }
@@ -257,7 +269,10 @@ impl Bench {
         let rows = view.rows.len();
         let mut weighted = view.q.rows(0, rows).into_owned();
         for mut column in weighted.column_iter_mut() {
-            column.iter_mut().zip(&view.factors).for_each(|(value, factor)| *value *= factor);
+            column
+                .iter_mut()
+                .zip(&view.factors)
+                .for_each(|(value, factor)| *value *= factor);
         }
         let absorbed = weighted.transpose() * &self.raw;
         let squares: Vec<f64> = view.factors.iter().map(|factor| factor * factor).collect();
@@ -288,14 +303,20 @@ impl Bench {
                 (norms, coefficients)
             })
             .collect();
-        Plain { absorbed, coefficients }
+        Plain {
+            absorbed,
+            coefficients,
+        }
     }
 
     /// Products of all columns with residuals by rows, those of the priors aside.
     fn products(&self, view: &View) -> DVector<f64> {
         let weighted = DVector::from_iterator(
             view.rows.len(),
-            view.factors.iter().zip(view.residuals.iter()).map(|(factor, e)| factor * e),
+            view.factors
+                .iter()
+                .zip(view.residuals.iter())
+                .map(|(factor, e)| factor * e),
         );
         self.raw.tr_mul(&weighted)
     }
@@ -323,7 +344,11 @@ impl Bench {
             }
         }
         scores.sort_by_key(|score| score.candidate);
-        Table { scores, plain: plain.unwrap_or_else(|| self.plain(view)), scans }
+        Table {
+            scores,
+            plain: plain.unwrap_or_else(|| self.plain(view)),
+            scans,
+        }
     }
 
     fn scored(&self, view: &View, task: Option<usize>) -> Scored {
@@ -348,7 +373,12 @@ impl Bench {
             .filter(|((candidate, _), (_, c))| !self.hidden.contains(candidate) && c.ncols() > 0)
             .map(|((candidate, place), (_, c))| {
                 let own = products.rows(place.start, place.len());
-                self.score_of(view, *candidate, c.tr_mul(&own).norm_squared(), c.ncols() as f64)
+                self.score_of(
+                    view,
+                    *candidate,
+                    c.tr_mul(&own).norm_squared(),
+                    c.ncols() as f64,
+                )
             })
             .collect()
     }
@@ -365,7 +395,6 @@ impl Bench {
         Score {
             candidate,
             statistic,
-            rank,
             p_value,
             bic: statistic - rank * self.observations().ln(),
             searched: None,
@@ -387,7 +416,6 @@ impl Bench {
         Some(Score {
             candidate: *candidate,
             statistic,
-            rank: rank + 1.0,
             p_value: global_p(equivalent, rank, crossings),
             bic: statistic - (rank + 1.0) * self.observations().ln(),
             searched: Some(scan.grid[best]),
@@ -396,18 +424,19 @@ impl Bench {
     }
 
     /// Columns of a searched candidate at a value of what is searched.
-    fn at(
-        &self,
-        view: &View,
-        candidate: usize,
-        value: f64,
-    ) -> Option<(DMatrix<f64>, Subspace)> {
+    fn at(&self, view: &View, candidate: usize, value: f64) -> Option<(DMatrix<f64>, Subspace)> {
         let described = &self.candidates[candidate];
         let (searched, _) = described.search?;
         let mut values = described.nominal();
         values[searched] = value;
         let entries = described
-            .entries(&self.model, &values, &self.probes, &self.samples, &self.surroundings)
+            .entries(
+                &self.model,
+                &values,
+                &self.probes,
+                &self.samples,
+                &self.surroundings,
+            )
             .ok()?;
         let row_samples: Vec<usize> = view.rows.iter().map(|row| row.sample).collect();
         let raw = candidates::columns(
@@ -423,14 +452,23 @@ impl Bench {
     }
 
     /// Chance, over random signs of the units' residuals, that any candidate does as well as `p_value`.
-    pub(super) fn flip_p(&self, view: &View, table: &Table, p_value: f64, flips: usize, seed: u64) -> f64 {
+    pub(super) fn flip_p(
+        &self,
+        view: &View,
+        table: &Table,
+        p_value: f64,
+        flips: usize,
+        seed: u64,
+    ) -> f64 {
         let signs = signs(self.units, flips, seed);
         let basis = self.flipped_basis(view, &signs);
         let total = view.total();
         let degrees = view.degrees;
         let mut criticals: BTreeMap<usize, f64> = BTreeMap::new();
-        let sums: Vec<f64> =
-            basis.column_iter().map(|column| (total - column.norm_squared()).max(1e-12)).collect();
+        let sums: Vec<f64> = basis
+            .column_iter()
+            .map(|column| (total - column.norm_squared()).max(1e-12))
+            .collect();
         let mut exceeded = vec![false; flips];
         let mut by_unit = DMatrix::zeros(self.raw.ncols(), self.units);
         for (row, at) in view.rows.iter().enumerate() {
@@ -460,10 +498,14 @@ impl Bench {
         }
         let places: Vec<usize> = (0..self.scans.len()).collect();
         let of_scans = parallel::map(&places, |&place| {
-            let scores = table.scans[place].as_ref().filter(|scores| scores.rank() > 0)?;
+            let scores = table.scans[place]
+                .as_ref()
+                .filter(|scores| scores.rank() > 0)?;
             let rank = scores.rank() as f64;
             let crossings = self.crossings[place].get().copied().unwrap_or(0.0);
-            let nulls = self.scans[place].1.flipped(scores, view, &self.samples, &signs, &basis);
+            let nulls = self.scans[place]
+                .1
+                .flipped(scores, view, &self.samples, &signs, &basis);
             let exceeds = |(flip, null): (usize, &Vec<f64>)| {
                 let highest = null.iter().copied().fold(0.0, f64::max);
                 let (equivalent, _) = f_form(highest, rank, sums[flip], degrees);
@@ -472,7 +514,10 @@ impl Bench {
             Some(nulls.iter().enumerate().map(exceeds).collect::<Vec<bool>>())
         });
         for of_scan in of_scans.into_iter().flatten() {
-            exceeded.iter_mut().zip(of_scan).for_each(|(all, own)| *all |= own);
+            exceeded
+                .iter_mut()
+                .zip(of_scan)
+                .for_each(|(all, own)| *all |= own);
         }
         let count = exceeded.iter().filter(|&&exceeded| exceeded).count();
         (1.0 + count as f64) / (1.0 + flips as f64)
@@ -503,7 +548,8 @@ fn reach(candidate: &Candidate, samples: &[Sample]) -> f64 {
         Some(track) => sample.commands_m.get(track).into_iter(),
         None => sample.commands_m.first().into_iter(),
     });
-    let (low, high) = commands
-        .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), &q| (low.min(q), high.max(q)));
+    let (low, high) = commands.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), &q| {
+        (low.min(q), high.max(q))
+    });
     (high - low).max(1e-3)
 }

@@ -70,10 +70,16 @@ pub(super) struct Entry {
 pub(super) fn all(model: &Model, base: &Variant, families: &[Family]) -> Vec<Candidate> {
     let mut candidates = Vec::new();
     for (index, effect) in model.effects.iter().enumerate() {
-        let family = families.iter().find(|family| family.name == effect.name).cloned();
+        let family = families
+            .iter()
+            .find(|family| family.name == effect.name)
+            .cloned();
         for place in effects::places(model, effect) {
             let is_common = matches!(place, Place::AllCarts | Place::AllLinks);
-            let is_searched = effect.parameters.iter().any(|parameter| parameter.search.is_some());
+            let is_searched = effect
+                .parameters
+                .iter()
+                .any(|parameter| parameter.search.is_some());
             if ((family.is_some() || is_searched) && is_common)
                 || (base.arm == Arm::Reduced && effects::needs_full_arm(model, effect, place))
             {
@@ -85,7 +91,13 @@ pub(super) fn all(model: &Model, base: &Variant, families: &[Family]) -> Vec<Can
                 .iter()
                 .any(|(name, at)| *name == effect.name && *at == places);
             if !is_used {
-                candidates.push(Candidate::new(index, effect, place, places.join(","), family.clone()));
+                candidates.push(Candidate::new(
+                    index,
+                    effect,
+                    place,
+                    places.join(","),
+                    family.clone(),
+                ));
             }
         }
     }
@@ -120,7 +132,15 @@ impl Candidate {
                 });
             }
         }
-        Self { effect: index, place, name: effect.name.clone(), places, family, search, parameters }
+        Self {
+            effect: index,
+            place,
+            name: effect.name.clone(),
+            places,
+            family,
+            search,
+            parameters,
+        }
     }
 
     /// Whether it has a name of its own.
@@ -142,7 +162,10 @@ impl Candidate {
 
     /// Parameter values at no effect.
     pub(super) fn nominal(&self) -> Vec<f64> {
-        self.parameters.iter().map(|parameter| parameter.nominal).collect()
+        self.parameters
+            .iter()
+            .map(|parameter| parameter.nominal)
+            .collect()
     }
 
     /// What the effect adds per parameter, term by term.
@@ -162,7 +185,11 @@ impl Candidate {
         let mut entries = Vec::new();
         for term in &effect.terms {
             for action in self.actions(model, term, probes, samples) {
-                let reader = |readable| action.scope.read(readable, &action.samples, samples, surroundings);
+                let reader = |readable| {
+                    action
+                        .scope
+                        .read(readable, &action.samples, samples, surroundings)
+                };
                 let slopes = formulas.slopes(term, &reader)?;
                 for (probe, slopes) in action.probes.iter().zip(slopes) {
                     let count = action.samples.len();
@@ -187,11 +214,24 @@ impl Candidate {
         probes: &'a Probes,
         samples: &[Sample],
     ) -> Vec<Action<'a>> {
-        let of_set_1: Vec<usize> = (0..samples.len()).filter(|&s| samples[s].set == 1).collect();
-        let none = Scope { command: None, track: None, source: None, link: None, length: None };
+        let of_set_1: Vec<usize> = (0..samples.len())
+            .filter(|&s| samples[s].set == 1)
+            .collect();
+        let none = Scope {
+            command: None,
+            track: None,
+            source: None,
+            link: None,
+            length: None,
+        };
         let on_cart = |track: usize, source: Option<usize>, component: usize| Action {
             probes: vec![&probes.carts[track][component]],
-            scope: Scope { command: Some(track), track: Some(track), source, ..none },
+            scope: Scope {
+                command: Some(track),
+                track: Some(track),
+                source,
+                ..none
+            },
             samples: (0..samples.len())
                 .filter(|&s| samples[s].track.is_none_or(|own| own == track))
                 .collect(),
@@ -223,9 +263,9 @@ impl Candidate {
         };
         match self.place {
             Place::Cart { track, source } => vec![on_cart(track, source, axis)],
-            Place::AllCarts => {
-                (0..model.tracks.len()).map(|track| on_cart(track, None, axis)).collect()
-            }
+            Place::AllCarts => (0..model.tracks.len())
+                .map(|track| on_cart(track, None, axis))
+                .collect(),
             Place::Link(link) => {
                 let closure = probes.closures.iter().position(|closure| {
                     closure.link == Some(link)
@@ -257,7 +297,9 @@ impl Scope {
             return Ok(vec![self.length.ok_or(FULL_ARM)?; at.len()]);
         }
         let load = |component| {
-            self.track.map(|track| Input::Load { track, component }).ok_or(NO_CART)
+            self.track
+                .map(|track| Input::Load { track, component })
+                .ok_or(NO_CART)
         };
         let input = match readable {
             Readable::Command => Input::Command(self.command.ok_or(NO_CART)?),
@@ -273,7 +315,9 @@ impl Scope {
             Readable::Position(k) => Input::TcpPosition(k),
             Readable::Length => return Err(FULL_ARM),
         };
-        at.iter().map(|&sample| samples[sample].input(input, surroundings)).collect()
+        at.iter()
+            .map(|&sample| samples[sample].input(input, surroundings))
+            .collect()
     }
 }
 
@@ -289,7 +333,9 @@ pub(super) fn columns(
     let mut by_sample = vec![0.0; sample_count];
     for entry in entries {
         for (column, &parameter) in wanted.iter().enumerate() {
-            let Some(slopes) = &entry.slopes[parameter] else { continue };
+            let Some(slopes) = &entry.slopes[parameter] else {
+                continue;
+            };
             by_sample.fill(0.0);
             for (&sample, &slope) in entry.samples.iter().zip(slopes) {
                 by_sample[sample] = slope;

@@ -16,7 +16,12 @@ const RESAMPLES: usize = 400;
 const LOWER: f64 = 0.05;
 
 /// Lower bootstrap bound, over units, of the fall of the held-out χ² when a candidate joins the model.
-pub(super) fn held_out_gain(view: &View, subspace: &Subspace, samples: &[Sample], seed: u64) -> f64 {
+pub(super) fn held_out_gain(
+    view: &View,
+    subspace: &Subspace,
+    samples: &[Sample],
+    seed: u64,
+) -> f64 {
     let folds = folds(samples);
     let with = view.with(subspace);
     let mut gains = vec![0.0; Sample::units(samples)];
@@ -33,10 +38,18 @@ pub(super) fn held_out_gain(view: &View, subspace: &Subspace, samples: &[Sample]
     }
     let mut random = Random(seed);
     let mut sums: Vec<f64> = (0..RESAMPLES)
-        .map(|_| (0..gains.len()).map(|_| gains[random.below(gains.len())]).sum())
+        .map(|_| {
+            (0..gains.len())
+                .map(|_| gains[random.below(gains.len())])
+                .sum()
+        })
         .collect();
     sums.sort_by(f64::total_cmp);
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a small count")]
+    #[allow(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "a small count"
+    )]
     let lower = (LOWER * RESAMPLES as f64) as usize;
     sums[lower]
 }

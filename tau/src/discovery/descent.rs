@@ -61,7 +61,17 @@ impl Descent {
             return Err(not_converged(&joint, "the derivatives are not finite"));
         };
         let (jacobian, residuals) = (linear.jacobian, linear.residuals);
-        Ok(Self { joint, fitted, scales, weights, factors, jacobian, residuals, normal, is_settled: true })
+        Ok(Self {
+            joint,
+            fitted,
+            scales,
+            weights,
+            factors,
+            jacobian,
+            residuals,
+            normal,
+            is_settled: true,
+        })
     }
 
     /// Robust first, then without the outliers, each group of residuals with its own noise.
@@ -78,8 +88,14 @@ impl Descent {
     pub(super) fn without_outliers(self, samples: &[Sample]) -> Result<Self, Error> {
         let mut kept = vec![1.0; samples.len()];
         let beyond = outliers::beyond(&self.deviations(samples), samples);
-        beyond.iter().for_each(|&sample| kept[sample] = 0.0);
-        if kept == self.weights { Ok(self) } else { self.weighted(kept) }
+        for sample in beyond {
+            kept[sample] = 0.0;
+        }
+        if kept == self.weights {
+            Ok(self)
+        } else {
+            self.weighted(kept)
+        }
     }
 
     fn weighted(self, weights: Vec<f64>) -> Result<Self, Error> {
@@ -111,7 +127,9 @@ impl Descent {
                 }
             };
             // No descent along the step: at a bound, or as low as rounding lets it.
-            let Some((moved, now)) = accepted else { return Ok(self) };
+            let Some((moved, now)) = accepted else {
+                return Ok(self);
+            };
             self = Self::from(self.joint, moved, self.scales, self.weights)?;
             if now > (1.0 - SLOW) * cost {
                 return Ok(self);
@@ -152,7 +170,11 @@ impl Descent {
             let own = self.jacobian.select_rows(&rows);
             let degrees = rows.len() as f64 - self.normal.absorbed(&own);
             let scale = self.scales[component as usize];
-            if degrees < 1.0 { scale } else { scale * (sum / degrees).sqrt().max(1e-3) }
+            if degrees < 1.0 {
+                scale
+            } else {
+                scale * (sum / degrees).sqrt().max(1e-3)
+            }
         })
     }
 
@@ -215,11 +237,16 @@ impl Descent {
     /// How far each sample lies off. Samples left out are judged like the others.
     fn deviations(&self, samples: &[Sample]) -> Vec<(f64, f64)> {
         let ones = vec![1.0; samples.len()];
-        let plain = self.joint.residuals(&self.fitted, &self.joint.factors(&self.scales, &ones));
+        let plain = self
+            .joint
+            .residuals(&self.fitted, &self.joint.factors(&self.scales, &ones));
         outliers::deviations(self.joint.sums(&plain, samples.len()), samples)
     }
 }
 
 pub(super) fn not_converged(joint: &Joint, why: &str) -> Error {
-    Error::NotConverged { variant: joint.machine.variant.name.clone(), why: why.to_owned() }
+    Error::NotConverged {
+        variant: joint.machine.variant.name.clone(),
+        why: why.to_owned(),
+    }
 }

@@ -12,7 +12,9 @@ pub(super) fn chi2_survival(t: f64, degrees: f64) -> f64 {
 
 /// The value that χ² exceeds with a probability.
 pub(super) fn chi2_quantile_above(probability: f64, degrees: f64) -> f64 {
-    bisect(0.0, degrees + 10.0, |t| chi2_survival(t, degrees) - probability)
+    bisect(0.0, degrees + 10.0, |t| {
+        chi2_survival(t, degrees) - probability
+    })
 }
 
 /// P(F > f) with `numerator` and `denominator` degrees of freedom.
@@ -25,7 +27,9 @@ pub(super) fn f_survival(f: f64, numerator: f64, denominator: f64) -> f64 {
 
 /// The value that F exceeds with a probability.
 pub(super) fn f_quantile_above(probability: f64, numerator: f64, denominator: f64) -> f64 {
-    bisect(0.0, 4.0, |f| f_survival(f, numerator, denominator) - probability)
+    bisect(0.0, 4.0, |f| {
+        f_survival(f, numerator, denominator) - probability
+    })
 }
 
 /// P(χ² > t) with non-centrality λ: a mixture of central ones with Poisson weights.
@@ -45,7 +49,9 @@ pub(super) fn noncentral_chi2_survival(t: f64, degrees: f64, noncentrality: f64)
 /// The non-centrality at which a test with `degrees` degrees of freedom and level `level` has a power.
 pub(super) fn detectable_noncentrality(degrees: f64, level: f64, power: f64) -> f64 {
     let threshold = chi2_quantile_above(level, degrees);
-    bisect(1e-9, 20.0, |lambda| power - noncentral_chi2_survival(threshold, degrees, lambda))
+    bisect(1e-9, 20.0, |lambda| {
+        power - noncentral_chi2_survival(threshold, degrees, lambda)
+    })
 }
 
 /// The root of a function that falls from positive to negative, the upper end doubled as needed.
@@ -58,7 +64,11 @@ fn bisect(mut low: f64, mut high: f64, f: impl Fn(f64) -> f64) -> f64 {
     }
     for _ in 0..60 {
         let middle = f64::midpoint(low, high);
-        if f(middle) > 0.0 { low = middle } else { high = middle }
+        if f(middle) > 0.0 {
+            low = middle
+        } else {
+            high = middle
+        }
     }
     f64::midpoint(low, high)
 }
@@ -94,7 +104,13 @@ mod tests {
     /// Section 3.2 of the discovery notes, level 0.05/27, and Baarda's textbook value.
     #[test]
     fn detectable_noncentralities_are_the_published_ones() {
-        for (degrees, lambda) in [(1.0, 15.6), (3.0, 19.9), (6.0, 23.9), (12.0, 29.4), (30.0, 40.2)] {
+        for (degrees, lambda) in [
+            (1.0, 15.6),
+            (3.0, 19.9),
+            (6.0, 23.9),
+            (12.0, 29.4),
+            (30.0, 40.2),
+        ] {
             let found = detectable_noncentrality(degrees, 0.05 / 27.0, 0.8);
             assert!((found - lambda).abs() < 0.06, "{degrees}: {found}");
         }

@@ -48,7 +48,10 @@ impl Fit {
         }
         let residuals = joint.residuals(&solution.parameters, &factors);
         let deviations = outliers::deviations(joint.sums(&residuals, samples.len()), samples);
-        Ok((joint.values(&solution.parameters), outliers::weights(&deviations)))
+        Ok((
+            joint.values(&solution.parameters),
+            outliers::weights(&deviations),
+        ))
     }
 
     /// All sets, robustly, from values of the variant that fit set 1.
@@ -62,7 +65,10 @@ impl Fit {
         let start = joint.start(values, samples, noise);
         let descent = Descent::from(joint, start, [1.0; 4], weights)?.robust(samples)?;
         if !descent.is_settled {
-            return Err(not_converged(&descent.joint, "the number of iterations ran out"));
+            return Err(not_converged(
+                &descent.joint,
+                "the number of iterations ran out",
+            ));
         }
         Self::of(descent)
     }
@@ -75,17 +81,37 @@ impl Fit {
         weights: Vec<f64>,
         samples: &[Sample],
     ) -> Result<Self, Error> {
-        let descent = Descent::from(joint, start, scales, weights)?.converged()?.scaled()?;
+        let descent = Descent::from(joint, start, scales, weights)?
+            .converged()?
+            .scaled()?;
         Self::of(descent.without_outliers(samples)?.scaled()?)
     }
 
     fn of(descent: Descent) -> Result<Self, Error> {
-        let Descent { joint, fitted, scales, weights, factors, jacobian, residuals, .. } = descent;
+        let Descent {
+            joint,
+            fitted,
+            scales,
+            weights,
+            factors,
+            jacobian,
+            residuals,
+            ..
+        } = descent;
         let Some(basis) = Basis::of(&jacobian) else {
             return Err(not_converged(&joint, "the derivatives are not finite"));
         };
         let residuals = basis.residuals_after(&residuals);
-        Ok(Self { joint, fitted, scales, weights, factors, jacobian, basis, residuals })
+        Ok(Self {
+            joint,
+            fitted,
+            scales,
+            weights,
+            factors,
+            jacobian,
+            basis,
+            residuals,
+        })
     }
 
     /// Sum of squares, degrees of freedom and count of the rows that take part and are wanted.

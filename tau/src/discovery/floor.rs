@@ -3,8 +3,8 @@
 use nalgebra::{DMatrix, Matrix3};
 use tau_runtime::ResidualKind;
 
-use super::fit::Fit;
 use super::Error;
+use super::fit::Fit;
 use crate::kinematics::{Machine, Sample};
 use crate::measurements::Folder;
 use crate::robot_file::Noise;
@@ -28,13 +28,19 @@ pub(super) fn floor(
     let mut floor = Floor::default();
     let mut count = 0.0;
     let unknowns = machine.pose_unknowns().len();
-    let closures: Vec<_> = machine.variant.instances_of(ResidualKind::Closure).collect();
+    let closures: Vec<_> = machine
+        .variant
+        .instances_of(ResidualKind::Closure)
+        .collect();
     for measured in poses.iter().filter_map(|&pose| folder.tcp_poses.get(pose)) {
         let sample = Sample::from(measured);
         let mut by_pose = DMatrix::zeros(closures.len(), unknowns);
         let mut by_parameter = DMatrix::zeros(closures.len(), fit.joint.used.len());
         for (row, closure) in closures.iter().enumerate() {
-            let Some(pair) = machine.closure_instances().find(|pair| pair.of == closure.of) else {
+            let Some(pair) = machine
+                .closure_instances()
+                .find(|pair| pair.of == closure.of)
+            else {
                 continue;
             };
             let (_, gradient) = machine
@@ -45,13 +51,19 @@ pub(super) fn floor(
             }
             let (family, shape) = (&closure.family, closure.family.shape());
             let mut data = Vec::new();
-            let filled = machine.surroundings.fill(&closure.inputs, &sample, &mut data);
+            let filled = machine
+                .surroundings
+                .fill(&closure.inputs, &sample, &mut data);
             if filled.is_err() {
                 continue;
             }
             let mut prepared = vec![0.0; shape.prepared];
             family.prepare(&data, &mut prepared);
-            let local: Vec<f64> = closure.parameters.iter().map(|&p| machine.values[p]).collect();
+            let local: Vec<f64> = closure
+                .parameters
+                .iter()
+                .map(|&p| machine.values[p])
+                .collect();
             let (mut residual, mut entries) = ([0.0], vec![0.0; family.pattern().len()]);
             family.linearize(&prepared, &local, &mut residual, &mut entries);
             for (&column, entry) in family.pattern().columns.iter().zip(&entries) {
@@ -62,7 +74,9 @@ pub(super) fn floor(
             }
         }
         let spread = by_parameter * &fit.basis.b;
-        let Ok(moved) = by_pose.svd(true, true).solve(&spread, 1e-9) else { continue };
+        let Ok(moved) = by_pose.svd(true, true).solve(&spread, 1e-9) else {
+            continue;
+        };
         let position = moved.rows(0, 3);
         let covariance: Matrix3<f64> = Matrix3::identity() * noise.position_m.powi(2)
             + Matrix3::from_fn(|i, j| position.row(i).dot(&position.row(j)));

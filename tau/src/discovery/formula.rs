@@ -51,7 +51,10 @@ impl Series {
 
 impl Dual {
     fn constant(value: f64) -> Self {
-        Self { value: Series::Same(value), slopes: BTreeMap::new() }
+        Self {
+            value: Series::Same(value),
+            slopes: BTreeMap::new(),
+        }
     }
 
     /// `f` of it, whose derivative is `slope`.
@@ -60,9 +63,15 @@ impl Dual {
             BTreeMap::new()
         } else {
             let outer = self.value.map(slope);
-            self.slopes.iter().map(|(&p, inner)| (p, inner.zip(&outer, |a, b| a * b))).collect()
+            self.slopes
+                .iter()
+                .map(|(&p, inner)| (p, inner.zip(&outer, |a, b| a * b)))
+                .collect()
         };
-        Self { value: self.value.map(f), slopes }
+        Self {
+            value: self.value.map(f),
+            slopes,
+        }
     }
 
     /// A function of two, with its derivatives by each.
@@ -75,8 +84,14 @@ impl Dual {
     ) -> Self {
         let mut slopes: BTreeMap<usize, Series> = BTreeMap::new();
         for (inner, outer) in [
-            (&self.slopes, (!self.slopes.is_empty()).then(|| self.value.zip(&other.value, left))),
-            (&other.slopes, (!other.slopes.is_empty()).then(|| self.value.zip(&other.value, right))),
+            (
+                &self.slopes,
+                (!self.slopes.is_empty()).then(|| self.value.zip(&other.value, left)),
+            ),
+            (
+                &other.slopes,
+                (!other.slopes.is_empty()).then(|| self.value.zip(&other.value, right)),
+            ),
         ] {
             let Some(outer) = outer else { continue };
             for (&p, slope) in inner {
@@ -85,20 +100,22 @@ impl Dual {
                 slopes.insert(p, sum.unwrap_or(part));
             }
         }
-        Self { value: self.value.zip(&other.value, f), slopes }
+        Self {
+            value: self.value.zip(&other.value, f),
+            slopes,
+        }
     }
 }
 
 /// An effect at given values of its parameters, ready to be evaluated.
 pub(super) struct Formulas<'a> {
-    effect: &'a Effect,
     values: &'a [f64],
     starts: Vec<usize>,
 }
 
 impl<'a> Formulas<'a> {
     /// `values` holds one number per component of each parameter, in order.
-    pub(super) fn new(effect: &'a Effect, values: &'a [f64]) -> Self {
+    pub(super) fn new(effect: &Effect, values: &'a [f64]) -> Self {
         let mut start = 0;
         let starts = effect
             .parameters
@@ -108,7 +125,7 @@ impl<'a> Formulas<'a> {
                 start - parameter.components
             })
             .collect();
-        Self { effect, values, starts }
+        Self { values, starts }
     }
 
     /// The derivatives of a term by the parameters: one entry per component of the target (one, or
@@ -128,11 +145,6 @@ impl<'a> Formulas<'a> {
             .collect()
     }
 
-    /// Name of the effect that it evaluates.
-    pub(super) fn effect(&self) -> &Effect {
-        self.effect
-    }
-
     fn dual(&self, formula: &Formula, reader: &Reader<'_>) -> Result<Dual, &'static str> {
         Ok(match formula {
             Formula::Number(value) => Dual::constant(*value),
@@ -143,9 +155,10 @@ impl<'a> Formulas<'a> {
                     slopes: BTreeMap::from([(place, Series::Same(1.0))]),
                 }
             }
-            Formula::Read(readable) => {
-                Dual { value: Series::Each(reader(*readable)?), slopes: BTreeMap::new() }
-            }
+            Formula::Read(readable) => Dual {
+                value: Series::Each(reader(*readable)?),
+                slopes: BTreeMap::new(),
+            },
             Formula::Negate(a) => self.dual(a, reader)?.apply(|a| -a, |_| -1.0),
             Formula::Binary(operator, a, b) => {
                 let (a, b) = (self.dual(a, reader)?, self.dual(b, reader)?);
@@ -220,19 +233,29 @@ mod tests {
         let reader = |_: Readable| Ok(q.clone());
         let values = [0.7, -0.3, 0.9];
         for term in &effect.terms {
-            let slopes = Formulas::new(effect, &values).slopes(term, &reader).unwrap();
+            let slopes = Formulas::new(effect, &values)
+                .slopes(term, &reader)
+                .unwrap();
             for parameter in 0..3 {
                 let value = |step: f64| {
                     let mut moved = values;
                     moved[parameter] += step;
-                    let formulas = Formulas { effect, values: &moved, starts: vec![0, 1, 2] };
+                    let formulas = Formulas {
+                        values: &moved,
+                        starts: vec![0, 1, 2],
+                    };
                     formulas.dual(&term.formula, &reader).unwrap().value
                 };
                 let (up, down) = (value(1e-6), value(-1e-6));
                 for sample in 0..3 {
                     let expected = (up.at(sample) - down.at(sample)) / 2e-6;
-                    let found = slopes[0].get(&parameter).map_or(0.0, |slope| slope.at(sample));
-                    assert!((found - expected).abs() < 1e-8, "{parameter}: {found} {expected}");
+                    let found = slopes[0]
+                        .get(&parameter)
+                        .map_or(0.0, |slope| slope.at(sample));
+                    assert!(
+                        (found - expected).abs() < 1e-8,
+                        "{parameter}: {found} {expected}"
+                    );
                 }
             }
         }

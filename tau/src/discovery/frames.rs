@@ -36,8 +36,9 @@ impl Frames {
             .map(|(track, nominal)| fitted(machine, track).or(nominal))
             .collect();
         let register = |points: &dyn Fn(usize) -> Vec<(f64, Vector3<f64>)>| {
-            let lines: Vec<Option<Line>> =
-                (0..robot.tracks.len()).map(|track| Line::fit(&points(track))).collect();
+            let lines: Vec<Option<Line>> = (0..robot.tracks.len())
+                .map(|track| Line::fit(&points(track)))
+                .collect();
             Registration::of(&nominal, &lines).map(Frame)
         };
         Self {
@@ -51,7 +52,11 @@ impl Frames {
 fn fitted(machine: &Machine, track: usize) -> Option<NominalTrack> {
     let (robot, variant) = (&machine.robot, &machine.variant);
     let joints: Vec<Owner> = match variant.arm {
-        Arm::Full => robot.links_of_track(track).into_iter().map(Owner::Link).collect(),
+        Arm::Full => robot
+            .links_of_track(track)
+            .into_iter()
+            .map(Owner::Link)
+            .collect(),
         Arm::Reduced => (0..robot.clusters.len())
             .filter(|&cluster| robot.clusters[cluster].track == Some(track))
             .map(Owner::Cluster)

@@ -27,10 +27,20 @@ const LEGENDRE: [&str; 4] = [
 /// Smooth functions of conditions.
 const TIME: [&str; 2] = ["time/(1 s)", "(time/(1 s))^2"];
 const TEMPERATURE: [&str; 1] = ["(temperature - 20 K)/(1 K)"];
-const WARM_TRAVEL: [&str; 2] =
-    ["(temperature - 20 K)/(1 K)", "q/(1 m) * (temperature - 20 K)/(1 K)"];
-const DIRECTION: [&str; 3] = ["direction", "direction * q/(1 m)", "direction * (q/(1 m))^2"];
-const LOAD: [&str; 3] = ["load_along/(1 N)", "load_horizontal/(1 N)", "load_vertical/(1 N)"];
+const WARM_TRAVEL: [&str; 2] = [
+    "(temperature - 20 K)/(1 K)",
+    "q/(1 m) * (temperature - 20 K)/(1 K)",
+];
+const DIRECTION: [&str; 3] = [
+    "direction",
+    "direction * q/(1 m)",
+    "direction * (q/(1 m))^2",
+];
+const LOAD: [&str; 3] = [
+    "load_along/(1 N)",
+    "load_horizontal/(1 N)",
+    "load_vertical/(1 N)",
+];
 const TENSION: [&str; 2] = ["tension/(1 N)", "(tension/(1 N))^2"];
 const PLACE: [&str; 9] = [
     "x/(1 m)",
@@ -46,9 +56,15 @@ const PLACE: [&str; 9] = [
 
 /// The families of a robot: their text in the language, and what each is.
 pub(super) fn families(model: &Model) -> (String, Vec<Family>) {
-    let mut families = Families { text: String::new(), list: Vec::new() };
-    let commands: Vec<String> =
-        model.tracks.iter().map(|track| format!("q({})/(1 m)", track.name)).collect();
+    let mut families = Families {
+        text: String::new(),
+        list: Vec::new(),
+    };
+    let commands: Vec<String> = model
+        .tracks
+        .iter()
+        .map(|track| format!("q({})/(1 m)", track.name))
+        .collect();
     let mut travels = commands.clone();
     for (k, a) in commands.iter().enumerate() {
         travels.extend(commands[k..].iter().map(|b| format!("{a} * {b}")));
@@ -99,8 +115,11 @@ impl Families {
             _ => ("length", direction),
         };
         let parameters: Vec<String> = (1..=basis.len()).map(|k| format!("c{k}")).collect();
-        let sum: Vec<String> =
-            parameters.iter().zip(basis).map(|(c, term)| format!("{c} * ({term})")).collect();
+        let sum: Vec<String> = parameters
+            .iter()
+            .zip(basis)
+            .map(|(c, term)| format!("{c} * ({term})"))
+            .collect();
         let sum = sum.join(" + ");
         let formula = match direction {
             "x" => format!("({sum}) * (1, 0, 0)"),
@@ -118,6 +137,10 @@ impl Families {
             "x" | "y" | "z" => format!("position {direction}"),
             _ => direction.to_owned(),
         };
-        self.list.push(Family { name, direction, against });
+        self.list.push(Family {
+            name,
+            direction,
+            against,
+        });
     }
 }

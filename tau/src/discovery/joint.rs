@@ -29,8 +29,12 @@ pub(super) enum Component {
 }
 
 impl Component {
-    pub(super) const ALL: [Self; 4] =
-        [Self::Closure, Self::CartPosition, Self::CartRotation, Self::Position];
+    pub(super) const ALL: [Self; 4] = [
+        Self::Closure,
+        Self::CartPosition,
+        Self::CartRotation,
+        Self::Position,
+    ];
 
     /// The set that it belongs to.
     pub(super) fn set(self) -> u8 {
@@ -69,6 +73,16 @@ pub(super) struct Joint {
     pub(super) rows: Vec<Row>,
 }
 
+/// A part before its parameters are numbered.
+struct Layout {
+    family: Arc<dyn ResidualFamily>,
+    /// Index of each parameter in the variant.
+    parameters: Vec<usize>,
+    data: Vec<f64>,
+    samples: Vec<usize>,
+    weights: Vec<(f64, Component)>,
+}
+
 /// What a residual belongs to.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Row {
@@ -98,11 +112,17 @@ impl Joint {
         noise: Noise,
     ) -> Result<Self, Error> {
         let variant = &machine.variant;
-        let mut parts: Vec<(Arc<dyn ResidualFamily>, Vec<usize>, Vec<f64>, Vec<usize>, _)> = Vec::new();
+        let mut parts =
+            Vec::<(Arc<dyn ResidualFamily>, Vec<usize>, Vec<f64>, Vec<usize>, _)>::new();
         let indices = |set: u8, track: Option<usize>| -> Vec<usize> {
-            (0..samples.len()).filter(|&i| samples[i].set == set && samples[i].track == track).collect()
+            (0..samples.len())
+                .filter(|&i| samples[i].set == set && samples[i].track == track)
+                .collect()
         };
-        let closures: Vec<_> = variant.instances_of(ResidualKind::Closure).cloned().collect();
+        let closures: Vec<_> = variant
+            .instances_of(ResidualKind::Closure)
+            .cloned()
+            .collect();
         let poses = indices(1, None);
         let mut data = Vec::new();
         for &pose in &poses {
@@ -114,7 +134,10 @@ impl Joint {
             let factor = WhitenedPose::factor(&machine, &at.view(), noise).ok_or_else(|| {
                 Error::Input(InputError::whole(
                     "tcp_poses.csv",
-                    format!("pose {}: the closures do not depend on the pose", sample.number),
+                    format!(
+                        "pose {}: the closures do not depend on the pose",
+                        sample.number
+                    ),
                 ))
             })?;
             data.extend(factor);
@@ -122,7 +145,13 @@ impl Joint {
         let weights = vec![(1.0, Component::Closure); closures.len()];
         let family = WhitenedPose::new(closures);
         let parameters = family.parameters().to_vec();
-        parts.push((Arc::new(family), parameters, data, poses, weights));
+        parts.push(Layout {
+            family: Arc::new(family),
+            parameters,
+            data,
+            samples: poses,
+            weights,
+        });
         for (kind, set) in [(ResidualKind::CartPose, 2), (ResidualKind::CartPosition, 3)] {
             for instance in variant.instances_of(kind) {
                 let of = indices(set, Some(instance.of));
@@ -135,59 +164,84 @@ impl Joint {
                 }
                 let (position, rotation) = (noise.position_m.recip(), noise.rotation_rad.recip());
                 let weights = if set == 2 {
-                    [[(position, Component::CartPosition); 3], [(rotation, Component::CartRotation); 3]]
-                        .concat()
+                    [
+                        [(position, Component::CartPosition); 3],
+                        [(rotation, Component::CartRotation); 3],
+                    ]
+                    .concat()
                 } else {
                     vec![(position, Component::Position); 3]
                 };
-                parts.push((
-                    Arc::clone(&instance.family),
-                    instance.parameters.clone(),
+                parts.push(Layout {
+                    family: Arc::clone(&instance.family),
+                    parameters: instance.parameters.clone(),
                     data,
-                    of,
+                    samples: of,
                     weights,
-                ));
+                });
             }
         }
-        let mut used: Vec<usize> = parts.iter().flat_map(|part| part.1.iter().copied()).collect();
+        let mut used: Vec<usize> = parts
+            .iter()
+            .flat_map(|part| part.1.iter().copied())
+            .collect();
         used.sort_unstable();
         used.dedup();
         let mut rows = Vec::new();
         let parts = parts
             .into_iter()
-            .map(|(family, parameters, data, samples, weights)| {
-                let first_row = rows.len();
-                for &sample in &samples {
-                    rows.extend(weights.iter().enumerate().map(|(residual, &(_, component))| Row {
-                        sample,
-                        component,
-                        residual,
-                    }));
-                }
-                let mut prepared = vec![0.0; samples.len() * family.shape().prepared];
-                family.prepare_all(&data, &mut prepared);
-                let place = |index: &usize| used.binary_search(index).unwrap_or_default();
-                Part {
-                    parameters: parameters.iter().map(place).collect(),
-                    family,
-                    data,
-                    prepared,
-                    samples,
-                    first_row,
-                    weights,
-                }
-            })
+            .map(
+                |Layout {
+                     family,
+                     parameters,
+                     data,
+                     samples,
+                     weights,
+                 }| {
+                    let first_row = rows.len();
+                    for &sample in &samples {
+                        rows.extend(weights.iter().enumerate().map(
+                            |(residual, &(_, component))| Row {
+                                sample,
+                                component,
+                                residual,
+                            },
+                        ));
+                    }
+                    let mut prepared = vec![0.0; samples.len() * family.shape().prepared];
+                    family.prepare_all(&data, &mut prepared);
+                    let place = |index: &usize| used.binary_search(index).unwrap_or_default();
+                    Part {
+                        parameters: parameters.iter().map(place).collect(),
+                        family,
+                        data,
+                        prepared,
+                        samples,
+                        first_row,
+                        weights,
+                    }
+                },
+            )
             .collect();
         let priors = used
             .iter()
             .map(|&index| match variant.parameters[index].owner {
                 Owner::Target { .. } if variant.parameters[index].quantity == "position" => {
-                    Nominal { value: 0.0, tolerance: Some(MOUNTING_M) }
+                    Nominal {
+                        value: 0.0,
+                        tolerance: Some(MOUNTING_M),
+                    }
                 }
                 _ => nominal[index],
             })
             .collect();
-        Ok(Self { machine, used, priors, parts, rows })
+        Ok(Self {
+            machine,
+            used,
+            priors,
+            parts,
+            rows,
+        })
     }
 
     /// The values of the whole variant.
@@ -250,9 +304,14 @@ impl Joint {
                 let weights = (0..part.samples.len() * part.weights.len())
                     .map(|k| part.weights[k % part.weights.len()].0 * factors[part.first_row + k])
                     .collect();
-                Block::new("joint fit", &*part.family, part.parameters.clone(), &part.data)
-                    .with_weights(weights)
-                    .with_loss(tau_solver::Loss::Huber(ROBUST))
+                Block::new(
+                    "joint fit",
+                    &*part.family,
+                    part.parameters.clone(),
+                    &part.data,
+                )
+                .with_weights(weights)
+                .with_loss(tau_solver::Loss::Huber(ROBUST))
             })
             .collect();
         Problem { parameters, blocks }
@@ -282,7 +341,10 @@ impl Joint {
             for (quantity, axis) in TURNING_RATES.iter().zip(track_axes(direction)) {
                 let rate = variant.parameters.iter().position(|parameter| {
                     parameter.quantity == *quantity
-                        && parameter.name.starts_with(&format!("{TURNING}({})", self.machine.robot.tracks[track]))
+                        && parameter.name.starts_with(&format!(
+                            "{TURNING}({})",
+                            self.machine.robot.tracks[track]
+                        ))
                 });
                 if let Some(rate) = rate {
                     values[rate] -= line.direction.dot(&axis);
@@ -297,26 +359,35 @@ impl Joint {
         let variant = &self.machine.variant;
         let robot = &self.machine.robot;
         let joints = robot.links_of_track(track).into_iter().map(Owner::Link);
-        let clusters = (0..robot.clusters.len()).map(Owner::Cluster).filter(|owner| {
-            matches!(owner, Owner::Cluster(c) if robot.clusters[*c].track == Some(track))
-        });
-        joints.chain(clusters).chain([Owner::Track(track)]).find_map(|owner| {
-            let value = |k| {
-                let index = variant.parameter(owner, "track_direction", Some(k))?;
-                Some(self.machine.values[index])
-            };
-            Some(Vector3::new(value(0)?, value(1)?, value(2)?))
-        })
+        let clusters = (0..robot.clusters.len()).map(Owner::Cluster).filter(
+            |owner| matches!(owner, Owner::Cluster(c) if robot.clusters[*c].track == Some(track)),
+        );
+        joints
+            .chain(clusters)
+            .chain([Owner::Track(track)])
+            .find_map(|owner| {
+                let value = |k| {
+                    let index = variant.parameter(owner, "track_direction", Some(k))?;
+                    Some(self.machine.values[index])
+                };
+                Some(Vector3::new(value(0)?, value(1)?, value(2)?))
+            })
     }
 
     /// The whitening of each pose of set 1, by rows, in order.
     pub(super) fn closure_factors(&self) -> impl Iterator<Item = &[f64]> {
         self.parts
             .iter()
-            .filter(|part| part.weights.first().is_some_and(|weight| weight.1 == Component::Closure))
+            .filter(|part| {
+                part.weights
+                    .first()
+                    .is_some_and(|weight| weight.1 == Component::Closure)
+            })
             .flat_map(|part| {
                 let (rows, width) = (part.weights.len(), part.family.shape().data);
-                part.data.chunks_exact(width).map(move |data| &data[width - rows * rows..])
+                part.data
+                    .chunks_exact(width)
+                    .map(move |data| &data[width - rows * rows..])
             })
     }
 
@@ -354,14 +425,17 @@ impl Joint {
             let local: Vec<f64> = part.parameters.iter().map(|&p| fitted[p]).collect();
             plain.resize(part.samples.len() * shape.residuals, 0.0);
             entries.resize(part.samples.len() * pattern.len(), 0.0);
-            part.family.linearize_all(&part.prepared, &local, &mut plain, &mut entries);
+            part.family
+                .linearize_all(&part.prepared, &local, &mut plain, &mut entries);
             for (k, &residual) in plain.iter().enumerate() {
                 let row = part.first_row + k;
                 let within = k % shape.residuals;
                 let weight = part.weights[within].0 * factors[row];
                 residuals[row] = residual * weight;
-                let (start, end) =
-                    (pattern.row_starts[within] as usize, pattern.row_starts[within + 1] as usize);
+                let (start, end) = (
+                    pattern.row_starts[within] as usize,
+                    pattern.row_starts[within + 1] as usize,
+                );
                 let offset = k / shape.residuals * pattern.len();
                 for entry in start..end {
                     let column = part.parameters[pattern.columns[entry] as usize];
@@ -381,7 +455,10 @@ impl Joint {
                 jacobian[(row, column)] = if norm > 0.0 { WEAK * norm } else { 1.0 };
             }
         }
-        Linear { residuals, jacobian }
+        Linear {
+            residuals,
+            jacobian,
+        }
     }
 }
 
@@ -395,7 +472,10 @@ fn fill(
         let value = sample.input(input, &machine.surroundings).map_err(|what| {
             let file = ["tcp_poses.csv", "cart_poses.csv", "cart_positions.csv"]
                 [usize::from(sample.set.clamp(1, 3)) - 1];
-            Error::Input(InputError::whole(file, format!("sample {}: {what}", sample.number)))
+            Error::Input(InputError::whole(
+                file,
+                format!("sample {}: {what}", sample.number),
+            ))
         })?;
         data.push(value);
     }

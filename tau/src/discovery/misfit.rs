@@ -17,9 +17,30 @@ const MICRO: f64 = 1e6;
 pub(super) fn misfits(fit: &Fit, samples: &[Sample], noise: Noise) -> Vec<Misfit> {
     let mut misfits = closures(fit);
     for (component, set, offset, what, sigma, unit) in [
-        (Component::CartPosition, 2, 0, "position", noise.position_m, "um"),
-        (Component::CartRotation, 2, 3, "rotation", noise.rotation_rad, "urad"),
-        (Component::Position, 3, 0, "position", noise.position_m, "um"),
+        (
+            Component::CartPosition,
+            2,
+            0,
+            "position",
+            noise.position_m,
+            "um",
+        ),
+        (
+            Component::CartRotation,
+            2,
+            3,
+            "rotation",
+            noise.rotation_rad,
+            "urad",
+        ),
+        (
+            Component::Position,
+            3,
+            0,
+            "position",
+            noise.position_m,
+            "um",
+        ),
     ] {
         for (track, name) in fit.joint.machine.robot.tracks.iter().enumerate() {
             for (k, axis) in ["x", "y", "z"].iter().enumerate() {
@@ -56,7 +77,10 @@ fn misfit(
     count: f64,
     (sigma, unit): (f64, &'static str),
 ) -> Misfit {
-    let (rms, expected) = ((sum / count).sqrt() * sigma, (degrees / count).sqrt() * sigma);
+    let (rms, expected) = (
+        (sum / count).sqrt() * sigma,
+        (degrees / count).sqrt() * sigma,
+    );
     Misfit {
         set,
         cart,
@@ -105,10 +129,14 @@ fn closures(fit: &Fit) -> Vec<Misfit> {
         .filter(|(_, sum)| sum.3 > 0.0)
         .map(|(instance, (chi2, squares, expected, poses))| {
             let (owner, name) = match variant.arm {
-                Arm::Full => (Owner::Link(instance.of), &machine.robot.links[instance.of].name),
-                Arm::Reduced => {
-                    (Owner::Cluster(instance.of), &machine.robot.clusters[instance.of].name)
-                }
+                Arm::Full => (
+                    Owner::Link(instance.of),
+                    &machine.robot.links[instance.of].name,
+                ),
+                Arm::Reduced => (
+                    Owner::Cluster(instance.of),
+                    &machine.robot.clusters[instance.of].name,
+                ),
             };
             let length = variant
                 .parameter(owner, "length", None)

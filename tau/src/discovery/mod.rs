@@ -25,6 +25,7 @@ pub mod results;
 mod samples;
 mod scan;
 mod selection;
+mod separation;
 mod sight;
 mod structure;
 mod text;
@@ -55,9 +56,7 @@ use fit::Fit;
 use frames::Frames;
 use joint::Joint;
 use probes::Probes;
-use results::{
-    Considered, Estimate, FoundEffect, Gap, LeftOut, Rival, Unseen, Validation,
-};
+use results::{Considered, Estimate, FoundEffect, Gap, LeftOut, Rival, Unseen, Validation};
 use samples::Sample;
 use selection::{LEVEL, Search};
 use view::View;
@@ -77,7 +76,12 @@ pub struct Options {
 
 impl Default for Options {
     fn default() -> Self {
-        Self { split: Split::default(), seed: 0, flips: 199, catalogues: vec![CATALOGUE.to_owned()] }
+        Self {
+            split: Split::default(),
+            seed: 0,
+            flips: 199,
+            catalogues: vec![CATALOGUE.to_owned()],
+        }
     }
 }
 
@@ -132,10 +136,16 @@ impl Outcome {
             .iter()
             .zip(&nominal.nominal)
             .map(|(parameter, nominal)| {
-                self.values.get(&parameter.name).copied().unwrap_or(nominal.value)
+                self.values
+                    .get(&parameter.name)
+                    .copied()
+                    .unwrap_or(nominal.value)
             })
             .collect();
-        let options = crate::calibration::Options { start: Some(start), ..Default::default() };
+        let options = crate::calibration::Options {
+            start: Some(start),
+            ..Default::default()
+        };
         calibrate(robot, variant, file, folder, &self.poses, &options)
     }
 }
@@ -155,18 +165,37 @@ pub fn discover(
 ) -> Result<Outcome, Error> {
     let started = Instant::now();
     let variant = robot.variant(base).ok_or_else(|| {
-        InputError::whole(&robot.name, format!("robot `{}` has no variant `{base}`", robot.name))
+        InputError::whole(
+            &robot.name,
+            format!("robot `{}` has no variant `{base}`", robot.name),
+        )
     })?;
     if folder.tcp_poses.is_empty() {
-        return Err(InputError::whole(&folder.name, "discovery needs set 1, `tcp_poses.csv`").into());
+        return Err(
+            InputError::whole(&folder.name, "discovery needs set 1, `tcp_poses.csv`").into(),
+        );
     }
-    let shape = Shape { commands: robot.commands, tracks: robot.tracks.len() };
+    let shape = Shape {
+        commands: robot.commands,
+        tracks: robot.tracks.len(),
+    };
     let in_range = folder.in_range(file, shape);
     let division = options.split.divide(&in_range);
-    let input = Input { robot, base, file, folder, division: &division, options };
+    let input = Input {
+        robot,
+        base,
+        file,
+        folder,
+        division: &division,
+        options,
+    };
 
     let (model, families) = catalogue(robot, options)?;
-    let index = model.variants.iter().position(|v| v.name == base).unwrap_or_default();
+    let index = model
+        .variants
+        .iter()
+        .position(|v| v.name == base)
+        .unwrap_or_default();
     progress("fitting the base to all sets");
     let (fitted, compiled) = std::thread::scope(|scope| {
         let compiled = scope.spawn(|| probes::compiled(&model, index));
@@ -205,20 +234,29 @@ pub fn discover(
         is_left: false,
     };
     search.run(progress)?;
-    finish(&input, &search, (detectable, cannot_see), misfit, before_floor, started)
+    finish(
+        &input,
+        &search,
+        (detectable, cannot_see),
+        misfit,
+        before_floor,
+        started,
+    )
 }
 
 /// The model with all catalogues and the unnamed families.
 fn catalogue(robot: &Robot, options: &Options) -> Result<(Model, Vec<generic::Family>), Error> {
-    let input_error = |errors: language::Errors| {
-        Error::Input(InputError::whole("effects", errors.to_string()))
-    };
+    let input_error =
+        |errors: language::Errors| Error::Input(InputError::whole("effects", errors.to_string()));
     let mut model = language::check_text(&robot.description).map_err(input_error)?;
     for text in &options.catalogues {
         model = effects_from_text(text, &model).map_err(input_error)?;
     }
     let (text, families) = generic::families(&model);
-    Ok((effects_from_text(&text, &model).map_err(input_error)?, families))
+    Ok((
+        effects_from_text(&text, &model).map_err(input_error)?,
+        families,
+    ))
 }
 
 /// The base fitted to all sets, and their samples with the loads of the arm.
@@ -228,11 +266,22 @@ fn base_fit(
     index: usize,
     variant: &Variant,
 ) -> Result<(Fit, Vec<Sample>), Error> {
-    let Input { robot, file, folder, division, .. } = *input;
+    let Input {
+        robot,
+        file,
+        folder,
+        division,
+        ..
+    } = *input;
     let free = variant::free_turning(model, index, Some(variant));
     let prepared = Prepared::new(robot, &free, file, Some(folder), &division.calibration)?;
     let of_set_1 = Sample::all(robot, folder, &division.calibration, &Frames::default());
-    let alone = Joint::new(prepared.machine.clone(), &prepared.nominal, &of_set_1, file.noise)?;
+    let alone = Joint::new(
+        prepared.machine.clone(),
+        &prepared.nominal,
+        &of_set_1,
+        file.noise,
+    )?;
     let (values, mut weights) = Fit::of_set_1(&alone, &of_set_1)?;
     let machine = prepared.machine.with_values(values.clone());
     let frames = Frames::of(&machine, file, folder);
@@ -260,7 +309,11 @@ fn place_plates(machine: &Machine, file: &RobotFile, samples: &mut [Sample]) {
                 Some((number, plate)) if number == sample.number => plate,
                 _ => {
                     let distance = |commands: &[f64]| -> f64 {
-                        commands.iter().zip(&sample.commands_m).map(|(a, b)| (a - b).powi(2)).sum()
+                        commands
+                            .iter()
+                            .zip(&sample.commands_m)
+                            .map(|(a, b)| (a - b).powi(2))
+                            .sum()
                     };
                     known
                         .iter()
@@ -288,15 +341,25 @@ fn finish(
     before_floor: floor::Floor,
     started: Instant,
 ) -> Result<Outcome, Error> {
-    let Input { robot, base, file, folder, division, options } = *input;
+    let Input {
+        robot,
+        base,
+        file,
+        folder,
+        division,
+        options,
+    } = *input;
     let (fit, bench) = (&search.fit, &search.bench);
     let machine = fit.joint.machine.with_values(fit.joint.values(&fit.fitted));
     let after = Gap::from(evaluate(&machine, folder, &division.validation)?.position_um);
     let before = search.gaps.first().copied().unwrap_or(after);
     let floor = floor::floor(fit, &machine, folder, &division.validation, file.noise)?;
     let line = text::line(base, &search.labels());
-    let names: Vec<&str> =
-        search.accepted.iter().map(|a| bench.candidates[a.candidate].name.as_str()).collect();
+    let names: Vec<&str> = search
+        .accepted
+        .iter()
+        .map(|a| bench.candidates[a.candidate].name.as_str())
+        .collect();
     let catalogues: Vec<&str> = options.catalogues.iter().map(String::as_str).collect();
     let model_text = text::description(robot, &catalogues, &names, &line)?;
     let status = match (search.accepted.is_empty(), search.is_left) {
@@ -327,7 +390,12 @@ fn finish(
         .used
         .iter()
         .zip(&fit.fitted)
-        .map(|(&index, &value)| (fit.joint.machine.variant.parameters[index].name.clone(), value))
+        .map(|(&index, &value)| {
+            (
+                fit.joint.machine.variant.parameters[index].name.clone(),
+                value,
+            )
+        })
         .collect();
     let poses = division
         .calibration
@@ -335,7 +403,9 @@ fn finish(
         .copied()
         .filter(|&pose| {
             let number = folder.tcp_poses[pose].pose;
-            !left_out.iter().any(|out| out.set == 1 && out.number == number)
+            !left_out
+                .iter()
+                .any(|out| out.set == 1 && out.number == number)
         })
         .collect();
     let mut outliers: Vec<u32> = left_out.iter().map(|out| out.number).collect();
@@ -345,7 +415,10 @@ fn finish(
         base: base.to_owned(),
         status,
         noise_floor_um: floor.mean_m * 1e6,
-        ceiling_um: ((before.rms_um * 1e-6).powi(2) - before_floor.square_m2).max(0.0).sqrt() * 1e6,
+        ceiling_um: ((before.rms_um * 1e-6).powi(2) - before_floor.square_m2)
+            .max(0.0)
+            .sqrt()
+            * 1e6,
         validation: Validation { before, after },
         misfit,
         noise: misfit::noise_scales(fit),
@@ -361,7 +434,11 @@ fn finish(
         remarks: remarks(search),
         seconds: started.elapsed().as_secs_f64(),
     };
-    Ok(Outcome { discovery, values, poses })
+    Ok(Outcome {
+        discovery,
+        values,
+        poses,
+    })
 }
 
 fn effects(search: &Search<'_>) -> Vec<FoundEffect> {
@@ -401,11 +478,11 @@ fn effects(search: &Search<'_>) -> Vec<FoundEffect> {
                 rivals: accepted
                     .rivals
                     .iter()
-                    .map(|&(rival, cosine)| Rival {
-                        name: bench.candidates[rival].name.clone(),
-                        place: bench.candidates[rival].places.clone(),
-                        cosine,
-                        separate_by: String::new(),
+                    .map(|rival| Rival {
+                        name: bench.candidates[rival.candidate].name.clone(),
+                        place: bench.candidates[rival.candidate].places.clone(),
+                        cosine: rival.cosine,
+                        separate_by: rival.separate_by.clone(),
                     })
                     .collect(),
                 aliases: accepted.aliases.clone(),
@@ -416,7 +493,9 @@ fn effects(search: &Search<'_>) -> Vec<FoundEffect> {
 
 fn considered(search: &Search<'_>) -> Vec<Considered> {
     let bench = &search.bench;
-    let Some(table) = &search.first else { return vec![] };
+    let Some(table) = &search.first else {
+        return vec![];
+    };
     let tested = table.scores.len() as f64;
     table
         .scores
@@ -427,8 +506,12 @@ fn considered(search: &Search<'_>) -> Vec<Considered> {
             let is_rival = search
                 .accepted
                 .iter()
-                .any(|a| a.rivals.iter().any(|(rival, _)| *rival == score.candidate));
-            let verdict = if search.accepted.iter().any(|a| a.candidate == score.candidate) {
+                .any(|a| a.rivals.iter().any(|rival| rival.candidate == score.candidate));
+            let verdict = if search
+                .accepted
+                .iter()
+                .any(|a| a.candidate == score.candidate)
+            {
                 "found"
             } else if is_rival {
                 "could be meant instead"
@@ -452,8 +535,14 @@ fn considered(search: &Search<'_>) -> Vec<Considered> {
 fn remarks(search: &Search<'_>) -> Vec<String> {
     let mut remarks = Vec::new();
     for (set, what) in [
-        (2, "set 2 (`cart_poses.csv`) is missing: it would show straightness and rotation of the carts without load"),
-        (3, "set 3 (`cart_positions.csv`) is missing: it would show the carts under load, and errors along the tracks at many commands"),
+        (
+            2,
+            "set 2 (`cart_poses.csv`) is missing: it would show straightness and rotation of the carts without load",
+        ),
+        (
+            3,
+            "set 3 (`cart_positions.csv`) is missing: it would show the carts under load, and errors along the tracks at many commands",
+        ),
     ] {
         if !search.bench.samples.iter().any(|sample| sample.set == set) {
             remarks.push(what.to_owned());

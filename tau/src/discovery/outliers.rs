@@ -24,7 +24,10 @@ const ROUNDS: usize = 4;
 pub(super) fn deviations(mut sums: Vec<(f64, f64)>, samples: &[Sample]) -> Vec<(f64, f64)> {
     let mut groups: BTreeMap<(u8, Option<usize>), Vec<usize>> = BTreeMap::new();
     for (index, sample) in samples.iter().enumerate() {
-        groups.entry((sample.set, sample.track)).or_default().push(index);
+        groups
+            .entry((sample.set, sample.track))
+            .or_default()
+            .push(index);
     }
     for group in groups.values() {
         let degrees = sums[group[0]].1;
@@ -38,7 +41,9 @@ pub(super) fn deviations(mut sums: Vec<(f64, f64)>, samples: &[Sample]) -> Vec<(
             })
             .into_iter()
             .fold(1e-300, f64::max);
-        group.iter().for_each(|&s| sums[s].0 /= scale);
+        for &sample in group {
+            sums[sample].0 /= scale;
+        }
     }
     sums
 }
@@ -77,19 +82,26 @@ pub(super) fn about_lines(samples: &[Sample]) -> Vec<(f64, f64)> {
         }
     }
     for ((_, track), group) in groups {
-        let points: Vec<(f64, Vector3<f64>)> =
-            group.iter().map(|&s| (samples[s].commands_m[track], samples[s].pose.position)).collect();
+        let points: Vec<(f64, Vector3<f64>)> = group
+            .iter()
+            .map(|&s| (samples[s].commands_m[track], samples[s].pose.position))
+            .collect();
         let mut kept = points.clone();
         for _ in 0..ROUNDS {
             let Some(line) = Line::fit(&kept) else { break };
-            let distance = |point: &(f64, Vector3<f64>)| (point.1 - line.at(point.0)).norm_squared();
+            let distance =
+                |point: &(f64, Vector3<f64>)| (point.1 - line.at(point.0)).norm_squared();
             for (&s, point) in group.iter().zip(&points) {
                 sums[s].0 = distance(point);
             }
             let mut sorted: Vec<f64> = points.iter().map(distance).collect();
             sorted.sort_by(f64::total_cmp);
             let limit = 9.0 * sorted[sorted.len() / 2];
-            kept = points.iter().filter(|point| distance(point) <= limit).copied().collect();
+            kept = points
+                .iter()
+                .filter(|point| distance(point) <= limit)
+                .copied()
+                .collect();
         }
     }
     sums

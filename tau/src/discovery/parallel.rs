@@ -36,6 +36,9 @@ mod tests {
     fn results_come_in_order() {
         let items: Vec<u64> = (0..100).collect();
         let squares = super::map(&items, |item| item * item);
-        assert_eq!(squares, items.iter().map(|item| item * item).collect::<Vec<_>>());
+        assert_eq!(
+            squares,
+            items.iter().map(|item| item * item).collect::<Vec<_>>()
+        );
     }
 }

@@ -49,15 +49,27 @@ effect unnamed_probe_tcp on tcp { param shift[3]: length; position += shift; }
 /// The variant (by index in the model) with a constant added to every target.
 pub(super) fn compiled(model: &Model, variant: usize) -> Variant {
     let mut probed = with_effects(model, TARGETS);
-    let (cart, tcp) =
-        (index_of(&probed, "unnamed_probe_cart"), index_of(&probed, "unnamed_probe_tcp"));
-    let places = (0..model.tracks.len()).map(|track| Place::Cart { track, source: None });
+    let (cart, tcp) = (
+        index_of(&probed, "unnamed_probe_cart"),
+        index_of(&probed, "unnamed_probe_tcp"),
+    );
+    let places = (0..model.tracks.len()).map(|track| Place::Cart {
+        track,
+        source: None,
+    });
     let used = places
-        .map(|place| EffectUse { effect: cart, place })
-        .chain([EffectUse { effect: tcp, place: Place::Tcp }]);
+        .map(|place| EffectUse {
+            effect: cart,
+            place,
+        })
+        .chain([EffectUse {
+            effect: tcp,
+            place: Place::Tcp,
+        }]);
     probed.variants[variant].effects.extend(used);
-    let closures =
-        Variant::from(&compile_some(&probed, variant, |kind, _| kind == ResidualKind::Closure));
+    let closures = Variant::from(&compile_some(&probed, variant, |kind, _| {
+        kind == ResidualKind::Closure
+    }));
     free_turning(&probed, variant, Some(&closures))
 }
 
@@ -81,8 +93,13 @@ impl Probes {
             .iter()
             .map(|parameter| own(&parameter.name).map_or(0.0, |index| values[index]))
             .collect();
-        let nominal: Vec<Nominal> =
-            values.iter().map(|&value| Nominal { value, tolerance: None }).collect();
+        let nominal: Vec<Nominal> = values
+            .iter()
+            .map(|&value| Nominal {
+                value,
+                tolerance: None,
+            })
+            .collect();
         // The whitening needs closures by pose, which the base has.
         let by_pose: Vec<_> = base
             .machine
@@ -115,19 +132,35 @@ impl Probes {
                 .and_then(|index| joint.used.binary_search(&index).ok())
                 .map_or_else(
                     || vec![0.0; rows],
-                    |column| linear.jacobian.column(column).rows(0, rows).iter().copied().collect(),
+                    |column| {
+                        linear
+                            .jacobian
+                            .column(column)
+                            .rows(0, rows)
+                            .iter()
+                            .copied()
+                            .collect()
+                    },
                 )
         };
         let tracks = model.tracks.len();
         let carts = (0..tracks)
             .map(|track| {
-                ["shift_along", "shift_horizontal", "shift_vertical", "turn_roll", "turn_pitch", "turn_yaw"]
-                    .map(|quantity| column(Owner::Effect(first + track), quantity, None))
-                    .into()
+                [
+                    "shift_along",
+                    "shift_horizontal",
+                    "shift_vertical",
+                    "turn_roll",
+                    "turn_pitch",
+                    "turn_yaw",
+                ]
+                .map(|quantity| column(Owner::Effect(first + track), quantity, None))
+                .into()
             })
             .collect();
-        let tcp =
-            (0..3).map(|k| column(Owner::Effect(first + tracks), "shift", Some(k))).collect();
+        let tcp = (0..3)
+            .map(|k| column(Owner::Effect(first + tracks), "shift", Some(k)))
+            .collect();
         let closures = match variant.arm {
             Arm::Full => (0..model.links.len())
                 .map(|link| {
@@ -136,10 +169,16 @@ impl Probes {
                     ClosureProbe {
                         cluster,
                         link: Some(link),
-                        command: model.clusters[cluster].track.or(model.links[link].actuated_by),
+                        command: model.clusters[cluster]
+                            .track
+                            .or(model.links[link].actuated_by),
                         length_m: length_of(&joint, owner),
                         length: column(owner, "length", None),
-                        joint: Some((0..3).map(|k| column(owner, "plate_joint", Some(k))).collect()),
+                        joint: Some(
+                            (0..3)
+                                .map(|k| column(owner, "plate_joint", Some(k)))
+                                .collect(),
+                        ),
                     }
                 })
                 .collect(),
@@ -157,7 +196,11 @@ impl Probes {
                 })
                 .collect(),
         };
-        Ok(Self { carts, closures, tcp })
+        Ok(Self {
+            carts,
+            closures,
+            tcp,
+        })
     }
 }
 

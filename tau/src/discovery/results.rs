@@ -85,7 +85,11 @@ pub struct Gap {
 
 impl From<Summary> for Gap {
     fn from(summary: Summary) -> Self {
-        Self { mean_um: summary.mean, max_um: summary.max, rms_um: summary.rms }
+        Self {
+            mean_um: summary.mean,
+            max_um: summary.max,
+            rms_um: summary.rms,
+        }
     }
 }
 

@@ -60,7 +60,12 @@ impl Sample {
 
     /// Samples of all sets: set 1 for the given poses (indices), then sets 2 and 3 where they are there
     /// and registered.
-    pub(super) fn all(robot: &Robot, folder: &Folder, poses: &[usize], frames: &Frames) -> Vec<Self> {
+    pub(super) fn all(
+        robot: &Robot,
+        folder: &Folder,
+        poses: &[usize],
+        frames: &Frames,
+    ) -> Vec<Self> {
         let mut samples: Vec<Self> = poses
             .iter()
             .filter_map(|&pose| folder.tcp_poses.get(pose))
@@ -69,7 +74,9 @@ impl Sample {
             .collect();
         let mut unit = samples.len();
         let own_direction = |track: usize, direction: Option<f64>| {
-            (0..robot.commands).map(|k| direction.filter(|_| k == track)).collect::<Vec<_>>()
+            (0..robot.commands)
+                .map(|k| direction.filter(|_| k == track))
+                .collect::<Vec<_>>()
         };
         if let Some(frame) = frames.set2 {
             // Targets are turned back by how the first pose of each shows them, so that what is left to
@@ -77,7 +84,9 @@ impl Sample {
             let mut mounted = vec![None; robot.tracks.len()];
             for measured in &folder.cart_poses {
                 let mut pose = frame.carry(measured.position_m, Some(measured.angles_rad));
-                let Some(mounted) = mounted.get_mut(measured.track) else { continue };
+                let Some(mounted) = mounted.get_mut(measured.track) else {
+                    continue;
+                };
                 pose.rotation *= mounted.get_or_insert(pose.rotation).inverse();
                 samples.push(Self {
                     set: 2,
@@ -122,7 +131,11 @@ impl Sample {
 
     /// Number of samples' units.
     pub(super) fn units(samples: &[Self]) -> usize {
-        samples.iter().map(|sample| sample.unit + 1).max().unwrap_or(0)
+        samples
+            .iter()
+            .map(|sample| sample.unit + 1)
+            .max()
+            .unwrap_or(0)
     }
 
     /// Side of approach of a command, where known.
@@ -132,32 +145,49 @@ impl Sample {
 
     /// Computes the forces of the arm, where the plate's pose is known.
     pub(super) fn load(&mut self, statics: &Statics) {
-        self.forces = self.plate.map(|plate| statics.forces(&plate, &self.commands_m));
+        self.forces = self
+            .plate
+            .map(|plate| statics.forces(&plate, &self.commands_m));
     }
 
     /// A number that the equations take. Without an arm (set 2) nothing loads the carts.
-    pub(super) fn input(&self, input: Input, surroundings: &Surroundings) -> Result<f64, &'static str> {
+    pub(super) fn input(
+        &self,
+        input: Input,
+        surroundings: &Surroundings,
+    ) -> Result<f64, &'static str> {
         let segment = |track: usize| {
             let path = surroundings.paths.get(track)?.as_ref()?;
             Some(path.segment(*self.commands_m.get(track)?))
         };
-        let force = |of: fn(&Forces, usize, usize) -> Option<f64>, index: usize, component: usize| {
-            if self.set == 2 {
-                return Ok(0.0);
-            }
-            self.forces.as_ref().and_then(|forces| of(forces, index, component)).ok_or(NO_LOAD)
-        };
+        let force =
+            |of: fn(&Forces, usize, usize) -> Option<f64>, index: usize, component: usize| {
+                if self.set == 2 {
+                    return Ok(0.0);
+                }
+                self.forces
+                    .as_ref()
+                    .and_then(|forces| of(forces, index, component))
+                    .ok_or(NO_LOAD)
+            };
         match input {
             Input::Command(k) => self.commands_m.get(k).copied().ok_or(NO_COMMAND),
             Input::Position(k) => Ok(self.pose.position[k]),
             Input::Angle(k) => Ok(self.angles_rad[k]),
             Input::TcpPosition(k) => Ok(self.plate.map_or(0.0, |plate| plate.position[k])),
-            Input::Direction(k) => self.directions.get(k).copied().flatten().ok_or(NO_DIRECTION),
+            Input::Direction(k) => self
+                .directions
+                .get(k)
+                .copied()
+                .flatten()
+                .ok_or(NO_DIRECTION),
             Input::Time => self.conditions.time_s.ok_or(NO_TIME),
             Input::Temperature => self.conditions.temperature_c.ok_or(NO_TEMPERATURE),
-            Input::Load { track, component } => {
-                force(|f, track, k| f.loads_n.get(track).map(|load| load[k]), track, component)
-            }
+            Input::Load { track, component } => force(
+                |f, track, k| f.loads_n.get(track).map(|load| load[k]),
+                track,
+                component,
+            ),
             Input::Tension(link) => force(|f, link, _| f.tensions_n.get(link).copied(), link, 0),
             Input::SegmentStart { track, component } => {
                 segment(track).map(|s| s.ends[0][component]).ok_or(NO_PATH)
@@ -165,48 +195,10 @@ impl Sample {
             Input::SegmentEnd { track, component } => {
                 segment(track).map(|s| s.ends[1][component]).ok_or(NO_PATH)
             }
-            Input::SegmentStartCommand(track) => segment(track).map(|s| s.commands[0]).ok_or(NO_PATH),
+            Input::SegmentStartCommand(track) => {
+                segment(track).map(|s| s.commands[0]).ok_or(NO_PATH)
+            }
             Input::SegmentEndCommand(track) => segment(track).map(|s| s.commands[1]).ok_or(NO_PATH),
         }
     }
-
-    /// The same measurement under other conditions, to see what it would tell.
-    #[must_use]
-    pub(super) fn under(&self, treatment: Treatment) -> Self {
-        let mut other = self.clone();
-        match treatment {
-            Treatment::Same => {}
-            Treatment::Load(factor) => {
-                if let Some(forces) = &mut other.forces {
-                    forces.tensions_n.iter_mut().for_each(|tension| *tension *= factor);
-                    forces.loads_n.iter_mut().flatten().for_each(|load| *load *= factor);
-                }
-            }
-            Treatment::Warmer(kelvin) => {
-                other.conditions.temperature_c = other.conditions.temperature_c.map(|t| t + kelvin);
-            }
-            Treatment::Reversed => {
-                other.directions.iter_mut().flatten().for_each(|direction| *direction = -*direction);
-            }
-            Treatment::Later(seconds) => {
-                other.conditions.time_s = other.conditions.time_s.map(|t| t + seconds);
-            }
-        }
-        other
-    }
-}
-
-/// How a measurement is repeated.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum Treatment {
-    /// As it was.
-    Same,
-    /// With so many times the payload.
-    Load(f64),
-    /// Warmer by so many kelvins.
-    Warmer(f64),
-    /// Approached from the other side.
-    Reversed,
-    /// Later by so many seconds.
-    Later(f64),
 }

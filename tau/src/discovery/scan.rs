@@ -5,10 +5,10 @@ use tau_codegen::language::Model;
 
 use super::candidates::Candidate;
 use super::distribution::{Random, chi2_survival};
-use super::view::View;
 use super::probes::Probes;
 use super::projection::orthonormal;
 use super::samples::Sample;
+use super::view::View;
 use crate::kinematics::Surroundings;
 
 /// Grid points per reciprocal of the range of the commands: at one, a peak is as wide as a step.
@@ -77,12 +77,19 @@ impl Scan {
                 for (k, &amplitude) in amplitudes.iter().enumerate() {
                     if let Some(slopes) = &entry.slopes[amplitude] {
                         let column = point * amplitudes.len() + k;
-                        parts[part].slopes.column_mut(column).copy_from_slice(slopes);
+                        parts[part]
+                            .slopes
+                            .column_mut(column)
+                            .copy_from_slice(slopes);
                     }
                 }
             }
         }
-        Ok(Self { grid, amplitudes, parts })
+        Ok(Self {
+            grid,
+            amplitudes,
+            parts,
+        })
     }
 
     /// Scores residuals at every grid point.
@@ -95,7 +102,13 @@ impl Scan {
         for part in &self.parts {
             absorbed += part.by_basis(view, samples.len()) * &part.slopes;
             score += part.slopes.tr_mul(&part.by_residual(view, samples.len()));
-            weighted.push(part.probe.iter().zip(&view.factors).map(|(p, f)| p * f).collect());
+            weighted.push(
+                part.probe
+                    .iter()
+                    .zip(&view.factors)
+                    .map(|(p, f)| p * f)
+                    .collect(),
+            );
         }
         let crosses: Vec<Cross> = (0..self.parts.len())
             .flat_map(|a| (0..=a).map(move |b| (a, b)))
@@ -131,7 +144,9 @@ impl Scan {
             gram -= of.tr_mul(&of);
             let coefficients = orthonormal(&norms, &gram);
             let here = score.rows(point * width, width);
-            scores.statistics.push(coefficients.tr_mul(&here).norm_squared());
+            scores
+                .statistics
+                .push(coefficients.tr_mul(&here).norm_squared());
             scores.ranks.push(coefficients.ncols());
             scores.coefficients.push(coefficients);
         }
@@ -152,7 +167,11 @@ impl Scan {
             sums[row.sample] += p * q;
         }
         let mut there = vec![None; samples];
-        self.parts[right].samples.iter().enumerate().for_each(|(k, &s)| there[s] = Some(k));
+        self.parts[right]
+            .samples
+            .iter()
+            .enumerate()
+            .for_each(|(k, &s)| there[s] = Some(k));
         let pairs = self.parts[left]
             .samples
             .iter()
@@ -204,7 +223,10 @@ impl Part {
     /// The rows that the probe touches: row, place of its sample, and the probe in units of the noise.
     fn active(&self, view: &View, samples: usize) -> Vec<(usize, usize, f64)> {
         let mut place = vec![None; samples];
-        self.samples.iter().enumerate().for_each(|(s, &sample)| place[sample] = Some(s));
+        self.samples
+            .iter()
+            .enumerate()
+            .for_each(|(s, &sample)| place[sample] = Some(s));
         view.rows
             .iter()
             .zip(&self.probe)
@@ -256,7 +278,10 @@ struct Cross {
 
 impl Cross {
     fn sum(&self, p: &[f64], q: &[f64]) -> f64 {
-        self.pairs.iter().map(|&(weight, here, there)| weight * p[here] * q[there]).sum()
+        self.pairs
+            .iter()
+            .map(|&(weight, here, there)| weight * p[here] * q[there])
+            .sum()
     }
 }
 
@@ -310,7 +335,11 @@ pub(super) fn global_p(statistic: f64, rank: f64, upcrossings: f64) -> f64 {
 pub(super) fn upcrossings(null_scans: &[Vec<f64>], rank: f64) -> f64 {
     let crossings: usize = null_scans
         .iter()
-        .map(|scan| scan.windows(2).filter(|pair| pair[0] < rank && pair[1] >= rank).count())
+        .map(|scan| {
+            scan.windows(2)
+                .filter(|pair| pair[0] < rank && pair[1] >= rank)
+                .count()
+        })
         .sum();
     crossings as f64 / null_scans.len().max(1) as f64
 }
@@ -321,7 +350,11 @@ pub(super) fn signs(units: usize, flips: usize, seed: u64) -> DMatrix<f64> {
     DMatrix::from_fn(units, flips, |_, _| random.sign())
 }
 
-#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a small count")]
+#[allow(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "a small count"
+)]
 fn count(number: f64) -> usize {
     number as usize
 }

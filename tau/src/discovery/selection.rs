@@ -13,6 +13,7 @@ use super::joint::Joint;
 use super::projection::Subspace;
 use super::results::{Gap, Step};
 use super::scan::AS_GOOD;
+use super::separation::{Signal, separate_by};
 use super::text;
 use super::variant::{free_turning, free_turning_from};
 use super::view::View;
@@ -38,7 +39,15 @@ pub(super) struct Accepted {
     pub(super) chi2_drop: f64,
     pub(super) aliases: Vec<f64>,
     pub(super) heldout_drop_um: f64,
-    pub(super) rivals: Vec<(usize, f64)>,
+    pub(super) rivals: Vec<FoundRival>,
+}
+
+/// A candidate that explains the same residuals as an effect.
+#[derive(Clone)]
+pub(super) struct FoundRival {
+    pub(super) candidate: usize,
+    pub(super) cosine: f64,
+    pub(super) separate_by: String,
 }
 
 /// The model as far as it has grown.
@@ -84,9 +93,15 @@ impl Search<'_> {
                 self.input.options.flips,
                 self.input.options.seed + self.steps.len() as u64,
             );
-            let Some(subspace) = self.subspace(&view, &winner) else { break };
-            let gain =
-                held_out_gain(&view, &subspace, &self.bench.samples, self.input.options.seed);
+            let Some(subspace) = self.subspace(&view, &winner) else {
+                break;
+            };
+            let gain = held_out_gain(
+                &view,
+                &subspace,
+                &self.bench.samples,
+                self.input.options.seed,
+            );
             self.first.get_or_insert(table);
             if flip_p_value > LEVEL {
                 // The best does no better than chance, so nothing does.
@@ -115,23 +130,32 @@ impl Search<'_> {
 
     /// The model with its unnamed families.
     pub(super) fn view(&self) -> View {
-        self.unnamed.iter().fold(View::of(&self.fit), |view, &family| {
-            match self.bench.subspace(&view, family, None) {
-                Some((_, subspace)) => view.with(&subspace),
-                None => view,
-            }
-        })
+        self.unnamed
+            .iter()
+            .fold(View::of(&self.fit), |view, &family| {
+                match self.bench.subspace(&view, family, None) {
+                    Some((_, subspace)) => view.with(&subspace),
+                    None => view,
+                }
+            })
     }
 
     /// What a model leaves of the columns of a score.
     fn subspace(&self, view: &View, score: &Score) -> Option<Subspace> {
-        Some(self.bench.subspace(view, score.candidate, score.searched)?.1)
+        Some(
+            self.bench
+                .subspace(view, score.candidate, score.searched)?
+                .1,
+        )
     }
 
     fn is_open(&self, candidate: usize) -> bool {
         !self.refused.contains(&candidate)
             && !self.unnamed.contains(&candidate)
-            && !self.accepted.iter().any(|accepted| accepted.candidate == candidate)
+            && !self
+                .accepted
+                .iter()
+                .any(|accepted| accepted.candidate == candidate)
     }
 
     /// The level of the next step: halved with each, so that names beyond the true ones stay within the
@@ -165,9 +189,16 @@ impl Search<'_> {
                 .copied()
         };
         let (name, family) = (best(true), best(false));
-        let (Some(name), Some(family)) = (name, family) else { return name.or(family).cloned() };
+        let (Some(name), Some(family)) = (name, family) else {
+            return name.or(family).cloned();
+        };
         if family.bic <= name.bic + AS_GOOD
-            || !self.says_more(view, &self.subspace(view, name)?, family, table.scores.len())
+            || !self.says_more(
+                view,
+                &self.subspace(view, name)?,
+                family,
+                table.scores.len(),
+            )
         {
             return Some(name.clone());
         }
@@ -177,7 +208,9 @@ impl Search<'_> {
     /// Whether a family is significant beside a name.
     fn says_more(&self, view: &View, name: &Subspace, family: &Score, tested: usize) -> bool {
         let view = view.with(name);
-        let Some((_, subspace)) = self.bench.subspace(&view, family.candidate, family.searched)
+        let Some((_, subspace)) = self
+            .bench
+            .subspace(&view, family.candidate, family.searched)
         else {
             return false;
         };
@@ -192,7 +225,9 @@ impl Search<'_> {
         let described = &self.bench.candidates[score.candidate];
         let mut values = described.nominal();
         let view = self.view();
-        let Some(subspace) = self.subspace(&view, score) else { return Ok(false) };
+        let Some(subspace) = self.subspace(&view, score) else {
+            return Ok(false);
+        };
         let amplitudes = subspace.amplitudes(&view.residuals);
         for (&place, &amplitude) in described.amplitudes().iter().zip(amplitudes.iter()) {
             values[place] = amplitude;
@@ -221,21 +256,42 @@ impl Search<'_> {
     /// The base with effects, fitted from where the model stands; `last` are start values of the last.
     fn refit(&self, effects: &[usize], last: Option<&[f64]>) -> Result<Fit, Error> {
         let mut model = self.bench.model.clone();
-        model.variants[self.variant].effects.extend(effects.iter().map(|&candidate| EffectUse {
-            effect: self.bench.candidates[candidate].effect,
-            place: self.bench.candidates[candidate].place,
-        }));
+        model.variants[self.variant]
+            .effects
+            .extend(effects.iter().map(|&candidate| EffectUse {
+                effect: self.bench.candidates[candidate].effect,
+                place: self.bench.candidates[candidate].place,
+            }));
         let variant = if effects.len() == self.accepted.len() + 1 {
             let newest = self.bench.candidates[effects[effects.len() - 1]].place;
-            free_turning_from(&model, self.variant, &self.fit.joint.machine.variant, newest)
+            free_turning_from(
+                &model,
+                self.variant,
+                &self.fit.joint.machine.variant,
+                newest,
+            )
         } else {
             free_turning(&model, self.variant, None)
         };
-        let Input { robot, file, folder, .. } = *self.input;
-        let prepared =
-            Prepared::new(robot, &variant, file, Some(folder), &self.input.division.calibration)?;
-        let joint =
-            Joint::new(prepared.machine, &prepared.nominal, &self.bench.samples, file.noise)?;
+        let Input {
+            robot,
+            file,
+            folder,
+            ..
+        } = *self.input;
+        let prepared = Prepared::new(
+            robot,
+            &variant,
+            file,
+            Some(folder),
+            &self.input.division.calibration,
+        )?;
+        let joint = Joint::new(
+            prepared.machine,
+            &prepared.nominal,
+            &self.bench.samples,
+            file.noise,
+        )?;
         let known = self.fit.joint.values(&self.fit.fitted);
         let old = &self.fit.joint.machine.variant;
         let mut values = joint.machine.values.clone();
@@ -246,19 +302,29 @@ impl Search<'_> {
                 && let Some(start) = given.next()
             {
                 *value = *start;
-            } else if let Some(index) = old.parameters.iter().position(|p| p.name == parameter.name) {
+            } else if let Some(index) = old.parameters.iter().position(|p| p.name == parameter.name)
+            {
                 *value = known[index];
             }
         }
         let start = joint.fitted(&values);
-        Fit::near(joint, start, self.fit.scales, self.fit.weights.clone(), &self.bench.samples)
+        Fit::near(
+            joint,
+            start,
+            self.fit.scales,
+            self.fit.weights.clone(),
+            &self.bench.samples,
+        )
     }
 
     /// Notes the gap with the model as it stands, and by how much the newest effect lowered it.
     fn record(&mut self, newest: Option<usize>) -> Result<(), Error> {
-        let machine = self.fit.joint.machine.with_values(self.fit.joint.values(&self.fit.fitted));
-        let evaluation =
-            evaluate(&machine, self.input.folder, &self.input.division.validation)?;
+        let machine = self
+            .fit
+            .joint
+            .machine
+            .with_values(self.fit.joint.values(&self.fit.fitted));
+        let evaluation = evaluate(&machine, self.input.folder, &self.input.division.validation)?;
         let gap = Gap::from(evaluation.position_um);
         if let (Some(newest), Some(before)) = (newest, self.gaps.last()) {
             self.accepted[newest].heldout_drop_um = before.mean_um - gap.mean_um;
@@ -275,7 +341,10 @@ impl Search<'_> {
 
     /// The effects as the description writes them.
     pub(super) fn labels(&self) -> Vec<String> {
-        self.accepted.iter().map(|a| self.bench.candidates[a.candidate].label()).collect()
+        self.accepted
+            .iter()
+            .map(|a| self.bench.candidates[a.candidate].label())
+            .collect()
     }
 
     /// The model without one of its effects: what is left to explain, and the effect's own score there.
@@ -287,7 +356,9 @@ impl Search<'_> {
         for (&column, &amplitude) in columns.iter().zip(amplitudes.iter()) {
             contribution += self.fit.jacobian.column(column) * amplitude;
         }
-        contribution.rows_mut(rows, self.fit.residuals.len() - rows).fill(0.0);
+        contribution
+            .rows_mut(rows, self.fit.residuals.len() - rows)
+            .fill(0.0);
         let removed: BTreeSet<usize> = own.iter().copied().collect();
         let mut view = View::without(&self.fit, &removed, &contribution)?;
         for &family in &self.unnamed {
@@ -296,19 +367,24 @@ impl Search<'_> {
             }
         }
         let mut columns = self.fit.jacobian.select_columns(&own);
-        columns.rows_mut(rows, self.fit.residuals.len() - rows).fill(0.0);
+        columns
+            .rows_mut(rows, self.fit.residuals.len() - rows)
+            .fill(0.0);
         let subspace = Subspace::of(&columns, &view.remainder(&columns));
         let statistic = subspace.statistic(&view.residuals);
         let rank = subspace.rank() as f64;
-        let score =
-            self.bench.score_of(&view, self.accepted[effect].candidate, statistic, rank);
+        let score = self
+            .bench
+            .score_of(&view, self.accepted[effect].candidate, statistic, rank);
         Some((view, score, subspace))
     }
 
     /// Drops effects that the others have made idle.
     fn drop_idle(&mut self, tested: usize) -> Result<(), Error> {
         for effect in (0..self.accepted.len().saturating_sub(1)).rev() {
-            let Some((statistic, rank)) = self.own_statistic(effect) else { continue };
+            let Some((statistic, rank)) = self.own_statistic(effect) else {
+                continue;
+            };
             if chi2_survival(statistic, rank) > LEVEL / tested as f64 {
                 let removed = self.accepted.remove(effect);
                 self.refused.insert(removed.candidate);
@@ -339,7 +415,10 @@ impl Search<'_> {
             .into_iter()
             .filter_map(|place| Some((place, *columns.get(place)?)))
             .map(|(place, column)| {
-                (column, self.fit.fitted[column] - described.parameters[place].nominal)
+                (
+                    column,
+                    self.fit.fitted[column] - described.parameters[place].nominal,
+                )
             })
             .unzip();
         (own, DVector::from_vec(values))
@@ -367,7 +446,8 @@ impl Search<'_> {
                 .iter()
                 .filter(|score| self.bench.candidates[score.candidate].is_named())
                 .max_by(|a, b| a.bic.total_cmp(&b.bic));
-            let Some(own) = own.filter(|own| significant.iter().any(|s| s.candidate == own.candidate))
+            let Some(own) =
+                own.filter(|own| significant.iter().any(|s| s.candidate == own.candidate))
             else {
                 continue;
             };
@@ -402,13 +482,14 @@ impl Search<'_> {
         let mut effect = 0;
         let mut swapped = BTreeSet::new();
         while effect < self.accepted.len() {
-            let Some((view, own, of_own)) = self.without(effect) else { break };
+            let Some((view, own, of_own)) = self.without(effect) else {
+                break;
+            };
             let table = self.bench.table(&view, SHORT_GRID);
             let others = || {
-                table
-                    .scores
-                    .iter()
-                    .filter(|score| score.candidate != own.candidate && self.is_open(score.candidate))
+                table.scores.iter().filter(|score| {
+                    score.candidate != own.candidate && self.is_open(score.candidate)
+                })
             };
             let by_bic = |a: &&Score, b: &&Score| a.bic.total_cmp(&b.bic);
             let is_named = |score: &&Score| self.bench.candidates[score.candidate].is_named();
@@ -439,12 +520,46 @@ impl Search<'_> {
                 .filter(is_named)
                 .filter(|score| score.bic > own.bic - AS_GOOD)
                 .filter_map(|score| {
-                    Some((score.candidate, cosine(&view, &of_own, &self.subspace(&view, score)?)))
+                    Some((
+                        score.candidate,
+                        cosine(&view, &of_own, &self.subspace(&view, score)?),
+                    ))
                 })
                 .collect();
             effect += 1;
         }
         Ok(())
+    }
+
+    /// The measurement that would tell an effect from a rival, in words.
+    fn separate_by(&self, effect: usize, rival: &Score) -> String {
+        let own = &self.bench.candidates[self.accepted[effect].candidate];
+        let columns = self.columns_of(effect);
+        let base: Vec<usize> = (0..self.fit.jacobian.ncols())
+            .filter(|column| !columns.contains(column))
+            .collect();
+        let other = &self.bench.candidates[rival.candidate];
+        let mut values = other.nominal();
+        if let (Some((place, _)), Some(value)) = (other.search, rival.searched) {
+            values[place] = value;
+        }
+        let own = Signal {
+            candidate: own,
+            values: columns
+                .iter()
+                .map(|&column| self.fit.fitted[column])
+                .collect(),
+        };
+        separate_by(
+            &self.bench,
+            &self.fit,
+            &own,
+            &Signal {
+                candidate: other,
+                values,
+            },
+            &base,
+        )
     }
 
     fn remove(&mut self, effect: usize) -> Result<(), Error> {

@@ -51,7 +51,9 @@ pub(super) fn sight(bench: &mut Bench, view: &View) -> (Vec<Detectable>, Vec<Uns
             .or_insert_with(|| detectable_noncentrality(rank, LEVEL / tested, POWER));
         let amplitude = lambda.sqrt() / best.left;
         let surviving = (best.left / best.whole).powi(2);
-        let hopeless = parameter.tolerance.is_some_and(|t| amplitude > IMPLAUSIBLE * t);
+        let hopeless = parameter
+            .tolerance
+            .is_some_and(|t| amplitude > IMPLAUSIBLE * t);
         if surviving < ABSORBED || hopeless {
             let why = constant(&bench.model, candidate, &bench.samples).unwrap_or_else(|| {
                 if surviving < ABSORBED || surviving < 0.01 {
@@ -86,28 +88,44 @@ fn constant(model: &Model, candidate: &Candidate, samples: &[Sample]) -> Option<
         readables(&term.formula, &mut read);
     }
     let spread = |of: &dyn Fn(&Sample) -> Option<f64>| {
-        let values = samples.iter().filter(|sample| sample.set == 1).filter_map(of);
-        let (low, high) = values
-            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)));
+        let values = samples
+            .iter()
+            .filter(|sample| sample.set == 1)
+            .filter_map(of);
+        let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| {
+            (low.min(v), high.max(v))
+        });
         high - low
     };
     for readable in read {
         let (what, width, least, unit) = match readable {
-            Readable::Temperature => {
-                ("temperature", spread(&|s| s.conditions.temperature_c), 1.0, "K")
-            }
+            Readable::Temperature => (
+                "temperature",
+                spread(&|s| s.conditions.temperature_c),
+                1.0,
+                "K",
+            ),
             Readable::Time => ("time", spread(&|s| s.conditions.time_s), 1.0, "s"),
             Readable::Direction => {
                 let command = match candidate.place {
                     tau_codegen::language::model::Place::Cart { track, .. } => track,
                     _ => 0,
                 };
-                ("side of approach", spread(&|s| s.direction(command)), 1.0, "")
+                (
+                    "side of approach",
+                    spread(&|s| s.direction(command)),
+                    1.0,
+                    "",
+                )
             }
             _ => continue,
         };
         if width < least {
-            return Some(format!("the {what} hardly changes: by {width:.2} {unit}").trim().to_owned());
+            return Some(
+                format!("the {what} hardly changes: by {width:.2} {unit}")
+                    .trim()
+                    .to_owned(),
+            );
         }
     }
     None

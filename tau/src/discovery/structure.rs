@@ -15,20 +15,35 @@ pub(super) fn unnamed(bench: &Bench, view: &View, family: usize) -> Option<Unnam
     let (_, subspace) = bench.subspace(view, family, None)?;
     let amplitudes = subspace.amplitudes(&view.residuals);
     let entries = candidate
-        .entries(&bench.model, &candidate.nominal(), &bench.probes, &bench.samples, &bench.surroundings)
+        .entries(
+            &bench.model,
+            &candidate.nominal(),
+            &bench.probes,
+            &bench.samples,
+            &bench.surroundings,
+        )
         .ok()?;
     // An axis of a vector has entries for all three components; only its own has slopes.
-    let entry = entries.iter().find(|entry| entry.slopes.iter().any(Option::is_some))?;
+    let entry = entries
+        .iter()
+        .find(|entry| entry.slopes.iter().any(Option::is_some))?;
     let displaced = |k: usize| -> f64 {
         let slope = |place: usize| entry.slopes[place].as_ref().map_or(0.0, |slopes| slopes[k]);
-        amplitudes.iter().enumerate().map(|(place, amplitude)| amplitude * slope(place)).sum()
+        amplitudes
+            .iter()
+            .enumerate()
+            .map(|(place, amplitude)| amplitude * slope(place))
+            .sum()
     };
     let values: Vec<f64> = (0..entry.samples.len()).map(displaced).collect();
     let (against, covariate) = covariates(described.against, candidate, bench, entry)
         .into_iter()
         .max_by(|a, b| correlation(&a.1, &values).total_cmp(&correlation(&b.1, &values)))?;
-    let mut curve: Vec<[f64; 2]> =
-        covariate.iter().zip(&values).map(|(&x, &y)| [x, y]).collect();
+    let mut curve: Vec<[f64; 2]> = covariate
+        .iter()
+        .zip(&values)
+        .map(|(&x, &y)| [x, y])
+        .collect();
     curve.sort_by(|a, b| a[0].total_cmp(&b[0]));
     let square = values.iter().map(|value| value * value).sum::<f64>() / values.len().max(1) as f64;
     Some(Unnamed {
@@ -87,7 +102,9 @@ fn covariates(
         };
         entry.samples.iter().map(sample).collect()
     };
-    list.into_iter().filter_map(|(name, input)| Some((name, read(input)?))).collect()
+    list.into_iter()
+        .filter_map(|(name, input)| Some((name, read(input)?)))
+        .collect()
 }
 
 /// Magnitude of the correlation of two series.
@@ -100,5 +117,9 @@ fn correlation(a: &[f64], b: &[f64]) -> f64 {
         aa += (a - mean_a).powi(2);
         bb += (b - mean_b).powi(2);
     }
-    if aa * bb > 0.0 { ab.abs() / (aa * bb).sqrt() } else { 0.0 }
+    if aa * bb > 0.0 {
+        ab.abs() / (aa * bb).sqrt()
+    } else {
+        0.0
+    }
 }

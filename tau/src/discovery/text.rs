@@ -13,8 +13,10 @@ pub const DISCOVERED: &str = "Discovered";
 
 /// The line that derives the discovered variant, such as `variant Discovered = Full + backlash(one);`.
 pub(super) fn line(base: &str, effects: &[String]) -> String {
-    let sum: String = effects.iter().map(|effect| format!(" + {effect}")).collect();
-    format!("variant {DISCOVERED} = {base}{sum};")
+    let terms: Vec<&str> = std::iter::once(base)
+        .chain(effects.iter().map(String::as_str))
+        .collect();
+    format!("variant {DISCOVERED} = {};", terms.join(" + "))
 }
 
 /// The complete description: the robot's, with the line, and those effects that it lacks from the
@@ -34,7 +36,10 @@ pub(super) fn description(
         if added.contains(&effect) || item(own, effect).is_some() {
             continue;
         }
-        if let Some(found) = catalogues.iter().find_map(|text| Some(&text[item(text, effect)?])) {
+        if let Some(found) = catalogues
+            .iter()
+            .find_map(|text| Some(&text[item(text, effect)?]))
+        {
             text.push_str(found);
             text.push_str("\n\n");
             added.push(effect);
@@ -49,8 +54,7 @@ pub(super) fn description(
     if !text.ends_with('\n') {
         text.push('\n');
     }
-    check_text(&text)
-        .map_err(|errors| InputError::whole(&robot.name, errors.to_string()))?;
+    check_text(&text).map_err(|errors| InputError::whole(&robot.name, errors.to_string()))?;
     Ok(text)
 }
 
@@ -66,10 +70,13 @@ fn tokens(text: &str) -> Vec<(&str, usize)> {
             at += rest.find('\n').unwrap_or(rest.len());
         } else if rest.starts_with("/*") {
             at += rest.find("*/").map_or(rest.len(), |end| end + 2);
-        } else if rest.starts_with('"') {
-            at += rest[1..].find('"').map_or(rest.len(), |end| end + 2);
+        } else if let Some(quoted) = rest.strip_prefix('"') {
+            at += quoted.find('"').map_or(rest.len(), |end| end + 2);
         } else if is_word(bytes[at]) {
-            let length = bytes[at..].iter().take_while(|&&byte| is_word(byte)).count();
+            let length = bytes[at..]
+                .iter()
+                .take_while(|&&byte| is_word(byte))
+                .count();
             tokens.push((&rest[..length], at));
             at += length;
         } else {
@@ -117,10 +124,15 @@ fn robot_end(text: &str) -> Option<usize> {
 /// Place of `effect name … { … }` with the doc comments before it.
 fn item(text: &str, name: &str) -> Option<Range<usize>> {
     let tokens = tokens(text);
-    let start = tokens.windows(2).position(|pair| pair[0].0 == "effect" && pair[1].0 == name)?;
+    let start = tokens
+        .windows(2)
+        .position(|pair| pair[0].0 == "effect" && pair[1].0 == name)?;
     let end = closing(&tokens[start..])? + 1;
     let mut begin = tokens[start].1;
-    while let Some(line_end) = text[..begin].trim_end_matches([' ', '\t']).strip_suffix('\n') {
+    while let Some(line_end) = text[..begin]
+        .trim_end_matches([' ', '\t'])
+        .strip_suffix('\n')
+    {
         let line_start = line_end.rfind('\n').map_or(0, |at| at + 1);
         if !line_end[line_start..].trim_start().starts_with("///") {
             break;
@@ -141,12 +153,20 @@ mod tests {
     fn the_line_and_the_effects_stand_where_they_belong() {
         let robot = Robot::from_text(OWN).unwrap();
         let line = line("N", &["backlash(one)".into(), "rack_pitch(one)".into()]);
-        let text =
-            description(&robot, &[crate::effects::CATALOGUE], &["backlash", "rack_pitch"], &line)
-                .unwrap();
+        let text = description(
+            &robot,
+            &[crate::effects::CATALOGUE],
+            &["backlash", "rack_pitch"],
+            &line,
+        )
+        .unwrap();
         let again = Robot::from_text(&text).unwrap();
         let found = again.variant(DISCOVERED).unwrap();
-        let names: Vec<&str> = found.effects.iter().map(|(name, _)| name.as_str()).collect();
+        let names: Vec<&str> = found
+            .effects
+            .iter()
+            .map(|(name, _)| name.as_str())
+            .collect();
         assert_eq!(names, ["backlash", "rack_pitch"]);
         assert!(text.contains("/// Reversal error"), "{text}");
         assert!(!text.contains("effect straightness"));

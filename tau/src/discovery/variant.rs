@@ -30,9 +30,11 @@ effect unnamed_turning on cart {
 /// The variant of a model (by index), its carts turning freely in sets 2 and 3. `closures` is the same
 /// variant where its closures have been compiled already.
 pub(super) fn free_turning(model: &Model, variant: usize, closures: Option<&Variant>) -> Variant {
-    let mut free = Variant::from(&compile_some(&turning(model, variant), variant, |kind, _| {
-        is_of_cart(kind)
-    }));
+    let mut free = Variant::from(&compile_some(
+        &turning(model, variant),
+        variant,
+        |kind, _| is_of_cart(kind),
+    ));
     let compiled;
     let closures = if let Some(closures) = closures {
         closures
@@ -69,15 +71,20 @@ pub(super) fn free_turning_from(
         }
         Place::AllLinks | Place::Tcp => !is_of_cart(kind),
     };
-    let mut free = Variant::from(&compile_some(&turning(model, variant), variant, |kind, of| {
-        is_of_cart(kind) && touches(kind, of)
-    }));
+    let mut free = Variant::from(&compile_some(
+        &turning(model, variant),
+        variant,
+        |kind, of| is_of_cart(kind) && touches(kind, of),
+    ));
     let closures = Variant::from(&compile_some(model, variant, |kind, of| {
         !is_of_cart(kind) && touches(kind, of)
     }));
     adopt(&mut free, &closures, |_| true);
-    adopt(&mut free, before, |instance| !touches(instance.kind, instance.of));
-    free.instances.sort_by_key(|instance| (order(instance.kind), instance.of));
+    adopt(&mut free, before, |instance| {
+        !touches(instance.kind, instance.of)
+    });
+    free.instances
+        .sort_by_key(|instance| (order(instance.kind), instance.of));
     free
 }
 
@@ -87,7 +94,10 @@ fn turning(model: &Model, variant: usize) -> Model {
     let effect = index_of(&model, TURNING);
     let carts = (0..model.tracks.len()).map(|track| EffectUse {
         effect,
-        place: Place::Cart { track, source: None },
+        place: Place::Cart {
+            track,
+            source: None,
+        },
     });
     model.variants[variant].effects.extend(carts);
     model
@@ -98,11 +108,23 @@ fn adopt(into: &mut Variant, from: &Variant, wanted: impl Fn(&Instance) -> bool)
     let places: Vec<usize> = from
         .parameters
         .iter()
-        .map(|own| into.parameters.iter().position(|p| p.name == own.name).unwrap_or_default())
+        .map(|own| {
+            into.parameters
+                .iter()
+                .position(|p| p.name == own.name)
+                .unwrap_or_default()
+        })
         .collect();
-    let adopted = from.instances.iter().filter(|instance| wanted(instance)).cloned();
+    let adopted = from
+        .instances
+        .iter()
+        .filter(|instance| wanted(instance))
+        .cloned();
     into.instances.extend(adopted.map(|mut instance| {
-        instance.parameters.iter_mut().for_each(|index| *index = places[*index]);
+        instance
+            .parameters
+            .iter_mut()
+            .for_each(|index| *index = places[*index]);
         instance
     }));
 }
@@ -129,5 +151,9 @@ pub(super) fn with_effects(model: &Model, text: &str) -> Model {
 
 /// Index of an effect of the model.
 pub(super) fn index_of(model: &Model, name: &str) -> usize {
-    model.effects.iter().position(|effect| effect.name == name).unwrap_or_default()
+    model
+        .effects
+        .iter()
+        .position(|effect| effect.name == name)
+        .unwrap_or_default()
 }

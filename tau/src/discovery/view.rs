@@ -40,12 +40,15 @@ impl View {
         columns: &BTreeSet<usize>,
         contribution: &DVector<f64>,
     ) -> Option<Self> {
-        let kept: Vec<usize> =
-            (0..fit.jacobian.ncols()).filter(|column| !columns.contains(column)).collect();
+        let kept: Vec<usize> = (0..fit.jacobian.ncols())
+            .filter(|column| !columns.contains(column))
+            .collect();
         let basis = Basis::of(&fit.jacobian.select_columns(&kept))?;
         let rows = fit.joint.rows.len();
         let mut residuals = &fit.residuals - contribution;
-        columns.iter().for_each(|&column| residuals[rows + column] = 0.0);
+        for &column in columns {
+            residuals[rows + column] = 0.0;
+        }
         Some(Self {
             residuals: basis.residuals_after(&residuals),
             q: basis.q,
@@ -79,7 +82,10 @@ impl View {
     pub(super) fn weighted(&self, raw: &DMatrix<f64>) -> DMatrix<f64> {
         let mut columns = raw.clone().resize_vertically(self.residuals.len(), 0.0);
         for mut column in columns.column_iter_mut() {
-            column.iter_mut().zip(&self.factors).for_each(|(value, factor)| *value *= factor);
+            column
+                .iter_mut()
+                .zip(&self.factors)
+                .for_each(|(value, factor)| *value *= factor);
         }
         columns
     }

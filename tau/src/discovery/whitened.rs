@@ -24,8 +24,10 @@ pub(super) struct WhitenedPose {
 
 impl WhitenedPose {
     pub(super) fn new(closures: Vec<Instance>) -> Self {
-        let mut parameters: Vec<usize> =
-            closures.iter().flat_map(|closure| closure.parameters.iter().copied()).collect();
+        let mut parameters: Vec<usize> = closures
+            .iter()
+            .flat_map(|closure| closure.parameters.iter().copied())
+            .collect();
         parameters.sort_unstable();
         parameters.dedup();
         let columns = closures
@@ -37,7 +39,10 @@ impl WhitenedPose {
             .collect();
         let (rows, width) = (closures.len(), parameters.len());
         let all = |f: fn(&Shape) -> usize| -> usize {
-            closures.iter().map(|closure| f(&closure.family.shape())).sum()
+            closures
+                .iter()
+                .map(|closure| f(&closure.family.shape()))
+                .sum()
         };
         let number = |n: usize| u32::try_from(n).unwrap_or(u32::MAX);
         Self {
@@ -68,7 +73,11 @@ impl WhitenedPose {
             .collect::<Option<Vec<_>>>()?;
         let rows = gradients.len();
         let scaled = DMatrix::from_fn(rows, 6, |row, column| {
-            let sigma = if column < 3 { noise.position_m } else { noise.rotation_rad };
+            let sigma = if column < 3 {
+                noise.position_m
+            } else {
+                noise.rotation_rad
+            };
             gradients[row][column] * sigma
         });
         let mut covariance = &scaled * scaled.transpose();
@@ -97,7 +106,11 @@ impl WhitenedPose {
 
     fn local(&self, closure: usize, parameters: &[f64], local: &mut Vec<f64>) {
         local.clear();
-        local.extend(self.columns[closure].iter().map(|&column| parameters[column]));
+        local.extend(
+            self.columns[closure]
+                .iter()
+                .map(|&column| parameters[column]),
+        );
     }
 }
 
@@ -107,16 +120,20 @@ impl ResidualFamily for WhitenedPose {
     }
 
     fn pattern(&self) -> Pattern<'_> {
-        Pattern { row_starts: &self.row_starts, columns: &self.pattern }
+        Pattern {
+            row_starts: &self.row_starts,
+            columns: &self.pattern,
+        }
     }
 
     fn prepare(&self, data: &[f64], prepared: &mut [f64]) {
         let (mut from, mut to) = (0, 0);
         for closure in &self.closures {
             let shape = closure.family.shape();
-            closure
-                .family
-                .prepare(&data[from..from + shape.data], &mut prepared[to..to + shape.prepared]);
+            closure.family.prepare(
+                &data[from..from + shape.data],
+                &mut prepared[to..to + shape.prepared],
+            );
             (from, to) = (from + shape.data, to + shape.prepared);
         }
         prepared[to..].copy_from_slice(&data[from..]);
