@@ -112,8 +112,7 @@ impl Joint {
         noise: Noise,
     ) -> Result<Self, Error> {
         let variant = &machine.variant;
-        let mut parts =
-            Vec::<(Arc<dyn ResidualFamily>, Vec<usize>, Vec<f64>, Vec<usize>, _)>::new();
+        let mut parts: Vec<Layout> = Vec::new();
         let indices = |set: u8, track: Option<usize>| -> Vec<usize> {
             (0..samples.len())
                 .filter(|&i| samples[i].set == set && samples[i].track == track)
@@ -183,7 +182,7 @@ impl Joint {
         }
         let mut used: Vec<usize> = parts
             .iter()
-            .flat_map(|part| part.1.iter().copied())
+            .flat_map(|part| part.parameters.iter().copied())
             .collect();
         used.sort_unstable();
         used.dedup();

@@ -503,10 +503,11 @@ fn considered(search: &Search<'_>) -> Vec<Considered> {
         .filter(|score| bench.candidates[score.candidate].is_named())
         .map(|score| {
             let candidate = &bench.candidates[score.candidate];
-            let is_rival = search
-                .accepted
-                .iter()
-                .any(|a| a.rivals.iter().any(|rival| rival.candidate == score.candidate));
+            let is_rival = search.accepted.iter().any(|a| {
+                a.rivals
+                    .iter()
+                    .any(|rival| rival.candidate == score.candidate)
+            });
             let verdict = if search
                 .accepted
                 .iter()

@@ -201,4 +201,50 @@ impl Sample {
             Input::SegmentEndCommand(track) => segment(track).map(|s| s.commands[1]).ok_or(NO_PATH),
         }
     }
+
+    /// The same measurement under other conditions, to see what it would tell.
+    #[must_use]
+    pub(super) fn under(&self, treatment: Treatment) -> Self {
+        let mut other = self.clone();
+        match treatment {
+            Treatment::Same => {}
+            Treatment::Load(factor) => {
+                if let Some(forces) = &mut other.forces {
+                    for tension in &mut forces.tensions_n {
+                        *tension *= factor;
+                    }
+                    for load in forces.loads_n.iter_mut().flatten() {
+                        *load *= factor;
+                    }
+                }
+            }
+            Treatment::Warmer(kelvin) => {
+                other.conditions.temperature_c = other.conditions.temperature_c.map(|t| t + kelvin);
+            }
+            Treatment::Reversed => {
+                for direction in other.directions.iter_mut().flatten() {
+                    *direction = -*direction;
+                }
+            }
+            Treatment::Later(seconds) => {
+                other.conditions.time_s = other.conditions.time_s.map(|t| t + seconds);
+            }
+        }
+        other
+    }
+}
+
+/// How a measurement is repeated.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Treatment {
+    /// As it was.
+    Same,
+    /// With so many times the payload.
+    Load(f64),
+    /// Warmer by so many kelvins.
+    Warmer(f64),
+    /// Approached from the other side.
+    Reversed,
+    /// Later by so many seconds.
+    Later(f64),
 }

@@ -520,10 +520,11 @@ impl Search<'_> {
                 .filter(is_named)
                 .filter(|score| score.bic > own.bic - AS_GOOD)
                 .filter_map(|score| {
-                    Some((
-                        score.candidate,
-                        cosine(&view, &of_own, &self.subspace(&view, score)?),
-                    ))
+                    Some(FoundRival {
+                        candidate: score.candidate,
+                        cosine: cosine(&view, &of_own, &self.subspace(&view, score)?),
+                        separate_by: self.separate_by(effect, score),
+                    })
                 })
                 .collect();
             effect += 1;
