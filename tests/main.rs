@@ -6,6 +6,7 @@ mod cli;
 mod codegen;
 mod derivatives;
 mod discover_command;
+mod discovery;
 mod docs;
 mod effects;
 mod hand_written;
