@@ -37,7 +37,7 @@ pub(super) fn separate_by(
     let Some(now) = system(bench, fit, own, rival, base, Treatment::Same) else {
         return "no measurement of set 1 shows the one without the other".to_owned();
     };
-    let present = now.separation(&now.all());
+    let present = now.all().separation();
     let needed = detectable_noncentrality(rival.candidate.parameters.len() as f64, LEVEL, POWER);
     let treatments = [
         (Treatment::Same, "repeated as they are"),
@@ -52,7 +52,7 @@ pub(super) fn separate_by(
         .filter_map(|(treatment, words)| {
             let further = system(bench, fit, own, rival, base, treatment)?;
             let (poses, sum) = now.with_best(&further);
-            Some((now.separation(&sum), poses, words))
+            Some((sum.separation(), poses, words))
         })
         .max_by(|a, b| a.0.total_cmp(&b.0));
     let Some((separation, poses, words)) = best else {
@@ -155,9 +155,9 @@ fn system(
             continue;
         }
         if samples[sample].set == 1 {
-            of_sample[sample].push(row)
+            of_sample[sample].push(row);
         } else {
-            others.push(row)
+            others.push(row);
         }
     }
     let mut rest = block(&others);
@@ -189,6 +189,12 @@ impl Products {
         self.square += other.square;
     }
 
+    /// What base and rival leave of the signal.
+    fn separation(&self) -> f64 {
+        self.solved()
+            .map_or(0.0, |x| (self.square - x.dot(&self.signal)).max(0.0))
+    }
+
     /// Coefficients of the columns that predict the signal best.
     fn solved(&self) -> Option<DVector<f64>> {
         let scale = self.columns.diagonal().map(|square| {
@@ -217,12 +223,6 @@ impl System {
         sum
     }
 
-    /// What base and rival leave of the signal.
-    fn separation(&self, sum: &Products) -> f64 {
-        sum.solved()
-            .map_or(0.0, |x| (sum.square - x.dot(&sum.signal)).max(0.0))
-    }
-
     /// The samples of `further` that tell most, and everything measured with them.
     fn with_best(&self, further: &Self) -> (Vec<usize>, Products) {
         let mut sum = self.all();
@@ -244,9 +244,9 @@ impl System {
             .take(POSES)
             .map(|(_, sample)| sample)
             .collect();
-        chosen
-            .iter()
-            .for_each(|&sample| sum.add(&further.by_sample[sample]));
+        for &sample in &chosen {
+            sum.add(&further.by_sample[sample]);
+        }
         (chosen, sum)
     }
 }
