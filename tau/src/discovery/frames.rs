@@ -33,7 +33,7 @@ impl Frames {
         let nominal: Vec<Option<NominalTrack>> = NominalTrack::all(robot, file)
             .into_iter()
             .enumerate()
-            .map(|(track, nominal)| fitted(machine, track).or(nominal))
+            .map(|(track, nominal)| fitted_track(machine, track).or(nominal))
             .collect();
         let register = |points: &dyn Fn(usize) -> Vec<(f64, Vector3<f64>)>| {
             let lines: Vec<Option<Line>> = (0..robot.tracks.len())
@@ -49,7 +49,7 @@ impl Frames {
 }
 
 /// A straight track as fitted: the mean over the joints that ride on its cart.
-fn fitted(machine: &Machine, track: usize) -> Option<NominalTrack> {
+pub(super) fn fitted_track(machine: &Machine, track: usize) -> Option<NominalTrack> {
     let (robot, variant) = (&machine.robot, &machine.variant);
     let joints: Vec<Owner> = match variant.arm {
         Arm::Full => robot

@@ -12,7 +12,7 @@ use super::whitened::WhitenedPose;
 use crate::calibration::{Error, Line, MOUNTING_M, Nominal};
 use crate::input_error::InputError;
 use crate::kinematics::{self, Machine, track_axes};
-use crate::robot::{Owner, ResidualKind};
+use crate::robot::{Owner, ResidualKind, TrackShape};
 use crate::robot_file::Noise;
 
 /// Groups of residuals that have a noise of their own.
@@ -90,6 +90,8 @@ pub(super) struct Row {
     pub(super) component: Component,
     /// Index of the residual in its sample.
     pub(super) residual: usize,
+    /// Whether it takes part: a path interpolated through points of set 2 passes through them by itself.
+    takes_part: bool,
 }
 
 /// Residuals and derivatives at a point, whitened; the rows of the priors last.
@@ -112,6 +114,7 @@ impl Joint {
         noise: Noise,
     ) -> Result<Self, Error> {
         let variant = &machine.variant;
+        let all = samples;
         let mut parts: Vec<Layout> = Vec::new();
         let indices = |set: u8, track: Option<usize>| -> Vec<usize> {
             (0..samples.len())
@@ -180,6 +183,12 @@ impl Joint {
                 });
             }
         }
+        let passes_through = |component: Component, sample: usize| {
+            component == Component::CartPosition
+                && all[sample]
+                    .track
+                    .is_some_and(|track| variant.tracks[track].shape == TrackShape::Piecewise)
+        };
         let mut used: Vec<usize> = parts
             .iter()
             .flat_map(|part| part.parameters.iter().copied())
@@ -204,6 +213,7 @@ impl Joint {
                                 sample,
                                 component,
                                 residual,
+                                takes_part: !passes_through(component, sample),
                             },
                         ));
                     }
@@ -262,7 +272,13 @@ impl Joint {
     pub(super) fn factors(&self, scales: &[f64; 4], weights: &[f64]) -> Vec<f64> {
         self.rows
             .iter()
-            .map(|row| weights[row.sample] / scales[row.component as usize])
+            .map(|row| {
+                if row.takes_part {
+                    weights[row.sample] / scales[row.component as usize]
+                } else {
+                    0.0
+                }
+            })
             .collect()
     }
 
@@ -270,6 +286,9 @@ impl Joint {
     pub(super) fn sums(&self, residuals: &DVector<f64>, samples: usize) -> Vec<(f64, f64)> {
         let mut sums = vec![(0.0, 0.0_f64); samples];
         for (row, at) in self.rows.iter().enumerate() {
+            if !at.takes_part {
+                continue;
+            }
             sums[at.sample].0 += residuals[row].powi(2);
             sums[at.sample].1 += 1.0;
         }

@@ -17,6 +17,7 @@ mod frames;
 mod generic;
 mod joint;
 mod misfit;
+mod numbering;
 mod outliers;
 mod parallel;
 mod probes;
@@ -285,6 +286,7 @@ fn base_fit(
     let (values, mut weights) = Fit::of_set_1(&alone, &of_set_1)?;
     let machine = prepared.machine.with_values(values.clone());
     let frames = Frames::of(&machine, file, folder);
+    numbering::check(&machine, folder)?;
     let mut samples = Sample::all(robot, folder, &division.calibration, &frames);
     let joint = Joint::new(machine.clone(), &prepared.nominal, &samples, file.noise)?;
     let about_lines = outliers::deviations(outliers::about_lines(&samples), &samples);
