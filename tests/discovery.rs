@@ -8,7 +8,7 @@ use tau::discovery::{Discovery, Options, discover};
 use tau::measurements::{Folder, Shape};
 use tau::robot_file::RobotFile;
 
-use crate::support::gantry_tau;
+use crate::support::{gantry_tau, prototype};
 
 fn trial(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR"))
@@ -75,4 +75,181 @@ trials! {
     two_effects_are_found = "09";
     outliers_are_no_effect = "10";
     what_no_catalogue_lists_gets_no_name = "11";
+}
+
+/// Measurements of a trial.
+fn measured(name: &str) -> (Folder, RobotFile) {
+    let (robot, folder) = (gantry_tau(), trial(name));
+    (
+        Folder::read(&folder, Shape::from(&robot)).unwrap(),
+        RobotFile::read(&folder.join("robot.toml"), &robot).unwrap(),
+    )
+}
+
+fn names(found: &Discovery) -> Vec<String> {
+    let mut names: Vec<String> = found
+        .effects
+        .iter()
+        .map(|effect| format!("{}({})", effect.name, effect.place))
+        .collect();
+    names.sort();
+    names
+}
+
+fn search(folder: &Folder, file: &RobotFile, options: &Options) -> Discovery {
+    let robot = gantry_tau();
+    discover(&robot, "Full", file, folder, options, &mut |_| {})
+        .unwrap()
+        .discovery
+}
+
+/// The five effects hidden in the prototype, and the gap on poses that took no part.
+#[test]
+fn the_prototypes_error_falls_to_its_noise() {
+    let (folder, file) = prototype();
+    let robot = gantry_tau();
+    let options = Options::default();
+    let outcome = discover(&robot, "Full", &file, &folder, &options, &mut |_| {}).unwrap();
+    let found = &outcome.discovery;
+    let expected = [
+        "cart_compliance(two)",
+        "pinion_eccentricity(two)",
+        "rack_pitch(one)",
+        "rack_pitch(three)",
+        "rack_pitch(two)",
+    ];
+    assert_eq!(names(found), expected);
+    let (before, after) = (found.validation.before, found.validation.after);
+    assert!(before.mean_um > 100.0, "{before:?}");
+    assert!(after.mean_um < 20.0, "{after:?}");
+    assert!((after.mean_um / found.noise_floor_um - 1.0).abs() < 0.25);
+    assert_eq!(found.steps.len(), 6);
+    assert!(
+        found
+            .steps
+            .windows(2)
+            .all(|pair| pair[1].mean_um < pair[0].mean_um)
+    );
+
+    // What was found is a robot like any other: it is calibrated on set 1 and predicts as well.
+    let written = outcome.robot().unwrap();
+    let calibrated = outcome.calibrate(&written, &file, &folder).unwrap();
+    let shape = Shape::from(&written);
+    let poses = options.split.divide(&folder.in_range(&file, shape));
+    let errors =
+        tau::evaluation::evaluate(&calibrated.machine, &folder, &poses.validation).unwrap();
+    assert!(errors.position_um.mean < 22.0, "{:?}", errors.position_um);
+}
+
+/// Gross errors were put into three poses of trial 10.
+#[test]
+fn outliers_are_listed_by_their_number() {
+    let found = discovered(&trial("10"));
+    assert_eq!(found.outliers, [33, 91, 125]);
+    assert!(found.left_out.iter().all(|out| out.set == 1));
+}
+
+#[test]
+fn sets_that_are_missing_are_missed_in_words() {
+    let (mut folder, file) = measured("06");
+    folder.cart_poses.clear();
+    folder.cart_positions.clear();
+    let found = search(&folder, &file, &Options::default());
+    assert_eq!(names(&found), ["link_thermal(all)"]);
+    for set in ["set 2", "set 3"] {
+        assert!(found.remarks.iter().any(|remark| remark.starts_with(set)));
+    }
+}
+
+#[test]
+fn noise_stated_a_quarter_wrong_changes_no_verdict_and_is_reported() {
+    for (factor, name, expected) in [
+        (0.75, "01", vec![]),
+        (1.25, "03", vec!["backlash(one)".to_owned()]),
+    ] {
+        let (folder, mut file) = measured(name);
+        file.noise.position_m *= factor;
+        file.noise.rotation_rad *= factor;
+        let found = search(&folder, &file, &Options::default());
+        assert_eq!(names(&found), expected);
+        let reported = found
+            .noise
+            .iter()
+            .all(|noise| (noise.factor * factor - 1.0).abs() < 0.12);
+        assert!(reported, "{:?}", found.noise);
+        assert!(
+            found
+                .remarks
+                .iter()
+                .any(|remark| remark.contains("times the stated one"))
+        );
+    }
+}
+
+/// An effect that no catalogue lists, in a user's own words, on equal terms with those that ship.
+#[test]
+fn a_users_own_effect_is_found_and_written_down() {
+    const OWN: &str = "/// The cart rests on the flank that its last move left it on.\n\
+        effect lost_motion on cart { param width: length tol 0.1 mm; along += width * direction / 2; }";
+    let (folder, file) = measured("03");
+    let others = tau::effects::CATALOGUE.replace("effect backlash", "effect lost_motion");
+    let options = Options {
+        catalogues: vec![OWN.to_owned(), others],
+        ..Options::default()
+    };
+    let found = search(&folder, &file, &options);
+    assert_eq!(names(&found), ["lost_motion(one)"]);
+    assert!((found.effects[0].parameters["width"].value - 119e-6).abs() < 5e-6);
+    let text = &found.model_text;
+    assert!(text.contains("the flank that its last move"), "{text}");
+    assert!(
+        text.contains("variant Discovered = Full + lost_motion(one);"),
+        "{text}"
+    );
+    tau_codegen::language::check_text(text).unwrap();
+}
+
+/// With the true effect withheld nothing else takes its name.
+#[test]
+fn a_withheld_effect_stays_without_a_name() {
+    let (folder, file) = measured("03");
+    let start = tau::effects::CATALOGUE.find("/// Reversal error").unwrap();
+    let end = tau::effects::CATALOGUE[start..].find("}\n").unwrap() + start + 2;
+    let without = [
+        &tau::effects::CATALOGUE[..start],
+        &tau::effects::CATALOGUE[end..],
+    ]
+    .concat();
+    let options = Options {
+        catalogues: vec![without],
+        ..Options::default()
+    };
+    let found = search(&folder, &file, &options);
+    assert_eq!(names(&found), Vec::<String>::new());
+    let unnamed = &found.unnamed[0];
+    let described = (
+        &unnamed.place[..],
+        &unnamed.direction[..],
+        &unnamed.against[..],
+    );
+    assert_eq!(described, ("one", "along", "direction"));
+    // Half of the gap of 119 µm on either side.
+    assert!((unnamed.rms_um - 59.5).abs() < 5.0, "{}", unnamed.rms_um);
+}
+
+#[test]
+fn carts_numbered_wrongly_are_recognised() {
+    let (mut folder, file) = measured("01");
+    for pose in &mut folder.cart_poses {
+        pose.track = [1, 0, 2][pose.track];
+    }
+    let robot = gantry_tau();
+    let options = Options::default();
+    let error = discover(&robot, "Full", &file, &folder, &options, &mut |_| {}).unwrap_err();
+    let message = error.to_string();
+    assert!(message.contains("cart_poses.csv"), "{message}");
+    assert!(
+        message.contains("cart 2 on `one`, cart 1 on `two`"),
+        "{message}"
+    );
 }
