@@ -37,6 +37,8 @@ pub(super) struct Scores {
     ranks: Vec<usize>,
     /// For each grid point, coefficients of an orthonormal basis.
     coefficients: Vec<DMatrix<f64>>,
+    /// Of each part, what the basis absorbs of its probe, by sample.
+    by_basis: Vec<DMatrix<f64>>,
     /// QᵀG of all columns.
     absorbed: DMatrix<f64>,
 }
@@ -98,9 +100,12 @@ impl Scan {
         let total = self.grid.len() * width;
         let mut absorbed = DMatrix::zeros(view.q.ncols(), total);
         let mut score = DVector::zeros(total);
+        let mut by_bases = Vec::new();
         let mut weighted: Vec<Vec<f64>> = Vec::new();
         for part in &self.parts {
-            absorbed += part.by_basis(view, samples.len()) * &part.slopes;
+            let by_basis = part.by_basis(view, samples.len());
+            absorbed += &by_basis * &part.slopes;
+            by_bases.push(by_basis);
             score += part.slopes.tr_mul(&part.by_residual(view, samples.len()));
             weighted.push(
                 part.probe
@@ -119,6 +124,7 @@ impl Scan {
             statistics: Vec::with_capacity(self.grid.len()),
             ranks: Vec::with_capacity(self.grid.len()),
             coefficients: Vec::with_capacity(self.grid.len()),
+            by_basis: by_bases,
             absorbed,
         };
         for point in 0..self.grid.len() {
@@ -192,11 +198,12 @@ impl Scan {
         flipped_basis: &DMatrix<f64>,
     ) -> Vec<Vec<f64>> {
         let width = self.amplitudes.len();
-        let mut score = -(scores.absorbed.transpose() * flipped_basis);
-        for part in &self.parts {
+        let mut score = DMatrix::zeros(scores.absorbed.ncols(), signs.ncols());
+        for (part, by_basis) in self.parts.iter().zip(&scores.by_basis) {
             let by_residual = part.by_residual(view, samples.len());
+            let absorbed = by_basis.transpose() * flipped_basis;
             let turned = DMatrix::from_fn(part.samples.len(), signs.ncols(), |s, flip| {
-                by_residual[s] * signs[(samples[part.samples[s]].unit, flip)]
+                by_residual[s] * signs[(samples[part.samples[s]].unit, flip)] - absorbed[(s, flip)]
             });
             score += part.slopes.transpose() * turned;
         }

@@ -71,14 +71,19 @@ pub(super) fn free_turning_from(
         }
         Place::AllLinks | Place::Tcp => !is_of_cart(kind),
     };
-    let mut free = Variant::from(&compile_some(
-        &turning(model, variant),
-        variant,
-        |kind, of| is_of_cart(kind) && touches(kind, of),
-    ));
-    let closures = Variant::from(&compile_some(model, variant, |kind, of| {
-        !is_of_cart(kind) && touches(kind, of)
-    }));
+    let turning = turning(model, variant);
+    let (mut free, closures) = std::thread::scope(|scope| {
+        let of_carts = || {
+            Variant::from(&compile_some(&turning, variant, |kind, of| {
+                is_of_cart(kind) && touches(kind, of)
+            }))
+        };
+        let carts = scope.spawn(of_carts);
+        let closures = Variant::from(&compile_some(model, variant, |kind, of| {
+            !is_of_cart(kind) && touches(kind, of)
+        }));
+        (carts.join().unwrap_or_else(|_| of_carts()), closures)
+    });
     adopt(&mut free, &closures, |_| true);
     adopt(&mut free, before, |instance| {
         !touches(instance.kind, instance.of)
