@@ -2,9 +2,9 @@
 
 use faer::Mat;
 
-use crate::linear::SparseCholesky;
 use crate::linear::qr::triangle;
 use crate::linear::svd::svd;
+use crate::linear::{SchurCholesky, SparseCholesky, pays};
 use crate::partition::partition;
 use crate::system::{Content, System};
 use crate::{Error, Problem};
@@ -20,7 +20,7 @@ const LEAST_SHARE: f64 = 1e-6;
 /// have none; parameters in different independent parts are uncorrelated; parameters that nothing
 /// determines have infinite variance. Bounds are ignored.
 ///
-/// Small parts are inverted at once; in large ones each question costs a sparse triangular solve.
+/// Small parts are inverted at once; in large ones each question costs a triangular solve.
 #[derive(Debug)]
 pub struct Covariance {
     /// Part and column of each parameter.
@@ -83,6 +83,12 @@ pub(crate) fn check_at(problem: &Problem, parameters: &[f64]) -> Result<(), Erro
 #[derive(Debug)]
 enum PartCovariance {
     Dense(Mat<f64>),
+    /// By elimination of what touches few residuals.
+    Schur {
+        /// Of the normal equations with columns multiplied by `factors`.
+        factor: Box<SchurCholesky>,
+        factors: Vec<f64>,
+    },
     Sparse {
         /// Of the normal equations with columns multiplied by `factors`.
         factor: Box<SparseCholesky>,
@@ -98,6 +104,13 @@ impl PartCovariance {
             for (&column, value) in jacobian.columns.iter().zip(&mut jacobian.values) {
                 *value *= factors[column];
             }
+            let elimination = SchurCholesky::elimination(jacobian);
+            if pays(&elimination, factors.len()) {
+                let mut factor = Box::new(SchurCholesky::new(jacobian, &elimination));
+                if factor.factor_undamped(jacobian, &system.residuals) {
+                    return Ok(Self::Schur { factor, factors });
+                }
+            }
             let mut factor = Box::new(SparseCholesky::new(jacobian)?);
             if factor.factor_undamped(jacobian, &system.residuals) {
                 return Ok(Self::Sparse { factor, factors });
@@ -111,6 +124,9 @@ impl PartCovariance {
     fn entry(&self, i: usize, j: usize) -> f64 {
         match self {
             Self::Dense(matrix) => matrix[(i, j)],
+            Self::Schur { factor, factors } => {
+                factors[i] * factors[j] * factor.inverse_entry(i.min(j), i.max(j))
+            }
             Self::Sparse { factor, factors } => {
                 factors[i] * factors[j] * factor.inverse_entry(i.min(j), i.max(j))
             }

@@ -1,13 +1,158 @@
 //! A sparse matrix in compressed rows, with fixed pattern.
 
+use rayon::prelude::*;
+
+/// Rows or entries that one thread takes at a time; sums over chunks are added in their order, so that
+/// they do not depend on the number of threads.
+const CHUNK: usize = 1 << 13;
+/// Below so many entries one thread is faster.
+const SHARED_ENTRIES: usize = 1 << 16;
+/// Columns with more entries are summed up row by row, the others column by column.
+const NARROW: u32 = 64;
+
 /// The Jacobian of a part: one row per residual, one column per free parameter.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone)]
 pub(crate) struct Jacobian {
     pub(crate) row_starts: Vec<usize>,
     /// Ascending and distinct within a row.
     pub(crate) columns: Vec<usize>,
     pub(crate) values: Vec<f64>,
     pub(crate) column_count: usize,
+    /// Where the columns are, for large matrices.
+    by_column: Option<ByColumn>,
+}
+
+/// A pattern that grows row by row.
+pub(crate) struct JacobianPattern {
+    row_starts: Vec<usize>,
+    columns: Vec<usize>,
+    column_count: usize,
+}
+
+/// The pattern by columns.
+#[derive(Debug, Clone)]
+struct ByColumn {
+    /// Ends of the narrow columns' entries; wide columns have none here.
+    ends: Vec<u32>,
+    /// Row and place of each entry of the narrow columns, ascending.
+    entries: Vec<(u32, u32)>,
+    /// Columns with many entries.
+    wide: Vec<usize>,
+    /// For each column, its index among the wide ones, or [`u32::MAX`].
+    wide_of: Vec<u32>,
+}
+
+impl JacobianPattern {
+    pub(crate) fn new(column_count: usize) -> Self {
+        Self {
+            row_starts: vec![0],
+            columns: Vec::new(),
+            column_count,
+        }
+    }
+
+    pub(crate) fn row_count(&self) -> usize {
+        self.row_starts.len() - 1
+    }
+
+    /// Adds rows, given their columns and where each ends among them.
+    pub(crate) fn push_rows(&mut self, columns: &[usize], ends: &[usize]) {
+        let base = self.columns.len();
+        self.columns.extend_from_slice(columns);
+        self.row_starts.extend(ends.iter().map(|end| base + end));
+    }
+
+    pub(crate) fn into_jacobian(mut self) -> Jacobian {
+        self.row_starts.shrink_to_fit();
+        self.columns.shrink_to_fit();
+        Jacobian {
+            values: vec![0.0; self.columns.len()],
+            by_column: ByColumn::new(&self),
+            row_starts: self.row_starts,
+            columns: self.columns,
+            column_count: self.column_count,
+        }
+    }
+}
+
+impl ByColumn {
+    /// `None` where the matrix is small, or too large to be numbered in 32 bits.
+    fn new(pattern: &JacobianPattern) -> Option<Self> {
+        let entries = u32::try_from(pattern.columns.len()).ok()?;
+        if (entries as usize) < SHARED_ENTRIES {
+            return None;
+        }
+        let mut counts = vec![0_u32; pattern.column_count];
+        for &column in &pattern.columns {
+            counts[column] += 1;
+        }
+        let (mut wide, mut ends, mut total) = (Vec::new(), Vec::with_capacity(counts.len()), 0);
+        let mut wide_of = vec![u32::MAX; counts.len()];
+        for (column, &count) in counts.iter().enumerate() {
+            // Where entries will be written next; at the end of the column when all have been.
+            ends.push(total);
+            if count > NARROW {
+                wide_of[column] = u32::try_from(wide.len()).ok()?;
+                wide.push(column);
+            } else {
+                total += count;
+            }
+        }
+        let mut narrow = vec![(0, 0); total as usize];
+        for (row, range) in pattern.row_starts.windows(2).enumerate() {
+            for place in range[0]..range[1] {
+                let column = pattern.columns[place];
+                if wide_of[column] == u32::MAX {
+                    let end = &mut ends[column];
+                    narrow[*end as usize] = (u32::try_from(row).ok()?, u32::try_from(place).ok()?);
+                    *end += 1;
+                }
+            }
+        }
+        Some(Self {
+            ends,
+            entries: narrow,
+            wide,
+            wide_of,
+        })
+    }
+
+    /// For each column, the sum over its entries of a function of row and value.
+    fn sums(&self, jacobian: &Jacobian, term: impl Fn(usize, f64) -> f64 + Sync, out: &mut [f64]) {
+        out.par_chunks_mut(CHUNK)
+            .enumerate()
+            .for_each(|(chunk, out)| {
+                let first = chunk * CHUNK;
+                let mut start = first.checked_sub(1).map_or(0, |before| self.ends[before]);
+                for (out, &end) in out.iter_mut().zip(&self.ends[first..]) {
+                    let entries = &self.entries[start as usize..end as usize];
+                    *out = entries
+                        .iter()
+                        .map(|&(row, place)| term(row as usize, jacobian.values[place as usize]))
+                        .sum();
+                    start = end;
+                }
+            });
+        let rows = jacobian.row_count();
+        let partial: Vec<Vec<f64>> = (0..rows.div_ceil(CHUNK))
+            .into_par_iter()
+            .map(|chunk| {
+                let mut sums = vec![0.0; self.wide.len()];
+                for row in chunk * CHUNK..rows.min((chunk + 1) * CHUNK) {
+                    let (columns, values) = jacobian.row(row);
+                    for (&column, &value) in columns.iter().zip(values) {
+                        if let Some(sum) = sums.get_mut(self.wide_of[column] as usize) {
+                            *sum += term(row, value);
+                        }
+                    }
+                }
+                sums
+            })
+            .collect();
+        for (index, &column) in self.wide.iter().enumerate() {
+            out[column] = partial.iter().map(|sums| sums[index]).sum();
+        }
+    }
 }
 
 impl Jacobian {
@@ -23,25 +168,58 @@ impl Jacobian {
 
     /// Euclidean norms of the columns.
     pub(crate) fn column_norms(&self, norms: &mut [f64]) {
-        norms.fill(0.0);
-        for (&column, &value) in self.columns.iter().zip(&self.values) {
-            norms[column] += value * value;
+        if let Some(by_column) = &self.by_column {
+            by_column.sums(self, |_, value| value * value, norms);
+        } else {
+            norms.fill(0.0);
+            for (&column, &value) in self.columns.iter().zip(&self.values) {
+                norms[column] += value * value;
+            }
         }
         for norm in norms.iter_mut() {
             *norm = norm.sqrt().min(f64::MAX);
         }
     }
 
+    /// Divides each column by a number.
+    pub(crate) fn divide_columns(&mut self, divisors: &[f64]) {
+        let divide = |(columns, values): (&[usize], &mut [f64])| {
+            for (&column, value) in columns.iter().zip(values) {
+                *value /= divisors[column];
+            }
+        };
+        if self.by_column.is_some() {
+            let columns = self.columns.par_chunks(CHUNK);
+            columns
+                .zip(self.values.par_chunks_mut(CHUNK))
+                .for_each(divide);
+        } else {
+            divide((&self.columns, &mut self.values));
+        }
+    }
+
     /// `out = J x`.
     pub(crate) fn times(&self, x: &[f64], out: &mut [f64]) {
-        for (row, out) in out.iter_mut().enumerate() {
-            let (columns, values) = self.row(row);
-            *out = columns.iter().zip(values).map(|(&c, v)| v * x[c]).sum();
+        let times = |first: usize, out: &mut [f64]| {
+            for (k, out) in out.iter_mut().enumerate() {
+                let (columns, values) = self.row(first + k);
+                *out = columns.iter().zip(values).map(|(&c, v)| v * x[c]).sum();
+            }
+        };
+        if self.by_column.is_some() {
+            let chunks = out.par_chunks_mut(CHUNK).enumerate();
+            chunks.for_each(|(chunk, out)| times(chunk * CHUNK, out));
+        } else {
+            times(0, out);
         }
     }
 
     /// `out = Jᵀ y`.
     pub(crate) fn transpose_times(&self, y: &[f64], out: &mut [f64]) {
+        if let Some(by_column) = &self.by_column {
+            by_column.sums(self, |row, value| value * y[row], out);
+            return;
+        }
         out.fill(0.0);
         for (row, &y) in y.iter().enumerate() {
             let (columns, values) = self.row(row);

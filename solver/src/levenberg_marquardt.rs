@@ -93,6 +93,7 @@ struct Minimizer<'p> {
     /// Scaled parameters are `scale * x`: the largest column norms of the Jacobian so far.
     scale: Vec<f64>,
     norms: Vec<f64>,
+    divisors: Vec<f64>,
     /// Cost of each residual at `x`, and their sum.
     costs: Vec<f64>,
     cost: f64,
@@ -164,6 +165,7 @@ impl<'p> Minimizer<'p> {
             x,
             scale: vec![0.0; columns],
             norms: vec![0.0; columns],
+            divisors: Vec::with_capacity(columns),
             trial_costs: vec![0.0; rows],
             costs,
             cost,
@@ -344,10 +346,10 @@ impl<'p> Minimizer<'p> {
 
     /// Divides the Jacobian's columns by the scale.
     fn rescale(&mut self) {
-        let jacobian = &mut self.system.jacobian;
-        for (&column, value) in jacobian.columns.iter().zip(&mut jacobian.values) {
-            *value /= column_scale(self.scale[column]);
-        }
+        self.divisors.clear();
+        self.divisors
+            .extend(self.scale.iter().map(|&norm| column_scale(norm)));
+        self.system.jacobian.divide_columns(&self.divisors);
     }
 
     /// Applies the step; false if it changes no parameter.

@@ -11,7 +11,7 @@
 //! by Levenberg-Marquardt with a trust region, part by part: parameters that share no residual are
 //! solved apart. [`covariance`] and [`identifiability`] say what the data determine.
 //!
-//! Results are repeatable bit for bit: nothing depends on time, hash order or threads.
+//! Results are repeatable bit for bit: nothing depends on time, hash order or the number of threads.
 //!
 //! # Example
 //!

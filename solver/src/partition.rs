@@ -55,12 +55,24 @@ pub(crate) fn partition(problem: &Problem) -> Partition {
     let mut first_parameter = vec![None; problem.blocks.len()];
 
     for (b, block) in problem.blocks.iter().enumerate() {
-        for &column in block.family.pattern().columns {
-            let p = block.parameters[column as usize];
-            if problem.parameters[p].is_free() {
-                used[p] = true;
-                let first = *first_parameter[b].get_or_insert(p);
-                sets.union(first, p);
+        let mut columns = block.family.pattern().columns.to_vec();
+        columns.sort_unstable();
+        columns.dedup();
+        let shared = columns.partition_point(|&column| (column as usize) < block.parameters.len());
+        let mut uses = |sample: usize, columns: &[u32]| {
+            for &column in columns {
+                let p = block.parameter(sample, column as usize);
+                if problem.parameters[p].is_free() {
+                    used[p] = true;
+                    let first = *first_parameter[b].get_or_insert(p);
+                    sets.union(first, p);
+                }
+            }
+        };
+        uses(0, &columns[..shared]);
+        if shared < columns.len() {
+            for sample in 0..block.samples {
+                uses(sample, &columns[shared..]);
             }
         }
         if first_parameter[b].is_none() {

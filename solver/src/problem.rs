@@ -110,8 +110,10 @@ pub struct Block<'a> {
     /// Name in reports and errors.
     pub label: String,
     pub(crate) family: &'a dyn ResidualFamily,
-    /// For each parameter of the family, its index in the problem.
+    /// Index in the problem of each parameter of the family that all samples share.
     pub(crate) parameters: Vec<usize>,
+    /// The same for the parameters that follow, each sample's own: samples × own, row-major.
+    sample_parameters: Vec<usize>,
     pub(crate) prepared: Vec<f64>,
     pub(crate) samples: usize,
     /// One per sample and residual; empty means one.
@@ -141,6 +143,7 @@ impl<'a> Block<'a> {
             label: label.into(),
             family,
             parameters,
+            sample_parameters: Vec::new(),
             prepared,
             samples,
             weights: Vec::new(),
@@ -148,6 +151,14 @@ impl<'a> Block<'a> {
             sample_names: Vec::new(),
             data_len: data.len(),
         }
+    }
+
+    /// Gives each sample parameters of its own: the last ones of the family, after those of
+    /// [`new`](Self::new). `indices` are those in [`Problem::parameters`], row-major, samples × own.
+    #[must_use]
+    pub fn with_sample_parameters(mut self, indices: Vec<usize>) -> Self {
+        self.sample_parameters = indices;
+        self
     }
 
     /// Multiplies each residual by a weight, 1/sigma of its noise: row-major, samples × residuals.
@@ -176,6 +187,35 @@ impl<'a> Block<'a> {
         self.samples
     }
 
+    /// Whether samples have parameters of their own.
+    pub(crate) fn has_sample_parameters(&self) -> bool {
+        !self.sample_parameters.is_empty()
+    }
+
+    /// Number of parameters that each sample has of its own.
+    fn own_parameters(&self) -> usize {
+        let all = self.family.shape().parameters;
+        if self.sample_parameters.is_empty() {
+            0
+        } else {
+            all.saturating_sub(self.parameters.len())
+        }
+    }
+
+    /// Indices in the problem of the parameters that a sample has of its own.
+    pub(crate) fn sample_parameters(&self, sample: usize) -> &[usize] {
+        let own = self.own_parameters();
+        &self.sample_parameters[sample * own..(sample + 1) * own]
+    }
+
+    /// Index in the problem of a parameter of the family at a sample.
+    pub(crate) fn parameter(&self, sample: usize, column: usize) -> usize {
+        match self.parameters.get(column) {
+            Some(&index) => index,
+            None => self.sample_parameters(sample)[column - self.parameters.len()],
+        }
+    }
+
     pub(crate) fn sample_name(&self, sample: usize) -> u32 {
         self.sample_names
             .get(sample)
@@ -192,13 +232,25 @@ impl<'a> Block<'a> {
                 "{} numbers of data do not divide into samples of {}",
                 self.data_len, shape.data
             )
-        } else if self.parameters.len() != shape.parameters {
+        } else if self.parameters.len() + self.own_parameters() != shape.parameters {
             format!(
                 "the residual family has {} parameters, but {} indices were given",
                 shape.parameters,
                 self.parameters.len()
             )
-        } else if let Some(index) = self.parameters.iter().find(|&&p| p >= problem_parameters) {
+        } else if self.sample_parameters.len() != self.samples * self.own_parameters() {
+            format!(
+                "{} samples with {} parameters of their own need as many indices, not {}",
+                self.samples,
+                self.own_parameters(),
+                self.sample_parameters.len()
+            )
+        } else if let Some(index) = self
+            .parameters
+            .iter()
+            .chain(&self.sample_parameters)
+            .find(|&&p| p >= problem_parameters)
+        {
             format!("there is no parameter with index {index}")
         } else if !self.weights.is_empty() && self.weights.len() != residuals {
             format!(

@@ -1,7 +1,9 @@
 //! Residuals and Jacobian of one part as functions of its free parameters.
 
+use rayon::prelude::*;
+
 use crate::Error;
-use crate::jacobian::Jacobian;
+use crate::jacobian::{Jacobian, JacobianPattern};
 use crate::partition::Part;
 use crate::problem::{Block, Prior, Problem};
 
@@ -9,6 +11,9 @@ use crate::problem::{Block, Prior, Problem};
 const DROPPED: usize = usize::MAX;
 /// Samples that a family is asked for at once.
 const BATCH: usize = 64;
+/// From so many batches on, threads share them. Each writes to places of its own, so that nothing depends
+/// on how many threads there are.
+const SHARED_BATCHES: usize = 8;
 
 /// Where a number that is not finite turned up.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -43,15 +48,41 @@ pub(crate) enum Content {
     DataOnly,
 }
 
-/// One block, with the places of its entries in the part's Jacobian.
+/// Successive samples of a block whose entries stand alike in the part's Jacobian.
 struct Piece {
     block: usize,
+    /// First sample, and their number.
+    first: usize,
+    samples: usize,
     /// First residual.
     row: usize,
-    /// For each entry of the family's pattern, its place among the entries of one sample.
+    layout: SampleLayout,
+}
+
+/// Where the entries of a sample stand.
+#[derive(PartialEq, Eq)]
+struct SampleLayout {
+    /// For each residual, the end of its entries among those of the sample.
+    row_ends: Vec<usize>,
+    /// For each entry of the family's pattern, its place among the entries of the sample.
     slots: Vec<usize>,
-    /// Entries per sample.
-    entries: usize,
+}
+
+/// What a thread writes of a piece: some samples' rows.
+struct Batch<'a> {
+    /// First sample of the block, and their number.
+    first: usize,
+    samples: usize,
+    residuals: &'a mut [f64],
+    /// Entries of the Jacobian; empty where only values are wanted.
+    entries: &'a mut [f64],
+}
+
+/// Room for what a family writes.
+struct Scratch {
+    parameters: Vec<f64>,
+    residuals: Vec<f64>,
+    derivatives: Vec<f64>,
 }
 
 /// Residuals, Jacobian and cost of one part.
@@ -67,9 +98,6 @@ pub(crate) struct System<'p> {
     all: Vec<f64>,
     pub(crate) jacobian: Jacobian,
     pub(crate) residuals: Vec<f64>,
-    family_parameters: Vec<f64>,
-    family_residuals: Vec<f64>,
-    family_jacobian: Vec<f64>,
 }
 
 impl<'p> System<'p> {
@@ -84,48 +112,46 @@ impl<'p> System<'p> {
         for (column, &p) in part.parameters.iter().enumerate() {
             column_of[p] = column;
         }
-        let mut jacobian = Jacobian {
-            row_starts: vec![0],
-            columns: Vec::new(),
-            values: Vec::new(),
-            column_count: part.parameters.len(),
-        };
-        let mut pieces = Vec::with_capacity(part.blocks.len());
-        let (mut most_parameters, mut most_residuals, mut most_entries) = (0, 0, 0);
+        let mut pattern = JacobianPattern::new(part.parameters.len());
+        let mut pieces: Vec<Piece> = Vec::with_capacity(part.blocks.len());
         for &b in &part.blocks {
             let block = &problem.blocks[b];
-            let shape = block.family.shape();
-            most_parameters = most_parameters.max(shape.parameters);
-            most_residuals = most_residuals.max(shape.residuals);
-            most_entries = most_entries.max(block.family.pattern().len());
-
-            let row = jacobian.row_starts.len() - 1;
-            let (row_ends, columns, slots) = sample_pattern(block, &column_of);
-            for _ in 0..block.samples {
-                let base = jacobian.columns.len();
-                jacobian.columns.extend_from_slice(&columns);
-                jacobian
-                    .row_starts
-                    .extend(row_ends.iter().map(|end| base + end));
+            let mut columns = Vec::new();
+            for sample in 0..block.samples {
+                let row = pattern.row_count();
+                if sample == 0 || block.has_sample_parameters() {
+                    let (layout, of_sample) = sample_layout(block, sample, &column_of);
+                    columns = of_sample;
+                    match pieces.last_mut() {
+                        Some(piece) if piece.block == b && piece.layout == layout => {
+                            piece.samples += 1;
+                        }
+                        _ => pieces.push(Piece {
+                            block: b,
+                            first: sample,
+                            samples: 1,
+                            row,
+                            layout,
+                        }),
+                    }
+                } else if let Some(piece) = pieces.last_mut() {
+                    piece.samples += 1;
+                }
+                if let Some(piece) = pieces.last() {
+                    pattern.push_rows(&columns, &piece.layout.row_ends);
+                }
             }
-            pieces.push(Piece {
-                block: b,
-                row,
-                slots,
-                entries: columns.len(),
-            });
         }
         let mut priors = Vec::new();
         if content != Content::DataOnly {
             for (column, &p) in part.parameters.iter().enumerate() {
                 if let Some(prior) = problem.parameters[p].prior {
                     priors.push((column, prior));
-                    jacobian.columns.push(column);
-                    jacobian.row_starts.push(jacobian.columns.len());
+                    pattern.push_rows(&[column], &[1]);
                 }
             }
         }
-        jacobian.values = vec![0.0; jacobian.columns.len()];
+        let jacobian = pattern.into_jacobian();
         Self {
             residuals: vec![0.0; jacobian.row_count()],
             problem,
@@ -135,9 +161,6 @@ impl<'p> System<'p> {
             priors,
             all: all.to_vec(),
             jacobian,
-            family_parameters: vec![0.0; most_parameters],
-            family_residuals: vec![0.0; BATCH * most_residuals],
-            family_jacobian: vec![0.0; BATCH * most_entries],
         }
     }
 
@@ -147,29 +170,26 @@ impl<'p> System<'p> {
         for piece in &self.pieces {
             let block = &self.problem.blocks[piece.block];
             let shape = block.family.shape();
-            let parameters = &mut self.family_parameters[..shape.parameters];
-            gather(&self.all, &block.parameters, parameters);
-            for first in (0..block.samples).step_by(BATCH) {
-                let count = BATCH.min(block.samples - first);
-                let residuals = &mut self.family_residuals[..count * shape.residuals];
-                let prepared = first * shape.prepared..(first + count) * shape.prepared;
-                block
-                    .family
-                    .value_all(&block.prepared[prepared], parameters, residuals);
-                for (i, &residual) in residuals.iter().enumerate() {
-                    let index = first * shape.residuals + i;
-                    let whitened = residual * weight(block, index);
+            let evaluate = |scratch: &mut Scratch, batch: &mut Batch| {
+                scratch.evaluate(block, &self.all, batch, false);
+                for (i, cost) in batch.residuals.iter_mut().enumerate() {
+                    let index = batch.first * shape.residuals + i;
+                    let whitened = scratch.residuals[i] * weight(block, index);
                     if !whitened.is_finite() {
-                        return Err(NonFinite {
+                        return Some(NonFinite {
                             block: piece.block,
                             sample: index / shape.residuals,
                             residual: index % shape.residuals,
                             parameter: None,
                         });
                     }
-                    costs[piece.row + index] = block.loss.at(whitened).cost;
+                    *cost = block.loss.at(whitened).cost;
                 }
-            }
+                None
+            };
+            let rows = piece.samples * shape.residuals;
+            let costs = &mut costs[piece.row..piece.row + rows];
+            in_batches(piece, block, costs, &mut [], evaluate)?;
         }
         let first_prior = costs.len() - self.priors.len();
         for ((column, prior), cost) in self.priors.iter().zip(&mut costs[first_prior..]) {
@@ -184,64 +204,19 @@ impl<'p> System<'p> {
         self.scatter(x);
         for piece in &self.pieces {
             let block = &self.problem.blocks[piece.block];
-            let shape = block.family.shape();
-            let pattern = block.family.pattern();
-            let parameters = &mut self.family_parameters[..shape.parameters];
-            gather(&self.all, &block.parameters, parameters);
+            let rows = piece.samples * block.family.shape().residuals;
             let first_entry = self.jacobian.row_starts[piece.row];
-            for sample in 0..block.samples {
-                let in_batch = sample % BATCH;
-                if in_batch == 0 {
-                    let count = BATCH.min(block.samples - sample);
-                    let prepared = sample * shape.prepared..(sample + count) * shape.prepared;
-                    block.family.linearize_all(
-                        &block.prepared[prepared],
-                        parameters,
-                        &mut self.family_residuals[..count * shape.residuals],
-                        &mut self.family_jacobian[..count * pattern.len()],
-                    );
-                }
-                let residuals =
-                    &self.family_residuals[in_batch * shape.residuals..][..shape.residuals];
-                let derivatives =
-                    &self.family_jacobian[in_batch * pattern.len()..][..pattern.len()];
-                let start = first_entry + sample * piece.entries;
-                let entries = &mut self.jacobian.values[start..start + piece.entries];
-                entries.fill(0.0);
-                for (i, &residual) in residuals.iter().enumerate() {
-                    let fault = |parameter| NonFinite {
-                        block: piece.block,
-                        sample,
-                        residual: i,
-                        parameter,
-                    };
-                    let index = sample * shape.residuals + i;
-                    let weight = weight(block, index);
-                    let whitened = residual * weight;
-                    if !whitened.is_finite() {
-                        return Err(fault(None));
-                    }
-                    let at = block.loss.at(whitened);
-                    let (residual_factor, jacobian_factor) = if self.content == Content::Minimize {
-                        at.factors()
-                    } else {
-                        (at.weight.sqrt(), at.weight.sqrt())
-                    };
-                    self.residuals[piece.row + index] = residual_factor * whitened;
-                    let factor = jacobian_factor * weight;
-                    let range = pattern.row_starts[i] as usize..pattern.row_starts[i + 1] as usize;
-                    for entry in range {
-                        if piece.slots[entry] != DROPPED {
-                            let derivative = factor * derivatives[entry];
-                            if !derivative.is_finite() {
-                                let column = pattern.columns[entry] as usize;
-                                return Err(fault(Some(block.parameters[column])));
-                            }
-                            entries[piece.slots[entry]] += derivative;
-                        }
-                    }
-                }
-            }
+            let end = self.jacobian.row_starts[piece.row + rows];
+            in_batches(
+                piece,
+                block,
+                &mut self.residuals[piece.row..piece.row + rows],
+                &mut self.jacobian.values[first_entry..end],
+                |scratch, batch| {
+                    scratch.evaluate(block, &self.all, batch, true);
+                    piece.whiten(block, self.content, scratch, batch)
+                },
+            )?;
         }
         let first_row = self.residuals.len() - self.priors.len();
         let first_entry = self.jacobian.values.len() - self.priors.len();
@@ -259,6 +234,150 @@ impl<'p> System<'p> {
     }
 }
 
+impl Piece {
+    /// Turns what a family wrote into whitened residuals and Jacobian entries.
+    fn whiten(
+        &self,
+        block: &Block,
+        content: Content,
+        scratch: &Scratch,
+        batch: &mut Batch,
+    ) -> Option<NonFinite> {
+        let shape = block.family.shape();
+        let pattern = block.family.pattern();
+        let width = self.layout.row_ends.last().copied().unwrap_or(0);
+        batch.entries.fill(0.0);
+        for k in 0..batch.samples {
+            let sample = batch.first + k;
+            let derivatives = &scratch.derivatives[k * pattern.len()..][..pattern.len()];
+            let entries = &mut batch.entries[k * width..(k + 1) * width];
+            for i in 0..shape.residuals {
+                let fault = |parameter| {
+                    Some(NonFinite {
+                        block: self.block,
+                        sample,
+                        residual: i,
+                        parameter,
+                    })
+                };
+                let weight = weight(block, sample * shape.residuals + i);
+                let whitened = scratch.residuals[k * shape.residuals + i] * weight;
+                if !whitened.is_finite() {
+                    return fault(None);
+                }
+                let at = block.loss.at(whitened);
+                let (residual_factor, jacobian_factor) = if content == Content::Minimize {
+                    at.factors()
+                } else {
+                    (at.weight.sqrt(), at.weight.sqrt())
+                };
+                batch.residuals[k * shape.residuals + i] = residual_factor * whitened;
+                let factor = jacobian_factor * weight;
+                let range = pattern.row_starts[i] as usize..pattern.row_starts[i + 1] as usize;
+                for entry in range {
+                    let slot = self.layout.slots[entry];
+                    if slot != DROPPED {
+                        let derivative = factor * derivatives[entry];
+                        if !derivative.is_finite() {
+                            let column = pattern.columns[entry] as usize;
+                            return fault(Some(block.parameter(sample, column)));
+                        }
+                        entries[slot] += derivative;
+                    }
+                }
+            }
+        }
+        None
+    }
+}
+
+/// Hands a piece out in batches, to several threads where it is large; the first fault in order of the
+/// samples is returned.
+fn in_batches(
+    piece: &Piece,
+    block: &Block,
+    mut residuals: &mut [f64],
+    mut entries: &mut [f64],
+    work: impl Fn(&mut Scratch, &mut Batch) -> Option<NonFinite> + Sync,
+) -> Result<(), NonFinite> {
+    let rows = block.family.shape().residuals;
+    let width = entries.len() / piece.samples;
+    let mut batches = Vec::with_capacity(piece.samples.div_ceil(BATCH));
+    for first in (0..piece.samples).step_by(BATCH) {
+        let samples = BATCH.min(piece.samples - first);
+        let (own_residuals, other_residuals) = residuals.split_at_mut(samples * rows);
+        let (own_entries, other_entries) = entries.split_at_mut(samples * width);
+        (residuals, entries) = (other_residuals, other_entries);
+        batches.push(Batch {
+            first: piece.first + first,
+            samples,
+            residuals: own_residuals,
+            entries: own_entries,
+        });
+    }
+    let fault = if batches.len() < SHARED_BATCHES {
+        let mut scratch = Scratch::new(block);
+        let mut batches = batches.iter_mut();
+        batches.find_map(|batch| work(&mut scratch, batch))
+    } else {
+        let faults = batches.par_iter_mut().map_init(
+            || Scratch::new(block),
+            |scratch, batch| work(scratch, batch),
+        );
+        faults.find_map_first(|fault| fault)
+    };
+    fault.map_or(Ok(()), Err)
+}
+
+impl Scratch {
+    fn new(block: &Block) -> Self {
+        let shape = block.family.shape();
+        Self {
+            parameters: vec![0.0; shape.parameters],
+            residuals: vec![0.0; BATCH * shape.residuals],
+            derivatives: vec![0.0; BATCH * block.family.pattern().len()],
+        }
+    }
+
+    /// Asks the family for the values at a batch of samples, and for the derivatives.
+    fn evaluate(&mut self, block: &Block, all: &[f64], batch: &Batch, derivatives: bool) {
+        let shape = block.family.shape();
+        let entries = block.family.pattern().len();
+        let (shared, own) = self.parameters.split_at_mut(block.parameters.len());
+        gather(all, &block.parameters, shared);
+        if own.is_empty() {
+            let samples = batch.first..batch.first + batch.samples;
+            let prepared =
+                &block.prepared[samples.start * shape.prepared..samples.end * shape.prepared];
+            let residuals = &mut self.residuals[..batch.samples * shape.residuals];
+            if derivatives {
+                let derivatives = &mut self.derivatives[..batch.samples * entries];
+                block
+                    .family
+                    .linearize_all(prepared, shared, residuals, derivatives);
+            } else {
+                block.family.value_all(prepared, shared, residuals);
+            }
+            return;
+        }
+        for k in 0..batch.samples {
+            let sample = batch.first + k;
+            let (_, own) = self.parameters.split_at_mut(block.parameters.len());
+            gather(all, block.sample_parameters(sample), own);
+            let prepared = &block.prepared[sample * shape.prepared..(sample + 1) * shape.prepared];
+            let residuals = &mut self.residuals[k * shape.residuals..(k + 1) * shape.residuals];
+            if derivatives {
+                let derivatives = &mut self.derivatives[k * entries..(k + 1) * entries];
+                block
+                    .family
+                    .linearize(prepared, &self.parameters, residuals, derivatives);
+            } else {
+                block.family.value(prepared, &self.parameters, residuals);
+            }
+        }
+    }
+}
+
 fn weight(block: &Block, index: usize) -> f64 {
     block.weights.get(index).copied().unwrap_or(1.0)
 }
@@ -269,9 +388,9 @@ fn gather(all: &[f64], indices: &[usize], out: &mut [f64]) {
     }
 }
 
-/// The Jacobian pattern of one sample over a part's columns: ends of rows, columns, and the place of
-/// each entry of the family. Family parameters that are the same unknown share a place.
-fn sample_pattern(block: &Block, column_of: &[usize]) -> (Vec<usize>, Vec<usize>, Vec<usize>) {
+/// The Jacobian pattern of one sample over a part's columns, and the columns of its entries. Family
+/// parameters that are the same unknown share a place.
+fn sample_layout(block: &Block, sample: usize, column_of: &[usize]) -> (SampleLayout, Vec<usize>) {
     let pattern = block.family.pattern();
     let mut row_ends = Vec::with_capacity(pattern.row_starts.len());
     let mut columns: Vec<usize> = Vec::with_capacity(pattern.len());
@@ -279,7 +398,7 @@ fn sample_pattern(block: &Block, column_of: &[usize]) -> (Vec<usize>, Vec<usize>
     for row in pattern.row_starts.windows(2) {
         let row_start = columns.len();
         let entries = &pattern.columns[row[0] as usize..row[1] as usize];
-        let column = |&entry: &u32| column_of[block.parameters[entry as usize]];
+        let column = |&entry: &u32| column_of[block.parameter(sample, entry as usize)];
         columns.extend(entries.iter().map(column).filter(|&c| c != DROPPED));
         columns[row_start..].sort_unstable();
         let mut distinct = row_start;
@@ -297,7 +416,7 @@ fn sample_pattern(block: &Block, column_of: &[usize]) -> (Vec<usize>, Vec<usize>
         }));
         row_ends.push(columns.len());
     }
-    (row_ends, columns, slots)
+    (SampleLayout { row_ends, slots }, columns)
 }
 
 /// Cost of what no free parameter changes: blocks without any, and priors of fixed parameters.

@@ -6,6 +6,7 @@
 mod dense;
 pub(crate) mod qr;
 mod schur;
+mod schur_cholesky;
 mod sparse;
 pub(crate) mod svd;
 
@@ -13,12 +14,15 @@ use crate::Error;
 use crate::jacobian::Jacobian;
 use dense::DenseQr;
 use schur::{Elimination, Schur};
+pub(crate) use schur_cholesky::SchurCholesky;
 pub(crate) use sparse::SparseCholesky;
 
 /// Up to this many parameters a dense QR is both fast enough and the most accurate.
 const DENSE_COLUMNS: usize = 160;
 /// Most parameters that Schur elimination may leave to a dense QR.
 const REDUCED_COLUMNS: usize = 600;
+/// From so many rows on, elimination squares the condition number for speed.
+const MANY_ROWS: usize = 20_000;
 /// Share of entries from which on a sparse factorisation does not pay, up to a size.
 const DENSE_SHARE: f64 = 0.25;
 const DENSE_ENTRIES: usize = 4_000_000;
@@ -27,7 +31,8 @@ const DENSE_ENTRIES: usize = 4_000_000;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Method {
     /// By size and structure: dense QR where a part is small, else Schur elimination where most
-    /// parameters form small groups that share no residual, else sparse Cholesky.
+    /// parameters form small groups that share no residual (by normal equations where there are very
+    /// many), else sparse Cholesky.
     #[default]
     Auto,
     /// Dense QR, column-pivoted: the most accurate, and sure of rank.
@@ -36,6 +41,9 @@ pub enum Method {
     SparseCholesky,
     /// Orthogonal elimination of small groups of parameters, dense QR of the rest.
     Schur,
+    /// Elimination of small groups of parameters with few residuals, dense Cholesky factorisation of the
+    /// rest, both by normal equations: for very many groups, on all cores.
+    SchurCholesky,
 }
 
 /// A solver for damped linear least squares.
@@ -63,9 +71,19 @@ pub(crate) fn new_solver(
     let mut elimination = None;
     let method = match method {
         Method::Auto if columns <= DENSE_COLUMNS || mostly_full => Method::DenseQr,
+        Method::Auto if rows >= MANY_ROWS => {
+            let found = SchurCholesky::elimination(jacobian);
+            let pays = pays(&found, columns);
+            elimination = Some(found);
+            if pays {
+                Method::SchurCholesky
+            } else {
+                Method::SparseCholesky
+            }
+        }
         Method::Auto => {
             let found = Elimination::detect(jacobian);
-            let pays = found.kept.len() <= REDUCED_COLUMNS && 2 * found.kept.len() <= columns;
+            let pays = pays(&found, columns);
             elimination = Some(found);
             if pays {
                 Method::Schur
@@ -81,7 +99,16 @@ pub(crate) fn new_solver(
             let elimination = elimination.unwrap_or_else(|| Elimination::detect(jacobian));
             Box::new(Schur::new(jacobian, elimination))
         }
+        Method::SchurCholesky => {
+            let elimination = elimination.unwrap_or_else(|| SchurCholesky::elimination(jacobian));
+            Box::new(SchurCholesky::new(jacobian, &elimination))
+        }
         Method::Auto | Method::DenseQr => Box::new(DenseQr::new(rows, columns)),
     };
     Ok((method, solver))
+}
+
+/// Whether elimination leaves a problem that is small and much smaller.
+pub(crate) fn pays(elimination: &Elimination, columns: usize) -> bool {
+    elimination.kept.len() <= REDUCED_COLUMNS && 2 * elimination.kept.len() <= columns
 }

@@ -14,7 +14,7 @@ use crate::linear::dense::DampedTriangle;
 use crate::linear::qr::{Qr, RowReduction};
 
 /// Most parameters of a group.
-const MAX_GROUP: usize = 12;
+pub(crate) const MAX_GROUP: usize = 12;
 /// Damping used where a group alone is singular; columns have norm one.
 const LEAST_DAMPING: f64 = 1e-14;
 
@@ -85,6 +85,34 @@ impl Elimination {
         groups.sort_unstable();
         kept.sort_unstable();
         Self { groups, kept }
+    }
+
+    /// Keeps the groups that occur in more rows than this.
+    pub(crate) fn with_few_rows(mut self, jacobian: &Jacobian, most: usize) -> Self {
+        let mut group_of = vec![usize::MAX; jacobian.column_count];
+        for (g, columns) in self.groups.iter().enumerate() {
+            for &column in columns {
+                group_of[column] = g;
+            }
+        }
+        let mut rows = vec![0; self.groups.len()];
+        for row in 0..jacobian.row_count() {
+            let columns = jacobian.row(row).0.iter();
+            let group = columns.map(|&column| group_of[column]).min();
+            if let Some(rows) = group.and_then(|group| rows.get_mut(group)) {
+                *rows += 1;
+            }
+        }
+        let mut rows = rows.into_iter();
+        self.groups.retain(|columns| {
+            let few = rows.next().is_some_and(|rows| (1..=most).contains(&rows));
+            if !few {
+                self.kept.extend(columns);
+            }
+            few
+        });
+        self.kept.sort_unstable();
+        self
     }
 }
 

@@ -62,7 +62,12 @@ fn linear_problems_agree_with_enumeration() {
         for (i, parameter) in problem.parameters.iter_mut().enumerate() {
             *parameter = parameter.clone().with_bounds(lower[i], upper[i]);
         }
-        for method in [Method::DenseQr, Method::SparseCholesky, Method::Schur] {
+        for method in [
+            Method::DenseQr,
+            Method::SparseCholesky,
+            Method::Schur,
+            Method::SchurCholesky,
+        ] {
             let options = Options {
                 method,
                 ..Options::default()

@@ -5,6 +5,7 @@ mod family;
 mod linear_model;
 mod more_garbow_hillstrom;
 mod nist;
+mod own_parameters;
 mod robust;
 mod scalar;
 mod statistics;

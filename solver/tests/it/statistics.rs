@@ -8,7 +8,12 @@ use crate::family::Family;
 use crate::linear_model::{Linear, inverse, normal_equations, regression, samples, times};
 
 const N: usize = 3;
-const METHODS: [Method; 3] = [Method::DenseQr, Method::SparseCholesky, Method::Schur];
+const METHODS: [Method; 4] = [
+    Method::DenseQr,
+    Method::SparseCholesky,
+    Method::Schur,
+    Method::SchurCholesky,
+];
 
 fn with_method(method: Method) -> Options {
     Options {

@@ -345,7 +345,7 @@ fn schur_and_sparse_agree_with_dense_on_a_bundle() {
         solve(&problem, &options).unwrap()
     };
     let dense = run(Method::DenseQr);
-    for method in [Method::Schur, Method::SparseCholesky] {
+    for method in [Method::Schur, Method::SchurCholesky, Method::SparseCholesky] {
         let other = run(method);
         assert!((other.cost / dense.cost - 1.0).abs() < 1e-12, "{method:?}");
         for (a, b) in other.parameters.iter().zip(&dense.parameters) {

@@ -1,0 +1,816 @@
+//! Schur elimination of very many small groups of parameters, by normal equations.
+//!
+//! With E the columns of a group and F the kept columns in its rows, what the rows say of the kept
+//! parameters is `Fᵀ M F` with `M = I − E (EᵀE)⁻¹ Eᵀ`. Rows touch few kept parameters each, so it is summed
+//! up row by row with row, `M_rs f_r f_sᵀ`, without ever filling a row of the kept columns; groups of the
+//! same pattern share one sum. Rows without kept parameters (priors) only add to `EᵀE`.
+//!
+//! Memory is linear in the number of groups. Groups are handed out to threads in portions that do not
+//! depend on how many there are, and portions are added in order: results repeat bit for bit.
+
+use std::collections::BTreeMap;
+use std::fmt;
+
+use faer::linalg::solvers::{Llt, Solve};
+use faer::{Mat, Side};
+use rayon::prelude::*;
+
+use crate::jacobian::Jacobian;
+use crate::linear::LinearSolver;
+use crate::linear::schur::{Elimination, MAX_GROUP};
+
+/// First damping tried where the normal equations are singular; columns have norm one.
+const LEAST_DAMPING: f64 = 1e-14;
+/// Groups with more rows are kept: the work is quadratic in the rows.
+const MOST_ROWS: usize = 48;
+/// Groups of a class that are summed up together.
+const CHUNK: usize = 256;
+/// Most portions of the work, each with a sum of its own.
+const PORTIONS: usize = 32;
+
+/// Groups of the same pattern, one after the other in each array.
+struct Class {
+    pattern: Pattern,
+    /// Columns of each group.
+    columns: Vec<usize>,
+    /// Rows of each group: those with kept columns first.
+    rows: Vec<usize>,
+    /// Numbers of each group that the Jacobian gives.
+    values: Vec<f64>,
+    /// Numbers of each group that depend on the damping.
+    factors: Vec<f64>,
+}
+
+/// The pattern of a group.
+struct Pattern {
+    /// Columns of the group.
+    own: usize,
+    /// Entries of each row, in order.
+    rows: Vec<Vec<Entry>>,
+    /// Kept columns of each row that has some, ascending.
+    outer: Vec<Vec<usize>>,
+    /// Start of each such row among all kept entries, and their number.
+    starts: Vec<usize>,
+    /// Start of each pair of such rows among the products of their kept entries, and their number.
+    pairs: Vec<usize>,
+}
+
+/// Where an entry of a row belongs.
+#[derive(Clone, Copy)]
+enum Entry {
+    /// Column of the group.
+    Own(usize),
+    /// Kept entry, counted over all rows.
+    Kept(usize),
+}
+
+/// Numbers of a group that the Jacobian gives.
+struct Values<'a> {
+    /// Own columns of the rows with kept columns, row-major.
+    e: &'a [f64],
+    /// Kept entries of these rows.
+    f: &'a [f64],
+    /// Residuals of these rows.
+    r: &'a [f64],
+    /// Normal matrix of the other rows.
+    normal: &'a [f64],
+    /// Their gradient.
+    gradient: &'a [f64],
+}
+
+/// Numbers of a group that depend on the damping.
+struct Factors<'a> {
+    /// Cholesky factor L of the group's normal matrix, row-major.
+    lower: &'a mut [f64],
+    /// `L⁻¹Eᵀ`, row-major.
+    w: &'a mut [f64],
+    /// `L⁻¹` times the gradient; after back substitution, the step.
+    z: &'a mut [f64],
+}
+
+/// Some groups of a class.
+struct Portion<'a> {
+    pattern: &'a Pattern,
+    columns: &'a [usize],
+    rows: &'a [usize],
+    values: &'a mut [f64],
+    factors: &'a mut [f64],
+}
+
+/// What groups say of the kept parameters: lower triangle of the normal matrix, and gradient.
+#[derive(Clone)]
+struct Normal {
+    matrix: Vec<f64>,
+    gradient: Vec<f64>,
+}
+
+/// Solves by elimination of groups and a dense Cholesky factorisation of the kept parameters.
+pub(crate) struct SchurCholesky {
+    classes: Vec<Class>,
+    /// Rows in which no eliminated parameter occurs.
+    other_rows: Vec<usize>,
+    kept: Vec<usize>,
+    /// For each column, its place among the kept ones, if it is.
+    kept_place: Vec<Option<usize>>,
+    /// For each eliminated column: class, group of it, place in the group.
+    eliminated: Vec<(u32, u32, u32)>,
+    /// What the other rows say of the kept parameters.
+    base: Normal,
+    factor: Option<Llt<f64>>,
+    kept_step: Mat<f64>,
+}
+
+impl fmt::Debug for SchurCholesky {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("SchurCholesky")
+            .field("classes", &self.classes.len())
+            .field("kept", &self.kept.len())
+            .finish_non_exhaustive()
+    }
+}
+
+impl Pattern {
+    /// From the codes of the rows' entries: own columns below [`MAX_GROUP`], kept places from there on.
+    fn new(own: usize, codes: &[Vec<usize>]) -> Self {
+        let (mut rows, mut outer, mut starts) = (Vec::new(), Vec::new(), vec![0]);
+        let mut count = 0;
+        for codes in codes {
+            let mut kept = Vec::new();
+            let entries = codes.iter().map(|&code| {
+                if code < MAX_GROUP {
+                    Entry::Own(code)
+                } else {
+                    kept.push(code - MAX_GROUP);
+                    Entry::Kept(count + kept.len() - 1)
+                }
+            });
+            rows.push(entries.collect());
+            if !kept.is_empty() {
+                count += kept.len();
+                starts.push(count);
+                outer.push(kept);
+            }
+        }
+        let mut pairs = vec![0];
+        let mut products = 0;
+        for (i, first) in outer.iter().enumerate() {
+            for second in &outer[..=i] {
+                products += first.len() * second.len();
+                pairs.push(products);
+            }
+        }
+        Self {
+            own,
+            rows,
+            outer,
+            starts,
+            pairs,
+        }
+    }
+
+    fn kept_entries(&self) -> usize {
+        self.starts[self.outer.len()]
+    }
+
+    fn values_len(&self) -> usize {
+        let outer = self.outer.len();
+        outer * self.own + self.kept_entries() + outer + self.own * self.own + self.own
+    }
+
+    fn factors_len(&self) -> usize {
+        self.own * (self.own + self.outer.len() + 1)
+    }
+
+    fn values<'a>(&self, values: &'a [f64]) -> Values<'a> {
+        let outer = self.outer.len();
+        let (e, rest) = values.split_at(outer * self.own);
+        let (f, rest) = rest.split_at(self.kept_entries());
+        let (r, rest) = rest.split_at(outer);
+        let (normal, gradient) = rest.split_at(self.own * self.own);
+        Values {
+            e,
+            f,
+            r,
+            normal,
+            gradient,
+        }
+    }
+
+    fn factors<'a>(&self, factors: &'a mut [f64]) -> Factors<'a> {
+        let (lower, rest) = factors.split_at_mut(self.own * self.own);
+        let (w, z) = rest.split_at_mut(self.own * self.outer.len());
+        Factors { lower, w, z }
+    }
+
+    /// Takes the numbers of a group out of the Jacobian.
+    fn load(&self, rows: &[usize], jacobian: &Jacobian, residuals: &[f64], values: &mut [f64]) {
+        let (own, outer) = (self.own, self.outer.len());
+        values.fill(0.0);
+        let (e, rest) = values.split_at_mut(outer * own);
+        let (f, rest) = rest.split_at_mut(self.kept_entries());
+        let (r, rest) = rest.split_at_mut(outer);
+        let (normal, gradient) = rest.split_at_mut(own * own);
+        for (k, (&row, entries)) in rows.iter().zip(&self.rows).enumerate() {
+            let numbers = jacobian.row(row).1;
+            if k < outer {
+                r[k] = residuals[row];
+                for (entry, &value) in entries.iter().zip(numbers) {
+                    match *entry {
+                        Entry::Own(column) => e[k * own + column] = value,
+                        Entry::Kept(place) => f[place] = value,
+                    }
+                }
+                continue;
+            }
+            for (first, &value) in entries.iter().zip(numbers) {
+                let Entry::Own(i) = *first else { continue };
+                gradient[i] += value * residuals[row];
+                for (second, &other) in entries.iter().zip(numbers) {
+                    if let Entry::Own(j) = *second {
+                        normal[i * own + j] += value * other;
+                    }
+                }
+            }
+        }
+    }
+
+    /// Factors a group, and writes what its rows then say of the kept parameters: for each pair of rows
+    /// their products, for each kept entry its gradient. False if the group is singular.
+    fn eliminate(
+        &self,
+        values: &Values<'_>,
+        factors: &mut Factors<'_>,
+        damping: f64,
+        held: impl Fn(usize) -> Option<f64>,
+        products: &mut [f64],
+        gradient: &mut [f64],
+    ) -> bool {
+        let (own, outer) = (self.own, self.outer.len());
+        let mut fixed = [None; MAX_GROUP];
+        let mut right = [0.0; MOST_ROWS];
+        right[..outer].copy_from_slice(values.r);
+        factors.z.copy_from_slice(values.gradient);
+        for (j, fixed) in fixed[..own].iter_mut().enumerate() {
+            *fixed = held(j);
+            if let Some(y) = *fixed {
+                for (row, right) in right[..outer].iter_mut().enumerate() {
+                    *right += values.e[row * own + j] * y;
+                }
+                for (i, z) in factors.z.iter_mut().enumerate() {
+                    *z += values.normal[i * own + j] * y;
+                }
+            }
+        }
+        for i in 0..own {
+            for (row, right) in right[..outer].iter().enumerate() {
+                factors.z[i] += values.e[row * own + i] * right;
+            }
+            for j in 0..=i {
+                let mut sum = values.normal[i * own + j];
+                for row in values.e.chunks_exact(own) {
+                    sum += row[i] * row[j];
+                }
+                if i == j {
+                    sum += damping;
+                }
+                if fixed[i].is_some() || fixed[j].is_some() {
+                    sum = f64::from(u8::from(i == j));
+                }
+                factors.lower[i * own + j] = sum;
+            }
+            if fixed[i].is_some() {
+                factors.z[i] = 0.0;
+            }
+        }
+        if !cholesky(factors.lower, own) {
+            return false;
+        }
+        forward(factors.lower, own, factors.z);
+        let mut column = [0.0; MAX_GROUP];
+        for (row, right) in right[..outer].iter_mut().enumerate() {
+            let column = &mut column[..own];
+            for (i, entry) in column.iter_mut().enumerate() {
+                let free = fixed[i].is_none();
+                *entry = if free { values.e[row * own + i] } else { 0.0 };
+            }
+            forward(factors.lower, own, column);
+            for (i, &entry) in column.iter().enumerate() {
+                factors.w[i * outer + row] = entry;
+                *right -= entry * factors.z[i];
+            }
+        }
+        let mut pair = 0;
+        for r in 0..outer {
+            let first = &values.f[self.starts[r]..self.starts[r + 1]];
+            for (sum, f) in gradient[self.starts[r]..].iter_mut().zip(first) {
+                *sum += f * right[r];
+            }
+            for s in 0..=r {
+                let second = &values.f[self.starts[s]..self.starts[s + 1]];
+                let mut m = f64::from(u8::from(r == s));
+                for i in 0..own {
+                    m -= factors.w[i * outer + r] * factors.w[i * outer + s];
+                }
+                let products = &mut products[self.pairs[pair]..self.pairs[pair + 1]];
+                for (products, f) in products.chunks_exact_mut(second.len()).zip(first) {
+                    let scaled = m * f;
+                    for (product, f) in products.iter_mut().zip(second) {
+                        *product += scaled * f;
+                    }
+                }
+                pair += 1;
+            }
+        }
+        true
+    }
+
+    /// Replaces z by the step, given that of the kept parameters.
+    fn back_substitute(&self, values: &Values<'_>, factors: &mut Factors<'_>, kept: &Mat<f64>) {
+        let outer = self.outer.len();
+        for (r, places) in self.outer.iter().enumerate() {
+            let entries = &values.f[self.starts[r]..self.starts[r + 1]];
+            let image: f64 = entries
+                .iter()
+                .zip(places)
+                .map(|(f, &place)| f * kept[(place, 0)])
+                .sum();
+            for (z, w) in factors.z.iter_mut().zip(factors.w.chunks_exact(outer)) {
+                *z += w[r] * image;
+            }
+        }
+        backward(factors.lower, self.own, factors.z);
+        factors.z.iter_mut().for_each(|z| *z = -*z);
+    }
+
+    /// Takes `FᵀWᵀx` from a vector over the kept parameters.
+    fn subtract_influence(&self, f: &[f64], w: &[f64], x: &[f64], kept: &mut [f64]) {
+        let outer = self.outer.len();
+        for (r, places) in self.outer.iter().enumerate() {
+            let image: f64 = x
+                .iter()
+                .zip(w.chunks_exact(outer))
+                .map(|(x, w)| x * w[r])
+                .sum();
+            let entries = &f[self.starts[r]..self.starts[r + 1]];
+            for (f, &place) in entries.iter().zip(places) {
+                kept[place] -= f * image;
+            }
+        }
+    }
+
+    /// Adds up products and gradients of kept entries where they belong.
+    fn scatter(&self, products: &[f64], gradient: &[f64], normal: &mut Normal) {
+        let size = normal.gradient.len();
+        let places = self.outer.iter().flatten();
+        for (&place, &value) in places.zip(gradient) {
+            normal.gradient[place] += value;
+        }
+        let mut products = products.iter();
+        for (r, first) in self.outer.iter().enumerate() {
+            for (s, second) in self.outer[..=r].iter().enumerate() {
+                for &a in first {
+                    for &b in second {
+                        let Some(&product) = products.next() else {
+                            return;
+                        };
+                        if r != s && a == b {
+                            normal.matrix[a * size + a] += 2.0 * product;
+                        } else if r != s || a >= b {
+                            normal.matrix[a.max(b) * size + a.min(b)] += product;
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
+impl Class {
+    fn groups(&self) -> usize {
+        self.columns.len() / self.pattern.own
+    }
+
+    fn portions(&mut self) -> impl Iterator<Item = Portion<'_>> {
+        let pattern = &self.pattern;
+        let columns = self.columns.chunks(CHUNK * pattern.own);
+        let rows = self.rows.chunks(CHUNK * pattern.rows.len());
+        let values = self.values.chunks_mut(CHUNK * pattern.values_len());
+        let factors = self.factors.chunks_mut(CHUNK * pattern.factors_len());
+        columns.zip(rows).zip(values.zip(factors)).map(
+            move |((columns, rows), (values, factors))| Portion {
+                pattern,
+                columns,
+                rows,
+                values,
+                factors,
+            },
+        )
+    }
+
+    fn factors_of(&self, group: usize) -> (&[f64], &[f64]) {
+        let (own, outer) = (self.pattern.own, self.pattern.outer.len());
+        let factors = &self.factors[group * self.pattern.factors_len()..];
+        (
+            &factors[..own * own],
+            &factors[own * own..own * (own + outer)],
+        )
+    }
+
+    fn values_of(&self, group: usize) -> Values<'_> {
+        let length = self.pattern.values_len();
+        self.pattern
+            .values(&self.values[group * length..(group + 1) * length])
+    }
+}
+
+/// The work in portions, put together so that there are not too many sums.
+fn portions(classes: &mut [Class]) -> Vec<Vec<Portion<'_>>> {
+    let all: Vec<Portion<'_>> = classes.iter_mut().flat_map(Class::portions).collect();
+    let together = all.len().div_ceil(PORTIONS).max(1);
+    let mut all = all.into_iter().peekable();
+    let mut parts = Vec::new();
+    while all.peek().is_some() {
+        parts.push(all.by_ref().take(together).collect());
+    }
+    parts
+}
+
+impl Normal {
+    fn new(size: usize) -> Self {
+        Self {
+            matrix: vec![0.0; size * size],
+            gradient: vec![0.0; size],
+        }
+    }
+
+    fn add(&mut self, other: &Self) {
+        for (sum, term) in self.matrix.iter_mut().zip(&other.matrix) {
+            *sum += term;
+        }
+        for (sum, term) in self.gradient.iter_mut().zip(&other.gradient) {
+            *sum += term;
+        }
+    }
+}
+
+impl SchurCholesky {
+    /// What this method eliminates: small groups with few rows.
+    pub(crate) fn elimination(jacobian: &Jacobian) -> Elimination {
+        Elimination::detect(jacobian).with_few_rows(jacobian, MOST_ROWS)
+    }
+
+    /// Sorts the groups by their patterns.
+    pub(crate) fn new(jacobian: &Jacobian, elimination: &Elimination) -> Self {
+        let n = jacobian.column_count;
+        let kept = elimination.kept.clone();
+        let mut kept_place = vec![None; n];
+        for (place, &column) in kept.iter().enumerate() {
+            kept_place[column] = Some(place);
+        }
+        let mut group_of = vec![(usize::MAX, 0); n];
+        for (g, columns) in elimination.groups.iter().enumerate() {
+            for (place, &column) in columns.iter().enumerate() {
+                group_of[column] = (g, place);
+            }
+        }
+        let mut rows_of = vec![Vec::new(); elimination.groups.len()];
+        let mut other_rows = Vec::new();
+        for row in 0..jacobian.row_count() {
+            let columns = jacobian.row(row).0.iter();
+            let group = columns.map(|&column| group_of[column].0).min();
+            match group.and_then(|group| rows_of.get_mut(group)) {
+                Some(rows) => rows.push(row),
+                None => other_rows.push(row),
+            }
+        }
+        let mut class_of: BTreeMap<Vec<Vec<usize>>, usize> = BTreeMap::new();
+        let mut classes: Vec<Class> = Vec::new();
+        let mut eliminated = vec![(0, 0, 0); n];
+        for (columns, mut rows) in elimination.groups.iter().zip(rows_of) {
+            let has_kept = |&row: &usize| {
+                let mut columns = jacobian.row(row).0.iter();
+                columns.any(|&column| kept_place[column].is_some())
+            };
+            rows.sort_by_key(|row| !has_kept(row));
+            let code = |&column: &usize| {
+                kept_place[column].map_or(group_of[column].1, |place| MAX_GROUP + place)
+            };
+            let mut codes: Vec<Vec<usize>> = rows
+                .iter()
+                .map(|&row| jacobian.row(row).0.iter().map(code).collect())
+                .collect();
+            // A group whose columns nothing mentions differs from others by its size alone.
+            codes.push(vec![columns.len()]);
+            let class = *class_of.entry(codes).or_insert_with_key(|codes| {
+                classes.push(Class {
+                    pattern: Pattern::new(columns.len(), &codes[..codes.len() - 1]),
+                    columns: Vec::new(),
+                    rows: Vec::new(),
+                    values: Vec::new(),
+                    factors: Vec::new(),
+                });
+                classes.len() - 1
+            });
+            let number = |n: usize| u32::try_from(n).unwrap_or(u32::MAX);
+            let group = classes[class].groups();
+            for (place, &column) in columns.iter().enumerate() {
+                eliminated[column] = (number(class), number(group), number(place));
+            }
+            classes[class].columns.extend_from_slice(columns);
+            classes[class].rows.extend(rows);
+        }
+        for class in &mut classes {
+            let groups = class.groups();
+            class.values = vec![0.0; groups * class.pattern.values_len()];
+            class.factors = vec![0.0; groups * class.pattern.factors_len()];
+        }
+        Self {
+            classes,
+            other_rows,
+            base: Normal::new(kept.len()),
+            kept_step: Mat::zeros(kept.len(), 1),
+            factor: None,
+            kept_place,
+            eliminated,
+            kept,
+        }
+    }
+
+    /// Eliminates and factors; false if something is not positive definite.
+    fn factor(&mut self, damping: f64, held: &[bool], step: &[f64]) -> bool {
+        let size = self.kept.len();
+        let sums: Vec<Option<Normal>> = portions(&mut self.classes)
+            .into_par_iter()
+            .map(|portions| {
+                let mut normal = Normal::new(size);
+                let mut regular = true;
+                for portion in portions {
+                    regular &= portion.eliminate(damping, held, step, &mut normal);
+                }
+                regular.then_some(normal)
+            })
+            .collect();
+        let mut normal = self.base.clone();
+        for sum in &sums {
+            let Some(sum) = sum else { return false };
+            normal.add(sum);
+        }
+        for (place, &column) in self.kept.iter().enumerate() {
+            self.kept_step[(place, 0)] = -normal.gradient[place];
+            normal.matrix[place * size + place] += damping;
+            if !held[column] {
+                continue;
+            }
+            for other in 0..size {
+                let entry = &mut normal.matrix[other.max(place) * size + other.min(place)];
+                if other != place {
+                    self.kept_step[(other, 0)] -= *entry * step[column];
+                }
+                *entry = f64::from(u8::from(other == place));
+            }
+        }
+        for (place, &column) in self.kept.iter().enumerate() {
+            if held[column] {
+                self.kept_step[(place, 0)] = step[column];
+            }
+        }
+        let matrix = Mat::from_fn(size, size, |i, j| normal.matrix[i.max(j) * size + i.min(j)]);
+        self.factor = matrix.llt(Side::Lower).ok();
+        let Some(factor) = &self.factor else {
+            return false;
+        };
+        factor.solve_in_place(self.kept_step.as_mut());
+        (0..size).all(|place| self.kept_step[(place, 0)].is_finite())
+    }
+
+    /// Factors `JᵀJ`; false if it is not positive definite.
+    pub(crate) fn factor_undamped(&mut self, jacobian: &Jacobian, residuals: &[f64]) -> bool {
+        let n = jacobian.column_count;
+        self.load(jacobian, residuals);
+        self.factor(0.0, &vec![false; n], &vec![0.0; n])
+    }
+
+    /// An entry of the inverse of the matrix factored last.
+    pub(crate) fn inverse_entry(&self, row: usize, column: usize) -> f64 {
+        let (first, in_group_first) = self.influence(row);
+        let (second, in_group_second) = self.influence(column);
+        let mut solved = Mat::from_fn(self.kept.len(), 1, |i, _| second[i]);
+        if let Some(factor) = &self.factor {
+            factor.solve_in_place(solved.as_mut());
+        }
+        let mut entry: f64 = (0..first.len()).map(|i| first[i] * solved[(i, 0)]).sum();
+        let is_eliminated = |column: usize| self.kept_place[column].is_none();
+        let group = |column: usize| (self.eliminated[column].0, self.eliminated[column].1);
+        if is_eliminated(row) && is_eliminated(column) && group(row) == group(column) {
+            entry += in_group_first
+                .iter()
+                .zip(&in_group_second)
+                .map(|(a, b)| a * b)
+                .sum::<f64>();
+        }
+        entry
+    }
+
+    /// A parameter as a combination of kept ones, and, if it is eliminated, `L⁻¹` of its unit vector.
+    fn influence(&self, column: usize) -> (Vec<f64>, [f64; MAX_GROUP]) {
+        let mut kept = vec![0.0; self.kept.len()];
+        let mut unit = [0.0; MAX_GROUP];
+        if let Some(place) = self.kept_place[column] {
+            kept[place] = 1.0;
+            return (kept, unit);
+        }
+        let (class, group, place) = self.eliminated[column];
+        let class = &self.classes[class as usize];
+        let own = class.pattern.own;
+        let (lower, w) = class.factors_of(group as usize);
+        unit[place as usize] = 1.0;
+        forward(lower, own, &mut unit[..own]);
+        let f = class.values_of(group as usize).f;
+        class
+            .pattern
+            .subtract_influence(f, w, &unit[..own], &mut kept);
+        (kept, unit)
+    }
+}
+
+impl Portion<'_> {
+    fn groups(&self) -> usize {
+        self.columns.len() / self.pattern.own
+    }
+
+    fn load(&mut self, jacobian: &Jacobian, residuals: &[f64]) {
+        let pattern = self.pattern;
+        let values = self.values.chunks_exact_mut(pattern.values_len());
+        for (group, values) in values.enumerate() {
+            let rows = &self.rows[group * pattern.rows.len()..(group + 1) * pattern.rows.len()];
+            pattern.load(rows, jacobian, residuals, values);
+        }
+    }
+
+    fn eliminate(self, damping: f64, held: &[bool], step: &[f64], normal: &mut Normal) -> bool {
+        let pattern = self.pattern;
+        let mut products = vec![0.0; pattern.pairs.last().copied().unwrap_or(0)];
+        let mut gradient = vec![0.0; pattern.kept_entries()];
+        for group in 0..self.groups() {
+            let columns = &self.columns[group * pattern.own..];
+            let values = &self.values[group * pattern.values_len()..];
+            let factors = &mut self.factors[group * pattern.factors_len()..];
+            let regular = pattern.eliminate(
+                &pattern.values(&values[..pattern.values_len()]),
+                &mut pattern.factors(&mut factors[..pattern.factors_len()]),
+                damping,
+                |place| held[columns[place]].then(|| step[columns[place]]),
+                &mut products,
+                &mut gradient,
+            );
+            if !regular {
+                return false;
+            }
+        }
+        pattern.scatter(&products, &gradient, normal);
+        true
+    }
+
+    fn back_substitute(self, kept: &Mat<f64>) {
+        let pattern = self.pattern;
+        for group in 0..self.groups() {
+            let values = &self.values[group * pattern.values_len()..];
+            let factors = &mut self.factors[group * pattern.factors_len()..];
+            pattern.back_substitute(
+                &pattern.values(&values[..pattern.values_len()]),
+                &mut pattern.factors(&mut factors[..pattern.factors_len()]),
+                kept,
+            );
+        }
+    }
+}
+
+impl LinearSolver for SchurCholesky {
+    fn load(&mut self, jacobian: &Jacobian, residuals: &[f64]) {
+        portions(&mut self.classes)
+            .into_par_iter()
+            .flatten()
+            .for_each(|mut portion| portion.load(jacobian, residuals));
+        let size = self.kept.len();
+        self.base.matrix.fill(0.0);
+        self.base.gradient.fill(0.0);
+        for &row in &self.other_rows {
+            let (columns, values) = jacobian.row(row);
+            for (i, (&first, &value)) in columns.iter().zip(values).enumerate() {
+                let Some(first) = self.kept_place[first] else {
+                    continue;
+                };
+                self.base.gradient[first] += value * residuals[row];
+                for (&second, &other) in columns[..=i].iter().zip(values) {
+                    if let Some(second) = self.kept_place[second] {
+                        self.base.matrix[first * size + second] += value * other;
+                    }
+                }
+            }
+        }
+    }
+
+    fn solve(&mut self, damping: f64, held: &[bool], step: &mut [f64]) -> bool {
+        let mut used = damping;
+        let mut solved = self.factor(used, held, step);
+        while !solved && used < 1.0 {
+            used = f64::max(LEAST_DAMPING, 100.0 * used);
+            solved = self.factor(used, held, step);
+        }
+        if !solved {
+            return false;
+        }
+        let kept_step = &self.kept_step;
+        portions(&mut self.classes)
+            .into_par_iter()
+            .flatten()
+            .for_each(|portion| portion.back_substitute(kept_step));
+        for (place, &column) in self.kept.iter().enumerate() {
+            if !held[column] {
+                step[column] = self.kept_step[(place, 0)];
+            }
+        }
+        for class in &self.classes {
+            let own = class.pattern.own;
+            let solutions = class.factors.chunks_exact(class.pattern.factors_len());
+            for (columns, factors) in class.columns.chunks_exact(own).zip(solutions) {
+                for (&column, &y) in columns.iter().zip(&factors[factors.len() - own..]) {
+                    if !held[column] {
+                        step[column] = y;
+                    }
+                }
+            }
+        }
+        // A factorisation without pivoting cannot vouch for rank unless damped.
+        used == damping && damping > 0.0
+    }
+
+    fn inverse_form(&mut self, v: &[f64]) -> f64 {
+        let mut kept: Vec<f64> = self.kept.iter().map(|&column| v[column]).collect();
+        let mut form = 0.0;
+        let mut x = [0.0; MAX_GROUP];
+        for class in &self.classes {
+            let own = class.pattern.own;
+            for (group, columns) in class.columns.chunks_exact(own).enumerate() {
+                for (x, &column) in x.iter_mut().zip(columns) {
+                    *x = v[column];
+                }
+                let (lower, w) = class.factors_of(group);
+                forward(lower, own, &mut x[..own]);
+                form += x[..own].iter().map(|x| x * x).sum::<f64>();
+                let f = class.values_of(group).f;
+                class.pattern.subtract_influence(f, w, &x[..own], &mut kept);
+            }
+        }
+        let mut solved = Mat::from_fn(kept.len(), 1, |i, _| kept[i]);
+        if let Some(factor) = &self.factor {
+            factor.solve_in_place(solved.as_mut());
+        }
+        form + (0..kept.len())
+            .map(|i| kept[i] * solved[(i, 0)])
+            .sum::<f64>()
+    }
+}
+
+/// Replaces the lower triangle of a matrix by its Cholesky factor; false if it is singular to rounding.
+fn cholesky(matrix: &mut [f64], size: usize) -> bool {
+    for i in 0..size {
+        let diagonal = matrix[i * size + i];
+        for j in 0..=i {
+            let mut sum = matrix[i * size + j];
+            for k in 0..j {
+                sum -= matrix[i * size + k] * matrix[j * size + k];
+            }
+            if i > j {
+                matrix[i * size + j] = sum / matrix[j * size + j];
+            } else if sum > 8.0 * f64::EPSILON * diagonal {
+                matrix[i * size + i] = sum.sqrt();
+            } else {
+                return false;
+            }
+        }
+    }
+    true
+}
+
+/// Replaces x by `L⁻¹x`.
+fn forward(lower: &[f64], size: usize, x: &mut [f64]) {
+    for i in 0..size {
+        let mut sum = x[i];
+        for k in 0..i {
+            sum -= lower[i * size + k] * x[k];
+        }
+        x[i] = sum / lower[i * size + i];
+    }
+}
+
+/// Replaces x by `L⁻ᵀx`.
+fn backward(lower: &[f64], size: usize, x: &mut [f64]) {
+    for i in (0..size).rev() {
+        let mut sum = x[i];
+        for k in i + 1..size {
+            sum -= lower[k * size + i] * x[k];
+        }
+        x[i] = sum / lower[i * size + i];
+    }
+}
