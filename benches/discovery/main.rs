@@ -1,0 +1,85 @@
+//! Discovery on virtual robots of which the truth is known.
+//!
+//! `cargo bench -p tau-benches --bench discovery -- --trials 5 --only single --json trials.jsonl` prints
+//! tables in Markdown; how to read them is said in `docs/discovery-benchmark.md`. The same seed gives the
+//! same trials, whichever of them are run.
+
+mod hidden;
+mod noncentrality;
+mod plan;
+mod random;
+mod scoring;
+mod table;
+mod trials;
+
+use std::fs::File;
+use std::io::{self, Write};
+use std::path::PathBuf;
+
+use clap::Parser;
+
+use plan::{Plan, Section};
+use trials::Laboratory;
+
+/// Discovery on virtual robots of which the truth is known.
+#[derive(Parser)]
+struct Arguments {
+    /// Trials of each kind; by default so many that the whole takes some half an hour
+    #[arg(long)]
+    trials: Option<usize>,
+    /// Only these sections
+    #[arg(long)]
+    only: Vec<Section>,
+    /// Only trials of these kinds: names of effects or of noise
+    #[arg(long)]
+    kind: Vec<String>,
+    /// Non-centralities in place of those of the sections
+    #[arg(long, value_delimiter = ',')]
+    lambda: Vec<f64>,
+    /// Seed of everything
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Writes each trial as a line of JSON
+    #[arg(long)]
+    json: Option<PathBuf>,
+    /// What `cargo bench` adds.
+    #[arg(long, hide = true)]
+    bench: bool,
+}
+
+fn main() -> io::Result<()> {
+    let arguments = Arguments::parse();
+    let laboratory = Laboratory::new(arguments.seed);
+    let plan = Plan {
+        sections: if arguments.only.is_empty() {
+            Section::ALL.to_vec()
+        } else {
+            arguments.only
+        },
+        trials: arguments.trials,
+        noncentralities: arguments.lambda,
+        kinds: arguments.kind,
+    };
+    let cases = plan.cases(&laboratory.model);
+    let mut json = arguments.json.map(File::create).transpose()?;
+    let mut records = Vec::with_capacity(cases.len());
+    // One after another: a search uses all cores itself.
+    for (number, case) in cases.iter().enumerate() {
+        let record = laboratory.run(case);
+        if let Some(file) = &mut json {
+            writeln!(file, "{}", serde_json::to_string(&record)?)?;
+        }
+        eprint!(
+            "\r{}/{} {:?} {} λ {}        ",
+            number + 1,
+            cases.len(),
+            case.section,
+            case.kind,
+            case.noncentrality
+        );
+        records.push(record);
+    }
+    eprintln!();
+    print!("{}", table::markdown(&records));
+    Ok(())
+}

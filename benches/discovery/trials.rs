@@ -1,0 +1,445 @@
+//! One trial: a fresh machine, measurements, the search, and what an oracle makes of them.
+
+use std::collections::BTreeMap;
+
+use nalgebra::DVector;
+use serde::Serialize;
+use tau::Robot;
+use tau::discovery::{Discovery, Options, discover};
+use tau::effects::CATALOGUE;
+use tau::measurements::{Shape, Split};
+use tau::robot_file::{RobotFile, Value};
+use tau::simulation::{
+    Approach, Effect, Noise, Poses, SimulatedFolder, Simulation, Temperature, simulate,
+};
+use tau_codegen::language::{Model, check_text, effects_from_text};
+
+use crate::hidden::Hidden;
+use crate::noncentrality::{Base, signal};
+use crate::plan::{Case, Section, Subject};
+use crate::random::Random;
+use crate::scoring::{Verdict, oracle_power};
+
+/// The standard robot without any effect of its own.
+const ROBOT: &str = "robot GantryTau {
+    track one, two, three;
+    cluster arm1 on one   { link l1; }
+    cluster arm2 on two   { link l2a, l2b; }
+    cluster arm3 on three { link l3a, l3b, l3c; }
+    variant Full { arm full; tracks linear per link; }
+}
+";
+const BASE: &str = "Full";
+
+/// An effect of more than so many times its tolerance is none that a machine could have.
+const MOST_TOLERANCES: f64 = 10.0;
+/// Size of the first try, in tolerances, and how near λ has to come.
+const FIRST_TRY: f64 = 0.1;
+const NEAR: f64 = 0.01;
+const TRIES: usize = 6;
+/// Drawings of effects at random places until they are visible.
+const DRAWINGS: usize = 20;
+/// Displacement of poses from the grid, as a share of its step.
+const JITTER: f64 = 0.5;
+
+/// A trial with everything that is asked of it afterwards.
+#[derive(Debug, Clone, Serialize)]
+pub(crate) struct Record {
+    pub(crate) section: Section,
+    pub(crate) kind: String,
+    pub(crate) index: usize,
+    pub(crate) seed: u64,
+    /// λ that was aimed at.
+    pub(crate) noncentrality: f64,
+    /// Whether an effect of plausible size reaches that λ.
+    pub(crate) visible: bool,
+    pub(crate) random_approach: bool,
+    pub(crate) warming_k: f64,
+    pub(crate) truth: Vec<True>,
+    /// What kept the search from ending.
+    pub(crate) failure: Option<String>,
+    pub(crate) found: Option<Found>,
+    pub(crate) verdict: Option<Verdict>,
+}
+
+/// A hidden effect.
+#[derive(Debug, Clone, Serialize)]
+pub(crate) struct True {
+    pub(crate) name: String,
+    pub(crate) place: String,
+    pub(crate) noncentrality: f64,
+    pub(crate) amplitudes: usize,
+    pub(crate) tolerances: f64,
+    pub(crate) period_m: Option<f64>,
+    /// Of its score beside the base.
+    pub(crate) p_value: Option<f64>,
+}
+
+/// What the search said.
+#[derive(Debug, Clone, Serialize)]
+pub(crate) struct Found {
+    pub(crate) status: String,
+    pub(crate) named: Vec<Named>,
+    /// Place, direction and covariate of each.
+    pub(crate) unnamed: Vec<[String; 3]>,
+    pub(crate) outliers: usize,
+    /// Named candidates that were tested.
+    pub(crate) candidates: usize,
+    /// Detection power of one who knows what to look for.
+    pub(crate) oracle_power: Option<f64>,
+    /// Error on noise-free poses that took no part (µm, rms).
+    pub(crate) base_um: f64,
+    pub(crate) tool_um: f64,
+    pub(crate) oracle_um: Option<f64>,
+    pub(crate) seconds: f64,
+}
+
+/// A name that was given.
+#[derive(Debug, Clone, Serialize)]
+pub(crate) struct Named {
+    pub(crate) name: String,
+    pub(crate) place: String,
+    pub(crate) p_value: f64,
+    pub(crate) flip_p_value: f64,
+    pub(crate) chi2_drop: f64,
+    pub(crate) period_m: Option<f64>,
+    /// Names and places of rivals for which a separating measurement is given.
+    pub(crate) rivals: Vec<(String, String)>,
+}
+
+/// What all trials share.
+pub(crate) struct Laboratory {
+    robot: Robot,
+    pub(crate) model: Model,
+    file: RobotFile,
+    seed: u64,
+}
+
+/// Size found for a hidden effect.
+struct Sized {
+    effect: Effect,
+    tolerances: f64,
+    noncentrality: f64,
+}
+
+impl Laboratory {
+    pub(crate) fn new(seed: u64) -> Self {
+        let robot = Robot::from_text(ROBOT).expect("a sound description");
+        let bare = check_text(ROBOT).expect("a sound description");
+        Self {
+            robot,
+            model: effects_from_text(CATALOGUE, &bare).expect("the catalogue that ships"),
+            file: tau::prototype::robot_file().expect("the robot file that ships"),
+            seed,
+        }
+    }
+
+    /// Runs a trial. Whatever is random follows from the seed and the trial's place in the plan.
+    pub(crate) fn run(&self, case: &Case) -> Record {
+        let Case {
+            section,
+            kind,
+            index,
+            noncentrality,
+            ..
+        } = case;
+        let purpose = format!("{section:?} {kind} {noncentrality} {index}");
+        let mut random = Random::new(self.seed, &purpose);
+        // Exact as a number of JSON.
+        let seed = random.bits() >> 12;
+        let random_approach = random.chance();
+        let warms = random.chance() || kind.contains("thermal");
+        let warming_k = f64::from(u8::from(warms)) * random.uniform(2.0, 8.0);
+        let simulation = Simulation {
+            noise: Noise {
+                scale: [0.0; 3],
+                ..Noise::default()
+            },
+            poses: Poses::Grid {
+                counts: [6, 6, 5],
+                step_m: None,
+                limit: Some(176),
+                jitter: JITTER,
+            },
+            approach: if random_approach {
+                Approach::Random
+            } else {
+                Approach::Moves
+            },
+            temperature: Temperature {
+                rise_k: warming_k,
+                ..Temperature::default()
+            },
+            seed,
+            ..Simulation::new(self.robot.clone(), self.file.clone())
+        };
+        let mut record = Record {
+            section: *section,
+            kind: kind.clone(),
+            index: *index,
+            seed,
+            noncentrality: *noncentrality,
+            visible: true,
+            random_approach,
+            warming_k,
+            truth: Vec::new(),
+            failure: None,
+            found: None,
+            verdict: None,
+        };
+        if let Err(failure) = self.fill(case, simulation, &mut random, &mut record) {
+            record.failure = Some(failure);
+        }
+        record
+    }
+
+    fn fill(
+        &self,
+        case: &Case,
+        mut simulation: Simulation,
+        random: &mut Random,
+        record: &mut Record,
+    ) -> Result<(), String> {
+        let split = Split::default();
+        let without = simulate(&simulation).map_err(|error| error.to_string())?;
+        let in_range = without
+            .folder
+            .in_range(&self.file, Shape::from(&self.robot));
+        let division = split.divide(&in_range);
+        let Some(hidden) = self.hide(case, &simulation, &without, &division.calibration, random)
+        else {
+            record.visible = false;
+            return Ok(());
+        };
+        record.truth = hidden
+            .iter()
+            .map(|(hidden, sized)| True {
+                name: hidden.name.clone(),
+                place: hidden.place.clone(),
+                noncentrality: sized.noncentrality,
+                amplitudes: hidden.amplitudes,
+                tolerances: sized.tolerances,
+                period_m: hidden.period_m,
+                p_value: None,
+            })
+            .collect();
+        simulation.effects = hidden
+            .iter()
+            .map(|(_, sized)| sized.effect.clone())
+            .collect();
+        let exact = simulate(&simulation).map_err(|error| error.to_string())?;
+        simulation.noise = case.noise.clone();
+        let mut measured = simulate(&simulation).map_err(|error| error.to_string())?;
+        // Poses that take no part show the error against the truth.
+        for &pose in &division.validation {
+            measured.folder.tcp_poses[pose] = exact.folder.tcp_poses[pose].clone();
+        }
+        let options = Options {
+            split,
+            catalogues: match &case.subject {
+                Subject::Withheld(name) => vec![CATALOGUE.replace(item(CATALOGUE, name), "")],
+                _ => vec![CATALOGUE.to_owned()],
+            },
+            ..Options::default()
+        };
+        let outcome = discover(
+            &self.robot,
+            BASE,
+            &self.file,
+            &measured.folder,
+            &options,
+            &mut |_| {},
+        );
+        let discovery = outcome.map_err(|error| error.to_string())?.discovery;
+        for own in &mut record.truth {
+            let score = discovery
+                .considered
+                .iter()
+                .find(|score| score.name == own.name && score.place == own.place);
+            own.p_value = score.map(|score| score.p_value);
+        }
+        let mut found = Found::of(&discovery);
+        if matches!(case.section, Section::Single | Section::Several) {
+            found.oracle_um = self.oracle_um(&record.truth, &measured);
+        }
+        if let (Section::Single, [own]) = (case.section, record.truth.as_slice()) {
+            let power = oracle_power(own.noncentrality, own.amplitudes, found.candidates);
+            found.oracle_power = Some(power);
+        }
+        record.verdict = Some(Verdict::of(&record.truth, &found));
+        record.found = Some(found);
+        Ok(())
+    }
+
+    /// Draws what is hidden, of the size that has the wanted λ; `None` where no plausible size has.
+    fn hide(
+        &self,
+        case: &Case,
+        simulation: &Simulation,
+        without: &SimulatedFolder,
+        poses: &[usize],
+        random: &mut Random,
+    ) -> Option<Vec<(Hidden, Sized)>> {
+        if case.subject == Subject::Nothing {
+            return Some(Vec::new());
+        }
+        let base = Base::new(&self.robot, without, poses);
+        let noncentrality_of = |effect: &Effect| {
+            let with = Simulation {
+                effects: vec![effect.clone()],
+                ..simulation.clone()
+            };
+            let with = simulate(&with).ok()?;
+            let signal: DVector<f64> = signal(without, &with, poses);
+            Some(base.noncentrality(&signal))
+        };
+        let sized = |hidden: Hidden| {
+            let sized = sized(&hidden, case.noncentrality, noncentrality_of)?;
+            Some((hidden, sized))
+        };
+        match &case.subject {
+            Subject::Nothing => None,
+            Subject::Listed(name) | Subject::Withheld(name) => {
+                let hidden = Hidden::listed(&self.robot, &self.model, name, random);
+                Some(vec![sized(hidden)?])
+            }
+            Subject::Unlisted(name) => {
+                Some(vec![sized(Hidden::unlisted(&self.robot, name, random))?])
+            }
+            Subject::Several(count) => {
+                let mut all: Vec<(Hidden, Sized)> = Vec::new();
+                for _ in 0..DRAWINGS * count {
+                    let name = &random.choose(&self.model.effects).name;
+                    if all.len() == *count || all.iter().any(|(other, _)| other.name == *name) {
+                        continue;
+                    }
+                    all.extend(sized(Hidden::listed(
+                        &self.robot,
+                        &self.model,
+                        name,
+                        random,
+                    )));
+                }
+                (all.len() == *count).then_some(all)
+            }
+        }
+    }
+
+    /// Error on the poses that took no part, of the base with the true effects, fitted to the same
+    /// measurements (µm, rms). Periods start from the true ones. `None` where that fit can't be had.
+    fn oracle_um(&self, truth: &[True], measured: &SimulatedFolder) -> Option<f64> {
+        let mut file = self.file.clone();
+        let mut text = String::new();
+        let mut line = format!("variant Truth = {BASE}");
+        for own in truth {
+            let place = own.place.replace(',', ", ");
+            let key = format!("{}({place})", own.name);
+            line += &format!(" + {key}");
+            text += item(CATALOGUE, &own.name);
+            if let Some(period) = own.period_m {
+                let value = Value {
+                    value: vec![period],
+                    tol: 1.0,
+                    sigma: None,
+                };
+                file.effects
+                    .insert(key, BTreeMap::from([("period".to_owned(), value)]));
+            }
+        }
+        let body = ROBOT.trim_end().trim_end_matches('}');
+        let robot = Robot::from_text(&format!("{text}\n{body}{line};\n}}\n")).ok()?;
+        // Only the fit of the base counts, which is now the truth; what follows may end early.
+        let options = Options {
+            flips: 0,
+            catalogues: Vec::new(),
+            ..Options::default()
+        };
+        let folder = &measured.folder;
+        let outcome = discover(&robot, "Truth", &file, folder, &options, &mut |_| {}).ok()?;
+        Some(outcome.discovery.validation.before.rms_um)
+    }
+}
+
+/// The size at which an effect has a λ: λ is nearly proportional to its square.
+fn sized(
+    hidden: &Hidden,
+    target: f64,
+    noncentrality_of: impl Fn(&Effect) -> Option<f64>,
+) -> Option<Sized> {
+    let mut tolerances = FIRST_TRY;
+    let mut best = None;
+    for _ in 0..TRIES {
+        let effect = hidden.of_size(tolerances);
+        let noncentrality = noncentrality_of(&effect)?;
+        best = Some(Sized {
+            effect,
+            tolerances,
+            noncentrality,
+        });
+        if (noncentrality / target - 1.0).abs() < NEAR {
+            break;
+        }
+        tolerances *= (target / noncentrality).sqrt();
+        if tolerances.is_nan() || tolerances > MOST_TOLERANCES {
+            return None;
+        }
+    }
+    best
+}
+
+/// The text of an effect in a catalogue.
+fn item<'a>(catalogue: &'a str, name: &str) -> &'a str {
+    let start = catalogue
+        .find(&format!("effect {name} "))
+        .expect("an effect of the catalogue");
+    let length = catalogue[start..].find("\n}\n").expect("its end") + "\n}\n".len();
+    &catalogue[start..start + length]
+}
+
+impl Found {
+    fn of(discovery: &Discovery) -> Self {
+        let status = serde_json::to_value(discovery.status);
+        let text = status
+            .ok()
+            .and_then(|status| Some(status.as_str()?.to_owned()));
+        Self {
+            status: text.unwrap_or_default(),
+            named: discovery
+                .effects
+                .iter()
+                .map(|effect| Named {
+                    name: effect.name.clone(),
+                    place: effect.place.clone(),
+                    p_value: effect.p_value,
+                    flip_p_value: effect.flip_p_value,
+                    chi2_drop: effect.chi2_drop,
+                    period_m: effect.parameters.get("period").map(|period| period.value),
+                    rivals: effect
+                        .rivals
+                        .iter()
+                        .filter(|rival| !rival.separate_by.is_empty())
+                        .map(|rival| (rival.name.clone(), rival.place.clone()))
+                        .collect(),
+                })
+                .collect(),
+            unnamed: discovery
+                .unnamed
+                .iter()
+                .map(|unnamed| {
+                    [
+                        unnamed.place.clone(),
+                        unnamed.direction.clone(),
+                        unnamed.against.clone(),
+                    ]
+                })
+                .collect(),
+            outliers: discovery.outliers.len(),
+            candidates: discovery.considered.len(),
+            oracle_power: None,
+            base_um: discovery.validation.before.rms_um,
+            tool_um: discovery.validation.after.rms_um,
+            oracle_um: None,
+            seconds: discovery.seconds,
+        }
+    }
+}
