@@ -38,8 +38,13 @@ impl Hidden {
     pub(crate) fn listed(robot: &Robot, model: &Model, name: &str, random: &mut Random) -> Self {
         let effect = model.effects.iter().find(|effect| effect.name == name);
         let effect = effect.expect("an effect of the catalogue").clone();
-        let place = *random.choose(&places(model, &effect));
         let searched = effect.parameters.iter().find_map(|p| p.search);
+        // No two racks or pinions have a period and a phase in common.
+        let possible: Vec<Place> = places(model, &effect)
+            .into_iter()
+            .filter(|place| searched.is_none() || *place != Place::AllCarts)
+            .collect();
+        let place = *random.choose(&possible);
         // Evenly in the logarithm.
         let period_m = searched.map(|(low, high)| random.uniform(low.ln(), high.ln()).exp());
         let is_amplitude = |p: &&model::EffectParameter| p.search.is_none();
