@@ -7,15 +7,16 @@ use std::sync::OnceLock;
 use nalgebra::{DMatrix, DVector};
 use tau_codegen::language::Model;
 
-use super::candidates::{self, Candidate};
+use super::candidates::{self, Candidate, Entry};
 use super::distribution::{f_quantile_above, f_survival};
 use super::fit::Fit;
 use super::generic::Family;
 use super::parallel;
 use super::probes::Probes;
 use super::projection::{Subspace, orthonormal};
+use super::response::{Displacements, Responses};
 use super::samples::Sample;
-use super::scan::{Scan, Scores, global_p, signs, upcrossings};
+use super::scan::{AS_GOOD, LEAST_SHOWN, Scan, Scores, global_p, lobe, peaks, signs, upcrossings};
 use super::view::View;
 use crate::kinematics::Surroundings;
 use crate::robot::Variant;
@@ -30,10 +31,12 @@ pub(super) struct Bench {
     pub(super) samples: Vec<Sample>,
     pub(super) probes: Probes,
     pub(super) surroundings: Surroundings,
-    /// Columns of all candidates without a search, in units of the stated noise, and where each stands.
-    raw: DMatrix<f64>,
+    /// Columns of all candidates without a search, and where each stands.
+    columns: Displacements,
     places: Vec<(usize, Range<usize>)>,
     scans: Vec<(usize, Scan)>,
+    /// Pairs of probes whose products scores take.
+    pairs: BTreeSet<(usize, usize)>,
     /// Mean upcrossings of each scan, counted beside the first model that is scored.
     crossings: Vec<OnceLock<f64>>,
     /// Candidates that the measurements cannot show, and why.
@@ -46,7 +49,7 @@ pub(super) struct Bench {
 
 /// What a candidate adds to the Jacobian.
 enum Columns {
-    Plain(DMatrix<f64>),
+    Plain(Vec<Entry>),
     Searched(Scan),
 }
 
@@ -59,9 +62,8 @@ pub(super) struct Score {
     /// By the F form; over the whole search where there is one.
     pub(super) p_value: f64,
     pub(super) bic: f64,
-    /// Best value of the searched parameter, and others that fit as well.
+    /// Best value of the searched parameter.
     pub(super) searched: Option<f64>,
-    pub(super) aliases: Vec<f64>,
 }
 
 /// One column of a candidate: its length in units of noise per unit of its parameter, and what a model
@@ -76,9 +78,10 @@ pub(super) struct Column {
 /// Scores of all candidates beside a model.
 pub(super) struct Table {
     pub(super) scores: Vec<Score>,
+    responses: Responses,
     plain: Plain,
-    /// Of each scan that took part, by its place in the bench.
-    scans: Vec<Option<Scores>>,
+    /// Of each scan, by its place in the bench.
+    scans: Vec<Scores>,
 }
 
 /// The candidates without a search beside a model.
@@ -88,6 +91,18 @@ struct Plain {
     /// Of each candidate, by its place in the bench: lengths of its columns, and coefficients of an
     /// orthonormal basis of what is left of them.
     coefficients: Vec<(Vec<f64>, DMatrix<f64>)>,
+}
+
+/// A searched candidate at one value.
+struct Point {
+    columns: Displacements,
+    coefficients: DMatrix<f64>,
+}
+
+impl Point {
+    fn statistic(&self, products: &DVector<f64>) -> f64 {
+        self.coefficients.tr_mul(products).norm_squared()
+    }
 }
 
 impl Bench {
@@ -101,7 +116,6 @@ impl Bench {
     ) -> Self {
         let surroundings = fit.joint.machine.surroundings.clone();
         let candidates = candidates::all(&model, base, families);
-        let row_samples: Vec<usize> = fit.joint.rows.iter().map(|row| row.sample).collect();
         let indices: Vec<usize> = (0..candidates.len()).collect();
         let prepared = parallel::map(&indices, |&index| {
             let candidate = &candidates[index];
@@ -110,37 +124,32 @@ impl Bench {
                 return Scan::new(candidate, &model, &probes, &samples, &surroundings, range)
                     .map(Columns::Searched);
             }
-            let entries = candidate.entries(
-                &model,
-                &candidate.nominal(),
-                &probes,
-                &samples,
-                &surroundings,
-            )?;
-            Ok(Columns::Plain(candidates::columns(
-                &entries,
-                &candidate.amplitudes(),
-                &row_samples,
-                samples.len(),
-                row_samples.len(),
-            )))
+            candidate
+                .entries(
+                    &model,
+                    &candidate.nominal(),
+                    &probes,
+                    &samples,
+                    &surroundings,
+                )
+                .map(Columns::Plain)
         });
-        let (mut blocks, mut places, mut scans, mut unseen) = (vec![], vec![], vec![], vec![]);
-        let mut width = 0;
-        for (index, columns) in prepared.into_iter().enumerate() {
-            match columns {
-                Ok(Columns::Plain(columns)) => {
-                    places.push((index, width..width + columns.ncols()));
-                    width += columns.ncols();
-                    blocks.push(columns);
+        let (mut places, mut scans, mut unseen) = (vec![], vec![], vec![]);
+        let mut columns = Displacements::default();
+        let mut pairs = BTreeSet::new();
+        for (index, prepared) in prepared.into_iter().enumerate() {
+            match prepared {
+                Ok(Columns::Plain(entries)) => {
+                    let place = columns.push(&entries, &candidates[index].amplitudes(), &probes);
+                    columns.pairs(place.clone(), &mut pairs);
+                    places.push((index, place));
                 }
-                Ok(Columns::Searched(scan)) => scans.push((index, scan)),
+                Ok(Columns::Searched(scan)) => {
+                    scan.pairs(&mut pairs);
+                    scans.push((index, scan));
+                }
                 Err(why) => unseen.push((index, why.to_owned())),
             }
-        }
-        let mut raw = DMatrix::zeros(row_samples.len(), width);
-        for ((_, place), block) in places.iter().zip(&blocks) {
-            raw.columns_mut(place.start, place.len()).copy_from(block);
         }
         let units = Sample::units(&samples);
         let crossings = scans.iter().map(|_| OnceLock::new()).collect();
@@ -150,9 +159,10 @@ impl Bench {
             samples,
             probes,
             surroundings,
-            raw,
+            columns,
             places,
             scans,
+            pairs,
             crossings,
             unseen,
             hidden: BTreeSet::new(),
@@ -160,24 +170,34 @@ impl Bench {
         }
     }
 
+    fn responses(&self, view: &View) -> Responses {
+        Responses::of(view, &self.probes, &self.pairs)
+    }
+
     /// Mean upcrossings of a scan in null scans beside a model.
-    fn count_crossings(&self, view: &View, scan: &Scan, scores: &Scores) -> f64 {
+    fn count_crossings(
+        &self,
+        view: &View,
+        responses: &Responses,
+        scan: &Scan,
+        scores: &Scores,
+    ) -> f64 {
         let flips = signs(self.units, NULL_SCANS, 1);
         let basis = self.flipped_basis(view, &flips);
-        let nulls = scan.flipped(scores, view, &self.samples, &flips, &basis);
-        upcrossings(&nulls, scores.rank().max(1) as f64)
+        let residuals = responses.flipped(&self.probes, &self.samples, &flips, &basis);
+        upcrossings(
+            &scan.flipped(scores, &residuals),
+            scores.rank().max(1) as f64,
+        )
     }
 
     /// Qᵀ(s∘e) for each flip.
-    pub(super) fn flipped_basis(&self, view: &View, flips: &DMatrix<f64>) -> DMatrix<f64> {
+    fn flipped_basis(&self, view: &View, flips: &DMatrix<f64>) -> DMatrix<f64> {
         let mut by_unit = DMatrix::zeros(view.q.ncols(), self.units);
-        for (row, at) in view.rows.iter().enumerate() {
-            let unit = self.samples[at.sample].unit;
-            let residual = view.residuals[row];
-            if residual != 0.0 {
-                for column in 0..view.q.ncols() {
-                    by_unit[(column, unit)] += view.q[(row, column)] * residual;
-                }
+        for column in 0..view.q.ncols() {
+            let q = view.q.column(column);
+            for (row, at) in view.rows.iter().enumerate() {
+                by_unit[(column, self.samples[at.sample].unit)] += q[row] * view.residuals[row];
             }
         }
         by_unit * flips
@@ -192,7 +212,7 @@ impl Bench {
     /// in the middle of its range. `None` where the model absorbs all of them.
     pub(super) fn best_columns(&self, view: &View) -> Vec<Option<(Column, f64)>> {
         let mut best = vec![None; self.candidates.len()];
-        let plain = self.plain(view);
+        let plain = self.plain(&self.responses(view));
         for ((candidate, place), (norms, coefficients)) in
             self.places.iter().zip(&plain.coefficients)
         {
@@ -257,47 +277,49 @@ impl Bench {
         if let Some(value) = searched {
             return self.at(view, candidate, value);
         }
-        let (_, place) = self.places.iter().find(|(index, _)| *index == candidate)?;
-        let columns = view.weighted(&self.raw.columns(place.start, place.len()).into_owned());
+        self.expanded(view, candidate, &self.candidates[candidate].nominal())
+    }
+
+    /// The columns of a candidate at given values of its parameters, row by row.
+    fn expanded(
+        &self,
+        view: &View,
+        candidate: usize,
+        values: &[f64],
+    ) -> Option<(DMatrix<f64>, Subspace)> {
+        let raw = candidates::columns(
+            &self.entries(candidate, values)?,
+            &self.candidates[candidate].amplitudes(),
+            &self.probes,
+        );
+        let columns = view.weighted(&raw);
         let subspace = Subspace::of(&columns, &view.remainder(&columns));
         (subspace.rank() > 0).then_some((columns, subspace))
     }
 
-    /// The candidates without a search beside a model, by products of their columns alone: what is
-    /// left of them is never formed.
-    fn plain(&self, view: &View) -> Plain {
-        let rows = view.rows.len();
-        let mut weighted = view.q.rows(0, rows).into_owned();
-        for mut column in weighted.column_iter_mut() {
-            column
-                .iter_mut()
-                .zip(&view.factors)
-                .for_each(|(value, factor)| *value *= factor);
-        }
-        let absorbed = weighted.transpose() * &self.raw;
-        let squares: Vec<f64> = view.factors.iter().map(|factor| factor * factor).collect();
+    fn entries(&self, candidate: usize, values: &[f64]) -> Option<Vec<Entry>> {
+        let described = &self.candidates[candidate];
+        described
+            .entries(
+                &self.model,
+                values,
+                &self.probes,
+                &self.samples,
+                &self.surroundings,
+            )
+            .ok()
+    }
+
+    /// The candidates without a search beside a model.
+    fn plain(&self, responses: &Responses) -> Plain {
+        let absorbed = self.columns.absorbed(responses);
         let coefficients = self
             .places
             .iter()
             .map(|(_, place)| {
-                let width = place.len();
-                let mut gram = DMatrix::zeros(width, width);
-                for i in 0..width {
-                    let left = self.raw.column(place.start + i);
-                    for j in 0..=i {
-                        let right = self.raw.column(place.start + j);
-                        let sum: f64 = left
-                            .iter()
-                            .zip(right.iter())
-                            .zip(&squares)
-                            .map(|((a, b), square)| a * b * square)
-                            .sum();
-                        gram[(i, j)] = sum;
-                        gram[(j, i)] = sum;
-                    }
-                }
-                let norms: Vec<f64> = (0..width).map(|k| gram[(k, k)].max(0.0).sqrt()).collect();
-                let of = absorbed.columns(place.start, width);
+                let mut gram = self.columns.gram(place.clone(), responses);
+                let norms: Vec<f64> = gram.diagonal().iter().map(|g| g.max(0.0).sqrt()).collect();
+                let of = absorbed.columns(place.start, place.len());
                 gram -= of.tr_mul(&of);
                 let coefficients = orthonormal(&norms, &gram);
                 (norms, coefficients)
@@ -309,64 +331,54 @@ impl Bench {
         }
     }
 
-    /// Products of all columns with residuals by rows, those of the priors aside.
-    fn products(&self, view: &View) -> DVector<f64> {
-        let weighted = DVector::from_iterator(
-            view.rows.len(),
-            view.factors
-                .iter()
-                .zip(view.residuals.iter())
-                .map(|(factor, e)| factor * e),
-        );
-        self.raw.tr_mul(&weighted)
-    }
-
-    /// Scores every candidate beside a model; searches only over grids up to a length.
-    pub(super) fn table(&self, view: &View, longest: usize) -> Table {
+    /// Scores every candidate beside a model.
+    pub(super) fn table(&self, view: &View) -> Table {
+        let responses = self.responses(view);
         // The plain candidates are one task beside the scans.
-        let tasks: Vec<Option<usize>> = std::iter::once(None)
-            .chain((0..self.scans.len()).map(Some))
-            .filter(|task| task.is_none_or(|place| self.scans[place].1.grid.len() <= longest))
+        let tasks: Vec<Option<usize>> = (0..self.scans.len())
+            .map(Some)
+            .chain(std::iter::once(None))
             .collect();
         let mut scores = Vec::new();
         let mut plain = None;
-        let mut scans: Vec<Option<Scores>> = self.scans.iter().map(|_| None).collect();
-        for result in parallel::map(&tasks, |&task| self.scored(view, task)) {
+        let mut scans = Vec::new();
+        for result in parallel::map(&tasks, |&task| self.scored(view, &responses, task)) {
             match result {
                 Scored::Plain(found, products) => {
                     scores.extend(found);
                     plain = Some(products);
                 }
-                Scored::Scan(place, found, scanned) => {
+                Scored::Scan(found, scanned) => {
                     scores.extend(found);
-                    scans[place] = Some(scanned);
+                    scans.push(scanned);
                 }
             }
         }
         scores.sort_by_key(|score| score.candidate);
         Table {
             scores,
-            plain: plain.unwrap_or_else(|| self.plain(view)),
+            plain: plain.unwrap_or_else(|| self.plain(&responses)),
+            responses,
             scans,
         }
     }
 
-    fn scored(&self, view: &View, task: Option<usize>) -> Scored {
+    fn scored(&self, view: &View, responses: &Responses, task: Option<usize>) -> Scored {
         match task {
             None => {
-                let plain = self.plain(view);
-                Scored::Plain(self.plain_scores(view, &plain), plain)
+                let plain = self.plain(responses);
+                Scored::Plain(self.plain_scores(view, responses, &plain), plain)
             }
             Some(place) => {
-                let scanned = self.scans[place].1.scores(view, &self.samples);
-                Scored::Scan(place, self.scan_score(view, place, &scanned), scanned)
+                let scanned = self.scans[place].1.scores(responses);
+                Scored::Scan(self.scan_score(view, responses, place, &scanned), scanned)
             }
         }
     }
 
     /// Scores of all candidates without a search.
-    fn plain_scores(&self, view: &View, plain: &Plain) -> Vec<Score> {
-        let products = self.products(view);
+    fn plain_scores(&self, view: &View, responses: &Responses, plain: &Plain) -> Vec<Score> {
+        let products = self.columns.score(responses);
         self.places
             .iter()
             .zip(&plain.coefficients)
@@ -398,29 +410,107 @@ impl Bench {
             p_value,
             bic: statistic - rank * self.observations().ln(),
             searched: None,
-            aliases: vec![],
         }
     }
 
     /// The best of a scan.
-    fn scan_score(&self, view: &View, place: usize, scanned: &Scores) -> Option<Score> {
+    fn scan_score(
+        &self,
+        view: &View,
+        responses: &Responses,
+        place: usize,
+        scanned: &Scores,
+    ) -> Option<Score> {
         let (candidate, scan) = &self.scans[place];
-        let (best, rank) = (scanned.best(), scanned.rank() as f64);
+        let rank = scanned.rank() as f64;
         if rank == 0.0 || self.hidden.contains(candidate) {
             return None;
         }
-        let crossings =
-            *self.crossings[place].get_or_init(|| self.count_crossings(view, scan, scanned));
-        let statistic = scanned.statistics[best];
+        let crossings = *self.crossings[place]
+            .get_or_init(|| self.count_crossings(view, responses, scan, scanned));
+        let height = LEAST_SHOWN * scanned.highest();
+        let (value, statistic) = self
+            .refined(responses, place, scanned, height)
+            .into_iter()
+            .max_by(|a, b| a.1.total_cmp(&b.1))?;
         let (equivalent, _) = f_form(statistic, rank, view.total(), view.degrees);
         Some(Score {
             candidate: *candidate,
             statistic,
             p_value: global_p(equivalent, rank, crossings),
             bic: statistic - (rank + 1.0) * self.observations().ln(),
-            searched: Some(scan.grid[best]),
-            aliases: scanned.aliases(&scan.grid),
+            searched: Some(value),
         })
+    }
+
+    /// The peaks of a scan that reach a height on the grid: value of what is searched, and statistic.
+    fn refined(
+        &self,
+        responses: &Responses,
+        place: usize,
+        scanned: &Scores,
+        height: f64,
+    ) -> Vec<(f64, f64)> {
+        let (candidate, scan) = &self.scans[place];
+        peaks(&scanned.statistics, height)
+            .map(|k| {
+                let on_grid = (scan.grid[k], scanned.statistics[k]);
+                scan.around(k)
+                    .filter_map(|value| {
+                        let point = self.point(responses, *candidate, value)?;
+                        Some((value, point.statistic(&point.columns.score(responses))))
+                    })
+                    .fold(
+                        on_grid,
+                        |best, next| if next.1 > best.1 { next } else { best },
+                    )
+            })
+            .collect()
+    }
+
+    /// A searched candidate at a value, beside a model.
+    fn point(&self, responses: &Responses, candidate: usize, value: f64) -> Option<Point> {
+        let described = &self.candidates[candidate];
+        let (searched, _) = described.search?;
+        let mut values = described.nominal();
+        values[searched] = value;
+        let amplitudes = described.amplitudes();
+        let mut columns = Displacements::default();
+        columns.push(
+            &self.entries(candidate, &values)?,
+            &amplitudes,
+            &self.probes,
+        );
+        let absorbed = columns.absorbed(responses);
+        let mut gram = columns.gram(0..amplitudes.len(), responses);
+        let norms: Vec<f64> = gram.diagonal().iter().map(|g| g.max(0.0).sqrt()).collect();
+        gram -= absorbed.tr_mul(&absorbed);
+        Some(Point {
+            columns,
+            coefficients: orthonormal(&norms, &gram),
+        })
+    }
+
+    /// Other values of a searched parameter that fit as well as the best.
+    pub(super) fn aliases(&self, table: &Table, score: &Score) -> Vec<f64> {
+        let place = self.scans.iter().position(|scan| scan.0 == score.candidate);
+        let (Some(place), Some(best)) = (place, score.searched) else {
+            return vec![];
+        };
+        let apart = lobe(reach(&self.candidates[score.candidate], &self.samples));
+        let least = score.statistic - AS_GOOD;
+        self.refined(
+            &table.responses,
+            place,
+            &table.scans[place],
+            LEAST_SHOWN * least,
+        )
+        .into_iter()
+        .filter(|(value, statistic)| {
+            *statistic > least && (value.recip() - best.recip()).abs() > apart
+        })
+        .map(|(value, _)| value)
+        .collect()
     }
 
     /// Columns of a searched candidate at a value of what is searched.
@@ -429,26 +519,7 @@ impl Bench {
         let (searched, _) = described.search?;
         let mut values = described.nominal();
         values[searched] = value;
-        let entries = described
-            .entries(
-                &self.model,
-                &values,
-                &self.probes,
-                &self.samples,
-                &self.surroundings,
-            )
-            .ok()?;
-        let row_samples: Vec<usize> = view.rows.iter().map(|row| row.sample).collect();
-        let raw = candidates::columns(
-            &entries,
-            &described.amplitudes(),
-            &row_samples,
-            self.samples.len(),
-            row_samples.len(),
-        );
-        let columns = view.weighted(&raw);
-        let subspace = Subspace::of(&columns, &view.remainder(&columns));
-        (subspace.rank() > 0).then_some((columns, subspace))
+        self.expanded(view, candidate, &values)
     }
 
     /// Chance, over random signs of the units' residuals, that any candidate does as well as `p_value`.
@@ -470,17 +541,10 @@ impl Bench {
             .map(|column| (total - column.norm_squared()).max(1e-12))
             .collect();
         let mut exceeded = vec![false; flips];
-        let mut by_unit = DMatrix::zeros(self.raw.ncols(), self.units);
-        for (row, at) in view.rows.iter().enumerate() {
-            let weight = view.factors[row] * view.residuals[row];
-            if weight != 0.0 {
-                let mut target = by_unit.column_mut(self.samples[at.sample].unit);
-                for (column, value) in target.iter_mut().enumerate() {
-                    *value += weight * self.raw[(row, column)];
-                }
-            }
-        }
-        let flipped = by_unit * &signs - table.plain.absorbed.transpose() * &basis;
+        let residuals = table
+            .responses
+            .flipped(&self.probes, &self.samples, &signs, &basis);
+        let flipped = self.columns.flipped(&residuals);
         for ((candidate, place), (_, c)) in self.places.iter().zip(&table.plain.coefficients) {
             if c.ncols() == 0 || self.hidden.contains(candidate) {
                 continue;
@@ -498,18 +562,37 @@ impl Bench {
         }
         let places: Vec<usize> = (0..self.scans.len()).collect();
         let of_scans = parallel::map(&places, |&place| {
-            let scores = table.scans[place]
-                .as_ref()
-                .filter(|scores| scores.rank() > 0)?;
+            let (candidate, scan) = &self.scans[place];
+            let scores = &table.scans[place];
+            if scores.rank() == 0 || self.hidden.contains(candidate) {
+                return None;
+            }
             let rank = scores.rank() as f64;
             let crossings = self.crossings[place].get().copied().unwrap_or(0.0);
-            let nulls = self.scans[place]
-                .1
-                .flipped(scores, view, &self.samples, &signs, &basis);
+            let nulls = scan.flipped(scores, &residuals);
             let exceeds = |(flip, null): (usize, &Vec<f64>)| {
+                let does = |statistic: f64| {
+                    let (equivalent, _) = f_form(statistic, rank, sums[flip], degrees);
+                    global_p(equivalent, rank, crossings) <= p_value
+                };
                 let highest = null.iter().copied().fold(0.0, f64::max);
-                let (equivalent, _) = f_form(highest, rank, sums[flip], degrees);
-                global_p(equivalent, rank, crossings) <= p_value
+                let refined = |k: usize| {
+                    scan.around(k).any(|value| {
+                        let point = self.point(&table.responses, *candidate, value);
+                        point.is_some_and(|point| {
+                            let at = |probe: usize| {
+                                let rows = residuals[probe].nrows();
+                                &residuals[probe].as_slice()[flip * rows..(flip + 1) * rows]
+                            };
+                            does(point.statistic(&point.columns.products(at)))
+                        })
+                    })
+                };
+                does(highest)
+                    || (does(highest / LEAST_SHOWN)
+                        && peaks(null, LEAST_SHOWN * highest)
+                            .filter(|&k| does(null[k] / LEAST_SHOWN))
+                            .any(refined))
             };
             Some(nulls.iter().enumerate().map(exceeds).collect::<Vec<bool>>())
         });
@@ -527,7 +610,7 @@ impl Bench {
 /// What one task of a table yields.
 enum Scored {
     Plain(Vec<Score>, Plain),
-    Scan(usize, Option<Score>, Scores),
+    Scan(Option<Score>, Scores),
 }
 
 /// A statistic scaled so that its tail is that of χ² were the noise known, and its p-value by the F form.

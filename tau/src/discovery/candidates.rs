@@ -38,13 +38,11 @@ pub(super) struct ParameterKind {
     pub(super) tolerance: Option<f64>,
 }
 
-/// Where a term acts: the derivative of the residuals by what it adds to.
-struct Action<'a> {
-    /// Rows' derivatives by the target's components.
-    probes: Vec<&'a [f64]>,
+/// Where a term acts.
+struct Action {
+    /// Indices of the probes of the target's components, which act on the same samples.
+    probes: Vec<usize>,
     scope: Scope,
-    /// Samples on which it can act.
-    samples: Vec<usize>,
 }
 
 /// What a formula's words mean.
@@ -57,12 +55,11 @@ struct Scope {
     length: Option<f64>,
 }
 
-/// Derivatives of a term by the amplitudes at every sample, with the probe that carries them.
+/// Derivatives of a term by the parameters at every sample, with the probe that carries them.
 pub(super) struct Entry {
-    /// Derivatives of the rows by what the term adds to.
-    pub(super) probe: Vec<f64>,
-    pub(super) samples: Vec<usize>,
-    /// By component of the effect's parameters: the value at each of `samples`.
+    /// Index of the probe: what the term adds to.
+    pub(super) probe: usize,
+    /// By component of the effect's parameters: the value at each sample of the probe.
     pub(super) slopes: Vec<Option<Vec<f64>>>,
 }
 
@@ -184,19 +181,16 @@ impl Candidate {
         let formulas = Formulas::new(effect, values);
         let mut entries = Vec::new();
         for term in &effect.terms {
-            for action in self.actions(model, term, probes, samples) {
-                let reader = |readable| {
-                    action
-                        .scope
-                        .read(readable, &action.samples, samples, surroundings)
+            for action in self.actions(model, term, probes) {
+                let Some(at) = action.probes.first().map(|&p| &probes.all[p].samples) else {
+                    continue;
                 };
+                let reader = |readable| action.scope.read(readable, at, samples, surroundings);
                 let slopes = formulas.slopes(term, &reader)?;
-                for (probe, slopes) in action.probes.iter().zip(slopes) {
-                    let count = action.samples.len();
-                    let each = |series: &Series| (0..count).map(|s| series.at(s)).collect();
+                for (&probe, slopes) in action.probes.iter().zip(slopes) {
+                    let each = |series: &Series| (0..at.len()).map(|s| series.at(s)).collect();
                     entries.push(Entry {
-                        probe: probe.to_vec(),
-                        samples: action.samples.clone(),
+                        probe,
                         slopes: (0..self.parameters.len())
                             .map(|k| slopes.get(&k).map(each))
                             .collect(),
@@ -207,16 +201,7 @@ impl Candidate {
         Ok(entries)
     }
 
-    fn actions<'a>(
-        &self,
-        model: &Model,
-        term: &Term,
-        probes: &'a Probes,
-        samples: &[Sample],
-    ) -> Vec<Action<'a>> {
-        let of_set_1: Vec<usize> = (0..samples.len())
-            .filter(|&s| samples[s].set == 1)
-            .collect();
+    fn actions(&self, model: &Model, term: &Term, probes: &Probes) -> Vec<Action> {
         let none = Scope {
             command: None,
             track: None,
@@ -225,16 +210,13 @@ impl Candidate {
             length: None,
         };
         let on_cart = |track: usize, source: Option<usize>, component: usize| Action {
-            probes: vec![&probes.carts[track][component]],
+            probes: vec![probes.carts[track][component]],
             scope: Scope {
                 command: Some(track),
                 track: Some(track),
                 source,
                 ..none
             },
-            samples: (0..samples.len())
-                .filter(|&s| samples[s].track.is_none_or(|own| own == track))
-                .collect(),
         };
         let axis = match term.target {
             Target::Along => 0,
@@ -249,8 +231,8 @@ impl Candidate {
             let owner = &probes.closures[closure];
             Some(Action {
                 probes: match term.target {
-                    Target::Length => vec![&owner.length],
-                    _ => owner.joint.as_ref()?.iter().map(Vec::as_slice).collect(),
+                    Target::Length => vec![owner.length],
+                    _ => owner.joint?.to_vec(),
                 },
                 scope: Scope {
                     command: owner.command,
@@ -258,7 +240,6 @@ impl Candidate {
                     length: Some(owner.length_m),
                     ..none
                 },
-                samples: of_set_1.clone(),
             })
         };
         match self.place {
@@ -275,9 +256,8 @@ impl Candidate {
             }
             Place::AllLinks => (0..probes.closures.len()).filter_map(on_closure).collect(),
             Place::Tcp => vec![Action {
-                probes: probes.tcp.iter().map(Vec::as_slice).collect(),
+                probes: probes.tcp.to_vec(),
                 scope: none,
-                samples: of_set_1,
             }],
         }
     }
@@ -322,27 +302,23 @@ impl Scope {
 }
 
 /// The columns that entries add up to, one per parameter in `wanted`, on rows in units of noise.
-pub(super) fn columns(
-    entries: &[Entry],
-    wanted: &[usize],
-    row_samples: &[usize],
-    sample_count: usize,
-    total_rows: usize,
-) -> DMatrix<f64> {
-    let mut columns = DMatrix::zeros(total_rows, wanted.len());
-    let mut by_sample = vec![0.0; sample_count];
+pub(super) fn columns(entries: &[Entry], wanted: &[usize], probes: &Probes) -> DMatrix<f64> {
+    let rows = &probes.row_samples;
+    let mut columns = DMatrix::zeros(rows.len(), wanted.len());
+    let mut by_sample = vec![0.0; probes.sample_count];
     for entry in entries {
+        let probe = &probes.all[entry.probe];
         for (column, &parameter) in wanted.iter().enumerate() {
             let Some(slopes) = &entry.slopes[parameter] else {
                 continue;
             };
             by_sample.fill(0.0);
-            for (&sample, &slope) in entry.samples.iter().zip(slopes) {
+            for (&sample, &slope) in probe.samples.iter().zip(slopes) {
                 by_sample[sample] = slope;
             }
             let mut target = columns.column_mut(column);
-            for (row, (&sample, &probe)) in row_samples.iter().zip(&entry.probe).enumerate() {
-                target[row] += probe * by_sample[sample];
+            for (row, (&sample, &derivative)) in rows.iter().zip(&probe.rows).enumerate() {
+                target[row] += derivative * by_sample[sample];
             }
         }
     }

@@ -22,6 +22,7 @@ mod outliers;
 mod parallel;
 mod probes;
 mod projection;
+mod response;
 pub mod results;
 mod samples;
 mod scan;
@@ -495,12 +496,11 @@ fn effects(search: &Search<'_>) -> Vec<FoundEffect> {
 
 fn considered(search: &Search<'_>) -> Vec<Considered> {
     let bench = &search.bench;
-    let Some(table) = &search.first else {
+    let Some(scores) = &search.first else {
         return vec![];
     };
-    let tested = table.scores.len() as f64;
-    table
-        .scores
+    let tested = scores.len() as f64;
+    scores
         .iter()
         .filter(|score| bench.candidates[score.candidate].is_named())
         .map(|score| {

@@ -14,15 +14,27 @@ use crate::robot_file::Noise;
 
 /// Derivatives of all rows, in units of the stated noise, by what effects may add to.
 pub(super) struct Probes {
-    /// Per track: along, horizontal, vertical, roll, pitch, yaw.
-    pub(super) carts: Vec<Vec<Vec<f64>>>,
+    pub(super) all: Vec<Probe>,
+    /// Per track, indices of along, horizontal, vertical, roll, pitch, yaw.
+    pub(super) carts: Vec<[usize; 6]>,
     /// Per link, or per cluster where the arm is reduced.
     pub(super) closures: Vec<ClosureProbe>,
-    /// Measured TCP position x, y, z.
-    pub(super) tcp: Vec<Vec<f64>>,
+    /// Of the measured TCP position x, y, z.
+    pub(super) tcp: [usize; 3],
+    /// Sample of each row.
+    pub(super) row_samples: Vec<usize>,
+    pub(super) sample_count: usize,
 }
 
-/// Derivatives by a link's length and plate joint.
+/// Derivatives by one displacement.
+pub(super) struct Probe {
+    /// Of every row.
+    pub(super) rows: Vec<f64>,
+    /// Samples that it can act on.
+    pub(super) samples: Vec<usize>,
+}
+
+/// Indices of the probes of a link's length and plate joint.
 pub(super) struct ClosureProbe {
     pub(super) cluster: usize,
     /// `None` where the arm is reduced.
@@ -30,10 +42,20 @@ pub(super) struct ClosureProbe {
     /// The command that its cart, or its length, follows.
     pub(super) command: Option<usize>,
     pub(super) length_m: f64,
-    pub(super) length: Vec<f64>,
+    pub(super) length: usize,
     /// `None` where the arm is reduced.
-    pub(super) joint: Option<Vec<Vec<f64>>>,
+    pub(super) joint: Option<[usize; 3]>,
 }
+
+/// Constants that a cart's probe adds: along, horizontal, vertical, roll, pitch, yaw.
+const TARGETS_OF_CART: [&str; 6] = [
+    "shift_along",
+    "shift_horizontal",
+    "shift_vertical",
+    "turn_roll",
+    "turn_pitch",
+    "turn_yaw",
+];
 
 /// Effects that add one constant to each target: their derivatives are those of the targets.
 const TARGETS: &str = "
@@ -144,23 +166,33 @@ impl Probes {
                 )
         };
         let tracks = model.tracks.len();
+        let mut all = Vec::new();
+        let mut add = |rows: Vec<f64>, acts_on: &dyn Fn(&Sample) -> bool| {
+            all.push(Probe {
+                rows,
+                samples: (0..samples.len())
+                    .filter(|&s| acts_on(&samples[s]))
+                    .collect(),
+            });
+            all.len() - 1
+        };
+        let is_of_set_1 = |sample: &Sample| sample.set == 1;
         let carts = (0..tracks)
             .map(|track| {
-                [
-                    "shift_along",
-                    "shift_horizontal",
-                    "shift_vertical",
-                    "turn_roll",
-                    "turn_pitch",
-                    "turn_yaw",
-                ]
-                .map(|quantity| column(Owner::Effect(first + track), quantity, None))
-                .into()
+                TARGETS_OF_CART.map(|quantity| {
+                    add(
+                        column(Owner::Effect(first + track), quantity, None),
+                        &|sample| sample.track.is_none_or(|own| own == track),
+                    )
+                })
             })
             .collect();
-        let tcp = (0..3)
-            .map(|k| column(Owner::Effect(first + tracks), "shift", Some(k)))
-            .collect();
+        let tcp = [0, 1, 2].map(|k| {
+            add(
+                column(Owner::Effect(first + tracks), "shift", Some(k)),
+                &is_of_set_1,
+            )
+        });
         let closures = match variant.arm {
             Arm::Full => (0..model.links.len())
                 .map(|link| {
@@ -173,11 +205,10 @@ impl Probes {
                             .track
                             .or(model.links[link].actuated_by),
                         length_m: length_of(&joint, owner),
-                        length: column(owner, "length", None),
+                        length: add(column(owner, "length", None), &is_of_set_1),
                         joint: Some(
-                            (0..3)
-                                .map(|k| column(owner, "plate_joint", Some(k)))
-                                .collect(),
+                            [0, 1, 2]
+                                .map(|k| add(column(owner, "plate_joint", Some(k)), &is_of_set_1)),
                         ),
                     }
                 })
@@ -190,16 +221,19 @@ impl Probes {
                         link: None,
                         command: model.clusters[cluster].track,
                         length_m: length_of(&joint, owner),
-                        length: column(owner, "length", None),
+                        length: add(column(owner, "length", None), &is_of_set_1),
                         joint: None,
                     }
                 })
                 .collect(),
         };
         Ok(Self {
+            all,
             carts,
             closures,
             tcp,
+            row_samples: joint.rows.iter().map(|row| row.sample).collect(),
+            sample_count: samples.len(),
         })
     }
 }

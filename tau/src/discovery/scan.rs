@@ -1,34 +1,34 @@
 //! Effects with a searched parameter: the score over a fine grid of it.
 
-use nalgebra::{DMatrix, DVector};
+use std::collections::BTreeSet;
+
+use nalgebra::DMatrix;
 use tau_codegen::language::Model;
 
 use super::candidates::Candidate;
 use super::distribution::{Random, chi2_survival};
 use super::probes::Probes;
 use super::projection::orthonormal;
+use super::response::{Displacements, Responses};
 use super::samples::Sample;
-use super::view::View;
 use crate::kinematics::Surroundings;
 
-/// Grid points per reciprocal of the range of the commands: at one, a peak is as wide as a step.
-const OVERSAMPLING: f64 = 5.0;
+/// Grid points per reciprocal of the range of the commands: at one, a peak is as wide as a step. Peaks
+/// are refined between the points.
+const OVERSAMPLING: f64 = 2.5;
+/// Least share of a peak's height that a grid point next to it shows: sinc²(½ / [`OVERSAMPLING`]) is
+/// 0.87 where commands fill their range evenly.
+pub(super) const LEAST_SHOWN: f64 = 0.75;
 /// Peaks whose statistic falls short of the highest by less fit as well (odds of twenty to one).
 pub(super) const AS_GOOD: f64 = 6.0;
+/// Parts of a step of the grid at which peaks are refined.
+const WITHIN_STEP: [f64; 6] = [-0.75, -0.5, -0.25, 0.25, 0.5, 0.75];
 
 /// The columns of a searched effect at every point of the grid.
 pub(super) struct Scan {
     pub(super) grid: Vec<f64>,
-    amplitudes: Vec<usize>,
-    parts: Vec<Part>,
-}
-
-/// One target on one place.
-struct Part {
-    probe: Vec<f64>,
-    samples: Vec<usize>,
-    /// Samples × (grid · amplitudes).
-    slopes: DMatrix<f64>,
+    width: usize,
+    columns: Displacements,
 }
 
 /// The score at every point of the grid.
@@ -37,10 +37,6 @@ pub(super) struct Scores {
     ranks: Vec<usize>,
     /// For each grid point, coefficients of an orthonormal basis.
     coefficients: Vec<DMatrix<f64>>,
-    /// Of each part, what the basis absorbs of its probe, by sample.
-    by_basis: Vec<DMatrix<f64>>,
-    /// QᵀG of all columns.
-    absorbed: DMatrix<f64>,
 }
 
 impl Scan {
@@ -64,92 +60,42 @@ impl Scan {
             .map(|k| (high.recip() + span * k as f64 / steps).recip())
             .collect();
         let mut values = candidate.nominal();
-        let mut parts: Vec<Part> = Vec::new();
-        for (point, &value) in grid.iter().enumerate() {
+        let mut columns = Displacements::default();
+        for &value in &grid {
             values[searched] = value;
             let entries = candidate.entries(model, &values, probes, samples, surroundings)?;
-            for (part, entry) in entries.into_iter().enumerate() {
-                if point == 0 {
-                    parts.push(Part {
-                        slopes: DMatrix::zeros(entry.samples.len(), grid.len() * amplitudes.len()),
-                        probe: entry.probe.clone(),
-                        samples: entry.samples.clone(),
-                    });
-                }
-                for (k, &amplitude) in amplitudes.iter().enumerate() {
-                    if let Some(slopes) = &entry.slopes[amplitude] {
-                        let column = point * amplitudes.len() + k;
-                        parts[part]
-                            .slopes
-                            .column_mut(column)
-                            .copy_from_slice(slopes);
-                    }
-                }
-            }
+            columns.push(&entries, &amplitudes, probes);
         }
         Ok(Self {
             grid,
-            amplitudes,
-            parts,
+            width: amplitudes.len(),
+            columns,
         })
     }
 
+    /// Pairs of probes whose products the scores take.
+    pub(super) fn pairs(&self, pairs: &mut BTreeSet<(usize, usize)>) {
+        self.columns.pairs(0..self.width, pairs);
+    }
+
     /// Scores residuals at every grid point.
-    pub(super) fn scores(&self, view: &View, samples: &[Sample]) -> Scores {
-        let width = self.amplitudes.len();
-        let total = self.grid.len() * width;
-        let mut absorbed = DMatrix::zeros(view.q.ncols(), total);
-        let mut score = DVector::zeros(total);
-        let mut by_bases = Vec::new();
-        let mut weighted: Vec<Vec<f64>> = Vec::new();
-        for part in &self.parts {
-            let by_basis = part.by_basis(view, samples.len());
-            absorbed += &by_basis * &part.slopes;
-            by_bases.push(by_basis);
-            score += part.slopes.tr_mul(&part.by_residual(view, samples.len()));
-            weighted.push(
-                part.probe
-                    .iter()
-                    .zip(&view.factors)
-                    .map(|(p, f)| p * f)
-                    .collect(),
-            );
-        }
-        let crosses: Vec<Cross> = (0..self.parts.len())
-            .flat_map(|a| (0..=a).map(move |b| (a, b)))
-            .map(|(a, b)| self.cross(a, b, &weighted, view, samples.len()))
-            .filter(|cross| !cross.pairs.is_empty())
-            .collect();
+    pub(super) fn scores(&self, responses: &Responses) -> Scores {
+        let absorbed = self.columns.absorbed(responses);
+        let score = self.columns.score(responses);
+        let points = self.grid.len();
         let mut scores = Scores {
-            statistics: Vec::with_capacity(self.grid.len()),
-            ranks: Vec::with_capacity(self.grid.len()),
-            coefficients: Vec::with_capacity(self.grid.len()),
-            by_basis: by_bases,
-            absorbed,
+            statistics: Vec::with_capacity(points),
+            ranks: Vec::with_capacity(points),
+            coefficients: Vec::with_capacity(points),
         };
-        for point in 0..self.grid.len() {
-            let mut gram = DMatrix::<f64>::zeros(width, width);
-            for cross in &crosses {
-                let (left, right) = (&self.parts[cross.left], &self.parts[cross.right]);
-                for i in 0..width {
-                    let p = left.column(point * width + i);
-                    for j in 0..width {
-                        if cross.left == cross.right && j > i {
-                            break;
-                        }
-                        let sum = cross.sum(p, right.column(point * width + j));
-                        gram[(i, j)] += sum;
-                        if cross.left != cross.right || i != j {
-                            gram[(j, i)] += sum;
-                        }
-                    }
-                }
-            }
-            let norms: Vec<f64> = (0..width).map(|k| gram[(k, k)].max(0.0).sqrt()).collect();
-            let of = scores.absorbed.columns(point * width, width);
+        for point in 0..points {
+            let range = point * self.width..(point + 1) * self.width;
+            let mut gram = self.columns.gram(range.clone(), responses);
+            let norms: Vec<f64> = gram.diagonal().iter().map(|g| g.max(0.0).sqrt()).collect();
+            let of = absorbed.columns(range.start, self.width);
             gram -= of.tr_mul(&of);
             let coefficients = orthonormal(&norms, &gram);
-            let here = score.rows(point * width, width);
+            let here = score.rows(range.start, self.width);
             scores
                 .statistics
                 .push(coefficients.tr_mul(&here).norm_squared());
@@ -159,55 +105,12 @@ impl Scan {
         scores
     }
 
-    /// Sums of products of two parts' probes over the samples that they share.
-    fn cross(
-        &self,
-        left: usize,
-        right: usize,
-        weighted: &[Vec<f64>],
-        view: &View,
-        samples: usize,
-    ) -> Cross {
-        let mut sums = vec![0.0; samples];
-        for ((row, p), q) in view.rows.iter().zip(&weighted[left]).zip(&weighted[right]) {
-            sums[row.sample] += p * q;
-        }
-        let mut there = vec![None; samples];
-        self.parts[right]
-            .samples
-            .iter()
-            .enumerate()
-            .for_each(|(k, &s)| there[s] = Some(k));
-        let pairs = self.parts[left]
-            .samples
-            .iter()
-            .enumerate()
-            .filter(|&(_, &sample)| sums[sample] != 0.0)
-            .filter_map(|(here, &sample)| Some((sums[sample], here, there[sample]?)))
-            .collect();
-        Cross { left, right, pairs }
-    }
-
-    /// The statistics over the grid under sign flips of the units: one column per flip.
-    pub(super) fn flipped(
-        &self,
-        scores: &Scores,
-        view: &View,
-        samples: &[Sample],
-        signs: &DMatrix<f64>,
-        flipped_basis: &DMatrix<f64>,
-    ) -> Vec<Vec<f64>> {
-        let width = self.amplitudes.len();
-        let mut score = DMatrix::zeros(scores.absorbed.ncols(), signs.ncols());
-        for (part, by_basis) in self.parts.iter().zip(&scores.by_basis) {
-            let by_residual = part.by_residual(view, samples.len());
-            let absorbed = by_basis.transpose() * flipped_basis;
-            let turned = DMatrix::from_fn(part.samples.len(), signs.ncols(), |s, flip| {
-                by_residual[s] * signs[(samples[part.samples[s]].unit, flip)] - absorbed[(s, flip)]
-            });
-            score += part.slopes.transpose() * turned;
-        }
-        score
+    /// The statistics over the grid under sign flips: one list per flip. `residuals` are the flipped
+    /// residuals of each probe.
+    pub(super) fn flipped(&self, scores: &Scores, residuals: &[DMatrix<f64>]) -> Vec<Vec<f64>> {
+        let width = self.width;
+        self.columns
+            .flipped(residuals)
             .column_iter()
             .map(|column| {
                 let products = column.as_slice().chunks_exact(width);
@@ -224,103 +127,49 @@ impl Scan {
             })
             .collect()
     }
-}
 
-impl Part {
-    /// The rows that the probe touches: row, place of its sample, and the probe in units of the noise.
-    fn active(&self, view: &View, samples: usize) -> Vec<(usize, usize, f64)> {
-        let mut place = vec![None; samples];
-        self.samples
-            .iter()
-            .enumerate()
-            .for_each(|(s, &sample)| place[sample] = Some(s));
-        view.rows
-            .iter()
-            .zip(&self.probe)
-            .zip(&view.factors)
-            .enumerate()
-            .filter_map(|(row, ((at, probe), factor))| {
-                let weight = probe * factor;
-                (weight != 0.0).then_some((row, place[at.sample]?, weight))
+    /// Values around a point of the grid at which a peak there is refined.
+    pub(super) fn around(&self, point: usize) -> impl Iterator<Item = f64> + '_ {
+        let here = self.grid[point].recip();
+        let at = move |neighbour: usize| self.grid[neighbour].recip() - here;
+        let below = at(point.saturating_sub(1));
+        let above = at((point + 1).min(self.grid.len() - 1));
+        WITHIN_STEP
+            .into_iter()
+            .map(move |part| {
+                let step = if part < 0.0 { below } else { above };
+                here + part.abs() * step
             })
-            .collect()
-    }
-
-    /// Sums over each sample's rows of the probe times the residuals.
-    fn by_residual(&self, view: &View, samples: usize) -> DVector<f64> {
-        let mut sums = DVector::zeros(self.samples.len());
-        for (row, s, weight) in self.active(view, samples) {
-            sums[s] += weight * view.residuals[row];
-        }
-        sums
-    }
-
-    /// Sums over each sample's rows of the probe times the basis: one row per column of the basis.
-    fn by_basis(&self, view: &View, samples: usize) -> DMatrix<f64> {
-        let columns = view.q.ncols();
-        let mut sums = DMatrix::zeros(columns, self.samples.len());
-        let active = self.active(view, samples);
-        for column in 0..columns {
-            let q = view.q.column(column);
-            for &(row, s, weight) in &active {
-                sums[(column, s)] += weight * q[row];
-            }
-        }
-        sums
-    }
-
-    /// A column of the slopes.
-    fn column(&self, column: usize) -> &[f64] {
-        let rows = self.samples.len();
-        &self.slopes.as_slice()[column * rows..(column + 1) * rows]
+            .filter(move |&reciprocal| reciprocal != here)
+            .map(f64::recip)
     }
 }
 
-/// Products of the probes of two parts: weight, place in the one, place in the other.
-struct Cross {
-    left: usize,
-    right: usize,
-    pairs: Vec<(f64, usize, usize)>,
-}
-
-impl Cross {
-    fn sum(&self, p: &[f64], q: &[f64]) -> f64 {
-        self.pairs
-            .iter()
-            .map(|&(weight, here, there)| weight * p[here] * q[there])
-            .sum()
-    }
+/// Points of a scan that are no lower than their neighbours and reach a height.
+pub(super) fn peaks(statistics: &[f64], height: f64) -> impl Iterator<Item = usize> + '_ {
+    (0..statistics.len()).filter(move |&k| {
+        let here = statistics[k];
+        here >= height
+            && (k == 0 || here >= statistics[k - 1])
+            && (k + 1 == statistics.len() || here >= statistics[k + 1])
+    })
 }
 
 impl Scores {
-    /// Index of the highest statistic.
-    pub(super) fn best(&self) -> usize {
-        (0..self.statistics.len())
-            .max_by(|&a, &b| self.statistics[a].total_cmp(&self.statistics[b]))
-            .unwrap_or(0)
+    /// Height of the highest point.
+    pub(super) fn highest(&self) -> f64 {
+        self.statistics.iter().copied().fold(0.0, f64::max)
     }
 
     /// Largest number of amplitudes that can be told apart.
     pub(super) fn rank(&self) -> usize {
         self.ranks.iter().copied().max().unwrap_or(0)
     }
+}
 
-    /// Values of the grid at other peaks that fit as well as the highest.
-    pub(super) fn aliases(&self, grid: &[f64]) -> Vec<f64> {
-        let best = self.best();
-        let highest = self.statistics[best];
-        let lobe = 2 * count(OVERSAMPLING);
-        (1..self.statistics.len().saturating_sub(1))
-            .filter(|&k| {
-                let here = self.statistics[k];
-                here > highest - AS_GOOD
-                    && here >= self.statistics[k - 1]
-                    && here >= self.statistics[k + 1]
-                    && k.abs_diff(best) > lobe
-            })
-            .map(|k| grid[k])
-            .collect()
-    }
+/// Distance of reciprocals within which two values of a searched parameter are one peak.
+pub(super) fn lobe(range_m: f64) -> f64 {
+    2.0 / range_m
 }
 
 /// Chance that the highest statistic of a whole scan exceeds `statistic` without an effect: the bound

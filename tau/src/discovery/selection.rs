@@ -27,8 +27,6 @@ pub(super) const LEVEL: f64 = 0.05;
 const MAX_EFFECTS: usize = 10;
 /// Stands in for p-values that are too small to be told from zero.
 const LEAST: f64 = 1e-290;
-/// Longest grid of a search that takes part where rivals of one effect are sought.
-const SHORT_GRID: usize = 400;
 
 /// An effect in the model.
 #[derive(Clone)]
@@ -66,7 +64,7 @@ pub(super) struct Search<'a> {
     pub(super) steps: Vec<Step>,
     pub(super) gaps: Vec<Gap>,
     /// Scores beside the base.
-    pub(super) first: Option<Table>,
+    pub(super) first: Option<Vec<Score>>,
     /// Whether anything significant is left.
     pub(super) is_left: bool,
 }
@@ -77,11 +75,11 @@ impl Search<'_> {
         self.record(None)?;
         while self.accepted.len() + self.unnamed.len() < MAX_EFFECTS {
             let view = self.view();
-            let table = self.bench.table(&view, usize::MAX);
+            let table = self.bench.table(&view);
             let tested = table.scores.len();
             let significant = self.significant(&table);
             let Some(winner) = self.winner(&view, &table, &significant) else {
-                self.first.get_or_insert(table);
+                self.first.get_or_insert(table.scores);
                 break;
             };
             let label = self.bench.candidates[winner.candidate].label();
@@ -96,13 +94,14 @@ impl Search<'_> {
             let Some(subspace) = self.subspace(&view, &winner) else {
                 break;
             };
+            let aliases = self.bench.aliases(&table, &winner);
             let gain = held_out_gain(
                 &view,
                 &subspace,
                 &self.bench.samples,
                 self.input.options.seed,
             );
-            self.first.get_or_insert(table);
+            self.first.get_or_insert(table.scores);
             if flip_p_value > LEVEL {
                 // The best does no better than chance, so nothing does.
                 self.refused.insert(winner.candidate);
@@ -116,7 +115,7 @@ impl Search<'_> {
                 self.unnamed.push(winner.candidate);
                 continue;
             }
-            if !self.accept(&winner, flip_p_value)? {
+            if !self.accept(&winner, flip_p_value, aliases)? {
                 self.refused.insert(winner.candidate);
                 continue;
             }
@@ -221,7 +220,12 @@ impl Search<'_> {
     }
 
     /// Adds an effect and refits; whether the fit converged.
-    fn accept(&mut self, score: &Score, flip_p_value: f64) -> Result<bool, Error> {
+    fn accept(
+        &mut self,
+        score: &Score,
+        flip_p_value: f64,
+        aliases: Vec<f64>,
+    ) -> Result<bool, Error> {
         let described = &self.bench.candidates[score.candidate];
         let mut values = described.nominal();
         let view = self.view();
@@ -245,7 +249,7 @@ impl Search<'_> {
             p_value: score.p_value,
             flip_p_value,
             chi2_drop: score.statistic,
-            aliases: score.aliases.clone(),
+            aliases,
             heldout_drop_um: 0.0,
             rivals: vec![],
         });
@@ -439,7 +443,7 @@ impl Search<'_> {
             let kept = self.unnamed.clone();
             self.unnamed.retain(|&other| other != family);
             let view = self.view();
-            let table = self.bench.table(&view, usize::MAX);
+            let table = self.bench.table(&view);
             let own = table.scores.iter().find(|score| score.candidate == family);
             let significant = self.significant(&table);
             let best = significant
@@ -466,7 +470,7 @@ impl Search<'_> {
                         self.input.options.flips,
                         self.input.options.seed,
                     );
-                    flip <= LEVEL && self.accept(best, flip)?
+                    flip <= LEVEL && self.accept(best, flip, self.bench.aliases(&table, best))?
                 }
                 None => false,
             };
@@ -485,7 +489,7 @@ impl Search<'_> {
             let Some((view, own, of_own)) = self.without(effect) else {
                 break;
             };
-            let table = self.bench.table(&view, SHORT_GRID);
+            let table = self.bench.table(&view);
             let others = || {
                 table.scores.iter().filter(|score| {
                     score.candidate != own.candidate && self.is_open(score.candidate)
@@ -511,7 +515,8 @@ impl Search<'_> {
                 let name = name.clone();
                 let kept = self.accepted[effect].clone();
                 self.remove(effect)?;
-                if !self.accept(&name, kept.flip_p_value)? {
+                let aliases = self.bench.aliases(&table, &name);
+                if !self.accept(&name, kept.flip_p_value, aliases)? {
                     break;
                 }
                 continue;

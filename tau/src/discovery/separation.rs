@@ -115,7 +115,7 @@ fn system(
             )
             .ok()?;
         let wanted = signal.candidate.amplitudes();
-        let mut columns = candidates::columns(&entries, &wanted, &row_samples, samples.len(), rows);
+        let mut columns = candidates::columns(&entries, &wanted, &bench.probes);
         for mut column in columns.column_iter_mut() {
             column
                 .iter_mut()

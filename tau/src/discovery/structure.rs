@@ -1,7 +1,7 @@
 //! Unnamed structure in words and as a curve.
 
 use super::bench::Bench;
-use super::candidates::{Candidate, Entry};
+use super::candidates::Candidate;
 use super::results::Unnamed;
 use super::samples::Sample;
 use super::view::View;
@@ -35,8 +35,9 @@ pub(super) fn unnamed(bench: &Bench, view: &View, family: usize) -> Option<Unnam
             .map(|(place, amplitude)| amplitude * slope(place))
             .sum()
     };
-    let values: Vec<f64> = (0..entry.samples.len()).map(displaced).collect();
-    let (against, covariate) = covariates(described.against, candidate, bench, entry)
+    let samples = &bench.probes.all[entry.probe].samples;
+    let values: Vec<f64> = (0..samples.len()).map(displaced).collect();
+    let (against, covariate) = covariates(described.against, candidate, bench, samples)
         .into_iter()
         .max_by(|a, b| correlation(&a.1, &values).total_cmp(&correlation(&b.1, &values)))?;
     let mut curve: Vec<[f64; 2]> = covariate
@@ -60,7 +61,7 @@ fn covariates(
     against: &str,
     candidate: &Candidate,
     bench: &Bench,
-    entry: &Entry,
+    samples: &[usize],
 ) -> Vec<(String, Vec<f64>)> {
     use tau_codegen::language::model::Place;
     let (track, link) = match candidate.place {
@@ -100,7 +101,7 @@ fn covariates(
             let sample: &Sample = &bench.samples[s];
             sample.input(input, surroundings).ok()
         };
-        entry.samples.iter().map(sample).collect()
+        samples.iter().map(sample).collect()
     };
     list.into_iter()
         .filter_map(|(name, input)| Some((name, read(input)?)))

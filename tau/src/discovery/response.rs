@@ -1,0 +1,294 @@
+//! How a linear model answers to displacements, sample by sample.
+//!
+//! A candidate's column is a sum over a few probes of what it adds to each at every sample. So all that
+//! scoring needs of a column are products of the probes with the model's basis, with its residuals and
+//! with each other, summed over the rows of each sample: the columns themselves are never formed.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::ops::Range;
+
+use nalgebra::{DMatrix, DMatrixView, DVector};
+
+use super::candidates::Entry;
+use super::probes::Probes;
+use super::samples::Sample;
+use super::view::View;
+
+/// Products of probes with a model.
+pub(super) struct Responses {
+    /// Of each probe: one row per column of the basis, one column per sample of the probe.
+    by_basis: Vec<DMatrix<f64>>,
+    /// The same with the residuals.
+    by_residual: Vec<DVector<f64>>,
+    products: BTreeMap<(usize, usize), Vec<Product>>,
+}
+
+/// Sum over a sample's rows of the product of two probes, and its place in each.
+struct Product {
+    sum: f64,
+    left: usize,
+    right: usize,
+}
+
+impl Responses {
+    pub(super) fn of(view: &View, probes: &Probes, pairs: &BTreeSet<(usize, usize)>) -> Self {
+        let places: Vec<Vec<Option<usize>>> = probes
+            .all
+            .iter()
+            .map(|probe| {
+                let mut places = vec![None; probes.sample_count];
+                for (place, &sample) in probe.samples.iter().enumerate() {
+                    places[sample] = Some(place);
+                }
+                places
+            })
+            .collect();
+        let width = view.q.ncols();
+        let (mut by_basis, mut by_residual) = (Vec::new(), Vec::new());
+        for (probe, places) in probes.all.iter().zip(&places) {
+            let active: Vec<(usize, usize, f64)> = (probe.rows.iter().zip(&view.factors))
+                .zip(&probes.row_samples)
+                .enumerate()
+                .filter_map(|(row, ((derivative, factor), &sample))| {
+                    let weight = derivative * factor;
+                    (weight != 0.0).then_some((row, places[sample]?, weight))
+                })
+                .collect();
+            let mut basis = DMatrix::zeros(width, probe.samples.len());
+            for column in 0..width {
+                let q = view.q.column(column);
+                for &(row, place, weight) in &active {
+                    basis[(column, place)] += weight * q[row];
+                }
+            }
+            let mut residual = DVector::zeros(probe.samples.len());
+            for &(row, place, weight) in &active {
+                residual[place] += weight * view.residuals[row];
+            }
+            by_basis.push(basis);
+            by_residual.push(residual);
+        }
+        let squares: Vec<f64> = view.factors.iter().map(|factor| factor * factor).collect();
+        let products = pairs
+            .iter()
+            .map(|&(left, right)| {
+                let mut sums = vec![0.0; probes.sample_count];
+                for (((a, b), square), &sample) in (probes.all[left].rows.iter())
+                    .zip(&probes.all[right].rows)
+                    .zip(&squares)
+                    .zip(&probes.row_samples)
+                {
+                    sums[sample] += a * b * square;
+                }
+                let products = sums
+                    .into_iter()
+                    .enumerate()
+                    .filter(|(_, sum)| *sum != 0.0)
+                    .filter_map(|(sample, sum)| {
+                        let (left, right) = (places[left][sample]?, places[right][sample]?);
+                        Some(Product { sum, left, right })
+                    })
+                    .collect();
+                ((left, right), products)
+            })
+            .collect();
+        Self {
+            by_basis,
+            by_residual,
+            products,
+        }
+    }
+
+    /// The residuals of each probe's samples under sign flips of the units, less what the model absorbs
+    /// of them: one column per flip. `flipped_basis` is `Qᵀ(s∘e)`.
+    pub(super) fn flipped(
+        &self,
+        probes: &Probes,
+        samples: &[Sample],
+        signs: &DMatrix<f64>,
+        flipped_basis: &DMatrix<f64>,
+    ) -> Vec<DMatrix<f64>> {
+        (self.by_basis.iter().zip(&self.by_residual))
+            .zip(&probes.all)
+            .map(|((by_basis, by_residual), probe)| {
+                let absorbed = by_basis.transpose() * flipped_basis;
+                DMatrix::from_fn(probe.samples.len(), signs.ncols(), |s, flip| {
+                    let unit = samples[probe.samples[s]].unit;
+                    by_residual[s] * signs[(unit, flip)] - absorbed[(s, flip)]
+                })
+            })
+            .collect()
+    }
+}
+
+/// Columns of candidates: what each adds to each probe, by sample.
+#[derive(Default)]
+pub(super) struct Displacements {
+    parts: Vec<Part>,
+    /// Of each column, its parts and the place in each.
+    members: Vec<Vec<(usize, usize)>>,
+}
+
+/// What columns add to one probe.
+struct Part {
+    probe: usize,
+    /// Samples × columns, by columns.
+    slopes: Vec<f64>,
+    samples: usize,
+    /// Index of each column among all.
+    columns: Vec<usize>,
+}
+
+impl Part {
+    fn matrix(&self) -> DMatrixView<'_, f64> {
+        DMatrixView::from_slice(&self.slopes, self.samples, self.columns.len())
+    }
+
+    fn column(&self, place: usize) -> &[f64] {
+        &self.slopes[place * self.samples..(place + 1) * self.samples]
+    }
+}
+
+impl Displacements {
+    /// Adds columns: those of the parameters in `wanted`.
+    pub(super) fn push(
+        &mut self,
+        entries: &[Entry],
+        wanted: &[usize],
+        probes: &Probes,
+    ) -> Range<usize> {
+        let start = self.members.len();
+        let end = start + wanted.len();
+        self.members.resize(end, Vec::new());
+        for entry in entries {
+            for (column, &parameter) in (start..).zip(wanted) {
+                let Some(slopes) = &entry.slopes[parameter] else {
+                    continue;
+                };
+                let known = self.parts.iter().position(|part| part.probe == entry.probe);
+                let index = known.unwrap_or_else(|| {
+                    self.parts.push(Part {
+                        probe: entry.probe,
+                        slopes: Vec::new(),
+                        samples: probes.all[entry.probe].samples.len(),
+                        columns: Vec::new(),
+                    });
+                    self.parts.len() - 1
+                });
+                let part = &mut self.parts[index];
+                self.members[column].push((index, part.columns.len()));
+                part.slopes.extend_from_slice(slopes);
+                part.columns.push(column);
+            }
+        }
+        start..end
+    }
+
+    pub(super) fn width(&self) -> usize {
+        self.members.len()
+    }
+
+    /// Pairs of probes of which [`Self::gram`] over ranges of so many columns takes products.
+    pub(super) fn pairs(&self, range: Range<usize>, pairs: &mut BTreeSet<(usize, usize)>) {
+        let probes: BTreeSet<usize> = self.members[range]
+            .iter()
+            .flatten()
+            .map(|&(part, _)| self.parts[part].probe)
+            .collect();
+        for &left in &probes {
+            pairs.extend(probes.range(left..).map(|&right| (left, right)));
+        }
+    }
+
+    /// `QᵀG`: what the model absorbs of the columns, in its basis.
+    pub(super) fn absorbed(&self, responses: &Responses) -> DMatrix<f64> {
+        let rows = responses.by_basis.first().map_or(0, DMatrix::nrows);
+        let mut absorbed = DMatrix::zeros(rows, self.width());
+        for part in &self.parts {
+            let by_basis = &responses.by_basis[part.probe];
+            if part.columns.len() == self.width() {
+                absorbed.gemm(1.0, by_basis, &part.matrix(), 1.0);
+                continue;
+            }
+            let own = by_basis * part.matrix();
+            for (&column, own) in part.columns.iter().zip(own.column_iter()) {
+                let mut target = absorbed.column_mut(column);
+                target += own;
+            }
+        }
+        absorbed
+    }
+
+    /// `Gᵀe`.
+    pub(super) fn score(&self, responses: &Responses) -> DVector<f64> {
+        self.products(|probe| responses.by_residual[probe].as_slice())
+    }
+
+    /// `Gᵀe` for given residuals of each probe's samples.
+    pub(super) fn products<'a>(&self, residuals: impl Fn(usize) -> &'a [f64]) -> DVector<f64> {
+        let mut score = DVector::zeros(self.width());
+        for part in &self.parts {
+            let residuals = residuals(part.probe);
+            for (place, &column) in part.columns.iter().enumerate() {
+                let slopes = part.column(place).iter();
+                score[column] += slopes.zip(residuals).map(|(a, b)| a * b).sum::<f64>();
+            }
+        }
+        score
+    }
+
+    /// `Gᵀe` for every flip, by columns.
+    pub(super) fn flipped(&self, residuals: &[DMatrix<f64>]) -> DMatrix<f64> {
+        let flips = residuals.first().map_or(0, DMatrix::ncols);
+        let mut score = DMatrix::zeros(self.width(), flips);
+        for part in &self.parts {
+            let transposed = part.matrix().transpose();
+            if part.columns.len() == self.width() {
+                score.gemm(1.0, &transposed, &residuals[part.probe], 1.0);
+                continue;
+            }
+            let own = transposed * &residuals[part.probe];
+            for (&column, own) in part.columns.iter().zip(own.row_iter()) {
+                let mut target = score.row_mut(column);
+                target += own;
+            }
+        }
+        score
+    }
+
+    /// `GᵀG` of some columns.
+    pub(super) fn gram(&self, range: Range<usize>, responses: &Responses) -> DMatrix<f64> {
+        let start = range.start;
+        let mut gram = DMatrix::zeros(range.len(), range.len());
+        for i in range.clone() {
+            for j in range.start..=i {
+                let mut sum = 0.0;
+                for &(a, of_a) in &self.members[i] {
+                    for &(b, of_b) in &self.members[j] {
+                        sum += self.product((a, of_a), (b, of_b), responses);
+                    }
+                }
+                gram[(i - start, j - start)] = sum;
+                gram[(j - start, i - start)] = sum;
+            }
+        }
+        gram
+    }
+
+    fn product(&self, left: (usize, usize), right: (usize, usize), responses: &Responses) -> f64 {
+        let (left, right) = if self.parts[left.0].probe <= self.parts[right.0].probe {
+            (left, right)
+        } else {
+            (right, left)
+        };
+        let (a, b) = (&self.parts[left.0], &self.parts[right.0]);
+        let Some(products) = responses.products.get(&(a.probe, b.probe)) else {
+            return 0.0;
+        };
+        let (p, q) = (a.column(left.1), b.column(right.1));
+        products
+            .iter()
+            .map(|product| product.sum * p[product.left] * q[product.right])
+            .sum()
+    }
+}
