@@ -36,7 +36,7 @@ const MOST_TOLERANCES: f64 = 10.0;
 /// Size of the first try, in tolerances, and how near λ has to come.
 const FIRST_TRY: f64 = 0.1;
 const NEAR: f64 = 0.01;
-const TRIES: usize = 6;
+const TRIES: usize = 12;
 /// Drawings of effects at random places until they are visible.
 const DRAWINGS: usize = 20;
 /// Displacement of poses from the grid, as a share of its step.
@@ -360,31 +360,30 @@ impl Laboratory {
     }
 }
 
-/// The size at which an effect has a λ: λ is nearly proportional to its square.
+/// The size at which an effect has a λ, which is nearly proportional to its square; `None` where no
+/// plausible size has it.
 fn sized(
     hidden: &Hidden,
     target: f64,
     noncentrality_of: impl Fn(&Effect) -> Option<f64>,
 ) -> Option<Sized> {
     let mut tolerances = FIRST_TRY;
-    let mut best = None;
     for _ in 0..TRIES {
         let effect = hidden.of_size(tolerances);
         let noncentrality = noncentrality_of(&effect)?;
-        best = Some(Sized {
-            effect,
-            tolerances,
-            noncentrality,
-        });
         if (noncentrality / target - 1.0).abs() < NEAR {
-            break;
+            return Some(Sized {
+                effect,
+                tolerances,
+                noncentrality,
+            });
         }
         tolerances *= (target / noncentrality).sqrt();
         if tolerances.is_nan() || tolerances > MOST_TOLERANCES {
             return None;
         }
     }
-    best
+    None
 }
 
 /// The text of an effect in a catalogue.
