@@ -18,7 +18,7 @@ const CART: usize = 5;
 const TURNING: f64 = 1e-2;
 const DRIFTING: f64 = 2e-4;
 /// Place of a target on its cart (m).
-const MOUNTING_M: f64 = 0.15;
+const MOUNTING_M: f64 = 0.1;
 /// Tolerances that stand for none: rotations (rad), translations (m).
 const ANY: f64 = 1.0;
 const ANYWHERE_M: f64 = 10.0;
