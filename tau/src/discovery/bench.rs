@@ -266,6 +266,36 @@ impl Bench {
         })
     }
 
+    /// The scan of a searched candidate with its scores in a table, and its mean upcrossings.
+    pub(super) fn scanned<'a>(
+        &'a self,
+        table: &'a Table,
+        candidate: usize,
+    ) -> Option<(&'a Scan, &'a Scores, f64)> {
+        let place = self.scans.iter().position(|(of, _)| *of == candidate)?;
+        let crossings = self.crossings[place].get().copied().unwrap_or(0.0);
+        Some((&self.scans[place].1, table.scans.get(place)?, crossings))
+    }
+
+    /// Columns of a named candidate that is in sight, in units of the stated noise; of a searched one,
+    /// in the middle of its range.
+    pub(super) fn shown_columns(&self, candidate: usize) -> Option<DMatrix<f64>> {
+        let described = &self.candidates[candidate];
+        if !described.is_named() || self.hidden.contains(&candidate) {
+            return None;
+        }
+        let mut values = described.nominal();
+        if let Some((searched, (low, high))) = described.search {
+            values[searched] = (low * high).sqrt();
+        }
+        let entries = self.entries(candidate, &values)?;
+        Some(candidates::columns(
+            &entries,
+            &described.amplitudes(),
+            &self.probes,
+        ))
+    }
+
     /// Columns of a candidate in units of a model's noise, and what the model leaves of them; `None`
     /// where that is nothing.
     pub(super) fn subspace(

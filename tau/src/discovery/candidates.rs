@@ -47,7 +47,7 @@ struct Action {
 
 /// What a formula's words mean.
 #[derive(Debug, Clone, Copy)]
-struct Scope {
+pub(super) struct Scope {
     command: Option<usize>,
     track: Option<usize>,
     source: Option<usize>,
@@ -57,6 +57,10 @@ struct Scope {
 
 /// Derivatives of a term by the parameters at every sample, with the probe that carries them.
 pub(super) struct Entry {
+    /// Index of the term in the effect, and of what it adds to among the target's components.
+    pub(super) term: usize,
+    pub(super) component: usize,
+    pub(super) scope: Scope,
     /// Index of the probe: what the term adds to.
     pub(super) probe: usize,
     /// By component of the effect's parameters: the value at each sample of the probe.
@@ -180,16 +184,19 @@ impl Candidate {
         let effect = &model.effects[self.effect];
         let formulas = Formulas::new(effect, values);
         let mut entries = Vec::new();
-        for term in &effect.terms {
+        for (index, term) in effect.terms.iter().enumerate() {
             for action in self.actions(model, term, probes) {
                 let Some(at) = action.probes.first().map(|&p| &probes.all[p].samples) else {
                     continue;
                 };
                 let reader = |readable| action.scope.read(readable, at, samples, surroundings);
                 let slopes = formulas.slopes(term, &reader)?;
-                for (&probe, slopes) in action.probes.iter().zip(slopes) {
+                for (component, (&probe, slopes)) in action.probes.iter().zip(slopes).enumerate() {
                     let each = |series: &Series| (0..at.len()).map(|s| series.at(s)).collect();
                     entries.push(Entry {
+                        term: index,
+                        component,
+                        scope: action.scope,
                         probe,
                         slopes: (0..self.parameters.len())
                             .map(|k| slopes.get(&k).map(each))
@@ -264,7 +271,24 @@ impl Candidate {
 }
 
 impl Scope {
-    fn read(
+    /// Whether there is a cart whose command `q` is.
+    pub(super) fn has_command(&self) -> bool {
+        self.command.is_some()
+    }
+
+    /// The track that `source` is.
+    pub(super) fn source(&self) -> Option<usize> {
+        self.source
+    }
+
+    /// Name of the cart or link that moves.
+    pub(super) fn name(&self, model: &Model) -> Option<String> {
+        let track = || Some(model.tracks.get(self.track?)?.name.clone());
+        let link = || Some(model.links.get(self.link?)?.name.clone());
+        track().or_else(link)
+    }
+
+    pub(super) fn read(
         &self,
         readable: Readable,
         at: &[usize],

@@ -55,7 +55,7 @@ pub(super) fn detectable_noncentrality(degrees: f64, level: f64, power: f64) -> 
 }
 
 /// The root of a function that falls from positive to negative, the upper end doubled as needed.
-fn bisect(mut low: f64, mut high: f64, f: impl Fn(f64) -> f64) -> f64 {
+pub(super) fn bisect(mut low: f64, mut high: f64, f: impl Fn(f64) -> f64) -> f64 {
     for _ in 0..60 {
         if f(high) < 0.0 {
             break;

@@ -10,6 +10,7 @@ mod candidates;
 mod confirmation;
 mod descent;
 mod distribution;
+mod evidence;
 mod fit;
 mod floor;
 mod formula;
@@ -54,14 +55,21 @@ use crate::measurements::{Division, Folder, Shape, Split};
 use crate::robot::{Robot, Variant};
 use crate::robot_file::RobotFile;
 use bench::Bench;
+use evidence::whiteness::Series;
 use fit::Fit;
 use frames::Frames;
 use joint::Joint;
 use probes::Probes;
-use results::{Considered, Estimate, FoundEffect, Gap, LeftOut, Rival, Unseen, Validation};
+use results::{
+    Considered, Estimate, FoundEffect, Gap, LeftOut, Rival, SerialCorrelation, Unseen, Validation,
+    Whiteness,
+};
 use samples::Sample;
 use selection::{LEVEL, Search};
 use view::View;
+
+/// Chance in white noise below which residuals are said to follow each other.
+const SERIAL: f64 = 0.01;
 
 /// How to search.
 #[derive(Debug, Clone)]
@@ -219,8 +227,17 @@ pub fn discover(
         file.noise,
     )?;
     let mut bench = Bench::new(model, variant, &families, samples, probes, &fit);
-    let (detectable, cannot_see) = sight::sight(&mut bench, &View::of(&fit));
-    let misfit = misfit::misfits(&fit, &bench.samples, file.noise);
+    let view = View::of(&fit);
+    let (detectable, cannot_see) = sight::sight(&mut bench, &view);
+    let beforehand = Beforehand {
+        ambiguous: evidence::ambiguity::ambiguous(&bench, &view),
+        misfit: misfit::misfits(&fit, &bench.samples, file.noise),
+        serial: Series::of(&view, &bench.samples).map(|series| series.correlation()),
+        detectable,
+        cannot_see,
+        floor: before_floor,
+        view,
+    };
     let mut search = Search {
         input: &input,
         bench,
@@ -236,14 +253,18 @@ pub fn discover(
         is_left: false,
     };
     search.run(progress)?;
-    finish(
-        &input,
-        &search,
-        (detectable, cannot_see),
-        misfit,
-        before_floor,
-        started,
-    )
+    finish(&input, &search, beforehand, started)
+}
+
+/// What was known before the search: of the experiment, and of the base.
+struct Beforehand {
+    view: View,
+    detectable: Vec<results::Detectable>,
+    cannot_see: Vec<Unseen>,
+    ambiguous: Vec<results::Ambiguous>,
+    misfit: Vec<results::Misfit>,
+    serial: Option<results::SerialCorrelation>,
+    floor: floor::Floor,
 }
 
 /// The model with all catalogues and the unnamed families.
@@ -339,9 +360,7 @@ fn place_plates(machine: &Machine, file: &RobotFile, samples: &mut [Sample]) {
 fn finish(
     input: &Input<'_>,
     search: &Search<'_>,
-    (detectable, cannot_see): (Vec<results::Detectable>, Vec<Unseen>),
-    misfit: Vec<results::Misfit>,
-    before_floor: floor::Floor,
+    beforehand: Beforehand,
     started: Instant,
 ) -> Result<Outcome, Error> {
     let Input {
@@ -414,33 +433,53 @@ fn finish(
     let mut outliers: Vec<u32> = left_out.iter().map(|out| out.number).collect();
     outliers.sort_unstable();
     outliers.dedup();
+    let whiteness = whiteness(search, beforehand.serial);
     let discovery = Discovery {
         base: base.to_owned(),
         status,
         noise_floor_um: floor.mean_m * 1e6,
-        ceiling_um: ((before.rms_um * 1e-6).powi(2) - before_floor.square_m2)
-            .max(0.0)
-            .sqrt()
-            * 1e6,
+        ceiling_um: removable_um(before, &beforehand.floor),
+        remaining_um: removable_um(after, &floor),
         validation: Validation { before, after },
-        misfit,
+        misfit: beforehand.misfit,
         noise: misfit::noise_scales(fit),
         effects: effects(search),
         considered: considered(search),
-        cannot_see,
-        detectable,
+        cannot_see: beforehand.cannot_see,
+        detectable: beforehand.detectable,
+        ambiguous: beforehand.ambiguous,
+        evidence: evidence::of_effects(search, &beforehand.view),
         unnamed,
         outliers,
         left_out,
         steps: search.steps.clone(),
         model_text,
-        remarks: remarks(search),
+        remarks: remarks(search, whiteness.as_ref()),
+        whiteness,
         seconds: started.elapsed().as_secs_f64(),
     };
     Ok(Outcome {
         discovery,
         values,
         poses,
+    })
+}
+
+/// Root of what the mean squared error exceeds that of the noise by (µm).
+fn removable_um(gap: Gap, floor: &floor::Floor) -> f64 {
+    let excess = (gap.rms_um * 1e-6).powi(2) - floor.square_m2;
+    excess.max(0.0).sqrt() * 1e6
+}
+
+/// Serial correlation of the residuals of the base and of what is left in the end.
+fn whiteness(search: &Search<'_>, before: Option<SerialCorrelation>) -> Option<Whiteness> {
+    let series = Series::of(&search.view(), &search.bench.samples)?;
+    Some(Whiteness {
+        order: if series.is_by_time { "time" } else { "row" },
+        poses: series.len(),
+        lags: series.lags(),
+        before: before?,
+        after: series.correlation(),
     })
 }
 
@@ -488,6 +527,9 @@ fn effects(search: &Search<'_>) -> Vec<FoundEffect> {
                         separate_by: rival.separate_by.clone(),
                     })
                     .collect(),
+                searched: candidate
+                    .search
+                    .map(|(place, _)| candidate.parameters[place].name.clone()),
                 aliases: accepted.aliases.clone(),
             }
         })
@@ -496,11 +538,12 @@ fn effects(search: &Search<'_>) -> Vec<FoundEffect> {
 
 fn considered(search: &Search<'_>) -> Vec<Considered> {
     let bench = &search.bench;
-    let Some(scores) = &search.first else {
+    let Some(table) = &search.first else {
         return vec![];
     };
-    let tested = scores.len() as f64;
-    scores
+    let tested = table.scores.len() as f64;
+    table
+        .scores
         .iter()
         .filter(|score| bench.candidates[score.candidate].is_named())
         .map(|score| {
@@ -535,7 +578,7 @@ fn considered(search: &Search<'_>) -> Vec<Considered> {
         .collect()
 }
 
-fn remarks(search: &Search<'_>) -> Vec<String> {
+fn remarks(search: &Search<'_>, whiteness: Option<&Whiteness>) -> Vec<String> {
     let mut remarks = Vec::new();
     for (set, what) in [
         (
@@ -558,6 +601,16 @@ fn remarks(search: &Search<'_>) -> Vec<String> {
                 scale.set, scale.of, scale.factor
             ));
         }
+    }
+    if let Some(found) = whiteness
+        && found.after.p_value.min(found.after.portmanteau_p_value) < SERIAL
+    {
+        remarks.push(format!(
+            "the residuals of set 1 that are left follow each other in the order of measurement (correlation of \
+             neighbours {:.2}): noise is serial, or something unknown varies slowly; either imitates effects of time \
+             and temperature, and makes p-values and standard deviations too small",
+            found.after.lag1
+        ));
     }
     remarks
 }

@@ -179,13 +179,13 @@ pub(super) fn orthonormal(norms: &[f64], gram: &DMatrix<f64>) -> DMatrix<f64> {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::super::distribution::{
         Random, chi2_quantile_above, chi2_survival, noncentral_chi2_survival,
     };
     use super::*;
 
-    pub(in super::super) fn normal(random: &mut Random) -> f64 {
+    pub(in crate::discovery) fn normal(random: &mut Random) -> f64 {
         let uniform = |random: &mut Random| (random.bits() >> 11) as f64 / (1_u64 << 53) as f64;
         let (a, b) = (uniform(random).max(1e-300), uniform(random));
         (-2.0 * a.ln()).sqrt() * (std::f64::consts::TAU * b).cos()

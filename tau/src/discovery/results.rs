@@ -18,6 +18,8 @@ pub struct Discovery {
     /// Root of what the mean squared error exceeds that of the noise by: what any method could remove
     /// (µm).
     pub ceiling_um: f64,
+    /// The same with what was found: what any method could still remove (µm).
+    pub remaining_um: f64,
     /// Position error on the validation poses, which take no part in anything.
     pub validation: Validation,
     /// Residuals of the base against their noise.
@@ -33,6 +35,13 @@ pub struct Discovery {
     pub cannot_see: Vec<Unseen>,
     /// What could be found, before residuals are looked at.
     pub detectable: Vec<Detectable>,
+    /// Which of them could not be told apart, the closest first.
+    pub ambiguous: Vec<Ambiguous>,
+    /// Whether residuals of set 1 follow each other in the order of measurement; nothing where there
+    /// are too few poses.
+    pub whiteness: Option<Whiteness>,
+    /// What the residuals show of each effect, in the order of `effects`.
+    pub evidence: Vec<Evidence>,
     /// Structure that no effect of the catalogue explains.
     pub unnamed: Vec<Unnamed>,
     /// Numbers of the poses or points that were left out.
@@ -150,6 +159,9 @@ pub struct FoundEffect {
     pub heldout_drop_um: f64,
     /// What else would explain the same residuals.
     pub rivals: Vec<Rival>,
+    /// Name of the parameter that was searched.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub searched: Option<String>,
     /// Other values of the searched parameter that fit as well.
     pub aliases: Vec<f64>,
 }
@@ -217,6 +229,122 @@ pub struct Detectable {
     pub unit: String,
     /// Share of the signal that the base absorbs.
     pub absorbed: f64,
+}
+
+/// Two effects whose signals are alike beside the base, before residuals are looked at.
+#[derive(Debug, Clone, Serialize)]
+pub struct Ambiguous {
+    /// Name in the catalogue.
+    pub name: String,
+    /// Where it would act.
+    pub place: String,
+    /// Name of the effect that could be taken for it.
+    pub with_name: String,
+    /// Where that would act.
+    pub with_place: String,
+    /// Share of what the base leaves of the first one's signal that the second explains, with
+    /// amplitudes of the size of their tolerances: above 0.64 ambiguous, above 0.99 identical.
+    pub kappa: f64,
+    /// Share of the second one's signal that the first explains.
+    pub kappa_reverse: f64,
+}
+
+/// Serial correlation of the residuals of set 1.
+#[derive(Debug, Clone, Serialize)]
+pub struct Whiteness {
+    /// `time`, or `row` where the column is missing.
+    pub order: &'static str,
+    /// Number of poses.
+    pub poses: usize,
+    /// Number of lags of the portmanteau statistic.
+    pub lags: usize,
+    /// With the base.
+    pub before: SerialCorrelation,
+    /// With what was found, named or not.
+    pub after: SerialCorrelation,
+}
+
+/// Autocorrelation of whitened residuals against that of white noise after the same fit.
+#[derive(Debug, Clone, Copy, Serialize)]
+pub struct SerialCorrelation {
+    /// Between neighbours, beyond what the fit itself brings in.
+    pub lag1: f64,
+    /// Chance of so much of it, of either sign, in white noise.
+    pub p_value: f64,
+    /// Statistic of Ljung and Box over the lags.
+    pub portmanteau: f64,
+    /// Chance of so high a value in white noise.
+    pub portmanteau_p_value: f64,
+}
+
+/// What the residuals show of an effect.
+#[derive(Debug, Clone, Serialize)]
+pub struct Evidence {
+    /// Name in the catalogue.
+    pub name: String,
+    /// Where it acts.
+    pub place: String,
+    /// One for each motion that it adds to.
+    pub residuals: Vec<Pattern>,
+    /// Where something was searched.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub spectrum: Option<Spectrum>,
+}
+
+/// Residuals as a motion that would explain them, against what the effect depends on. Before: all that
+/// was found is in the model but this effect; after: it is too.
+#[derive(Debug, Clone, Serialize)]
+pub struct Pattern {
+    /// What moves: a cart, a link, `tcp`, or several.
+    pub place: String,
+    /// How it moves: `along`, `roll`, `length`, `position x`, …
+    pub target: String,
+    /// `um` or `urad`.
+    pub unit: &'static str,
+    /// The quantity that the effect follows best.
+    pub against: String,
+    /// Its unit.
+    pub against_unit: &'static str,
+    /// The quantity is folded by this, where the effect repeats.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub period: Option<f64>,
+    /// Means over stretches of the quantity.
+    pub bins: Vec<Bin>,
+    /// Quantity, before, after of the samples that know most.
+    #[serde(skip)]
+    pub points: Vec<[f64; 3]>,
+}
+
+/// A mean of residuals.
+#[derive(Debug, Clone, Copy, Serialize)]
+pub struct Bin {
+    /// Mean of the quantity.
+    pub at: f64,
+    /// Without the effect.
+    pub before: f64,
+    /// With it.
+    pub after: f64,
+    /// One standard deviation of either.
+    pub sigma: f64,
+    /// Number of samples.
+    pub samples: usize,
+}
+
+/// The score of an effect over the range in which one of its parameters was searched.
+#[derive(Debug, Clone, Serialize)]
+pub struct Spectrum {
+    /// The parameter.
+    pub parameter: String,
+    /// Its unit.
+    pub unit: String,
+    /// Score that is significant over the whole search and all candidates.
+    pub threshold: f64,
+    /// Value of the parameter, score without and with the effect in the model; the highest of each of
+    /// few stretches of the search.
+    pub points: Vec<[f64; 3]>,
+    /// The same, of many stretches.
+    #[serde(skip)]
+    pub curve: Vec<[f64; 3]>,
 }
 
 /// Structure without a name.

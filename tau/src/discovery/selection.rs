@@ -64,7 +64,7 @@ pub(super) struct Search<'a> {
     pub(super) steps: Vec<Step>,
     pub(super) gaps: Vec<Gap>,
     /// Scores beside the base.
-    pub(super) first: Option<Vec<Score>>,
+    pub(super) first: Option<Table>,
     /// Whether anything significant is left.
     pub(super) is_left: bool,
 }
@@ -79,7 +79,7 @@ impl Search<'_> {
             let tested = table.scores.len();
             let significant = self.significant(&table);
             let Some(winner) = self.winner(&view, &table, &significant) else {
-                self.first.get_or_insert(table.scores);
+                self.first.get_or_insert(table);
                 break;
             };
             let label = self.bench.candidates[winner.candidate].label();
@@ -101,7 +101,7 @@ impl Search<'_> {
                 &self.bench.samples,
                 self.input.options.seed,
             );
-            self.first.get_or_insert(table.scores);
+            self.first.get_or_insert(table);
             if flip_p_value > LEVEL {
                 // The best does no better than chance, so nothing does.
                 self.refused.insert(winner.candidate);
@@ -411,7 +411,7 @@ impl Search<'_> {
     }
 
     /// Columns of an effect's amplitudes in the fit, and how far they are from no effect.
-    fn amplitudes(&self, effect: usize) -> (Vec<usize>, DVector<f64>) {
+    pub(super) fn amplitudes(&self, effect: usize) -> (Vec<usize>, DVector<f64>) {
         let described = &self.bench.candidates[self.accepted[effect].candidate];
         let columns = self.columns_of(effect);
         let (own, values): (Vec<usize>, Vec<f64>) = described
@@ -429,7 +429,7 @@ impl Search<'_> {
     }
 
     /// Columns of an effect in the fit.
-    fn columns_of(&self, effect: usize) -> Vec<usize> {
+    pub(super) fn columns_of(&self, effect: usize) -> Vec<usize> {
         let joint = &self.fit.joint;
         let owner = Owner::Effect(self.own_effects + effect);
         (0..joint.used.len())

@@ -131,7 +131,8 @@ fn constant(model: &Model, candidate: &Candidate, samples: &[Sample]) -> Option<
     None
 }
 
-fn readables(formula: &Formula, found: &mut Vec<Readable>) {
+/// All quantities that a formula reads.
+pub(super) fn readables(formula: &Formula, found: &mut Vec<Readable>) {
     match formula {
         Formula::Read(readable) => found.push(*readable),
         Formula::Negate(a) | Formula::Power(a, _) => readables(a, found),

@@ -109,7 +109,7 @@ fn covariates(
 }
 
 /// Magnitude of the correlation of two series.
-fn correlation(a: &[f64], b: &[f64]) -> f64 {
+pub(super) fn correlation(a: &[f64], b: &[f64]) -> f64 {
     let count = a.len().max(1) as f64;
     let (mean_a, mean_b) = (a.iter().sum::<f64>() / count, b.iter().sum::<f64>() / count);
     let (mut ab, mut aa, mut bb) = (0.0, 0.0, 0.0);

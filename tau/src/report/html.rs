@@ -80,33 +80,14 @@ pub fn discovery_page(found: &Discovery, robot: &str, folder: &str) -> String {
     let summary = html! {
         section.summary aria-label="Summary" { (section::keys(found)) (section::sentences(found)) }
     };
-    let sections = [
-        Section {
-            id: "gap",
-            title: "How the error shrinks",
-            body: section::gap(found, &figures),
-        },
-        Section {
-            id: "where",
-            title: "Where model and measurement disagree",
-            body: section::disagreement(found, &figures),
-        },
-        Section {
-            id: "considered",
-            title: "What was considered",
-            body: section::candidates(found),
-        },
-        Section {
-            id: "sight",
-            title: "What could be found",
-            body: section::sight(found),
-        },
-        Section {
-            id: "model",
-            title: "The description with what was found",
-            body: section::model(found),
-        },
-    ];
+    let sections: Vec<Section> = section::evidence(found, &figures)
+        .into_iter()
+        .map(|part| Section {
+            id: part.id,
+            title: part.title,
+            body: part.body,
+        })
+        .collect();
     document("Discovery report", robot, folder, &summary, &sections)
 }
 
@@ -197,10 +178,12 @@ fn errors(study: &Study, figures: &[Figure]) -> Markup {
 fn lacking(study: &Study, figures: &[Figure]) -> Markup {
     html! {
         @if let Some(found) = &study.discovery {
+            (section::keys(found))
             (section::sentences(found))
-            (section::gap(found, figures))
-            (section::disagreement(found, figures))
-            (section::sight(found))
+            @for part in section::evidence(found, figures) {
+                h3.part { (part.title) }
+                (part.body)
+            }
         } @else {
             p { "No search for effects that the models lack succeeded." }
         }

@@ -66,11 +66,15 @@ pub fn discovery(found: &Discovery) -> String {
             text += &wrap(&rival, "  ");
         }
     }
-    if !found.unnamed.is_empty() {
-        text += "\nWithout a name\n";
-        for structure in &found.unnamed {
-            text += &wrap(&findings::unnamed(structure), "  ");
-        }
+    text += &findings::undisputed(found)
+        .map(|sentence| format!("\n{}", wrap(&sentence, "")))
+        .unwrap_or_default();
+    text += "\nWhat remains\n";
+    for structure in &found.unnamed {
+        text += &wrap(&findings::unnamed(structure), "  ");
+    }
+    for sentence in findings::remains(found) {
+        text += &wrap(&sentence, "  ");
     }
     if !found.cannot_see.is_empty() {
         text += "\nWhat could not be seen\n";

@@ -26,8 +26,8 @@ pub fn write_study(folder: &Path, study: &Study) -> io::Result<Vec<PathBuf>> {
     ];
     files.extend(
         figures
-            .into_iter()
-            .map(|figure| (figure.file_name, figure.svg)),
+            .iter()
+            .map(|figure| (figure.file_name.as_str(), figure.svg.clone())),
     );
     write_files(folder, &files)
 }

@@ -97,7 +97,8 @@ pub(in crate::report) fn effect(effect: &FoundEffect) -> String {
         general(change.abs(), 2)
     );
     format!(
-        "{}. {matters} Chance of so strong a sign of it without it: {} by formula, {} by sign flips.",
+        "{}. {matters} The chance of so strong a sign without it is {} by formula; among random flips of the residuals' \
+         signs it is at most {}.",
         sizes.join(", "),
         typographic(&chance(effect.p_value)),
         typographic(&chance(effect.flip_p_value)),
@@ -131,19 +132,128 @@ pub(in crate::report) fn rivals(effect: &FoundEffect) -> Vec<String> {
             )
         })
         .collect();
-    if !effect.aliases.is_empty() {
-        let values: Vec<String> = effect
-            .aliases
-            .iter()
-            .map(|value| general(*value, 4))
-            .collect();
+    if let Some(aliases) = aliases(effect) {
         sentences.push(format!(
-            "{} fits as well with other values of the parameter that was searched: {} (SI).",
+            "{} fits as well with another {}: {aliases}. More commands at uneven distances would decide.",
             at(&effect.name, &effect.place),
-            values.join(", ")
+            effect.searched.as_deref().unwrap_or("value"),
         ));
     }
     sentences
+}
+
+/// Values of the searched parameter that fit as well, with their units.
+pub(in crate::report) fn aliases(effect: &FoundEffect) -> Option<String> {
+    let estimate = effect.parameters.get(effect.searched.as_ref()?);
+    let unit = estimate.map_or("", |estimate| estimate.unit.as_str());
+    let values: Vec<String> = effect
+        .aliases
+        .iter()
+        .map(|value| {
+            let (factor, unit) = readable(unit, *value);
+            let value = typographic(&general(factor * value, 4));
+            format!("{value} {unit}").trim_end().to_owned()
+        })
+        .collect();
+    (!values.is_empty()).then(|| values.join(", "))
+}
+
+/// Effects of which nothing else explains the signal nearly as well.
+pub(in crate::report) fn undisputed(found: &Discovery) -> Option<String> {
+    let labels: Vec<String> = found
+        .effects
+        .iter()
+        .filter(|effect| effect.rivals.is_empty() && effect.aliases.is_empty())
+        .map(|effect| at(&effect.name, &effect.place))
+        .collect();
+    (!labels.is_empty()).then(|| {
+        format!(
+            "Nothing else that was considered explains {} nearly as well.",
+            listed(&labels)
+        )
+    })
+}
+
+/// To what the measurements are blind.
+pub(in crate::report) fn blind(found: &Discovery) -> Option<String> {
+    let hidden = match found.cannot_see.len() {
+        0 => None,
+        1 => Some("One effect of the catalogue could not be seen".to_owned()),
+        count => Some(format!(
+            "{count} effects of the catalogue could not be seen"
+        )),
+    };
+    let hidden =
+        hidden.map(|hidden| format!("{hidden} with these measurements, whatever they are."));
+    let both: Vec<String> = hidden.into_iter().chain(ambiguous(found)).collect();
+    (!both.is_empty()).then(|| both.join(" "))
+}
+
+/// Pairs that these measurements could not tell apart.
+fn ambiguous(found: &Discovery) -> Option<String> {
+    let pairs: Vec<String> = found
+        .ambiguous
+        .iter()
+        .map(|pair| {
+            format!(
+                "{} from {}",
+                at(&pair.name, &pair.place),
+                at(&pair.with_name, &pair.with_place)
+            )
+        })
+        .collect();
+    (!pairs.is_empty()).then(|| format!("These measurements can hardly tell {}.", listed(&pairs)))
+}
+
+/// What is left once everything that was found is in the model.
+pub(in crate::report) fn remains(found: &Discovery) -> Vec<String> {
+    let um = |value: f64| general(value, 3);
+    let mut sentences = vec![format!(
+        "With what was found in the model, the error at the tool is {} µm in the mean, where the stated noise alone \
+         shows {} µm. Any method could still remove {} µm rms.",
+        um(found.validation.after.mean_um),
+        um(found.noise_floor_um),
+        um(found.remaining_um),
+    )];
+    sentences.extend(noise(found));
+    sentences.extend(serial(found));
+    sentences
+}
+
+/// The noise that is left against the stated one.
+fn noise(found: &Discovery) -> Option<String> {
+    let factors = || found.noise.iter().map(|scale| scale.factor);
+    let (low, high) = (factors().reduce(f64::min)?, factors().reduce(f64::max)?);
+    let range = if fixed(low, 2) == fixed(high, 2) {
+        fixed(low, 2)
+    } else {
+        format!("{} to {}", fixed(low, 2), fixed(high, 2))
+    };
+    Some(format!(
+        "What is left looks like noise of {range} times the stated one."
+    ))
+}
+
+/// Whether what is left follows in time.
+fn serial(found: &Discovery) -> Option<String> {
+    let whiteness = found.whiteness.as_ref()?;
+    let after = whiteness.after;
+    let verdict = if after.p_value.min(after.portmanteau_p_value) < 0.01 {
+        "which is more than chance: noise is serial, or something unknown varies slowly"
+    } else {
+        "no more than by chance"
+    };
+    Some(format!(
+        "From pose to pose in the order of {}, the residuals of set 1 correlate by {} (p = {} over {} lags), {verdict}.",
+        if whiteness.order == "time" {
+            "time"
+        } else {
+            "the file"
+        },
+        typographic(&fixed(after.lag1, 2)),
+        typographic(&chance(after.portmanteau_p_value)),
+        whiteness.lags,
+    ))
 }
 
 /// What is left without a name.
@@ -204,6 +314,15 @@ pub(in crate::report) fn unseen(found: &Discovery) -> Vec<(String, String)> {
         .into_iter()
         .map(|(why, effects)| (effects.join(", "), why))
         .collect()
+}
+
+/// Names in a sentence.
+fn listed(names: &[String]) -> String {
+    match names {
+        [] => String::new(),
+        [one] => one.clone(),
+        [first @ .., last] => format!("{} and {last}", first.join(", ")),
+    }
 }
 
 fn count_word(count: usize) -> String {

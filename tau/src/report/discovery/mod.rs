@@ -9,7 +9,7 @@ mod tests;
 use super::number::general;
 
 /// Factor and name of the unit in which a quantity in this SI unit and of this size reads best.
-fn readable(unit: &str, size: f64) -> (f64, String) {
+pub(super) fn readable(unit: &str, size: f64) -> (f64, String) {
     let (above, below) = match unit.find('/') {
         Some(slash) => unit.split_at(slash),
         None => (unit, ""),
@@ -39,6 +39,6 @@ fn chance(p_value: f64) -> String {
 }
 
 /// An effect with its place, as the language writes it.
-fn at(name: &str, place: &str) -> String {
+pub(super) fn at(name: &str, place: &str) -> String {
     format!("{name}({place})")
 }

@@ -8,6 +8,13 @@ use crate::report::figures::Figure;
 use crate::report::html::{figure, table};
 use crate::report::number::general;
 
+/// A part of the evidence.
+pub(in crate::report) struct Part {
+    pub(in crate::report) id: &'static str,
+    pub(in crate::report) title: &'static str,
+    pub(in crate::report) body: Markup,
+}
+
 /// The figures that matter most.
 pub(in crate::report) fn keys(found: &Discovery) -> Markup {
     let um = |value: f64| general(value, 3) + " µm";
@@ -24,7 +31,12 @@ pub(in crate::report) fn keys(found: &Discovery) -> Markup {
 /// What is wrong with the machine, how sure, how much it matters, what else could explain it, and what
 /// remains.
 pub(in crate::report) fn sentences(found: &Discovery) -> Markup {
-    let rivals: Vec<String> = found.effects.iter().flat_map(findings::rivals).collect();
+    let rivals: Vec<String> = found
+        .effects
+        .iter()
+        .flat_map(findings::rivals)
+        .chain(findings::undisputed(found))
+        .collect();
     html! {
         p { (findings::verdict(found)) }
         p { (findings::gap(found)) }
@@ -44,11 +56,13 @@ pub(in crate::report) fn sentences(found: &Discovery) -> Markup {
             h3 { "What else could explain it" }
             ul { @for rival in &rivals { li { (rival) } } }
         }
-        @if !found.unnamed.is_empty() {
-            h3 { "What remains without a name" }
-            ul { @for structure in &found.unnamed { li { (findings::unnamed(structure)) } } }
+        h3 { "What remains" }
+        ul {
+            @for structure in &found.unnamed { li { "Without a name: " (findings::unnamed(structure)) } }
+            @for sentence in findings::remains(found) { li { (sentence) } }
+            @if let Some(outliers) = findings::outliers(&found.left_out) { li { (outliers) } }
+            @if let Some(blind) = findings::blind(found) { li { (blind) } }
         }
-        @if let Some(outliers) = findings::outliers(&found.left_out) { p { (outliers) } }
         @if !found.remarks.is_empty() {
             aside.remarks {
                 h3 { "Remarks" }
@@ -58,8 +72,47 @@ pub(in crate::report) fn sentences(found: &Discovery) -> Markup {
     }
 }
 
+/// The evidence, in the order in which it convinces.
+pub(in crate::report) fn evidence(found: &Discovery, figures: &[Figure]) -> Vec<Part> {
+    let mut parts = vec![Part {
+        id: "gap",
+        title: "How the error shrinks",
+        body: gap(found, figures),
+    }];
+    if !found.effects.is_empty() {
+        parts.push(Part {
+            id: "effects",
+            title: "What the residuals show of each effect",
+            body: effects(found, figures),
+        });
+    }
+    parts.extend([
+        Part {
+            id: "where",
+            title: "Where model and measurement disagree",
+            body: disagreement(found, figures),
+        },
+        Part {
+            id: "considered",
+            title: "What was considered",
+            body: candidates(found),
+        },
+        Part {
+            id: "sight",
+            title: "What could be found",
+            body: sight(found),
+        },
+        Part {
+            id: "model",
+            title: "The description with what was found",
+            body: html! { pre { code { (found.model_text) } } },
+        },
+    ]);
+    parts
+}
+
 /// The gap step by step.
-pub(in crate::report) fn gap(found: &Discovery, figures: &[Figure]) -> Markup {
+fn gap(found: &Discovery, figures: &[Figure]) -> Markup {
     html! {
         p {
             "After each step the model is fitted to all sets at once and predicts the validation poses, which take no part \
@@ -71,8 +124,23 @@ pub(in crate::report) fn gap(found: &Discovery, figures: &[Figure]) -> Markup {
     }
 }
 
+/// Residuals and spectra, effect by effect.
+fn effects(found: &Discovery, figures: &[Figure]) -> Markup {
+    html! {
+        p {
+            "Every sample\'s residuals are turned into the one motion that would explain them: of the cart along its track, \
+             say, or of a link\'s length. Plotted against what the effect depends on, they show its curve while it is \
+             missing from the model, and nothing but noise once it is there."
+        }
+        @for index in 1..=found.effects.len() {
+            (figure(figures, &format!("discovery_residuals_{index}.svg")))
+            (figure(figures, &format!("discovery_spectrum_{index}.svg")))
+        }
+    }
+}
+
 /// Where model and measurement disagree, and what no name explains.
-pub(in crate::report) fn disagreement(found: &Discovery, figures: &[Figure]) -> Markup {
+fn disagreement(found: &Discovery, figures: &[Figure]) -> Markup {
     html! {
         p {
             "Excess is the root of what the mean squared residual exceeds that expected from the stated noise by, given \
@@ -80,12 +148,20 @@ pub(in crate::report) fn disagreement(found: &Discovery, figures: &[Figure]) -> 
         }
         @if let Some(misfit) = tables::misfit(found) { (table(&misfit, "wide compact long")) }
         @if let Some(noise) = tables::noise(found) { (table(&noise, "compact")) }
+        @if let Some(whiteness) = tables::whiteness(found) {
+            p {
+                "Noise that drifts imitates effects of time and temperature. White noise leaves residuals that do not \
+                 follow each other; the correlation that the fit itself brings in is taken off. A missing effect makes \
+                 neighbouring poses alike, too, so that what counts is what is left in the end."
+            }
+            (table(&whiteness, "compact"))
+        }
         (figure(figures, "discovery_unnamed_structure.svg"))
     }
 }
 
 /// Every candidate that was tried.
-pub(in crate::report) fn candidates(found: &Discovery) -> Markup {
+fn candidates(found: &Discovery) -> Markup {
     html! {
         p {
             "Every effect of the catalogue at every place is scored by what " (found.base) " leaves of its signal in the \
@@ -97,15 +173,18 @@ pub(in crate::report) fn candidates(found: &Discovery) -> Markup {
 }
 
 /// What could and what could not be found, whatever the residuals.
-pub(in crate::report) fn sight(found: &Discovery) -> Markup {
+fn sight(found: &Discovery) -> Markup {
     html! {
         p { "This follows from where was measured and from the stated noise, before residuals are looked at." }
         @if let Some(unseen) = tables::unseen(found) { (table(&unseen, "wide compact long reasons")) }
+        @if let Some(ambiguous) = tables::ambiguous(found) {
+            p {
+                "κ is the share of what " (found.base) " leaves of an effect\'s signal that another effect explains, in \
+                 the mean over amplitudes of the size of their tolerances. Above 0.64 a wrong name is likelier than none, \
+                 above 0.99 these measurements cannot tell the two apart."
+            }
+            (table(&ambiguous, "wide compact long"))
+        }
         @if let Some(detectable) = tables::detectable(found) { (table(&detectable, "wide compact long")) }
     }
-}
-
-/// The description with what was found.
-pub(in crate::report) fn model(found: &Discovery) -> Markup {
-    html! { pre { code { (found.model_text) } } }
 }

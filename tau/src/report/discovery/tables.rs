@@ -2,6 +2,7 @@
 
 use super::{at, chance, readable};
 use crate::discovery::Discovery;
+use crate::discovery::results::SerialCorrelation;
 use crate::report::number::{fixed, general, shared_decimals, with_sigma};
 use crate::report::tables::{Cell, Table, columns, number, text};
 
@@ -184,6 +185,72 @@ pub(in crate::report) fn noise(found: &Discovery) -> Option<Table> {
     (!rows.is_empty()).then(|| Table {
         title: "Noise, estimated over stated".to_owned(),
         columns: columns(&[("", &["Residuals", "factor"])]),
+        rows,
+    })
+}
+
+/// Serial correlation of the residuals of set 1.
+pub(in crate::report) fn whiteness(found: &Discovery) -> Option<Table> {
+    let whiteness = found.whiteness.as_ref()?;
+    let order = match whiteness.order {
+        "time" => "order of time",
+        _ => "order of the file, which has no times",
+    };
+    let row = |name: &str, serial: SerialCorrelation| {
+        vec![
+            text(name),
+            Cell::Number(fixed(serial.lag1, 3)),
+            Cell::Number(chance(serial.p_value)),
+            Cell::Number(general(serial.portmanteau, 3)),
+            Cell::Number(chance(serial.portmanteau_p_value)),
+        ]
+    };
+    Some(Table {
+        title: format!(
+            "Serial correlation of the residuals of set 1 ({} poses in {order})",
+            whiteness.poses
+        ),
+        columns: columns(&[
+            ("", &["Model"]),
+            ("Neighbours", &["correlation", "p-value"]),
+            (
+                &format!("Lags 1 to {}", whiteness.lags),
+                &["Ljung–Box", "p-value"],
+            ),
+        ]),
+        rows: vec![
+            row(&found.base, whiteness.before),
+            row("with what was found", whiteness.after),
+        ],
+    })
+}
+
+/// Effects that could not be told apart.
+pub(in crate::report) fn ambiguous(found: &Discovery) -> Option<Table> {
+    let rows: Vec<Vec<Cell>> = found
+        .ambiguous
+        .iter()
+        .map(|pair| {
+            vec![
+                text(&at(&pair.name, &pair.place)),
+                text(&at(&pair.with_name, &pair.with_place)),
+                Cell::Number(fixed(pair.kappa, 2)),
+                Cell::Number(fixed(pair.kappa_reverse, 2)),
+                text(if pair.kappa > 0.99 {
+                    "identical"
+                } else {
+                    "ambiguous"
+                }),
+            ]
+        })
+        .collect();
+    (!rows.is_empty()).then(|| Table {
+        title: "Effects that could hardly be told apart".to_owned(),
+        columns: columns(&[
+            ("", &["Effect", "could be taken for"]),
+            ("Share explained", &["κ", "in reverse"]),
+            ("", &["Verdict"]),
+        ]),
         rows,
     })
 }

@@ -2,8 +2,8 @@ use roxmltree::Document;
 
 use super::{chance, findings, readable, tables};
 use crate::discovery::results::{
-    Discovery, Estimate, FoundEffect, Gap, LeftOut, Rival, Status, Step, Unnamed, Unseen,
-    Validation,
+    Ambiguous, Bin, Discovery, Estimate, Evidence, FoundEffect, Gap, LeftOut, Pattern, Rival,
+    SerialCorrelation, Spectrum, Status, Step, Unnamed, Unseen, Validation, Whiteness,
 };
 use crate::report::{figures, html, json, terminal};
 
@@ -29,6 +29,48 @@ fn step(model: &str, mean_um: f64) -> Step {
     }
 }
 
+fn serial(lag1: f64, p_value: f64) -> SerialCorrelation {
+    SerialCorrelation {
+        lag1,
+        p_value,
+        portmanteau: 41.0,
+        portmanteau_p_value: p_value,
+    }
+}
+
+/// Of an effect that was searched, with a sample that is not finite.
+fn evidence() -> Evidence {
+    Evidence {
+        name: "backlash".to_owned(),
+        place: "one".to_owned(),
+        residuals: vec![Pattern {
+            place: "one".to_owned(),
+            target: "along".to_owned(),
+            unit: "um",
+            against: "direction".to_owned(),
+            against_unit: "",
+            period: None,
+            bins: [-1.0, 1.0]
+                .map(|at| Bin {
+                    at,
+                    before: 20.0 * at,
+                    after: 0.4 * at,
+                    sigma: 1.0,
+                    samples: 40,
+                })
+                .into(),
+            points: vec![[-1.0, -22.0, -2.0], [1.0, f64::NAN, 1.0]],
+        }],
+        spectrum: Some(Spectrum {
+            parameter: "gap".to_owned(),
+            unit: "m".to_owned(),
+            threshold: 25.0,
+            points: vec![[4e-5, 900.0, 3.0]],
+            curve: vec![[1e-4, 2.0, 1.0], [4e-5, 900.0, 3.0], [2e-5, 4.0, 4.0]],
+        }),
+    }
+}
+
 /// A made discovery with something of everything, and a folder's worst names.
 fn found() -> Discovery {
     let estimate = Estimate {
@@ -46,6 +88,7 @@ fn found() -> Discovery {
         status: Status::PartlyExplained,
         noise_floor_um: 20.0,
         ceiling_um: 108.0,
+        remaining_um: 18.0,
         validation: Validation {
             before: gap(100.0),
             after: gap(25.0),
@@ -66,11 +109,28 @@ fn found() -> Discovery {
                 cosine: 0.93,
                 separate_by: "approach the same poses from both sides".to_owned(),
             }],
-            aliases: vec![],
+            searched: Some("gap".to_owned()),
+            aliases: vec![8.4e-5],
         }],
         considered: vec![],
         cannot_see: vec![unseen("l1"), unseen("l2a")],
         detectable: vec![],
+        ambiguous: vec![Ambiguous {
+            name: "link_thermal".to_owned(),
+            place: "l1".to_owned(),
+            with_name: "track_thermal".to_owned(),
+            with_place: "one".to_owned(),
+            kappa: 0.995,
+            kappa_reverse: 0.7,
+        }],
+        whiteness: Some(Whiteness {
+            order: "time",
+            poses: 61,
+            lags: 10,
+            before: serial(0.4, 1e-9),
+            after: serial(0.3, 2e-4),
+        }),
+        evidence: vec![evidence()],
         unnamed: vec![Unnamed {
             place: "two".to_owned(),
             direction: "along".to_owned(),
@@ -144,6 +204,9 @@ fn the_terminal_tells_everything_in_a_hundred_columns() {
         "set 1: 7; set 3, cart two: 9",
         "set 2 & set 3 disagree",
         "stated noise alone",
+        "another gap: 84.00 µm",
+        "Any method could still remove 18.0 µm rms",
+        "correlate by 0.30 (p = 0.00020 over 10 lags), which is more than chance",
     ] {
         let words = |text: &str| text.split_whitespace().collect::<Vec<_>>().join(" ");
         assert!(words(&text).contains(expected), "{expected} in {text}");
@@ -178,8 +241,8 @@ fn the_page_is_well_formed_and_escapes_what_it_is_given() {
         .descendants()
         .filter(|node| node.has_tag_name("h2"))
         .collect();
-    assert_eq!(headings.len(), 5);
-    assert_eq!(figures::discovery(&found).len(), 2);
+    assert_eq!(headings.len(), 6);
+    assert_eq!(figures::discovery(&found).len(), 4);
     for figure in figures::discovery(&found) {
         Document::parse(&figure.svg).unwrap();
         assert!(page.contains(&figure.svg));

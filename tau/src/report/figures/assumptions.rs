@@ -50,7 +50,7 @@ pub fn orientation_grid(study: &Study) -> Option<Figure> {
         }
     });
     Some(Figure {
-        file_name: "figure_4_orientation.svg",
+        file_name: "figure_4_orientation.svg".to_owned(),
         number: Some(4),
         title: title.to_owned(),
         caption: "Each point is a measured pose of set 1; the rows are the ZYZ Euler angles, the columns the \
@@ -96,7 +96,7 @@ pub fn linearity_orthogonal(study: &Study) -> Option<Figure> {
 
 fn linearity(
     study: &Study,
-    file_name: &'static str,
+    file_name: &str,
     number: u32,
     title: &str,
     directions: &[Direction],
@@ -151,7 +151,7 @@ fn linearity(
         }
     });
     Some(Figure {
-        file_name,
+        file_name: file_name.to_owned(),
         number: Some(number),
         title: title.to_owned(),
         caption: caption.to_owned(),
@@ -213,7 +213,7 @@ pub fn set_comparison(study: &Study) -> Option<Figure> {
         }
     });
     Some(Figure {
-        file_name: "set_comparison.svg",
+        file_name: "set_comparison.svg".to_owned(),
         number: None,
         title: title.to_owned(),
         caption: "Set 3 is carried into the frame of set 2 by the rigid transform that fits best. Differences \

@@ -2,16 +2,17 @@
 
 use super::axis::Axis;
 use super::chart::{self, ACCENT, Anchor, Grid, PALE, Rect, STRONG, Show, WIDTH, series};
-use super::{Figure, length_unit};
+use super::{Figure, evidence, length_unit};
 use crate::discovery::Discovery;
 use crate::report::discovery::{findings, tables};
 use crate::report::number::{fixed, largest, shared_decimals};
 
 /// All figures of a discovery.
 pub fn discovery(found: &Discovery) -> Vec<Figure> {
-    [gap_by_step(found), unnamed_structure(found)]
+    gap_by_step(found)
         .into_iter()
-        .flatten()
+        .chain(evidence(found))
+        .chain(unnamed_structure(found))
         .collect()
 }
 
@@ -70,7 +71,7 @@ pub fn gap_by_step(found: &Discovery) -> Option<Figure> {
         panel.line([(floor, 0.0), (floor, rows)], ACCENT, 1.5);
     });
     Some(Figure {
-        file_name: "discovery_gap_by_step.svg",
+        file_name: "discovery_gap_by_step.svg".to_owned(),
         number: None,
         title: title.to_owned(),
         caption: "How the error at the tool shrinks as effects are added to the model, on poses that took no part in \
@@ -107,7 +108,7 @@ pub fn unnamed_structure(found: &Discovery) -> Option<Figure> {
         }
     });
     Some(Figure {
-        file_name: "discovery_unnamed_structure.svg",
+        file_name: "discovery_unnamed_structure.svg".to_owned(),
         number: None,
         title: title.to_owned(),
         caption: "Horizontal axes in SI units. A function of several quantities scatters about a curve of one.".to_owned(),

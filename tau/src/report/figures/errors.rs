@@ -75,7 +75,7 @@ pub fn error_by_variant(study: &Study) -> Option<Figure> {
         }
     });
     Some(Figure {
-        file_name: "position_error_by_variant.svg",
+        file_name: "position_error_by_variant.svg".to_owned(),
         number: None,
         title: title.to_owned(),
         caption: "The figures of Table I. The error of a pose is the distance between the TCP position that the \
@@ -160,7 +160,7 @@ pub fn error_by_pose(study: &Study) -> Option<Figure> {
         }
     });
     Some(Figure {
-        file_name: "position_error_by_pose.svg",
+        file_name: "position_error_by_pose.svg".to_owned(),
         number: None,
         title: title.to_owned(),
         caption: "All panels share one scale. The largest error of each variant is drawn in orange. Errors that \
@@ -240,7 +240,7 @@ pub fn orientation_errors(study: &Study) -> Option<Figure> {
         }
     });
     Some(Figure {
-        file_name: "figure_8_orientation_errors.svg",
+        file_name: "figure_8_orientation_errors.svg".to_owned(),
         number: Some(8),
         title: title.to_owned(),
         caption: "A reduced arm predicts no orientation and is not drawn. The largest magnitudes stand in Table I. \

@@ -8,6 +8,7 @@ mod axis;
 mod chart;
 mod discovery;
 mod errors;
+mod evidence;
 mod sensitivity;
 
 use crate::study::results::Study;
@@ -16,13 +17,14 @@ pub use assumptions::{linearity_orthogonal, linearity_parallel, orientation_grid
 pub(super) use axis::typographic;
 pub use discovery::{discovery, gap_by_step, unnamed_structure};
 pub use errors::{error_by_pose, error_by_variant, orientation_errors};
+pub use evidence::evidence;
 pub use sensitivity::{orientation_sensitivity, position_sensitivity};
 
 /// A drawing with what the reader needs to understand it.
 #[derive(Debug, Clone)]
 pub struct Figure {
     /// Name of the file it is written to.
-    pub file_name: &'static str,
+    pub file_name: String,
     /// Its number in the paper, if it has one there.
     pub number: Option<u32>,
     /// What is drawn, in a few words.

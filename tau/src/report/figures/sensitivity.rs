@@ -48,7 +48,7 @@ fn short(parameter: &str) -> String {
 
 fn draw(
     sensitivity: &Sensitivity,
-    file_name: &'static str,
+    file_name: &str,
     number: u32,
     title: &str,
     values: fn(&ParameterSensitivity) -> &[f64],
@@ -123,7 +123,7 @@ fn draw(
         }
     });
     Some(Figure {
-        file_name,
+        file_name: file_name.to_owned(),
         number: Some(number),
         title: title.to_owned(),
         caption: format!(

@@ -1,0 +1,71 @@
+//! The evidence for what was found: which candidates look alike, whether noise is serial, and what the
+//! residuals show of each effect with and without it in the model.
+
+pub(super) mod ambiguity;
+mod residuals;
+mod spectrum;
+pub(super) mod whiteness;
+
+use nalgebra::{Cholesky, DVector};
+
+use super::results::Evidence;
+use super::selection::Search;
+use super::view::View;
+
+/// The evidence for each effect that was found; `base` is the model that the search started from.
+pub(super) fn of_effects(search: &Search<'_>, base: &View) -> Vec<Evidence> {
+    let (bench, fit) = (&search.bench, &search.fit);
+    let view = View::of(fit);
+    search
+        .accepted
+        .iter()
+        .enumerate()
+        .map(|(effect, accepted)| {
+            let described = &bench.candidates[accepted.candidate];
+            let values: Vec<f64> = search
+                .columns_of(effect)
+                .into_iter()
+                .map(|column| fit.fitted[column])
+                .collect();
+            let mut evidence = Evidence {
+                name: described.name.clone(),
+                place: described.places.clone(),
+                residuals: vec![],
+                spectrum: None,
+            };
+            let before = without(search, effect);
+            let (Some(before), true) = (before, values.len() == described.parameters.len()) else {
+                return evidence;
+            };
+            evidence.residuals =
+                residuals::patterns(bench, &view, &before, accepted.candidate, &values);
+            evidence.spectrum = search.first.as_ref().and_then(|first| {
+                let residuals = [&before, &view.residuals];
+                let candidate = accepted.candidate;
+                spectrum::spectrum(bench, first, base, candidate, residuals, &view.factors)
+            });
+            evidence
+        })
+        .collect()
+}
+
+/// Residuals of the fit without one of its effects, all else fitted anew: the effect's own signal, as
+/// far as nothing else explains it, is put back.
+///
+/// With `Q = J·B`, what the other columns leave of the effect's is `Q·B₂ᵀ·(B₂·B₂ᵀ)⁻¹`, where `B₂` are
+/// the effect's rows of `B`.
+fn without(search: &Search<'_>, effect: usize) -> Option<DVector<f64>> {
+    let fit = &search.fit;
+    let columns = search.columns_of(effect);
+    let (own, found) = search.amplitudes(effect);
+    let amplitudes = DVector::from_iterator(
+        columns.len(),
+        columns.iter().map(|column| {
+            let place = own.iter().position(|other| other == column);
+            place.map_or(0.0, |place| found[place])
+        }),
+    );
+    let b = fit.basis.b.select_rows(&columns);
+    let solved = Cholesky::new(&b * b.transpose())?.solve(&amplitudes);
+    Some(&fit.residuals - &fit.basis.q * b.tr_mul(&solved))
+}

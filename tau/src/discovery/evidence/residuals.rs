@@ -1,0 +1,339 @@
+//! Residuals as what an effect would have to do at each sample, against what it depends on.
+
+use std::collections::BTreeMap;
+
+use nalgebra::DVector;
+use tau_codegen::language::Model;
+use tau_codegen::language::model::{Readable, Target};
+
+use crate::discovery::bench::Bench;
+use crate::discovery::candidates::{Candidate, Entry, Scope};
+use crate::discovery::probes::Probe;
+use crate::discovery::results::{Bin, Pattern};
+use crate::discovery::sight::readables;
+use crate::discovery::structure::correlation;
+use crate::discovery::view::View;
+
+/// Bins along a quantity that takes more values than that.
+const BINS: usize = 12;
+/// Samples that know less than this share of what the best one knows are in the bins, not in the points.
+const LEAST_INFORMATION: f64 = 0.1;
+const MICRO: f64 = 1e6;
+
+/// A sample: what the effect depends on, what it would have to do there before and after, and the
+/// reciprocal variance of that (m or rad).
+#[derive(Debug, Clone, Copy)]
+struct Point {
+    at: f64,
+    before: f64,
+    after: f64,
+    information: f64,
+}
+
+/// One pattern for each motion that a candidate with these parameter values adds to. `view` is the
+/// model with it, `before` are the residuals without it.
+pub(super) fn patterns(
+    bench: &Bench,
+    view: &View,
+    before: &DVector<f64>,
+    candidate: usize,
+    values: &[f64],
+) -> Vec<Pattern> {
+    let described = &bench.candidates[candidate];
+    let Ok(entries) = described.entries(
+        &bench.model,
+        values,
+        &bench.probes,
+        &bench.samples,
+        &bench.surroundings,
+    ) else {
+        return vec![];
+    };
+    // Links or carts that one effect acts on in common are shown together.
+    let mut groups: BTreeMap<(usize, usize), Vec<&Entry>> = BTreeMap::new();
+    for entry in entries
+        .iter()
+        .filter(|entry| entry.slopes.iter().any(Option::is_some))
+    {
+        groups
+            .entry((entry.term, entry.component))
+            .or_default()
+            .push(entry);
+    }
+    groups
+        .into_iter()
+        .filter_map(|((term, component), group)| {
+            let term = &bench.model.effects[described.effect].terms[term];
+            let mut read = Vec::new();
+            readables(&term.formula, &mut read);
+            let readable = covariate(bench, described, values, &group, read)?;
+            let (against, against_unit) = quantity(&bench.model, readable, group[0].scope);
+            let period = period(described, values, readable);
+            let mut points = Vec::new();
+            for entry in &group {
+                let at = series(bench, entry, readable)?;
+                points.extend(displacements(bench, view, before, entry, &at));
+            }
+            if let Some(period) = period {
+                points
+                    .iter_mut()
+                    .for_each(|point| point.at = point.at.rem_euclid(period));
+            }
+            let (target, unit) = motion(term.target, component);
+            Some(Pattern {
+                place: place(&bench.model, described, &group),
+                target,
+                unit,
+                against,
+                against_unit,
+                period,
+                bins: binned(&points),
+                points: shown(&points),
+            })
+        })
+        .collect()
+}
+
+/// Of the quantities that a term reads, the one that the effect follows best.
+fn covariate(
+    bench: &Bench,
+    described: &Candidate,
+    values: &[f64],
+    group: &[&Entry],
+    mut read: Vec<Readable>,
+) -> Option<Readable> {
+    read.retain(|readable| *readable != Readable::Length);
+    if read.is_empty() {
+        // A constant depends on nothing: its cart's command, or else the place, shows that.
+        let has_cart = group.iter().all(|entry| entry.scope.has_command());
+        return Some(if has_cart {
+            Readable::Command
+        } else {
+            Readable::Position(0)
+        });
+    }
+    let signal: Vec<f64> = group
+        .iter()
+        .flat_map(|entry| {
+            (0..probe(bench, entry).samples.len()).map(|k| {
+                described
+                    .amplitudes()
+                    .into_iter()
+                    .filter_map(|place| {
+                        let slopes = entry.slopes[place].as_ref()?;
+                        Some(slopes[k] * (values[place] - described.parameters[place].nominal))
+                    })
+                    .sum()
+            })
+        })
+        .collect();
+    let follows = |readable: Readable| -> Option<f64> {
+        let mut all = Vec::new();
+        for entry in group {
+            all.extend(series(bench, entry, readable)?);
+        }
+        Some(correlation(&all, &signal))
+    };
+    read.into_iter()
+        .filter_map(|readable| Some((follows(readable)?, readable)))
+        .reduce(|best, next| if next.0 > best.0 { next } else { best })
+        .map(|(_, readable)| readable)
+}
+
+fn series(bench: &Bench, entry: &Entry, readable: Readable) -> Option<Vec<f64>> {
+    entry
+        .scope
+        .read(
+            readable,
+            &probe(bench, entry).samples,
+            &bench.samples,
+            &bench.surroundings,
+        )
+        .ok()
+}
+
+/// The searched period of an effect that repeats along a command.
+fn period(described: &Candidate, values: &[f64], readable: Readable) -> Option<f64> {
+    let is_command = matches!(
+        readable,
+        Readable::Command | Readable::CommandOf(_) | Readable::SourceCommand
+    );
+    let (searched, _) = described.search.filter(|_| is_command)?;
+    let is_length = described.parameters[searched].unit == "m";
+    Some(values[searched]).filter(|period| is_length && *period > 0.0)
+}
+
+fn probe<'a>(bench: &'a Bench, entry: &Entry) -> &'a Probe {
+    &bench.probes.all[entry.probe]
+}
+
+/// What would explain the residuals of each sample by this motion alone, by least squares.
+fn displacements(
+    bench: &Bench,
+    view: &View,
+    before: &DVector<f64>,
+    entry: &Entry,
+    at: &[f64],
+) -> Vec<Point> {
+    let probe = probe(bench, entry);
+    let mut sums = vec![(0.0, 0.0, 0.0); bench.probes.sample_count];
+    for (row, (derivative, factor)) in probe.rows.iter().zip(&view.factors).enumerate() {
+        let weight = derivative * factor;
+        let sum = &mut sums[bench.probes.row_samples[row]];
+        sum.0 += weight * before[row];
+        sum.1 += weight * view.residuals[row];
+        sum.2 += weight * weight;
+    }
+    probe
+        .samples
+        .iter()
+        .zip(at)
+        .map(|(&sample, &at)| (at, sums[sample]))
+        .filter(|(_, sum)| sum.2 > 0.0)
+        .map(|(at, (before, after, information))| Point {
+            at,
+            before: -before / information,
+            after: -after / information,
+            information,
+        })
+        .collect()
+}
+
+/// Means over bins of equal number, or over each value where there are few.
+fn binned(points: &[Point]) -> Vec<Bin> {
+    let mut sorted = points.to_vec();
+    sorted.sort_by(|a, b| a.at.total_cmp(&b.at));
+    let values = 1 + sorted
+        .windows(2)
+        .filter(|pair| pair[0].at < pair[1].at)
+        .count();
+    let bins: Vec<&[Point]> = if values <= BINS {
+        sorted.chunk_by(|a, b| a.at == b.at).collect()
+    } else {
+        sorted.chunks(sorted.len().div_ceil(BINS)).collect()
+    };
+    bins.into_iter().map(mean).collect()
+}
+
+/// The mean of a bin, each sample by what it knows.
+fn mean(points: &[Point]) -> Bin {
+    let information: f64 = points.iter().map(|point| point.information).sum();
+    let weighted = |of: fn(&Point) -> f64| {
+        points
+            .iter()
+            .map(|point| point.information * of(point))
+            .sum::<f64>()
+            / information
+    };
+    Bin {
+        at: weighted(|point| point.at),
+        before: MICRO * weighted(|point| point.before),
+        after: MICRO * weighted(|point| point.after),
+        sigma: MICRO * information.sqrt().recip(),
+        samples: points.len(),
+    }
+}
+
+/// The samples worth drawing: quantity, before, after.
+fn shown(points: &[Point]) -> Vec<[f64; 3]> {
+    let most = points
+        .iter()
+        .map(|point| point.information)
+        .fold(0.0, f64::max);
+    points
+        .iter()
+        .filter(|point| point.information >= LEAST_INFORMATION * most)
+        .map(|point| [point.at, MICRO * point.before, MICRO * point.after])
+        .collect()
+}
+
+/// Cart or link that moves, or the effect's own place where there are several.
+fn place(model: &Model, described: &Candidate, group: &[&Entry]) -> String {
+    let own = match group {
+        [one] => one.scope.name(model),
+        _ => None,
+    };
+    own.unwrap_or_else(|| described.places.clone())
+}
+
+/// A motion and its unit.
+fn motion(target: Target, component: usize) -> (String, &'static str) {
+    let axis = ["x", "y", "z"][component.min(2)];
+    match target {
+        Target::Along => ("along".to_owned(), "um"),
+        Target::Horizontal => ("horizontal".to_owned(), "um"),
+        Target::Vertical => ("vertical".to_owned(), "um"),
+        Target::Roll => ("roll".to_owned(), "urad"),
+        Target::Pitch => ("pitch".to_owned(), "urad"),
+        Target::Yaw => ("yaw".to_owned(), "urad"),
+        Target::Length => ("length".to_owned(), "um"),
+        Target::Joint => (format!("joint {axis}"), "um"),
+        Target::Position => (format!("position {axis}"), "um"),
+    }
+}
+
+/// A quantity as a formula writes it, and its unit.
+fn quantity(model: &Model, readable: Readable, scope: Scope) -> (String, &'static str) {
+    let command = |track: usize| (format!("q({})", model.tracks[track].name), "m");
+    match readable {
+        Readable::Command => ("q".to_owned(), "m"),
+        Readable::CommandOf(track) => command(track),
+        Readable::SourceCommand => match scope.source() {
+            Some(track) => command(track),
+            None => ("q(source)".to_owned(), "m"),
+        },
+        Readable::Direction => ("direction".to_owned(), ""),
+        Readable::Time => ("time".to_owned(), "s"),
+        Readable::Temperature => ("temperature".to_owned(), "°C"),
+        Readable::LoadAlong => ("load_along".to_owned(), "N"),
+        Readable::LoadHorizontal => ("load_horizontal".to_owned(), "N"),
+        Readable::LoadVertical => ("load_vertical".to_owned(), "N"),
+        Readable::Tension => ("tension".to_owned(), "N"),
+        Readable::Length => ("length".to_owned(), "m"),
+        Readable::Position(k) => (["x", "y", "z"][k.min(2)].to_owned(), "m"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn point(at: f64, before: f64, information: f64) -> Point {
+        Point {
+            at,
+            before,
+            after: 0.5 * before,
+            information,
+        }
+    }
+
+    #[test]
+    fn few_values_are_bins_of_their_own_and_precise_samples_count_more() {
+        let bins = binned(&[
+            point(1.0, 4e-6, 3e12),
+            point(-1.0, 2e-6, 1e12),
+            point(1.0, 8e-6, 1e12),
+        ]);
+        assert_eq!(bins.len(), 2);
+        assert!((bins[1].before - 5.0).abs() < 1e-9 && (bins[1].after - 2.5).abs() < 1e-9);
+        assert!((bins[1].sigma - 0.5).abs() < 1e-9);
+        assert_eq!((bins[0].samples, bins[1].samples), (1, 2));
+    }
+
+    #[test]
+    fn many_values_share_bins_in_order() {
+        let points: Vec<Point> = (0..100)
+            .map(|k| point(f64::from((k * 37) % 100), 1e-6, 1.0))
+            .collect();
+        let bins = binned(&points);
+        assert!(bins.len() <= BINS);
+        assert_eq!(bins.iter().map(|bin| bin.samples).sum::<usize>(), 100);
+        assert!(bins.windows(2).all(|pair| pair[0].at < pair[1].at));
+    }
+
+    #[test]
+    fn samples_that_know_little_are_not_drawn() {
+        let points = [point(0.0, 1.0, 1.0), point(1.0, 1.0, 0.05)];
+        assert_eq!(shown(&points), [[0.0, 1e6, 5e5]]);
+    }
+}
