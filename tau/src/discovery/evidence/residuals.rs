@@ -75,9 +75,9 @@ pub(super) fn patterns(
                 points.extend(displacements(bench, view, before, entry, &at));
             }
             if let Some(period) = period {
-                points
-                    .iter_mut()
-                    .for_each(|point| point.at = point.at.rem_euclid(period));
+                for point in &mut points {
+                    point.at = point.at.rem_euclid(period);
+                }
             }
             let (target, unit) = motion(term.target, component);
             Some(Pattern {

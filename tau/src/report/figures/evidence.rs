@@ -180,21 +180,19 @@ fn spectrum(index: usize, effect: &FoundEffect, spectrum: &Spectrum) -> Option<F
             58.0,
         );
         let x = reciprocal(&spectrum.parameter, &spectrum.unit, low, high);
-        let scores = curve.iter().flat_map(|point| [point[1], point[2]]);
-        let y = Axis::from_zero(
-            "score",
-            scores.map(|score| 1.08 * score).chain([spectrum.threshold]),
-            4.0,
-        );
+        let scores = curve
+            .iter()
+            .flat_map(|point| [point[1], point[2], spectrum.threshold]);
+        let y = Axis::from_zero("√score", scores.map(|score| 1.08 * score.sqrt()), 4.0);
         let panel = sheet.panel(place, &x, &y, Show::BOTH);
         for (column, color) in [(1, STRONG), (2, PALE)] {
-            let points = curve.iter().map(|point| (point[0].recip(), point[column]));
+            let points = curve
+                .iter()
+                .map(|point| (point[0].recip(), point[column].sqrt()));
             panel.line(points, color, 1.3);
         }
-        let ends = [
-            (x.range.0, spectrum.threshold),
-            (x.range.1, spectrum.threshold),
-        ];
+        let threshold = spectrum.threshold.sqrt();
+        let ends = [(x.range.0, threshold), (x.range.1, threshold)];
         panel.line(ends, ACCENT, 1.3);
         for alias in &effect.aliases {
             mark(&panel, curve, spectrum, *alias, "alias ");
@@ -212,8 +210,9 @@ fn spectrum(index: usize, effect: &FoundEffect, spectrum: &Spectrum) -> Option<F
         file_name: format!("discovery_spectrum_{}.svg", index + 1),
         number: None,
         caption: format!(
-            "The scale is even in one over the {}, in which all peaks are equally wide. Beyond the line a score is \
-             significant although it is the highest of the whole search, and although all candidates were tried. {also}",
+            "The root of the score is the size of the signal in standard deviations. The scale is even in one over the \
+             {}, in which all peaks are equally wide. Beyond the line a score is significant although it is the highest of \
+             the whole search, and although all candidates were tried. {also}",
             spectrum.parameter
         ),
         title,
@@ -239,7 +238,12 @@ fn mark(panel: &Panel<'_, '_>, curve: &[[f64; 3]], spectrum: &Spectrum, value: f
     } else {
         Anchor::Left
     };
-    panel.label(&text, (value.recip(), nearest[1]), anchor, chart::INK);
+    panel.label(
+        &text,
+        (value.recip(), nearest[1].sqrt()),
+        anchor,
+        chart::INK,
+    );
 }
 
 /// An axis even in one over a quantity, with ticks at round values of the quantity.
