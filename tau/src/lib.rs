@@ -56,6 +56,7 @@ pub mod calibration;
 pub mod cli;
 pub mod discovery;
 pub mod effects;
+pub mod errors_in_variables;
 pub mod evaluation;
 pub mod input_error;
 pub mod kinematics;

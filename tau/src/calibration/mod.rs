@@ -6,7 +6,7 @@ mod output;
 mod registration;
 
 use nalgebra::{Matrix3, Rotation3};
-use tau_solver::{Block, Covariance, Problem, Solution};
+use tau_solver::{Block, Problem, Solution};
 
 pub use error::Error;
 pub use nominal::{Nominal, TRACK_ROTATION_TOLERANCE_RAD};
@@ -46,6 +46,8 @@ pub struct Calibration {
     /// Every parameter that the closures depend on. Angles of piecewise tracks are those against the
     /// registered path, nominally zero; in [`Self::links`] and [`Self::file`] they are absolute.
     pub parameters: Vec<ParameterEstimate>,
+    /// Index of each of them in the variant.
+    pub(crate) used: Vec<usize>,
     /// Covariance of [`Self::parameters`], in their order, priors included.
     pub covariance: Vec<Vec<f64>>,
     /// Pairs of parameters with the largest correlations, largest first.
@@ -166,33 +168,8 @@ pub fn calibrate(
         values[index] = value;
     }
     let name = |index: usize| problem.parameters[index].name.clone();
-    let undetermined = identifiability
-        .undetermined
-        .iter()
-        .map(|combination| Combination {
-            terms: combination
-                .terms
-                .iter()
-                .map(|&(index, share)| (name(index), share))
-                .collect(),
-            data_over_prior: combination.data_over_prior,
-        })
-        .collect();
-    let machine = prepared.machine.with_values(values);
-    let estimates = output::estimates(&machine, &prepared.nominal, &used, &covariance);
-    Ok(Calibration {
-        links: output::links(&machine, prepared.registration.as_ref(), &measured)?,
-        file: output::file(
-            &machine,
-            &estimates,
-            &used,
-            file,
-            prepared.registration.as_ref(),
-        ),
-        correlations: correlations(&covariance, used.len())
-            .into_iter()
-            .map(|(a, b, value)| (name(a), name(b), value))
-            .collect(),
+    let fitted = Fitted {
+        values,
         covariance: (0..used.len())
             .map(|i| {
                 (0..used.len())
@@ -200,15 +177,85 @@ pub fn calibrate(
                     .collect()
             })
             .collect(),
-        parameters: estimates,
-        undetermined,
+        undetermined: combinations(&identifiability, name),
         cost: solution.cost,
-        poses: poses.len(),
         iterations: total_iterations(&solution),
         termination: solution.termination.to_string(),
+        used,
+    };
+    drop(problem);
+    finish(&prepared, file, &measured, fitted)
+}
+
+/// What a fit found of a variant.
+pub(crate) struct Fitted {
+    /// Value of each of the variant's parameters, SI.
+    pub(crate) values: Vec<f64>,
+    /// Indices of those that the closures depend on.
+    pub(crate) used: Vec<usize>,
+    /// Their covariance, priors included.
+    pub(crate) covariance: Vec<Vec<f64>>,
+    pub(crate) undetermined: Vec<Combination>,
+    pub(crate) cost: f64,
+    pub(crate) iterations: usize,
+    pub(crate) termination: String,
+}
+
+/// Puts together what a fit to the given poses hands on.
+pub(crate) fn finish(
+    prepared: &Prepared,
+    file: &RobotFile,
+    poses: &[&TcpPose],
+    fitted: Fitted,
+) -> Result<Calibration, Error> {
+    let machine = prepared.machine.with_values(fitted.values);
+    let estimates = output::estimates(
+        &machine,
+        &prepared.nominal,
+        &fitted.used,
+        &fitted.covariance,
+    );
+    let name = |place: usize| estimates[place].name.clone();
+    Ok(Calibration {
+        links: output::links(&machine, prepared.registration.as_ref(), poses)?,
+        file: output::file(
+            &machine,
+            &estimates,
+            &fitted.used,
+            file,
+            prepared.registration.as_ref(),
+        ),
+        correlations: correlations(&fitted.covariance)
+            .into_iter()
+            .map(|(a, b, value)| (name(a), name(b), value))
+            .collect(),
+        covariance: fitted.covariance,
+        parameters: estimates,
+        used: fitted.used,
+        undetermined: fitted.undetermined,
+        cost: fitted.cost,
+        poses: poses.len(),
+        iterations: fitted.iterations,
+        termination: fitted.termination,
         registration: prepared.registration,
         machine,
     })
+}
+
+/// Combinations that the data leave to the priors, in words.
+pub(crate) fn combinations(
+    found: &tau_solver::Identifiability,
+    name: impl Fn(usize) -> String,
+) -> Vec<Combination> {
+    let of = |combination: &tau_solver::Undetermined| Combination {
+        terms: combination
+            .terms
+            .iter()
+            .map(|&(index, share)| (name(index), share))
+            .collect(),
+        data_over_prior: combination.data_over_prior,
+    };
+    found.undetermined.iter().map(of).collect()
 }
 
 /// The paper's cost of one closure: sum over poses of the squared closure residual (m⁴).
@@ -445,11 +492,16 @@ fn mean_rotation(folder: &Folder, poses: &[usize]) -> Option<Rotation3<f64>> {
 }
 
 /// The pairs with the largest correlations, largest first.
-fn correlations(covariance: &Covariance, parameters: usize) -> Vec<(usize, usize, f64)> {
+fn correlations(covariance: &[Vec<f64>]) -> Vec<(usize, usize, f64)> {
     const LISTED: usize = 12;
-    let mut pairs: Vec<(usize, usize, f64)> = (0..parameters)
+    let sigma = |i: usize| covariance[i][i].sqrt();
+    let correlation = |a: usize, b: usize| match covariance[b][a] {
+        0.0 => 0.0,
+        shared => shared / (sigma(a) * sigma(b)),
+    };
+    let mut pairs: Vec<(usize, usize, f64)> = (0..covariance.len())
         .flat_map(|a| (0..a).map(move |b| (b, a)))
-        .map(|(a, b)| (a, b, covariance.correlation(a, b)))
+        .map(|(a, b)| (a, b, correlation(a, b)))
         .filter(|(.., correlation)| correlation.is_finite())
         .collect();
     pairs.sort_by(|a, b| b.2.abs().total_cmp(&a.2.abs()));

@@ -1,7 +1,5 @@
 //! What a calibration hands on: estimates, Table II, the calibrated robot file.
 
-use tau_solver::Covariance;
-
 use super::nominal::{WIDE, effect_key, quantity_slot};
 use super::registration::Registration;
 use super::{Error, Nominal, closure_cost};
@@ -15,7 +13,7 @@ pub(super) fn estimates(
     machine: &Machine,
     nominal: &[Nominal],
     used: &[usize],
-    covariance: &Covariance,
+    covariance: &[Vec<f64>],
 ) -> Vec<ParameterEstimate> {
     used.iter()
         .enumerate()
@@ -27,7 +25,7 @@ pub(super) fn estimates(
                 nominal: nominal[index].value,
                 tolerance: nominal[index].tolerance,
                 value: machine.values[index],
-                sigma: covariance.sigma(place),
+                sigma: covariance[place][place].sqrt(),
             }
         })
         .collect()

@@ -107,6 +107,7 @@ impl Study {
 Examples:
   tau calibrate --variant BestPerLink      on the built-in measurements
   tau calibrate measured --variant Full --out calibrated
+  tau calibrate measured --variant Full --errors-in-variables
   tau calibrate measured --variant Mine --model mine.tau --json -"
 )]
 pub(super) struct Calibrate {
@@ -114,6 +115,10 @@ pub(super) struct Calibrate {
     pub(super) input: Input,
     #[command(flatten)]
     pub(super) variant: Variant,
+    /// Fit all sets at once, with the true pose behind each measured one among the unknowns, and compare
+    /// with the ordinary fit of set 1
+    #[arg(long)]
+    pub(super) errors_in_variables: bool,
     /// Folder for the files
     #[arg(long, value_name = "DIR", default_value = "tau-calibration")]
     pub(super) out: PathBuf,

@@ -9,6 +9,7 @@ use super::deliver::{Outcome, Target, check_folder, pretty, written};
 use super::resolve::{Case, both};
 use super::{Failure, arguments};
 use crate::calibration::{self, Calibration, calibrate};
+use crate::errors_in_variables;
 use crate::input_error::InputError;
 use crate::report;
 use crate::study;
@@ -32,15 +33,16 @@ pub(super) fn run(arguments: &arguments::Calibrate) -> Result<Outcome, Failure> 
     } = &case;
 
     let options = calibration::Options::default();
-    let found = calibrate(
-        robot,
-        &variant,
-        file,
-        folder,
-        &poses.division.calibration,
-        &options,
-    )?;
-    let result = study::result(&found, folder, &poses.division.validation)?;
+    let (chosen, validation) = (&poses.division.calibration, &poses.division.validation);
+    let (found, comparison) = if arguments.errors_in_variables {
+        let fitted =
+            errors_in_variables::calibrate(robot, &variant, file, folder, chosen, &options)?;
+        (fitted.calibration.clone(), Some(fitted))
+    } else {
+        let found = calibrate(robot, &variant, file, folder, chosen, &options)?;
+        (found, None)
+    };
+    let result = study::result(&found, folder, validation)?;
 
     let mut statistics = report::json::variant(&result);
     statistics["variant"] = json!(variant.name);
@@ -48,6 +50,14 @@ pub(super) fn run(arguments: &arguments::Calibrate) -> Result<Outcome, Failure> 
     statistics["folder"] = json!(folder.name);
     statistics["poses"] = report::json::poses(poses.counts);
     statistics["cost"] = json!(found.cost);
+    let mut summary = format!("{}, {}, {}\n\n", robot.name, variant.name, folder.name);
+    summary += &report::terminal::variant(&result);
+    if let Some(fitted) = &comparison {
+        let closure = study::result(&fitted.closure_fit, folder, validation)?;
+        summary += &report::errors_in_variables::terminal(fitted, &result, &closure);
+        statistics["errors_in_variables"] =
+            report::errors_in_variables::json(fitted, &result, &closure);
+    }
     let files = [
         ("robot.toml", found.file.to_toml()),
         ("parameters.csv", parameters(&found)?),
@@ -55,8 +65,6 @@ pub(super) fn run(arguments: &arguments::Calibrate) -> Result<Outcome, Failure> 
         ("undetermined.csv", undetermined(&found)?),
         ("statistics.json", pretty(&statistics)),
     ];
-    let mut summary = format!("{}, {}, {}\n\n", robot.name, variant.name, folder.name);
-    summary += &report::terminal::variant(&result);
     let files = files.map(|(name, content)| (out.join(name), content));
     summary += &written(files.iter().map(|(path, _)| path.as_path()));
     Ok(Outcome {

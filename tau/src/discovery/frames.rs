@@ -17,18 +17,18 @@ const OFFSET_M: f64 = 1e-3;
 
 /// From the tracker frames to the measurement frame, as far as nominal values tell.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Frames {
-    pub(super) set2: Option<Frame>,
-    pub(super) set3: Option<Frame>,
+pub(crate) struct Frames {
+    pub(crate) set2: Option<Frame>,
+    pub(crate) set3: Option<Frame>,
 }
 
 /// A registered tracker frame.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Frame(Registration);
+pub(crate) struct Frame(Registration);
 
 impl Frames {
     /// `machine` has been fitted to set 1, which settles where its tracks run.
-    pub(super) fn of(machine: &Machine, file: &RobotFile, folder: &Folder) -> Self {
+    pub(crate) fn of(machine: &Machine, file: &RobotFile, folder: &Folder) -> Self {
         let robot = &machine.robot;
         let nominal: Vec<Option<NominalTrack>> = NominalTrack::all(robot, file)
             .into_iter()

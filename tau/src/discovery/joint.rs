@@ -480,7 +480,7 @@ impl Joint {
     }
 }
 
-fn fill(
+pub(crate) fn fill(
     machine: &Machine,
     inputs: &[crate::robot::Input],
     sample: &Sample,

@@ -14,27 +14,27 @@ mod evidence;
 mod fit;
 mod floor;
 mod formula;
-mod frames;
+pub(crate) mod frames;
 mod generic;
-mod joint;
+pub(crate) mod joint;
 mod misfit;
-mod numbering;
+pub(crate) mod numbering;
 mod outliers;
 mod parallel;
 mod probes;
 mod projection;
 mod response;
 pub mod results;
-mod samples;
+pub(crate) mod samples;
 mod scan;
 mod selection;
 mod separation;
 mod sight;
 mod structure;
 mod text;
-mod variant;
+pub(crate) mod variant;
 mod view;
-mod whitened;
+pub(crate) mod whitened;
 
 use std::collections::BTreeMap;
 use std::time::Instant;
@@ -319,7 +319,7 @@ fn base_fit(
 }
 
 /// Where the plate stands in set 3, and what the arm weighs on its carts.
-fn place_plates(machine: &Machine, file: &RobotFile, samples: &mut [Sample]) {
+pub(crate) fn place_plates(machine: &Machine, file: &RobotFile, samples: &mut [Sample]) {
     let known: Vec<(Vec<f64>, Pose)> = samples
         .iter()
         .filter(|sample| sample.set == 1)

@@ -20,7 +20,7 @@ const MOST_CARTS: usize = 6;
 ///
 /// # Errors
 /// The file whose carts fit clearly better under another numbering, and that numbering.
-pub(super) fn check(machine: &Machine, folder: &Folder) -> Result<(), Error> {
+pub(crate) fn check(machine: &Machine, folder: &Folder) -> Result<(), Error> {
     let count = machine.robot.tracks.len();
     let tracks: Vec<Option<NominalTrack>> = (0..count)
         .map(|track| fitted_track(machine, track))

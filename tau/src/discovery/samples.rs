@@ -8,13 +8,13 @@ use super::frames::Frames;
 
 /// A measured pose of the TCP (set 1), of a cart (set 2) or position of a cart (set 3).
 #[derive(Debug, Clone)]
-pub(super) struct Sample {
+pub(crate) struct Sample {
     /// 1, 2 or 3.
-    pub(super) set: u8,
+    pub(crate) set: u8,
     /// Index of the track, in sets 2 and 3.
-    pub(super) track: Option<usize>,
+    pub(crate) track: Option<usize>,
     /// Number of the pose or point in the file.
-    pub(super) number: u32,
+    pub(crate) number: u32,
     /// What is measured together: samples of one unit share their errors' sign in sign flips and their
     /// fold in confirmation.
     pub(super) unit: usize,
@@ -60,7 +60,7 @@ impl Sample {
 
     /// Samples of all sets: set 1 for the given poses (indices), then sets 2 and 3 where they are there
     /// and registered.
-    pub(super) fn all(
+    pub(crate) fn all(
         robot: &Robot,
         folder: &Folder,
         poses: &[usize],

@@ -29,7 +29,7 @@ effect unnamed_turning on cart {
 
 /// The variant of a model (by index), its carts turning freely in sets 2 and 3. `closures` is the same
 /// variant where its closures have been compiled already.
-pub(super) fn free_turning(model: &Model, variant: usize, closures: Option<&Variant>) -> Variant {
+pub(crate) fn free_turning(model: &Model, variant: usize, closures: Option<&Variant>) -> Variant {
     let mut free = Variant::from(&compile_some(
         &turning(model, variant),
         variant,

@@ -11,7 +11,7 @@ use crate::robot_file::Noise;
 /// the noise of one position and one rotation.
 ///
 /// A sample's data are those of each closure one after the other, then the factor by rows.
-pub(super) struct WhitenedPose {
+pub(crate) struct WhitenedPose {
     closures: Vec<Instance>,
     /// For each parameter of each closure, its column.
     columns: Vec<Vec<usize>>,
@@ -23,7 +23,7 @@ pub(super) struct WhitenedPose {
 }
 
 impl WhitenedPose {
-    pub(super) fn new(closures: Vec<Instance>) -> Self {
+    pub(crate) fn new(closures: Vec<Instance>) -> Self {
         let mut parameters: Vec<usize> = closures
             .iter()
             .flat_map(|closure| closure.parameters.iter().copied())
@@ -61,12 +61,12 @@ impl WhitenedPose {
     }
 
     /// Index of each parameter in the variant.
-    pub(super) fn parameters(&self) -> &[usize] {
+    pub(crate) fn parameters(&self) -> &[usize] {
         &self.parameters
     }
 
     /// Inverse Cholesky factor, by rows, of the covariance of a pose's closures under the stated noise.
-    pub(super) fn factor(machine: &Machine, sample: &Sample<'_>, noise: Noise) -> Option<Vec<f64>> {
+    pub(crate) fn factor(machine: &Machine, sample: &Sample<'_>, noise: Noise) -> Option<Vec<f64>> {
         let gradients = machine
             .closure_instances()
             .map(|instance| Some(machine.closure_by_pose(instance, sample).ok()?.1))

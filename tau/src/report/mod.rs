@@ -5,6 +5,7 @@
 //! value. [`write_study`] writes the output folder.
 
 mod discovery;
+pub mod errors_in_variables;
 pub mod figures;
 mod findings;
 #[cfg(test)]
