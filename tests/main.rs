@@ -9,6 +9,7 @@ mod discover_command;
 mod discovery;
 mod docs;
 mod effects;
+mod errors_in_variables;
 mod hand_written;
 mod kinematics;
 mod reference;

@@ -168,6 +168,17 @@ impl AllSets {
         self.closure_m
     }
 
+    /// Reciprocal standard deviation (1/m²) of each closure at each pose: poses × closures, row-major.
+    pub fn closure_weights(&self) -> &[f64] {
+        &self.closure_weights
+    }
+
+    /// Number of residuals, measured poses of set 1 counted by their closures.
+    pub(super) fn residuals(&self) -> usize {
+        let of_carts = |cart: &Cart| cart.samples.len() * cart.weights.len();
+        self.closure_weights.len() + self.carts.iter().map(of_carts).sum::<usize>()
+    }
+
     /// Number of unknowns that all poses share; those of the poses follow them.
     pub fn shared(&self) -> usize {
         self.used.len()

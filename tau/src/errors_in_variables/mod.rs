@@ -36,8 +36,11 @@ const SIGNIFICANT: f64 = 1e-3;
 /// Changes of the estimated noise below this share are none.
 const SAME_NOISE: f64 = 0.02;
 const NOISE_ROUNDS: usize = 8;
-/// Change of the cost, as a share, that is no progress: a ten-thousandth of a standard deviation.
-const COST_TOLERANCE: f64 = 1e-12;
+/// Change of the cost, as a share, that is no progress while the noise is being estimated.
+const ROUGH: f64 = 1e-4;
+/// Change of the cost that is no progress in the end: where something is missing, mountings and turning
+/// rates creep along a valley that means nothing.
+const CONVERGED: f64 = 1e-3;
 
 /// A calibration with errors in variables, beside the ordinary one.
 #[derive(Clone)]
@@ -93,16 +96,17 @@ pub fn calibrate(
         why,
     };
     let failed = |error: tau_solver::Error| not_converged(error.to_string());
-    let solver = Options {
-        cost_tolerance: options.solver.cost_tolerance.max(COST_TOLERANCE),
-        ..options.solver.clone()
-    };
+    // Half the number of residuals is the cost to be expected.
+    let fine = CONVERGED / (0.5 * sets.residuals() as f64).max(1.0);
 
     let mut factors = [1.0; 4];
     let mut values = sets.start(&closure_fit);
-    let mut iterations = 0;
-    let mut round = 0;
+    let (mut iterations, mut rounds, mut tolerance) = (0, 0, ROUGH.max(fine));
     let (solution, misfits) = loop {
+        let solver = Options {
+            cost_tolerance: options.solver.cost_tolerance.max(tolerance),
+            ..options.solver.clone()
+        };
         let solution = solve(&sets.problem(&values, factors), &solver).map_err(failed)?;
         iterations += solution.iterations;
         if !solution.converged() || solution.parameters.iter().any(|value| !value.is_finite()) {
@@ -110,13 +114,17 @@ pub fn calibrate(
         }
         values = sets.values(&solution);
         let misfits = sets.misfits(&solution);
-        let next = noise_factors(&misfits, sets.shared());
-        let same = |(old, new): (&f64, &f64)| (new / old - 1.0).abs() <= SAME_NOISE;
-        round += 1;
-        if round == NOISE_ROUNDS || factors.iter().zip(&next).all(same) {
+        if tolerance <= fine {
             break (solution, misfits);
         }
-        factors = next;
+        let next = noise_factors(&misfits, sets.shared());
+        let same = |(old, new): (&f64, &f64)| (new / old - 1.0).abs() <= SAME_NOISE;
+        rounds += 1;
+        if rounds == NOISE_ROUNDS || factors.iter().zip(&next).all(same) {
+            tolerance = fine;
+        } else {
+            factors = next;
+        }
     };
 
     let problem = sets.problem(&values, factors);
@@ -238,15 +246,16 @@ fn carts_turning_freely(robot: &Robot, variant: &Variant) -> Result<Variant, Err
     ))
 }
 
-/// Noise of each group over the stated one. Each group pays for its share of the shared unknowns.
+/// Noise of each group over the stated one. A group pays for its share of the shared unknowns; whether it
+/// has more noise at all is judged as if priors settled them all, so as not to cry wolf.
 fn noise_factors(misfits: &[Misfit; 4], shared: usize) -> [f64; 4] {
     let count: usize = misfits.iter().map(|misfit| misfit.count).sum();
     let left = 1.0 - (shared as f64 / count.max(1) as f64).min(0.9);
     misfits.map(|misfit| {
-        let degrees = misfit.count as f64 * left;
+        let degrees = misfit.count as f64;
         let chance = ChiSquared::new(degrees).map_or(1.0, |chi2| chi2.sf(misfit.squares));
         if chance < SIGNIFICANT {
-            (misfit.squares / degrees).sqrt()
+            (misfit.squares / (degrees * left)).sqrt()
         } else {
             1.0
         }

@@ -1,0 +1,348 @@
+//! Errors in variables at size: time, iterations, cost and peak memory against the number of poses.
+//!
+//! `cargo bench -p tau-benches --bench errors_in_variables -- [POSES ...]`, by default 100, 1 000, 10 000 and
+//! 100 000. Every size is solved in a process of its own, whose peak memory is then that of the size. The
+//! peer, Ceres Solver with automatic differentiation and Schur elimination, solves the same problem from
+//! the same start (see `peers/ceres.cpp`); it is compiled if `c++` finds Ceres and left out otherwise. Times
+//! are compared only where both final costs agree.
+
+use std::env;
+use std::fmt::Write as _;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, ExitCode};
+use std::time::Instant;
+
+use tau::calibration::{self, calibrate};
+use tau::errors_in_variables::AllSets;
+use tau::measurements::{Folder, TcpPose};
+use tau::robot::{Robot, Variant};
+use tau::robot_file::RobotFile;
+use tau::simulation::{Poses, Simulation, TrackPoints, simulate};
+use tau_solver::{Options, Problem, solve};
+
+const SIZES: [usize; 4] = [100, 1_000, 10_000, 100_000];
+/// Poses of which the closures give the start of both.
+const START: usize = 100;
+const VARIANT: &str = "Full";
+/// Both stop where a step lowers the cost by less than this share.
+const TOLERANCE: f64 = 1e-12;
+/// Costs agree within this share.
+const AGREEMENT: f64 = 1e-6;
+/// Times are the least of so many solves.
+const REPEATS: usize = 3;
+
+fn main() -> ExitCode {
+    let arguments: Vec<String> = env::args().skip(1).filter(|a| a != "--bench").collect();
+    if let [flag, poses] = arguments.as_slice()
+        && flag == "--one"
+    {
+        return match poses.parse() {
+            Ok(poses) => one(poses),
+            Err(_) => ExitCode::FAILURE,
+        };
+    }
+    let sizes: Vec<usize> = arguments.iter().filter_map(|a| a.parse().ok()).collect();
+    let sizes = if sizes.is_empty() {
+        SIZES.to_vec()
+    } else {
+        sizes
+    };
+    table(&sizes)
+}
+
+/// A measurement folder of a virtual robot, with where fits start.
+struct Case {
+    robot: Robot,
+    file: RobotFile,
+    folder: Folder,
+}
+
+impl Case {
+    fn new(poses: usize) -> Self {
+        let robot = Robot::from(&tau_generated::gantry_tau::ROBOT);
+        let file = tau::prototype::robot_file().expect("the built-in robot file");
+        let simulation = Simulation {
+            variant: Some(VARIANT.to_owned()),
+            poses: Poses::Random { count: poses },
+            track_points: TrackPoints {
+                count: 0,
+                ..TrackPoints::default()
+            },
+            random_poses: 0,
+            ..Simulation::new(robot.clone(), file)
+        };
+        let simulated = simulate(&simulation).expect("a simulation");
+        Self {
+            robot,
+            file: simulated.file,
+            folder: simulated.folder,
+        }
+    }
+
+    fn variant(&self) -> &Variant {
+        self.robot.variant(VARIANT).expect("a variant")
+    }
+
+    /// The residuals, and the values to start from: those that the closures of some poses give.
+    fn sets(&self) -> (AllSets, Vec<f64>) {
+        let poses: Vec<usize> = (0..self.folder.tcp_poses.len()).collect();
+        let options = calibration::Options::default();
+        let few = &poses[..START.min(poses.len())];
+        let start = calibrate(
+            &self.robot,
+            self.variant(),
+            &self.file,
+            &self.folder,
+            few,
+            &options,
+        )
+        .expect("a calibration");
+        let sets = AllSets::of(
+            &self.robot,
+            self.variant(),
+            &self.file,
+            &self.folder,
+            &poses,
+            &start,
+        )
+        .expect("residuals");
+        let values = sets.start(&start);
+        (sets, values)
+    }
+}
+
+/// One size: prints a line of numbers for the parent process.
+fn one(poses: usize) -> ExitCode {
+    let case = Case::new(poses);
+    let (sets, values) = case.sets();
+    let started = Instant::now();
+    let problem = sets.problem(&values, [1.0; 4]);
+    let built = started.elapsed().as_secs_f64();
+    if let Some(file) = env::var_os("TAU_PEER_DATA") {
+        let text = peer_data(&case, &problem, &sets);
+        fs::write(file, text).expect("a file for the peer");
+    }
+    let options = Options {
+        cost_tolerance: TOLERANCE,
+        ..Options::default()
+    };
+    let mut least = f64::INFINITY;
+    let mut solution = None;
+    for _ in 0..if poses > 20_000 { 1 } else { REPEATS } {
+        let started = Instant::now();
+        let found = solve(&problem, &options).expect("a solution");
+        least = least.min(started.elapsed().as_secs_f64());
+        solution = Some(found);
+    }
+    let solution = solution.expect("a solution");
+    println!(
+        "result {poses} {} {built} {least} {} {:.17e} {} {}",
+        solution.parameters.len(),
+        solution.iterations,
+        solution.cost,
+        peak_memory_mib(),
+        rayon_threads(),
+    );
+    ExitCode::SUCCESS
+}
+
+fn rayon_threads() -> usize {
+    std::thread::available_parallelism().map_or(1, Into::into)
+}
+
+/// Peak resident memory of this process (MiB); zero where the system does not tell.
+fn peak_memory_mib() -> f64 {
+    let status = fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let line = status.lines().find(|line| line.starts_with("VmHWM:"));
+    line.and_then(|line| line.split_whitespace().nth(1)?.parse::<f64>().ok())
+        .map_or(0.0, |kib| kib / 1024.0)
+}
+
+/// The problem as text: see `peers/ceres.cpp`.
+fn peer_data(case: &Case, problem: &Problem, sets: &AllSets) -> String {
+    let shared = sets.shared();
+    let links = case.robot.links.len();
+    let mut text = format!(
+        "{links} {shared} {} {:e} {:e}\n",
+        case.folder.tcp_poses.len(),
+        case.file.noise.position_m,
+        case.file.noise.rotation_rad
+    );
+    for link in &case.robot.links {
+        let track = case.robot.clusters[link.cluster].track.unwrap_or_default();
+        let _ = writeln!(text, "{track}");
+    }
+    for parameter in &problem.parameters[..shared] {
+        let prior = parameter.prior.expect("every parameter has a tolerance");
+        let _ = writeln!(
+            text,
+            "{} {:e} {:e} {:e}",
+            parameter.name, parameter.start, prior.mean, prior.sigma
+        );
+    }
+    let weights = sets.closure_weights().chunks(links);
+    for (pose, weights) in case.folder.tcp_poses.iter().zip(weights) {
+        text += &pose_line(pose, weights);
+    }
+    text
+}
+
+fn pose_line(pose: &TcpPose, weights: &[f64]) -> String {
+    let numbers = pose
+        .commands_m
+        .iter()
+        .chain(&pose.position_m)
+        .chain(&pose.angles_rad)
+        .chain(weights);
+    let numbers: Vec<String> = numbers.map(|number| format!("{number:e}")).collect();
+    numbers.join(" ") + "\n"
+}
+
+/// A size's results.
+struct Row {
+    poses: usize,
+    unknowns: usize,
+    seconds: f64,
+    iterations: usize,
+    cost: f64,
+    mib: f64,
+    peers: Vec<Peer>,
+}
+
+/// A peer's results.
+struct Peer {
+    name: String,
+    seconds: f64,
+    iterations: usize,
+    cost: f64,
+    mib: f64,
+}
+
+fn table(sizes: &[usize]) -> ExitCode {
+    let folder = env::temp_dir().join(format!("tau-errors-in-variables-{}", std::process::id()));
+    fs::create_dir_all(&folder).expect("a temporary folder");
+    let peer = compile_peer(&folder);
+    if peer.is_none() {
+        println!("Ceres Solver is not installed: left out");
+    }
+    println!(
+        "{:<22}{:>9}{:>10}{:>10}{:>12}{:>20}{:>11}",
+        "solver", "poses", "unknowns", "time, s", "iterations", "cost", "peak, MiB"
+    );
+    let mut rows = Vec::new();
+    for &poses in sizes {
+        let data = folder.join("poses.txt");
+        let Some(row) = measure(poses, &data, peer.as_deref()) else {
+            println!("{poses} poses could not be solved");
+            return ExitCode::FAILURE;
+        };
+        print(&row);
+        rows.push(row);
+    }
+    let _ = fs::remove_dir_all(&folder);
+    if rows.len() > 1 {
+        let points = |of: fn(&Row) -> f64| rows.iter().map(move |row| (row.poses as f64, of(row)));
+        println!(
+            "time per iteration grows as poses to the {:.2}, from the largest two sizes {:.2}",
+            exponent(points(|row| row.seconds / row.iterations as f64)),
+            exponent(points(|row| row.seconds / row.iterations as f64).skip(rows.len() - 2))
+        );
+        println!(
+            "peak memory grows as poses to the {:.2} between the largest two sizes",
+            exponent(points(|row| row.mib).skip(rows.len() - 2))
+        );
+    }
+    ExitCode::SUCCESS
+}
+
+/// Slope of the line through logarithms.
+fn exponent(points: impl Iterator<Item = (f64, f64)>) -> f64 {
+    let logs: Vec<(f64, f64)> = points.map(|(x, y)| (x.ln(), y.ln())).collect();
+    let n = logs.len() as f64;
+    let (mx, my) = (
+        logs.iter().map(|p| p.0).sum::<f64>() / n,
+        logs.iter().map(|p| p.1).sum::<f64>() / n,
+    );
+    let products: f64 = logs.iter().map(|p| (p.0 - mx) * (p.1 - my)).sum();
+    products / logs.iter().map(|p| (p.0 - mx).powi(2)).sum::<f64>()
+}
+
+fn print(row: &Row) {
+    println!(
+        "{:<22}{:>9}{:>10}{:>10.3}{:>12}{:>20.10}{:>11.0}",
+        "tau-solver", row.poses, row.unknowns, row.seconds, row.iterations, row.cost, row.mib
+    );
+    for peer in &row.peers {
+        let difference = (peer.cost / row.cost - 1.0).abs();
+        let verdict = if difference <= AGREEMENT {
+            format!("{:.1} times tau-solver", peer.seconds / row.seconds)
+        } else {
+            format!("costs differ by {difference:.1e}: not comparable")
+        };
+        println!(
+            "{:<22}{:>9}{:>10}{:>10.3}{:>12}{:>20.10}{:>11.0}  {verdict}",
+            peer.name, row.poses, row.unknowns, peer.seconds, peer.iterations, peer.cost, peer.mib
+        );
+    }
+}
+
+fn measure(poses: usize, data: &Path, peer: Option<&Path>) -> Option<Row> {
+    let output = Command::new(env::current_exe().ok()?)
+        .args(["--one", &poses.to_string()])
+        .env("TAU_PEER_DATA", data)
+        .output()
+        .ok()?;
+    let text = String::from_utf8_lossy(&output.stdout).into_owned();
+    let line = text.lines().find_map(|line| line.strip_prefix("result "))?;
+    let fields: Vec<&str> = line.split_whitespace().collect();
+    let mut peers = Vec::new();
+    for method in ["DENSE_SCHUR", "SPARSE_SCHUR"] {
+        let Some(program) = peer else { continue };
+        let threads = rayon_threads().to_string();
+        let output = Command::new(program)
+            .arg(data)
+            .args([method, &threads, &format!("{TOLERANCE:e}")])
+            .output()
+            .ok()?;
+        let text = String::from_utf8_lossy(&output.stdout).into_owned();
+        let line = text.lines().find_map(|line| line.strip_prefix("result "))?;
+        let fields: Vec<&str> = line.split_whitespace().collect();
+        peers.push(Peer {
+            name: format!("Ceres {method}"),
+            seconds: fields.first()?.parse().ok()?,
+            iterations: fields.get(1)?.parse().ok()?,
+            cost: fields.get(2)?.parse().ok()?,
+            mib: fields.get(3)?.parse().ok()?,
+        });
+    }
+    Some(Row {
+        poses,
+        unknowns: fields.get(1)?.parse().ok()?,
+        seconds: fields.get(3)?.parse().ok()?,
+        iterations: fields.get(4)?.parse().ok()?,
+        cost: fields.get(5)?.parse().ok()?,
+        mib: fields.get(6)?.parse().ok()?,
+        peers,
+    })
+}
+
+/// The peer's program; `None` where Ceres is not installed.
+fn compile_peer(folder: &Path) -> Option<PathBuf> {
+    let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("peers/ceres.cpp");
+    let program = folder.join("ceres");
+    let compiled = Command::new("c++")
+        .args([
+            "-O3",
+            "-march=native",
+            "-std=c++17",
+            "-I/usr/include/eigen3",
+        ])
+        .arg(source)
+        .arg("-o")
+        .arg(&program)
+        .args(["-lceres", "-lglog", "-lpthread"])
+        .output()
+        .ok()?;
+    compiled.status.success().then_some(program)
+}
