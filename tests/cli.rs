@@ -224,6 +224,59 @@ fn what_calibrate_writes_evaluates_to_what_it_says() {
 }
 
 #[test]
+fn errors_in_variables_stand_beside_the_closure_fit() {
+    let folder = tempfile::tempdir().unwrap();
+    for variant in ["Nominal", "FullRack"] {
+        let of = |flag: &str, out: &str| {
+            let line =
+                format!("tau calibrate DATA --variant {variant} {flag} --out DIR/{out} --json -");
+            tau_in(folder.path(), &line).json()
+        };
+        let (ordinary, found) = (of("", "closures"), of("--errors-in-variables", "poses"));
+        let comparison = &found["errors_in_variables"];
+        fields(
+            comparison,
+            [
+                "unknowns",
+                "closure_m",
+                "groups",
+                "position_um",
+                "closure_fit",
+            ],
+        );
+        let closure_fit = &comparison["closure_fit"];
+        for name in ["mean", "max", "rms"] {
+            assert_eq!(
+                closure_fit["position_um"][name],
+                ordinary["position_um"][name]
+            );
+            assert_eq!(comparison["position_um"][name], found["position_um"][name]);
+        }
+        let parameters = |value: &Value| value["parameters"].as_array().unwrap().clone();
+        let (before, after) = (parameters(&ordinary), parameters(&found));
+        for ((before, after), difference) in before.iter().zip(&after).zip(parameters(closure_fit))
+        {
+            assert_eq!(before["name"], after["name"]);
+            assert_eq!(before["value"], difference["value"]);
+            let change = number(&after["value"]) - number(&before["value"]);
+            let sigmas = number(&difference["difference_sigma"]);
+            assert!((sigmas * number(&before["sigma"]) - change).abs() < 1e-12);
+        }
+        let line =
+            format!("tau evaluate DATA --variant {variant} --robot DIR/poses/robot.toml --json -");
+        let evaluated = tau_in(folder.path(), &line).json();
+        let [a, b] = [&found, &evaluated].map(|v| number(&v["position_um"]["mean"]));
+        assert!((a - b).abs() < 1e-3, "{variant}: {a} µm, then {b} µm");
+    }
+    let line = "tau calibrate DATA --variant Nominal --errors-in-variables --out DIR/again";
+    let summary = tau_in(folder.path(), line).done();
+    assert!(
+        summary.contains("Against the closure fit of set 1"),
+        "{summary}"
+    );
+}
+
+#[test]
 fn the_covariance_belongs_to_the_parameters() {
     let folder = tempfile::tempdir().unwrap();
     let summary = tau_in(folder.path(), "tau calibrate --variant Full --out DIR").done();

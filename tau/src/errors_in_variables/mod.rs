@@ -152,7 +152,11 @@ pub fn calibrate(
             let at: Vec<f64> = marginal.parameters.iter().map(|p| p.start).collect();
             let found = identifiability(&marginal, &at).map_err(failed)?;
             let name = |index: usize| marginal.parameters[index].name.clone();
-            calibration::combinations(&found, name)
+            let described = |name: &String| closure_fit.parameters.iter().any(|p| p.name == *name);
+            let mut combinations = calibration::combinations(&found, name);
+            // Where trackers stood and how targets were mounted is nobody's question.
+            combinations.retain(|c| c.terms.first().is_some_and(|(name, _)| described(name)));
+            combinations
         },
         used,
         cost: solution.cost,
