@@ -185,7 +185,9 @@ int main(int argc, char** argv) {
                                    : ceres::SPARSE_SCHUR;
   options.linear_solver_ordering = ordering;
   options.num_threads = std::stoi(argv[3]);
-  if (const char* r = getenv("R")) options.initial_trust_region_radius = std::stod(r);
+  // The problem is nearly linear: from the default radius of 1e4 it takes four
+  // times as many iterations.
+  options.initial_trust_region_radius = 1e16;
   options.function_tolerance = std::stod(argv[4]);
   options.gradient_tolerance = 0.0;
   options.parameter_tolerance = 0.0;
