@@ -61,6 +61,7 @@ fn links_lead_somewhere() {
     for page in [
         "README.md",
         "ARCHITECTURE.md",
+        "docs/discovery.md",
         "docs/discovery-benchmark.md",
         "docs/language.md",
         "docs/solver.md",

@@ -10,6 +10,7 @@ mod discovery;
 mod docs;
 mod effects;
 mod errors_in_variables;
+mod evidence;
 mod hand_written;
 mod kinematics;
 mod reference;

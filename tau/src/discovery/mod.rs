@@ -564,7 +564,11 @@ fn considered(search: &Search<'_>) -> Vec<Considered> {
             } else if search.refused.contains(&score.candidate) {
                 "not confirmed"
             } else if score.p_value <= LEVEL / tested {
-                "explained by what was found"
+                if search.accepted.is_empty() {
+                    "not the best explanation"
+                } else {
+                    "explained by what was found"
+                }
             } else {
                 "not significant"
             };

@@ -185,7 +185,10 @@ fn lacking(study: &Study, figures: &[Figure]) -> Markup {
                 (part.body)
             }
         } @else {
-            p { "No search for effects that the models lack succeeded." }
+            p {
+                "Nothing is known of what the models lack: either it was not searched for, which " code { "tau study --discover" }
+                " does, or the search failed, and a remark says why."
+            }
         }
     }
 }

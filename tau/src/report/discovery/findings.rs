@@ -119,10 +119,11 @@ pub(in crate::report) fn rivals(effect: &FoundEffect) -> Vec<String> {
         .rivals
         .iter()
         .map(|rival| {
-            let decide = if rival.separate_by.is_empty() {
-                String::new()
-            } else {
-                format!(" To decide: {}.", rival.separate_by.trim_end_matches('.'))
+            let by = rival.separate_by.trim_end_matches('.');
+            let decide = match by.strip_prefix("nothing") {
+                _ if by.is_empty() => String::new(),
+                Some(rest) => format!(" Nothing{rest}."),
+                None => format!(" To decide: {by}."),
             };
             format!(
                 "{} could be {} instead (cosine of the two signals {}).{decide}",
@@ -208,13 +209,16 @@ fn ambiguous(found: &Discovery) -> Option<String> {
 /// What is left once everything that was found is in the model.
 pub(in crate::report) fn remains(found: &Discovery) -> Vec<String> {
     let um = |value: f64| general(value, 3);
-    let mut sentences = vec![format!(
+    let mut sentences = Vec::new();
+    if !found.effects.is_empty() {
+        sentences.push(format!(
         "With what was found in the model, the error at the tool is {} µm in the mean, where the stated noise alone \
          shows {} µm. Any method could still remove {} µm rms.",
         um(found.validation.after.mean_um),
         um(found.noise_floor_um),
         um(found.remaining_um),
-    )];
+    ));
+    }
     sentences.extend(noise(found));
     sentences.extend(serial(found));
     sentences

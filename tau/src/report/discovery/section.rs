@@ -128,9 +128,18 @@ fn gap(found: &Discovery, figures: &[Figure]) -> Markup {
 fn effects(found: &Discovery, figures: &[Figure]) -> Markup {
     html! {
         p {
-            "Every sample\'s residuals are turned into the one motion that would explain them: of the cart along its track, \
-             say, or of a link\'s length. Plotted against what the effect depends on, they show its curve while it is \
-             missing from the model, and nothing but noise once it is there."
+            "Every sample's residuals are turned into the one motion that would explain them: of the cart along its track, \
+             say, or of a link's length. Plotted against what the effect depends on, they show its curve while it is \
+             missing from the model, as far as the model does not absorb it, and means that scatter about zero once it is \
+             there. All other effects that were found are in the model throughout. Samples that tell little of a motion are \
+             in the means, not among the dots."
+        }
+        @if found.evidence.iter().any(|evidence| evidence.spectrum.is_some()) {
+            p {
+                "Where a parameter was searched, the root of the score is the size of the signal in standard deviations. A \
+                 score beyond the line is significant although it is the highest of the whole search, and although all \
+                 candidates were tried."
+            }
         }
         @for index in 1..=found.effects.len() {
             (figure(figures, &format!("discovery_residuals_{index}.svg")))
@@ -179,7 +188,7 @@ fn sight(found: &Discovery) -> Markup {
         @if let Some(unseen) = tables::unseen(found) { (table(&unseen, "wide compact long reasons")) }
         @if let Some(ambiguous) = tables::ambiguous(found) {
             p {
-                "κ is the share of what " (found.base) " leaves of an effect\'s signal that another effect explains, in \
+                "κ is the share of what " (found.base) " leaves of an effect's signal that another effect explains, in \
                  the mean over amplitudes of the size of their tolerances. Above 0.64 a wrong name is likelier than none, \
                  above 0.99 these measurements cannot tell the two apart."
             }

@@ -54,7 +54,7 @@ fn residuals(index: usize, evidence: &Evidence) -> Option<Figure> {
         margin: [62.0, 84.0, 14.0, 44.0],
         column_gap: 22.0,
         row_gap: 66.0,
-        row_height: 132.0,
+        row_height: 112.0,
     };
     let svg = chart::draw(&title, subtitle, grid.height(), |sheet| {
         for (row, pattern) in patterns.iter().enumerate() {
@@ -102,12 +102,7 @@ fn residuals(index: usize, evidence: &Evidence) -> Option<Figure> {
     Some(Figure {
         file_name: format!("discovery_residuals_{}.svg", index + 1),
         number: None,
-        caption: format!(
-            "Left: all that was found is in the model but {effect}, and is fitted without it. Right: it is in the model. \
-             A right name leaves means that scatter about zero. The model without it has absorbed part of its signal, so that \
-             the left side shows less than all of it. Samples that tell little of this motion are in the means, not among \
-             the dots."
-        ),
+        caption: format!("Left: without {effect} in the model, fitted anew. Right: with it."),
         title,
         svg,
     })
@@ -162,7 +157,7 @@ fn spectrum(index: usize, effect: &FoundEffect, spectrum: &Spectrum) -> Option<F
         left: 62.0,
         top: 84.0,
         width: WIDTH - 76.0,
-        height: 170.0,
+        height: 118.0,
     };
     let (low, high) = curve.iter().fold((f64::INFINITY, 0.0_f64), |range, point| {
         (range.0.min(point[0]), range.1.max(point[0]))
@@ -210,9 +205,7 @@ fn spectrum(index: usize, effect: &FoundEffect, spectrum: &Spectrum) -> Option<F
         file_name: format!("discovery_spectrum_{}.svg", index + 1),
         number: None,
         caption: format!(
-            "The root of the score is the size of the signal in standard deviations. The scale is even in one over the \
-             {}, in which all peaks are equally wide. Beyond the line a score is significant although it is the highest of \
-             the whole search, and although all candidates were tried. {also}",
+            "Even in one over the {}, in which all peaks are equally wide. {also}",
             spectrum.parameter
         ),
         title,
