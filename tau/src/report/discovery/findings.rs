@@ -50,8 +50,13 @@ pub(in crate::report) fn gap(found: &Discovery) -> String {
         )
     } else {
         format!(
-            "On the validation poses, which took no part, the position error at the tool falls from {} to {} µm \
+            "On the validation poses, which took no part, the position error at the tool {} from {} to {} µm \
              in the mean, from {} to {} µm at most, and from {} to {} µm rms.",
+            if after.mean_um < before.mean_um {
+                "falls"
+            } else {
+                "rises"
+            },
             um(before.mean_um),
             um(after.mean_um),
             um(before.max_um),
@@ -63,6 +68,8 @@ pub(in crate::report) fn gap(found: &Discovery) -> String {
     let closed = (before.rms_um.powi(2) - after.rms_um.powi(2)) / found.ceiling_um.powi(2);
     let share = if found.effects.is_empty() || !closed.is_finite() {
         String::new()
+    } else if closed <= 0.0 {
+        " None of it is gone, which speaks against what was found.".to_owned()
     } else {
         format!(
             " Of that, in the mean square, {} % is gone.",
@@ -192,9 +199,11 @@ pub(in crate::report) fn blind(found: &Discovery) -> Option<String> {
 
 /// Pairs that these measurements could not tell apart.
 fn ambiguous(found: &Discovery) -> Option<String> {
+    const LISTED: usize = 3;
     let pairs: Vec<String> = found
         .ambiguous
         .iter()
+        .take(LISTED)
         .map(|pair| {
             format!(
                 "{} from {}",
@@ -203,7 +212,17 @@ fn ambiguous(found: &Discovery) -> Option<String> {
             )
         })
         .collect();
-    (!pairs.is_empty()).then(|| format!("These measurements can hardly tell {}.", listed(&pairs)))
+    match found.ambiguous.len() {
+        0 => None,
+        count if count <= LISTED => Some(format!(
+            "These measurements can hardly tell {}.",
+            listed(&pairs)
+        )),
+        count => Some(format!(
+            "These measurements can hardly tell {count} pairs of effects apart, first of all {}.",
+            listed(&pairs)
+        )),
+    }
 }
 
 /// What is left once everything that was found is in the model.

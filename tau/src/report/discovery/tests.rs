@@ -256,3 +256,23 @@ fn numbers_that_are_not_finite_are_null_in_json() {
     assert!(value["unnamed"][0]["curve"][2][1].is_null());
     assert!(value["where"].is_array());
 }
+
+#[test]
+fn a_name_that_does_not_help_is_not_praised() {
+    let mut found = found();
+    found.validation.after = gap(120.0);
+    let text = findings::gap(&found);
+    assert!(text.contains("rises from 100 to 120 µm"), "{text}");
+    assert!(text.contains("speaks against what was found"), "{text}");
+}
+
+#[test]
+fn many_look_alikes_are_counted() {
+    let mut found = found();
+    let listed = findings::blind(&found).unwrap();
+    assert!(listed.contains("hardly tell link_thermal(l1) from track_thermal(one)."));
+    found.ambiguous = vec![found.ambiguous[0].clone(); 7];
+    let counted = findings::blind(&found).unwrap();
+    assert!(counted.contains("hardly tell 7 pairs"), "{counted}");
+    assert_eq!(counted.matches("track_thermal").count(), 3);
+}
