@@ -324,7 +324,7 @@ pub struct Bin {
     pub before: f64,
     /// With it.
     pub after: f64,
-    /// One standard deviation of either.
+    /// One standard deviation of what is left with it.
     pub sigma: f64,
     /// Number of samples.
     pub samples: usize,

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use nalgebra::DVector;
+use nalgebra::{DMatrix, DVector};
 use tau_codegen::language::Model;
 use tau_codegen::language::model::{Readable, Target};
 
@@ -22,12 +22,14 @@ const MICRO: f64 = 1e6;
 
 /// A sample: what the effect depends on, what it would have to do there before and after, and the
 /// reciprocal variance of that (m or rad).
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 struct Point {
     at: f64,
     before: f64,
     after: f64,
     information: f64,
+    /// What the model absorbs of the sample's products, in its basis.
+    absorbed: DVector<f64>,
 }
 
 /// One pattern for each motion that a candidate with these parameter values adds to. `view` is the
@@ -177,24 +179,37 @@ fn displacements(
 ) -> Vec<Point> {
     let probe = probe(bench, entry);
     let mut sums = vec![(0.0, 0.0, 0.0); bench.probes.sample_count];
+    let mut absorbed = DMatrix::zeros(view.q.ncols(), bench.probes.sample_count);
     for (row, (derivative, factor)) in probe.rows.iter().zip(&view.factors).enumerate() {
         let weight = derivative * factor;
-        let sum = &mut sums[bench.probes.row_samples[row]];
+        if weight == 0.0 {
+            continue;
+        }
+        let sample = bench.probes.row_samples[row];
+        let sum = &mut sums[sample];
         sum.0 += weight * before[row];
         sum.1 += weight * view.residuals[row];
         sum.2 += weight * weight;
+        for (to, q) in absorbed
+            .column_mut(sample)
+            .iter_mut()
+            .zip(view.q.row(row).iter())
+        {
+            *to += weight * q;
+        }
     }
     probe
         .samples
         .iter()
         .zip(at)
-        .map(|(&sample, &at)| (at, sums[sample]))
-        .filter(|(_, sum)| sum.2 > 0.0)
-        .map(|(at, (before, after, information))| Point {
+        .map(|(&sample, &at)| (at, sample, sums[sample]))
+        .filter(|(_, _, sum)| sum.2 > 0.0)
+        .map(|(at, sample, (before, after, information))| Point {
             at,
             before: -before / information,
             after: -after / information,
             information,
+            absorbed: absorbed.column(sample).into_owned(),
         })
         .collect()
 }
@@ -215,9 +230,14 @@ fn binned(points: &[Point]) -> Vec<Bin> {
     bins.into_iter().map(mean).collect()
 }
 
-/// The mean of a bin, each sample by what it knows.
+/// The mean of a bin, each sample by what it knows, with the standard deviation that the fit leaves of it.
 fn mean(points: &[Point]) -> Bin {
     let information: f64 = points.iter().map(|point| point.information).sum();
+    let mut absorbed = DVector::zeros(points[0].absorbed.len());
+    for point in points {
+        absorbed += &point.absorbed;
+    }
+    let left = (information - absorbed.norm_squared()).max(0.0);
     let weighted = |of: fn(&Point) -> f64| {
         points
             .iter()
@@ -229,7 +249,7 @@ fn mean(points: &[Point]) -> Bin {
         at: weighted(|point| point.at),
         before: MICRO * weighted(|point| point.before),
         after: MICRO * weighted(|point| point.after),
-        sigma: MICRO * information.sqrt().recip(),
+        sigma: MICRO * left.sqrt() / information,
         samples: points.len(),
     }
 }
@@ -304,6 +324,7 @@ mod tests {
             before,
             after: 0.5 * before,
             information,
+            absorbed: DVector::zeros(1),
         }
     }
 
@@ -318,6 +339,17 @@ mod tests {
         assert!((bins[1].before - 5.0).abs() < 1e-9 && (bins[1].after - 2.5).abs() < 1e-9);
         assert!((bins[1].sigma - 0.5).abs() < 1e-9);
         assert_eq!((bins[0].samples, bins[1].samples), (1, 2));
+    }
+
+    #[test]
+    fn what_the_fit_absorbs_of_a_mean_scatters_less() {
+        let mut points = [point(0.0, 1e-6, 1e12), point(0.0, 1e-6, 3e12)];
+        // A basis vector that takes (0.6·10⁶ + 0.6·10⁶)² of the 4·10¹² that both know.
+        for point in &mut points {
+            point.absorbed[0] = 0.6e6;
+        }
+        let sigma = (4.0_f64 - 1.44).sqrt() / 4.0;
+        assert!((mean(&points).sigma - sigma).abs() < 1e-9);
     }
 
     #[test]

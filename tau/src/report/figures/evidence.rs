@@ -62,9 +62,12 @@ fn residuals(index: usize, evidence: &Evidence) -> Option<Figure> {
             let points = || pattern.points.iter();
             let bins = || pattern.bins.iter();
             let x = covariate(pattern);
-            let reach = points()
-                .flat_map(|point| [point[1], point[2]])
-                .chain(bins().flat_map(|bin| [bin.before, bin.after]));
+            let reach =
+                points()
+                    .flat_map(|point| [point[1], point[2]])
+                    .chain(bins().flat_map(|bin| {
+                        [bin.before, bin.after].map(|mean| mean.abs() + 2.0 * bin.sigma)
+                    }));
             let unit = if pattern.unit == "urad" {
                 "µrad"
             } else {
