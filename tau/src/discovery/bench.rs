@@ -35,6 +35,9 @@ pub(super) struct Bench {
     columns: Displacements,
     places: Vec<(usize, Range<usize>)>,
     scans: Vec<(usize, Scan)>,
+    /// Unnamed families with a search, and their scans once they are wanted.
+    searched_families: Vec<usize>,
+    family_scans: OnceLock<Vec<(usize, Scan)>>,
     /// Pairs of probes whose products scores take.
     pairs: BTreeSet<(usize, usize)>,
     /// Mean upcrossings of each scan, counted beside the first model that is scored.
@@ -51,6 +54,7 @@ pub(super) struct Bench {
 enum Columns {
     Plain(Vec<Entry>),
     Searched(Scan),
+    Later,
 }
 
 /// How well a candidate explains what a model leaves.
@@ -61,6 +65,8 @@ pub(super) struct Score {
     pub(super) statistic: f64,
     /// By the F form; over the whole search where there is one.
     pub(super) p_value: f64,
+    /// The same over the candidate's share of the family-wise level.
+    pub(super) adjusted: f64,
     pub(super) bic: f64,
     /// Best value of the searched parameter.
     pub(super) searched: Option<f64>,
@@ -78,10 +84,41 @@ pub(super) struct Column {
 /// Scores of all candidates beside a model.
 pub(super) struct Table {
     pub(super) scores: Vec<Score>,
+    pub(super) weights: Weights,
     responses: Responses,
     plain: Plain,
-    /// Of each scan, by its place in the bench.
+    /// Of each scan that took part, by its place in the bench: unnamed families last.
     scans: Vec<Scores>,
+}
+
+/// Shares of the family-wise level (a weighted Bonferroni procedure; Genovese, Roeder, Wasserman,
+/// Biometrika 93, 2006): unnamed families are many and keep names honest, so they get the smaller part.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Weights {
+    named: f64,
+    unnamed: f64,
+}
+
+/// Share of the level for all names together.
+const SHARE_OF_NAMES: f64 = 0.8;
+
+impl Weights {
+    fn new(named: usize, unnamed: usize) -> Self {
+        let share = match (named, unnamed) {
+            (_, 0) => 1.0,
+            (0, _) => 0.0,
+            _ => SHARE_OF_NAMES,
+        };
+        Self {
+            named: share / named.max(1) as f64,
+            unnamed: (1.0 - share) / unnamed.max(1) as f64,
+        }
+    }
+
+    /// Share of one candidate.
+    pub(super) fn of(&self, is_named: bool) -> f64 {
+        if is_named { self.named } else { self.unnamed }
+    }
 }
 
 /// The candidates without a search beside a model.
@@ -119,6 +156,9 @@ impl Bench {
         let indices: Vec<usize> = (0..candidates.len()).collect();
         let prepared = parallel::map(&indices, |&index| {
             let candidate = &candidates[index];
+            if candidate.search.is_some() && !candidate.is_named() {
+                return Ok(Columns::Later);
+            }
             if candidate.search.is_some() {
                 let range = reach(candidate, &samples);
                 return Scan::new(candidate, &model, &probes, &samples, &surroundings, range)
@@ -135,6 +175,7 @@ impl Bench {
                 .map(Columns::Plain)
         });
         let (mut places, mut scans, mut unseen) = (vec![], vec![], vec![]);
+        let mut searched_families = vec![];
         let mut columns = Displacements::default();
         let mut pairs = BTreeSet::new();
         for (index, prepared) in prepared.into_iter().enumerate() {
@@ -148,11 +189,14 @@ impl Bench {
                     scan.pairs(&mut pairs);
                     scans.push((index, scan));
                 }
+                Ok(Columns::Later) => searched_families.push(index),
                 Err(why) => unseen.push((index, why.to_owned())),
             }
         }
         let units = Sample::units(&samples);
-        let crossings = scans.iter().map(|_| OnceLock::new()).collect();
+        let crossings = (0..scans.len() + searched_families.len())
+            .map(|_| OnceLock::new())
+            .collect();
         Self {
             model,
             candidates,
@@ -162,12 +206,42 @@ impl Bench {
             columns,
             places,
             scans,
+            searched_families,
+            family_scans: OnceLock::new(),
             pairs,
             crossings,
             unseen,
             hidden: BTreeSet::new(),
             units,
         }
+    }
+
+    /// A scan and its candidate, by its place: unnamed families last.
+    fn scan(&self, place: usize) -> Option<&(usize, Scan)> {
+        let families = || self.family_scans.get()?.get(place - self.scans.len());
+        self.scans.get(place).or_else(families)
+    }
+
+    /// The scans of unnamed families, which are built when first wanted.
+    fn family_scans(&self) -> &[(usize, Scan)] {
+        self.family_scans.get_or_init(|| {
+            let scans = parallel::map(&self.searched_families, |&index| {
+                let candidate = &self.candidates[index];
+                let range = reach(candidate, &self.samples);
+                let (probes, samples) = (&self.probes, &self.samples);
+                Scan::new(
+                    candidate,
+                    &self.model,
+                    probes,
+                    samples,
+                    &self.surroundings,
+                    range,
+                )
+                .ok()
+                .map(|scan| (index, scan))
+            });
+            scans.into_iter().flatten().collect()
+        })
     }
 
     fn responses(&self, view: &View) -> Responses {
@@ -327,7 +401,8 @@ impl Bench {
         (subspace.rank() > 0).then_some((columns, subspace))
     }
 
-    fn entries(&self, candidate: usize, values: &[f64]) -> Option<Vec<Entry>> {
+    /// What a candidate adds, at given values of its parameters.
+    pub(super) fn entries(&self, candidate: usize, values: &[f64]) -> Option<Vec<Entry>> {
         let described = &self.candidates[candidate];
         described
             .entries(
@@ -384,13 +459,44 @@ impl Bench {
                 }
             }
         }
-        scores.sort_by_key(|score| score.candidate);
+        let weights = self.weigh(&mut scores);
         Table {
+            weights,
             scores,
             plain: plain.unwrap_or_else(|| self.plain(&responses)),
             responses,
             scans,
         }
+    }
+
+    /// Adds the unnamed families with a search to a table.
+    pub(super) fn with_family_scans(&self, view: &View, mut table: Table) -> Table {
+        let places: Vec<usize> = (0..self.family_scans().len())
+            .map(|place| self.scans.len() + place)
+            .collect();
+        let responses = &table.responses;
+        let scored = parallel::map(&places, |&place| {
+            let scanned = self.scan(place).map(|scan| scan.1.scores(responses))?;
+            Some((self.scan_score(view, responses, place, &scanned), scanned))
+        });
+        for (score, scanned) in scored.into_iter().flatten() {
+            table.scores.extend(score);
+            table.scans.push(scanned);
+        }
+        table.weights = self.weigh(&mut table.scores);
+        table
+    }
+
+    /// Gives each score its share of the level.
+    fn weigh(&self, scores: &mut [Score]) -> Weights {
+        scores.sort_by_key(|score| score.candidate);
+        let named = |score: &Score| self.candidates[score.candidate].is_named();
+        let count = scores.iter().filter(|score| named(score)).count();
+        let weights = Weights::new(count, scores.len() - count);
+        for score in scores {
+            score.adjusted = score.p_value / weights.of(named(score));
+        }
+        weights
     }
 
     fn scored(&self, view: &View, responses: &Responses, task: Option<usize>) -> Scored {
@@ -438,6 +544,7 @@ impl Bench {
             candidate,
             statistic,
             p_value,
+            adjusted: p_value,
             bic: statistic - rank * self.observations().ln(),
             searched: None,
         }
@@ -451,7 +558,7 @@ impl Bench {
         place: usize,
         scanned: &Scores,
     ) -> Option<Score> {
-        let (candidate, scan) = &self.scans[place];
+        let (candidate, scan) = self.scan(place)?;
         let rank = scanned.rank() as f64;
         if rank == 0.0 || self.hidden.contains(candidate) {
             return None;
@@ -462,12 +569,15 @@ impl Bench {
         let (value, statistic) = self
             .refined(responses, place, scanned, height)
             .into_iter()
+            .filter(|(value, _)| scan.allows(*value))
             .max_by(|a, b| a.1.total_cmp(&b.1))?;
         let (equivalent, _) = f_form(statistic, rank, view.total(), view.degrees);
+        let p_value = global_p(equivalent, rank, crossings);
         Some(Score {
             candidate: *candidate,
             statistic,
-            p_value: global_p(equivalent, rank, crossings),
+            p_value,
+            adjusted: p_value,
             bic: statistic - (rank + 1.0) * self.observations().ln(),
             searched: Some(value),
         })
@@ -481,7 +591,9 @@ impl Bench {
         scanned: &Scores,
         height: f64,
     ) -> Vec<(f64, f64)> {
-        let (candidate, scan) = &self.scans[place];
+        let Some((candidate, scan)) = self.scan(place) else {
+            return vec![];
+        };
         peaks(&scanned.statistics, height)
             .map(|k| {
                 let on_grid = (scan.grid[k], scanned.statistics[k]);
@@ -523,10 +635,14 @@ impl Bench {
 
     /// Other values of a searched parameter that fit as well as the best.
     pub(super) fn aliases(&self, table: &Table, score: &Score) -> Vec<f64> {
-        let place = self.scans.iter().position(|scan| scan.0 == score.candidate);
+        let place = (0..table.scans.len()).find(|&place| {
+            self.scan(place)
+                .is_some_and(|scan| scan.0 == score.candidate)
+        });
         let (Some(place), Some(best)) = (place, score.searched) else {
             return vec![];
         };
+        let allows = |value| self.scan(place).is_some_and(|scan| scan.1.allows(value));
         let apart = lobe(reach(&self.candidates[score.candidate], &self.samples));
         let least = score.statistic - AS_GOOD;
         self.refined(
@@ -537,10 +653,58 @@ impl Bench {
         )
         .into_iter()
         .filter(|(value, statistic)| {
-            *statistic > least && (value.recip() - best.recip()).abs() > apart
+            *statistic > least && allows(*value) && (value.recip() - best.recip()).abs() > apart
         })
         .map(|(value, _)| value)
         .collect()
+    }
+
+    /// Of some scores, the components `Uᵀe` in the candidate's subspace, and `UᵀU` with another subspace.
+    pub(super) fn overlaps(
+        &self,
+        view: &View,
+        table: &Table,
+        with: &Subspace,
+        of: &[&Score],
+    ) -> Vec<(DVector<f64>, DMatrix<f64>)> {
+        let sums: Vec<Vec<DVector<f64>>> = with
+            .u
+            .column_iter()
+            .map(|column| Responses::sums(view, &self.probes, column.as_slice()))
+            .collect();
+        let across: Vec<DVector<f64>> = sums
+            .iter()
+            .map(|sums| self.columns.products(|probe| sums[probe].as_slice()))
+            .collect();
+        let plain = self.columns.score(&table.responses);
+        of.iter()
+            .map(|score| {
+                if let Some(value) = score.searched {
+                    let Some(point) = self.point(&table.responses, score.candidate, value) else {
+                        return (DVector::zeros(0), DMatrix::zeros(0, with.rank()));
+                    };
+                    let own = point.columns.score(&table.responses);
+                    let across: Vec<DVector<f64>> = sums
+                        .iter()
+                        .map(|sums| point.columns.products(|probe| sums[probe].as_slice()))
+                        .map(|products| point.coefficients.tr_mul(&products))
+                        .collect();
+                    return (point.coefficients.tr_mul(&own), columns_of(&across));
+                }
+                let place = self
+                    .places
+                    .iter()
+                    .position(|place| place.0 == score.candidate);
+                let Some(place) = place else {
+                    return (DVector::zeros(0), DMatrix::zeros(0, with.rank()));
+                };
+                let (range, c) = (&self.places[place].1, &table.plain.coefficients[place].1);
+                let rows =
+                    |products: &DVector<f64>| c.tr_mul(&products.rows(range.start, range.len()));
+                let across: Vec<DVector<f64>> = across.iter().map(rows).collect();
+                (rows(&plain), columns_of(&across))
+            })
+            .collect()
     }
 
     /// Columns of a searched candidate at a value of what is searched.
@@ -552,12 +716,13 @@ impl Bench {
         self.expanded(view, candidate, &values)
     }
 
-    /// Chance, over random signs of the units' residuals, that any candidate does as well as `p_value`.
+    /// Chance, over random signs of the units' residuals, that any candidate does as well as an adjusted
+    /// p-value.
     pub(super) fn flip_p(
         &self,
         view: &View,
         table: &Table,
-        p_value: f64,
+        adjusted: f64,
         flips: usize,
         seed: u64,
     ) -> f64 {
@@ -565,7 +730,7 @@ impl Bench {
         let basis = self.flipped_basis(view, &signs);
         let total = view.total();
         let degrees = view.degrees;
-        let mut criticals: BTreeMap<usize, f64> = BTreeMap::new();
+        let mut criticals: BTreeMap<(usize, bool), f64> = BTreeMap::new();
         let sums: Vec<f64> = basis
             .column_iter()
             .map(|column| (total - column.norm_squared()).max(1e-12))
@@ -580,9 +745,10 @@ impl Bench {
                 continue;
             }
             let rank = c.ncols() as f64;
-            let critical = *criticals
-                .entry(c.ncols())
-                .or_insert_with(|| f_quantile_above(p_value, rank, degrees));
+            let is_named = self.candidates[*candidate].is_named();
+            let critical = *criticals.entry((c.ncols(), is_named)).or_insert_with(|| {
+                f_quantile_above(adjusted * table.weights.of(is_named), rank, degrees)
+            });
             let statistics = c.tr_mul(&flipped.rows(place.start, place.len()));
             for (flip, exceeded) in exceeded.iter_mut().enumerate() {
                 let statistic = statistics.column(flip).norm_squared();
@@ -590,15 +756,16 @@ impl Bench {
                 *exceeded |= statistic / rank / rest >= critical;
             }
         }
-        let places: Vec<usize> = (0..self.scans.len()).collect();
+        let places: Vec<usize> = (0..table.scans.len()).collect();
         let of_scans = parallel::map(&places, |&place| {
-            let (candidate, scan) = &self.scans[place];
+            let (candidate, scan) = self.scan(place)?;
             let scores = &table.scans[place];
             if scores.rank() == 0 || self.hidden.contains(candidate) {
                 return None;
             }
             let rank = scores.rank() as f64;
             let crossings = self.crossings[place].get().copied().unwrap_or(0.0);
+            let p_value = adjusted * table.weights.of(self.candidates[*candidate].is_named());
             let nulls = scan.flipped(scores, &residuals);
             let exceeds = |(flip, null): (usize, &Vec<f64>)| {
                 let does = |statistic: f64| {
@@ -635,6 +802,13 @@ impl Bench {
         let count = exceeded.iter().filter(|&&exceeded| exceeded).count();
         (1.0 + count as f64) / (1.0 + flips as f64)
     }
+}
+
+fn columns_of(columns: &[DVector<f64>]) -> DMatrix<f64> {
+    if columns.is_empty() {
+        return DMatrix::zeros(0, 0);
+    }
+    DMatrix::from_columns(columns)
 }
 
 /// What one task of a table yields.

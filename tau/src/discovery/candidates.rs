@@ -18,6 +18,8 @@ pub(super) struct Candidate {
     /// Index in [`Model::effects`].
     pub(super) effect: usize,
     pub(super) place: Place,
+    /// Further places of an unnamed family, each with amplitudes of its own.
+    further: Vec<Place>,
     pub(super) name: String,
     /// Places as the description writes them.
     pub(super) places: String,
@@ -75,6 +77,19 @@ pub(super) fn all(model: &Model, base: &Variant, families: &[Family]) -> Vec<Can
             .iter()
             .find(|family| family.name == effect.name)
             .cloned();
+        if let Some(family) = family.as_ref().filter(|family| family.is_of_all) {
+            let each: Vec<Place> = effects::places(model, effect)
+                .into_iter()
+                .filter(|place| !matches!(place, Place::AllCarts | Place::AllLinks))
+                .filter(|&place| {
+                    base.arm == Arm::Full || !effects::needs_full_arm(model, effect, place)
+                })
+                .collect();
+            if each.len() > 1 {
+                candidates.push(Candidate::of_all(index, effect, &each, family));
+            }
+            continue;
+        }
         for place in effects::places(model, effect) {
             let is_common = matches!(place, Place::AllCarts | Place::AllLinks);
             let is_searched = effect
@@ -136,11 +151,22 @@ impl Candidate {
         Self {
             effect: index,
             place,
+            further: vec![],
             name: effect.name.clone(),
             places,
             family,
             search,
             parameters,
+        }
+    }
+
+    /// An unnamed family at all its places at once.
+    fn of_all(index: usize, effect: &Effect, places: &[Place], family: &Family) -> Self {
+        let first = Self::new(index, effect, places[0], "all".into(), Some(family.clone()));
+        Self {
+            further: places[1..].to_vec(),
+            parameters: vec![first.parameters.clone(); places.len()].concat(),
+            ..first
         }
     }
 
@@ -182,10 +208,16 @@ impl Candidate {
         surroundings: &Surroundings,
     ) -> Result<Vec<Entry>, &'static str> {
         let effect = &model.effects[self.effect];
-        let formulas = Formulas::new(effect, values);
+        let own = self.parameters.len() / (1 + self.further.len());
         let mut entries = Vec::new();
-        for (index, term) in effect.terms.iter().enumerate() {
-            for action in self.actions(model, term, probes) {
+        let places = std::iter::once(&self.place).chain(&self.further);
+        for (first, &place) in (0..).step_by(own.max(1)).zip(places) {
+            let formulas = Formulas::new(effect, &values[first..first + own]);
+            let terms = effect.terms.iter().enumerate();
+            for (index, term, action) in terms.flat_map(|(index, term)| {
+                let actions = actions(place, model, term, probes);
+                actions.into_iter().map(move |action| (index, term, action))
+            }) {
                 let Some(at) = action.probes.first().map(|&p| &probes.all[p].samples) else {
                     continue;
                 };
@@ -199,7 +231,7 @@ impl Candidate {
                         scope: action.scope,
                         probe,
                         slopes: (0..self.parameters.len())
-                            .map(|k| slopes.get(&k).map(each))
+                            .map(|k| slopes.get(&k.checked_sub(first)?).map(each))
                             .collect(),
                     });
                 }
@@ -207,66 +239,67 @@ impl Candidate {
         }
         Ok(entries)
     }
+}
 
-    fn actions(&self, model: &Model, term: &Term, probes: &Probes) -> Vec<Action> {
-        let none = Scope {
-            command: None,
-            track: None,
-            source: None,
-            link: None,
-            length: None,
-        };
-        let on_cart = |track: usize, source: Option<usize>, component: usize| Action {
-            probes: vec![probes.carts[track][component]],
+/// Where a term of an effect acts at a place.
+fn actions(place: Place, model: &Model, term: &Term, probes: &Probes) -> Vec<Action> {
+    let none = Scope {
+        command: None,
+        track: None,
+        source: None,
+        link: None,
+        length: None,
+    };
+    let on_cart = |track: usize, source: Option<usize>, component: usize| Action {
+        probes: vec![probes.carts[track][component]],
+        scope: Scope {
+            command: Some(track),
+            track: Some(track),
+            source,
+            ..none
+        },
+    };
+    let axis = match term.target {
+        Target::Along => 0,
+        Target::Horizontal => 1,
+        Target::Vertical => 2,
+        Target::Roll => 3,
+        Target::Pitch => 4,
+        Target::Yaw => 5,
+        Target::Length | Target::Joint | Target::Position => 6,
+    };
+    let on_closure = |closure: usize| {
+        let owner = &probes.closures[closure];
+        Some(Action {
+            probes: match term.target {
+                Target::Length => vec![owner.length],
+                _ => owner.joint?.to_vec(),
+            },
             scope: Scope {
-                command: Some(track),
-                track: Some(track),
-                source,
+                command: owner.command,
+                link: owner.link,
+                length: Some(owner.length_m),
                 ..none
             },
-        };
-        let axis = match term.target {
-            Target::Along => 0,
-            Target::Horizontal => 1,
-            Target::Vertical => 2,
-            Target::Roll => 3,
-            Target::Pitch => 4,
-            Target::Yaw => 5,
-            Target::Length | Target::Joint | Target::Position => 6,
-        };
-        let on_closure = |closure: usize| {
-            let owner = &probes.closures[closure];
-            Some(Action {
-                probes: match term.target {
-                    Target::Length => vec![owner.length],
-                    _ => owner.joint?.to_vec(),
-                },
-                scope: Scope {
-                    command: owner.command,
-                    link: owner.link,
-                    length: Some(owner.length_m),
-                    ..none
-                },
-            })
-        };
-        match self.place {
-            Place::Cart { track, source } => vec![on_cart(track, source, axis)],
-            Place::AllCarts => (0..model.tracks.len())
-                .map(|track| on_cart(track, None, axis))
-                .collect(),
-            Place::Link(link) => {
-                let closure = probes.closures.iter().position(|closure| {
-                    closure.link == Some(link)
-                        || (closure.link.is_none() && closure.cluster == model.links[link].cluster)
-                });
-                closure.and_then(on_closure).into_iter().collect()
-            }
-            Place::AllLinks => (0..probes.closures.len()).filter_map(on_closure).collect(),
-            Place::Tcp => vec![Action {
-                probes: probes.tcp.to_vec(),
-                scope: none,
-            }],
+        })
+    };
+    match place {
+        Place::Cart { track, source } => vec![on_cart(track, source, axis)],
+        Place::AllCarts => (0..model.tracks.len())
+            .map(|track| on_cart(track, None, axis))
+            .collect(),
+        Place::Link(link) => {
+            let closure = probes.closures.iter().position(|closure| {
+                closure.link == Some(link)
+                    || (closure.link.is_none() && closure.cluster == model.links[link].cluster)
+            });
+            closure.and_then(on_closure).into_iter().collect()
         }
+        Place::AllLinks => (0..probes.closures.len()).filter_map(on_closure).collect(),
+        Place::Tcp => vec![Action {
+            probes: probes.tcp.to_vec(),
+            scope: none,
+        }],
     }
 }
 

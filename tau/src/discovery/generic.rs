@@ -15,15 +15,14 @@ pub(super) struct Family {
     pub(super) direction: String,
     /// `q`, `time`, `load`, …
     pub(super) against: &'static str,
+    /// Whether it stands at all its places at once, with amplitudes of their own.
+    pub(super) is_of_all: bool,
 }
 
-/// Legendre polynomials P1 to P4 of q / 1 m, by terms of equal order.
-const LEGENDRE: [&str; 4] = [
-    "q/(1 m)",
-    "(3*(q/(1 m))^2 - 1) / 2",
-    "(5*(q/(1 m))^3 - 3*q/(1 m)) / 2",
-    "(35*(q/(1 m))^4 - 30*(q/(1 m))^2 + 3) / 8",
-];
+/// Periods of what repeats along a track.
+const PERIODS: &str = "4 mm ..= 1 m";
+/// Number of triangles that follow a track piece by piece.
+const TRIANGLES: usize = 9;
 /// Smooth functions of conditions.
 const TIME: [&str; 2] = ["time/(1 s)", "(time/(1 s))^2"];
 const TEMPERATURE: [&str; 1] = ["(temperature - 20 K)/(1 K)"];
@@ -54,8 +53,29 @@ const PLACE: [&str; 9] = [
     "z*x/(1 m)^2",
 ];
 
-/// The families of a robot: their text in the language, and what each is.
-pub(super) fn families(model: &Model) -> (String, Vec<Family>) {
+/// The families of a robot whose commands span a range (m): their text in the language, and what each is.
+pub(super) fn families(model: &Model, (low_m, high_m): (f64, f64)) -> (String, Vec<Family>) {
+    let (middle_m, half_m) = (
+        f64::midpoint(low_m, high_m),
+        (0.5 * (high_m - low_m)).max(1e-3),
+    );
+    // From −1 to 1 along the track.
+    let s = format!("((q - ({middle_m} m)) / ({half_m} m))");
+    let legendre = [
+        s.clone(),
+        format!("(3*{s}^2 - 1) / 2"),
+        format!("(5*{s}^3 - 3*{s}) / 2"),
+        format!("(35*{s}^4 - 30*{s}^2 + 3) / 8"),
+    ];
+    let legendre = legendre.each_ref().map(String::as_str);
+    let triangles: Vec<String> = (0..TRIANGLES)
+        .map(|k| {
+            let width = 2.0 / (TRIANGLES - 1) as f64;
+            let top = width * k as f64 - 1.0;
+            format!("max(0, 1 - abs({s} - ({top})) / {width})")
+        })
+        .collect();
+    let triangles: Vec<&str> = triangles.iter().map(String::as_str).collect();
     let mut families = Families {
         text: String::new(),
         list: Vec::new(),
@@ -70,34 +90,52 @@ pub(super) fn families(model: &Model) -> (String, Vec<Family>) {
         travels.extend(commands[k..].iter().map(|b| format!("{a} * {b}")));
     }
     let travels: Vec<&str> = travels.iter().map(String::as_str).collect();
+    let shift = ["along", "horizontal", "vertical"];
+    let turn = ["roll", "pitch", "yaw"];
     if !model.tracks.is_empty() {
-        for axis in ["along", "horizontal", "vertical"] {
-            families.add("cart", axis, "q", &LEGENDRE);
+        for axis in shift {
+            families.add("cart", axis, "q", &legendre);
             families.add("cart", axis, "direction", &DIRECTION);
             families.add("cart", axis, "temperature", &WARM_TRAVEL);
             families.add("cart", axis, "time", &TIME);
             families.add("cart", axis, "load", &LOAD);
             families.add("cart", axis, "position", &PLACE);
             families.add("cart", axis, "commands", &travels);
+            families.add("cart", axis, "stretch", &triangles);
         }
-        for axis in ["roll", "pitch", "yaw"] {
-            families.add("cart", axis, "q", &LEGENDRE[..3]);
+        families.periodic();
+        for axis in turn {
+            families.add("cart", axis, "q", &legendre[..3]);
             families.add("cart", axis, "direction", &DIRECTION[..2]);
             families.add("cart", axis, "temperature", &TEMPERATURE);
             families.add("cart", axis, "time", &TIME);
             families.add("cart", axis, "load", &LOAD);
             families.add("cart", axis, "commands", &travels);
         }
+        for (axes, name) in [(shift, "shift"), (turn, "turn")] {
+            families.bundle("cart", name, &axes, "q", &legendre[..3]);
+            families.bundle("cart", name, &axes, "direction", &DIRECTION[..2]);
+            families.bundle("cart", name, &axes, "load", &LOAD);
+        }
+        families.of_all("cart", "along", "temperature", &WARM_TRAVEL);
+        families.of_all("cart", "along", "direction", &DIRECTION[..1]);
+        families.of_all("cart", "along", "q", &legendre[..3]);
     }
     families.add("link", "length", "position", &PLACE);
     families.add("link", "length", "tension", &TENSION);
     families.add("link", "length", "temperature", &TEMPERATURE);
     families.add("link", "length", "time", &TIME);
-    for axis in ["x", "y", "z"] {
+    families.of_all("link", "length", "tension", &TENSION[..1]);
+    families.of_all("link", "length", "temperature", &TEMPERATURE);
+    let axes = ["x", "y", "z"];
+    for axis in axes {
         families.add("tcp", axis, "time", &TIME);
         families.add("tcp", axis, "temperature", &TEMPERATURE);
         families.add("tcp", axis, "position", &PLACE);
     }
+    families.bundle("tcp", "vector", &axes, "time", &TIME);
+    families.bundle("tcp", "vector", &axes, "temperature", &TEMPERATURE);
+    families.bundle("tcp", "vector", &axes, "position", &PLACE[..3]);
     (families.text, families.list)
 }
 
@@ -107,40 +145,84 @@ struct Families {
 }
 
 impl Families {
-    fn add(&mut self, subject: &str, direction: &str, against: &'static str, basis: &[&str]) {
-        let name = format!("{PREFIX}{subject}_{direction}_{against}");
-        let (unit, target) = match direction {
-            "roll" | "pitch" | "yaw" => ("angle", direction),
-            "x" | "y" | "z" => ("length", "position"),
-            _ => ("length", direction),
-        };
-        let parameters: Vec<String> = (1..=basis.len()).map(|k| format!("c{k}")).collect();
-        let sum: Vec<String> = parameters
-            .iter()
-            .zip(basis)
-            .map(|(c, term)| format!("{c} * ({term})"))
-            .collect();
-        let sum = sum.join(" + ");
-        let formula = match direction {
-            "x" => format!("({sum}) * (1, 0, 0)"),
-            "y" => format!("({sum}) * (0, 1, 0)"),
-            "z" => format!("({sum}) * (0, 0, 1)"),
-            _ => sum,
-        };
-        // Writing into a string can't fail.
+    /// One axis as a function of something.
+    fn add(&mut self, subject: &str, axis: &str, against: &'static str, basis: &[&str]) {
+        self.bundle(subject, axis, &[axis], against, basis);
+    }
+
+    /// What repeats along a track.
+    fn periodic(&mut self) {
+        let name = format!("{PREFIX}cart_along_periodic");
         let _ = writeln!(
             self.text,
-            "effect {name} on {subject} {{ param {}: {unit}; {target} += {formula}; }}",
-            parameters.join(", ")
+            "effect {name} on cart {{ param sine, cosine: length; \
+             search period: length in {PERIODS}; \
+             along += sine * sin(2*pi*q/period) + cosine * cos(2*pi*q/period); }}"
+        );
+        self.list.push(Family {
+            name,
+            direction: "along".into(),
+            against: "q",
+            is_of_all: false,
+        });
+    }
+
+    /// The same at all places at once.
+    fn of_all(&mut self, subject: &str, axis: &str, against: &'static str, basis: &[&str]) {
+        self.bundle(&format!("{subject}_all"), axis, &[axis], against, basis);
+    }
+
+    /// Several axes, each with amplitudes of its own.
+    fn bundle(
+        &mut self,
+        subject: &str,
+        direction: &str,
+        axes: &[&str],
+        against: &'static str,
+        basis: &[&str],
+    ) {
+        let name = format!("{PREFIX}{subject}_{direction}_{against}");
+        let is_of_all = subject.ends_with("_all");
+        let subject = subject.trim_end_matches("_all");
+        let (mut parameters, mut terms) = (String::new(), String::new());
+        for (k, axis) in axes.iter().enumerate() {
+            let coefficients: Vec<String> =
+                (1..=basis.len()).map(|i| format!("c{k}_{i}")).collect();
+            let sum: Vec<String> = coefficients
+                .iter()
+                .zip(basis)
+                .map(|(c, term)| format!("{c} * ({term})"))
+                .collect();
+            let sum = sum.join(" + ");
+            let unit = match *axis {
+                "roll" | "pitch" | "yaw" => "angle",
+                _ => "length",
+            };
+            let term = match *axis {
+                "x" => format!("position += ({sum}) * (1, 0, 0);"),
+                "y" => format!("position += ({sum}) * (0, 1, 0);"),
+                "z" => format!("position += ({sum}) * (0, 0, 1);"),
+                _ => format!("{axis} += {sum};"),
+            };
+            // Writing into a string can't fail.
+            let _ = write!(parameters, "param {}: {unit}; ", coefficients.join(", "));
+            let _ = write!(terms, "{term} ");
+        }
+        let _ = writeln!(
+            self.text,
+            "effect {name} on {subject} {{ {parameters}{terms}}}"
         );
         let direction = match direction {
             "x" | "y" | "z" => format!("position {direction}"),
+            "vector" => "position".into(),
+            "shift" | "turn" => axes.join(", "),
             _ => direction.to_owned(),
         };
         self.list.push(Family {
             name,
             direction,
-            against,
+            against: if against == "stretch" { "q" } else { against },
+            is_of_all,
         });
     }
 }

@@ -10,6 +10,7 @@ mod candidates;
 mod confirmation;
 mod descent;
 mod distribution;
+mod encompassing;
 mod evidence;
 mod fit;
 mod floor;
@@ -200,7 +201,14 @@ pub fn discover(
         options,
     };
 
-    let (model, families) = catalogue(robot, options)?;
+    let commands = division
+        .calibration
+        .iter()
+        .flat_map(|&pose| &folder.tcp_poses[pose].commands_m);
+    let range_m = commands.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), &q| {
+        (low.min(q), high.max(q))
+    });
+    let (model, families) = catalogue(robot, options, range_m)?;
     let index = model
         .variants
         .iter()
@@ -268,14 +276,18 @@ struct Beforehand {
 }
 
 /// The model with all catalogues and the unnamed families.
-fn catalogue(robot: &Robot, options: &Options) -> Result<(Model, Vec<generic::Family>), Error> {
+fn catalogue(
+    robot: &Robot,
+    options: &Options,
+    range_m: (f64, f64),
+) -> Result<(Model, Vec<generic::Family>), Error> {
     let input_error =
         |errors: language::Errors| Error::Input(InputError::whole("effects", errors.to_string()));
     let mut model = language::check_text(&robot.description).map_err(input_error)?;
     for text in &options.catalogues {
         model = effects_from_text(text, &model).map_err(input_error)?;
     }
-    let (text, families) = generic::families(&model);
+    let (text, families) = generic::families(&model, range_m);
     Ok((
         effects_from_text(&text, &model).map_err(input_error)?,
         families,
@@ -298,7 +310,8 @@ fn base_fit(
     } = *input;
     let free = variant::free_turning(model, index, Some(variant));
     let prepared = Prepared::new(robot, &free, file, Some(folder), &division.calibration)?;
-    let of_set_1 = Sample::all(robot, folder, &division.calibration, &Frames::default());
+    let mut of_set_1 = Sample::all(robot, folder, &division.calibration, &Frames::default());
+    place_plates(&prepared.machine, file, &mut of_set_1);
     let alone = Joint::new(
         prepared.machine.clone(),
         &prepared.nominal,
@@ -310,11 +323,11 @@ fn base_fit(
     let frames = Frames::of(&machine, file, folder);
     numbering::check(&machine, folder)?;
     let mut samples = Sample::all(robot, folder, &division.calibration, &frames);
+    place_plates(&machine, file, &mut samples);
     let joint = Joint::new(machine.clone(), &prepared.nominal, &samples, file.noise)?;
     let about_lines = outliers::deviations(outliers::about_lines(&samples), &samples);
     weights.extend(outliers::weights(&about_lines).drain(weights.len()..));
     let fit = Fit::robust(joint, &values, weights, &samples, file.noise)?;
-    place_plates(&machine, file, &mut samples);
     Ok((fit, samples))
 }
 
@@ -394,7 +407,7 @@ fn finish(
     let unnamed = search
         .unnamed
         .iter()
-        .filter_map(|&family| structure::unnamed(bench, &view, family))
+        .flat_map(|&(family, searched)| structure::unnamed(bench, &view, family, searched))
         .collect();
     let left_out: Vec<LeftOut> = (0..bench.samples.len())
         .filter(|&s| fit.weights[s] == 0.0)

@@ -99,6 +99,32 @@ impl Responses {
         }
     }
 
+    /// Sums over each sample's rows of each probe times a vector over the rows.
+    pub(super) fn sums(view: &View, probes: &Probes, vector: &[f64]) -> Vec<DVector<f64>> {
+        let weighted: Vec<f64> = view
+            .factors
+            .iter()
+            .zip(vector)
+            .map(|(f, v)| f * v)
+            .collect();
+        probes
+            .all
+            .iter()
+            .map(|probe| {
+                let mut by_sample = vec![0.0; probes.sample_count];
+                for ((derivative, value), &sample) in
+                    probe.rows.iter().zip(&weighted).zip(&probes.row_samples)
+                {
+                    by_sample[sample] += derivative * value;
+                }
+                DVector::from_iterator(
+                    probe.samples.len(),
+                    probe.samples.iter().map(|&sample| by_sample[sample]),
+                )
+            })
+            .collect()
+    }
+
     /// The residuals of each probe's samples under sign flips of the units, less what the model absorbs
     /// of them: one column per flip. `flipped_basis` is `Qᵀ(s∘e)`.
     pub(super) fn flipped(

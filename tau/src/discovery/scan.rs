@@ -26,7 +26,9 @@ const WITHIN_STEP: [f64; 6] = [-0.75, -0.5, -0.25, 0.25, 0.5, 0.75];
 
 /// The columns of a searched effect at every point of the grid.
 pub(super) struct Scan {
+    /// From one step beyond the range to one step beyond it: what peaks there is no peak within.
     pub(super) grid: Vec<f64>,
+    range: (f64, f64),
     width: usize,
     columns: Displacements,
 }
@@ -56,8 +58,10 @@ impl Scan {
         let amplitudes = candidate.amplitudes();
         let span = low.recip() - high.recip();
         let steps = (span * OVERSAMPLING * range_m).ceil().clamp(8.0, 20_000.0);
-        let grid: Vec<f64> = (0..=count(steps))
-            .map(|k| (high.recip() + span * k as f64 / steps).recip())
+        let grid: Vec<f64> = (0..=count(steps) + 2)
+            .map(|k| high.recip() + span * (k as f64 - 1.0) / steps)
+            .filter(|&reciprocal| reciprocal > 0.0)
+            .map(f64::recip)
             .collect();
         let mut values = candidate.nominal();
         let mut columns = Displacements::default();
@@ -68,6 +72,7 @@ impl Scan {
         }
         Ok(Self {
             grid,
+            range: (low, high),
             width: amplitudes.len(),
             columns,
         })
@@ -126,6 +131,11 @@ impl Scan {
                     .collect()
             })
             .collect()
+    }
+
+    /// Whether a value is one that the description allows.
+    pub(super) fn allows(&self, value: f64) -> bool {
+        (self.range.0..=self.range.1).contains(&value)
     }
 
     /// Values around a point of the grid at which a peak there is refined.

@@ -22,8 +22,14 @@ use crate::calibration::Prepared;
 use crate::evaluation::evaluate;
 use crate::robot::Owner;
 
-/// Family-wise level.
+/// Family-wise level of the first name: the chance of any where nothing is missing.
 pub(super) const LEVEL: f64 = 0.05;
+/// Family-wise level of every further one: the chance of a name beyond those that are true.
+const FURTHER: f64 = 0.01;
+/// Chance that a candidate is taken to have something beside the true one.
+const ENCOMPASSES: f64 = 0.01;
+/// A candidate with a p-value above this beside another adds nothing to it.
+const NOTHING: f64 = 0.05;
 const MAX_EFFECTS: usize = 10;
 /// Stands in for p-values that are too small to be told from zero.
 const LEAST: f64 = 1e-290;
@@ -57,8 +63,8 @@ pub(super) struct Search<'a> {
     pub(super) own_effects: usize,
     pub(super) fit: Fit,
     pub(super) accepted: Vec<Accepted>,
-    /// Unnamed families that hold the place of what has no name.
-    pub(super) unnamed: Vec<usize>,
+    /// Unnamed families that hold the place of what has no name, with the value of what is searched.
+    pub(super) unnamed: Vec<(usize, Option<f64>)>,
     /// Candidates that were tried and not confirmed.
     pub(super) refused: BTreeSet<usize>,
     pub(super) steps: Vec<Step>,
@@ -75,22 +81,22 @@ impl Search<'_> {
         self.record(None)?;
         while self.accepted.len() + self.unnamed.len() < MAX_EFFECTS {
             let view = self.view();
-            let table = self.bench.table(&view);
-            let tested = table.scores.len();
+            let mut table = self.bench.table(&view);
             let significant = self.significant(&table);
-            let Some(winner) = self.winner(&view, &table, &significant) else {
+            let mut winner = self.winner(&view, &table, &significant);
+            if winner.is_none() {
+                // Only now what is periodic but has no name, which takes as long as all the rest.
+                table = self.bench.with_family_scans(&view, table);
+                let significant = self.significant(&table);
+                winner = self.winner(&view, &table, &significant);
+            }
+            let Some(winner) = winner else {
                 self.first.get_or_insert(table);
                 break;
             };
             let label = self.bench.candidates[winner.candidate].label();
             progress(&format!("{label} scores {:.0}", winner.statistic));
-            let flip_p_value = self.bench.flip_p(
-                &view,
-                &table,
-                winner.p_value.max(LEAST),
-                self.input.options.flips,
-                self.input.options.seed + self.steps.len() as u64,
-            );
+            let flip_p_value = self.flip_p(&view, &table, &winner);
             let Some(subspace) = self.subspace(&view, &winner) else {
                 break;
             };
@@ -102,7 +108,7 @@ impl Search<'_> {
                 self.input.options.seed,
             );
             self.first.get_or_insert(table);
-            if flip_p_value > LEVEL {
+            if flip_p_value > self.level() {
                 // The best does no better than chance, so nothing does.
                 self.refused.insert(winner.candidate);
                 break;
@@ -112,30 +118,41 @@ impl Search<'_> {
                 continue;
             }
             if !self.bench.candidates[winner.candidate].is_named() {
-                self.unnamed.push(winner.candidate);
+                self.unnamed.push((winner.candidate, winner.searched));
                 continue;
             }
             if !self.accept(&winner, flip_p_value, aliases)? {
                 self.refused.insert(winner.candidate);
                 continue;
             }
-            self.drop_idle(tested)?;
+            self.drop_idle()?;
         }
         self.name_unnamed()?;
-        self.swap()?;
+        self.review()?;
         self.is_left = !self.unnamed.is_empty();
         Ok(())
+    }
+
+    fn flip_p(&self, view: &View, table: &Table, score: &Score) -> f64 {
+        self.bench.flip_p(
+            view,
+            table,
+            score.adjusted.max(LEAST),
+            self.input.options.flips,
+            self.input.options.seed + self.steps.len() as u64,
+        )
     }
 
     /// The model with its unnamed families.
     pub(super) fn view(&self) -> View {
         self.unnamed
             .iter()
-            .fold(View::of(&self.fit), |view, &family| {
-                match self.bench.subspace(&view, family, None) {
-                    Some((_, subspace)) => view.with(&subspace),
-                    None => view,
-                }
+            .fold(View::of(&self.fit), |view, &(family, searched)| match self
+                .bench
+                .subspace(&view, family, searched)
+            {
+                Some((_, subspace)) => view.with(&subspace),
+                None => view,
             })
     }
 
@@ -150,73 +167,115 @@ impl Search<'_> {
 
     fn is_open(&self, candidate: usize) -> bool {
         !self.refused.contains(&candidate)
-            && !self.unnamed.contains(&candidate)
+            && !self.unnamed.iter().any(|unnamed| unnamed.0 == candidate)
             && !self
                 .accepted
                 .iter()
                 .any(|accepted| accepted.candidate == candidate)
     }
 
-    /// The level of the next step: halved with each, so that names beyond the true ones stay within the
-    /// family's level however many steps there are.
+    /// The family-wise level of the next step.
     fn level(&self) -> f64 {
-        let found = self.accepted.len() + self.unnamed.len();
-        LEVEL * 0.5_f64.powi(i32::try_from(found).unwrap_or(i32::MAX))
+        if self.accepted.is_empty() && self.unnamed.is_empty() {
+            LEVEL
+        } else {
+            FURTHER
+        }
     }
 
-    /// Scores that pass Holm's procedure over all candidates.
+    /// Scores that pass Holm's procedure over all candidates, each with its share of the level.
     fn significant<'t>(&self, table: &'t Table) -> Vec<&'t Score> {
         let mut scores: Vec<&Score> = table.scores.iter().collect();
-        scores.sort_by(|a, b| a.p_value.total_cmp(&b.p_value));
-        let tested = scores.len();
+        scores.sort_by(|a, b| a.adjusted.total_cmp(&b.adjusted));
+        let mut left = 1.0;
         scores
             .into_iter()
-            .enumerate()
-            .take_while(|(k, score)| score.p_value <= self.level() / (tested - k) as f64)
-            .map(|(_, score)| score)
+            .take_while(|score| {
+                let passes = score.adjusted * left <= self.level();
+                left -= table.weights.of(self.is_named(score));
+                passes
+            })
             .filter(|score| self.is_open(score.candidate))
             .collect()
     }
 
-    /// The best by BIC; an unnamed family only where it says significantly more than the best name.
-    fn winner(&self, view: &View, table: &Table, significant: &[&Score]) -> Option<Score> {
-        let best = |named: bool| {
-            significant
-                .iter()
-                .filter(|score| self.bench.candidates[score.candidate].is_named() == named)
-                .max_by(|a, b| a.bic.total_cmp(&b.bic))
-                .copied()
-        };
-        let (name, family) = (best(true), best(false));
-        let (Some(name), Some(family)) = (name, family) else {
-            return name.or(family).cloned();
-        };
-        if family.bic <= name.bic + AS_GOOD
-            || !self.says_more(
-                view,
-                &self.subspace(view, name)?,
-                family,
-                table.scores.len(),
-            )
-        {
-            return Some(name.clone());
-        }
-        Some(family.clone())
+    fn is_named(&self, score: &Score) -> bool {
+        self.bench.candidates[score.candidate].is_named()
     }
 
-    /// Whether a family is significant beside a name.
-    fn says_more(&self, view: &View, name: &Subspace, family: &Score, tested: usize) -> bool {
+    /// The name that no other candidate encompasses, or the unnamed family that encompasses it.
+    fn winner(&self, view: &View, table: &Table, significant: &[&Score]) -> Option<Score> {
+        let (names, families): (Vec<&Score>, Vec<&Score>) =
+            significant.iter().partition(|score| self.is_named(score));
+        let best = |of: &[&Score]| of.iter().copied().max_by(by_bic).cloned();
+        let Some(mut name) = best(&names) else {
+            return best(&families);
+        };
+        let mut tried = BTreeSet::new();
+        while tried.insert(name.candidate) {
+            let own = self.subspace(view, &name)?;
+            let others: Vec<&Score> = names
+                .iter()
+                .copied()
+                .filter(|score| score.candidate != name.candidate)
+                .collect();
+            let Some(better) = self
+                .encompassing(view, table, &own, &others)
+                .into_iter()
+                .next()
+            else {
+                break;
+            };
+            name = better.clone();
+        }
+        let own = self.subspace(view, &name)?;
+        let above = self.encompassing(view, table, &own, &families);
+        match best(&above) {
+            Some(family) if !self.is_accounted_for(view, &own, &family) => Some(family),
+            _ => Some(name),
+        }
+    }
+
+    /// Those of some scores that encompass a subspace, the most significant beside it first.
+    fn encompassing<'t>(
+        &self,
+        view: &View,
+        table: &Table,
+        own: &Subspace,
+        others: &[&'t Score],
+    ) -> Vec<&'t Score> {
+        let pairs = self.bench.pairs_with(view, table, own, others);
+        let mut contenders: Vec<(&Score, f64)> = others
+            .iter()
+            .zip(pairs)
+            .filter(|(_, pair)| pair.beside_other > NOTHING)
+            .map(|(score, pair)| (*score, pair.other_beside))
+            .collect();
+        let level = ENCOMPASSES / contenders.len() as f64;
+        contenders.retain(|(_, p_value)| *p_value <= level);
+        contenders.sort_by(|a, b| a.1.total_cmp(&b.1));
+        contenders.into_iter().map(|(score, _)| score).collect()
+    }
+
+    /// Whether what a family has beside a name is another name's.
+    fn is_accounted_for(&self, view: &View, name: &Subspace, family: &Score) -> bool {
         let view = view.with(name);
-        let Some((_, subspace)) = self
-            .bench
-            .subspace(&view, family.candidate, family.searched)
-        else {
+        let table = self.bench.table(&view);
+        let significant = self.significant(&table);
+        let other = significant
+            .iter()
+            .copied()
+            .filter(|score| self.is_named(score))
+            .max_by(by_bic);
+        let Some(other) = other.and_then(|other| self.subspace(&view, other)) else {
             return false;
         };
-        let rank = subspace.rank() as f64;
-        let statistic = subspace.statistic(&view.residuals);
-        let (_, p_value) = f_form(statistic, rank, view.total(), view.degrees);
-        p_value <= LEVEL / tested as f64
+        let view = view.with(&other);
+        self.subspace(&view, family).is_none_or(|left| {
+            let statistic = left.statistic(&view.residuals);
+            let (_, p_value) = f_form(statistic, left.rank() as f64, view.total(), view.degrees);
+            p_value > ENCOMPASSES
+        })
     }
 
     /// Adds an effect and refits; whether the fit converged.
@@ -365,8 +424,8 @@ impl Search<'_> {
             .fill(0.0);
         let removed: BTreeSet<usize> = own.iter().copied().collect();
         let mut view = View::without(&self.fit, &removed, &contribution)?;
-        for &family in &self.unnamed {
-            if let Some((_, subspace)) = self.bench.subspace(&view, family, None) {
+        for &(family, searched) in &self.unnamed {
+            if let Some((_, subspace)) = self.bench.subspace(&view, family, searched) {
                 view = view.with(&subspace);
             }
         }
@@ -384,12 +443,12 @@ impl Search<'_> {
     }
 
     /// Drops effects that the others have made idle.
-    fn drop_idle(&mut self, tested: usize) -> Result<(), Error> {
+    fn drop_idle(&mut self) -> Result<(), Error> {
         for effect in (0..self.accepted.len().saturating_sub(1)).rev() {
             let Some((statistic, rank)) = self.own_statistic(effect) else {
                 continue;
             };
-            if chi2_survival(statistic, rank) > LEVEL / tested as f64 {
+            if chi2_survival(statistic, rank) > FURTHER {
                 let removed = self.accepted.remove(effect);
                 self.refused.insert(removed.candidate);
                 let effects: Vec<usize> = self.accepted.iter().map(|a| a.candidate).collect();
@@ -441,36 +500,24 @@ impl Search<'_> {
     fn name_unnamed(&mut self) -> Result<(), Error> {
         for family in self.unnamed.clone() {
             let kept = self.unnamed.clone();
-            self.unnamed.retain(|&other| other != family);
+            self.unnamed.retain(|other| other.0 != family.0);
             let view = self.view();
-            let table = self.bench.table(&view);
-            let own = table.scores.iter().find(|score| score.candidate == family);
+            let mut table = self.bench.table(&view);
+            if family.1.is_some() {
+                table = self.bench.with_family_scans(&view, table);
+            }
             let significant = self.significant(&table);
-            let best = significant
-                .iter()
-                .filter(|score| self.bench.candidates[score.candidate].is_named())
-                .max_by(|a, b| a.bic.total_cmp(&b.bic));
-            let Some(own) =
-                own.filter(|own| significant.iter().any(|s| s.candidate == own.candidate))
-            else {
+            if !significant.iter().any(|score| score.candidate == family.0) {
                 continue;
-            };
-            let named = best.filter(|best| {
-                best.bic >= own.bic - AS_GOOD
-                    && self.subspace(&view, best).is_some_and(|subspace| {
-                        !self.says_more(&view, &subspace, own, table.scores.len())
-                    })
-            });
-            let is_named = match named {
-                Some(best) => {
-                    let flip = self.bench.flip_p(
-                        &view,
-                        &table,
-                        best.p_value.max(LEAST),
-                        self.input.options.flips,
-                        self.input.options.seed,
-                    );
-                    flip <= LEVEL && self.accept(best, flip, self.bench.aliases(&table, best))?
+            }
+            let winner = self
+                .winner(&view, &table, &significant)
+                .filter(|winner| self.is_named(winner));
+            let is_named = match winner {
+                Some(name) => {
+                    let flip = self.flip_p(&view, &table, &name);
+                    let aliases = self.bench.aliases(&table, &name);
+                    flip <= self.level() && self.accept(&name, flip, aliases)?
                 }
                 None => false,
             };
@@ -481,48 +528,62 @@ impl Search<'_> {
         Ok(())
     }
 
-    /// Each effect against its rivals in the presence of all others: the better takes its place.
-    fn swap(&mut self) -> Result<(), Error> {
+    /// Each effect against its rivals in the presence of all others: what is better takes its place, and
+    /// what the others have made idle goes.
+    fn review(&mut self) -> Result<(), Error> {
         let mut effect = 0;
-        let mut swapped = BTreeSet::new();
+        let mut replaced = BTreeSet::new();
         while effect < self.accepted.len() {
             let Some((view, own, of_own)) = self.without(effect) else {
                 break;
             };
             let table = self.bench.table(&view);
-            let others = || {
-                table.scores.iter().filter(|score| {
-                    score.candidate != own.candidate && self.is_open(score.candidate)
-                })
-            };
-            let by_bic = |a: &&Score, b: &&Score| a.bic.total_cmp(&b.bic);
-            let is_named = |score: &&Score| self.bench.candidates[score.candidate].is_named();
-            let family = others().filter(|score| !is_named(score)).max_by(by_bic);
-            let name = others().filter(is_named).max_by(by_bic);
-            let is_unnamed = family.is_some_and(|family| {
-                family.bic > own.bic + AS_GOOD
-                    && self.says_more(&view, &of_own, family, table.scores.len())
-            });
-            if let (true, Some(family)) = (is_unnamed, family) {
-                let family = family.candidate;
+            let significant = self.significant(&table);
+            let scored = table.scores.iter().find(|s| s.candidate == own.candidate);
+            if scored.is_none_or(|scored| scored.adjusted > LEVEL) {
+                self.refused.insert(own.candidate);
                 self.remove(effect)?;
-                self.unnamed.push(family);
+                effect = 0;
                 continue;
             }
-            if let Some(name) = name.filter(|name| name.bic > own.bic)
-                && swapped.insert(own.candidate)
+            let (names, families): (Vec<&Score>, Vec<&Score>) = significant
+                .iter()
+                .filter(|score| score.candidate != own.candidate)
+                .partition(|score| self.is_named(score));
+            if let Some(family) = self
+                .encompassing(&view, &table, &of_own, &families)
+                .into_iter()
+                .max_by(by_bic)
+            {
+                let family = (family.candidate, family.searched);
+                self.remove(effect)?;
+                self.unnamed.push(family);
+                effect = 0;
+                continue;
+            }
+            let above = self.encompassing(&view, &table, &of_own, &names);
+            let better = above.first().copied().or_else(|| {
+                names
+                    .iter()
+                    .copied()
+                    .filter(|name| name.bic > own.bic)
+                    .max_by(by_bic)
+            });
+            if let Some(name) = better
+                && replaced.insert(own.candidate)
             {
                 let name = name.clone();
                 let kept = self.accepted[effect].clone();
-                self.remove(effect)?;
                 let aliases = self.bench.aliases(&table, &name);
+                self.remove(effect)?;
                 if !self.accept(&name, kept.flip_p_value, aliases)? {
                     break;
                 }
+                effect = 0;
                 continue;
             }
-            self.accepted[effect].rivals = others()
-                .filter(is_named)
+            self.accepted[effect].rivals = names
+                .iter()
                 .filter(|score| score.bic > own.bic - AS_GOOD)
                 .filter_map(|score| {
                     Some(FoundRival {
@@ -574,6 +635,10 @@ impl Search<'_> {
         self.fit = self.refit(&effects, None)?;
         self.record(None)
     }
+}
+
+fn by_bic(a: &&Score, b: &&Score) -> std::cmp::Ordering {
+    a.bic.total_cmp(&b.bic)
 }
 
 /// Cosine between the signal of an effect and what a rival can make of it.

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use tau_codegen::language::Model;
-use tau_codegen::language::model::{Formula, Readable};
+use tau_codegen::language::model::{Formula, Place, Readable};
 
 use super::bench::Bench;
 use super::candidates::Candidate;
@@ -26,6 +26,10 @@ pub(super) fn sight(bench: &mut Bench, view: &View) -> (Vec<Detectable>, Vec<Uns
     let mut thresholds: BTreeMap<u64, f64> = BTreeMap::new();
     let best_columns = bench.best_columns(view);
     for (index, candidate) in bench.candidates.iter().enumerate() {
+        let constant = constant(&bench.model, candidate, &bench.samples);
+        if constant.is_some() {
+            bench.hidden.insert(index);
+        }
         if !candidate.is_named() {
             continue;
         }
@@ -38,10 +42,12 @@ pub(super) fn sight(bench: &mut Bench, view: &View) -> (Vec<Detectable>, Vec<Uns
             unseen.push(out_of_sight(why.clone()));
             continue;
         }
-        let Some((best, rank)) = best_columns[index] else {
-            let why = constant(&bench.model, candidate, &bench.samples)
-                .unwrap_or_else(|| "the base absorbs it".to_owned());
+        if let Some(why) = constant {
             unseen.push(out_of_sight(why));
+            continue;
+        }
+        let Some((best, rank)) = best_columns[index] else {
+            unseen.push(out_of_sight("the base absorbs it".to_owned()));
             bench.hidden.insert(index);
             continue;
         };
@@ -55,16 +61,14 @@ pub(super) fn sight(bench: &mut Bench, view: &View) -> (Vec<Detectable>, Vec<Uns
             .tolerance
             .is_some_and(|t| amplitude > IMPLAUSIBLE * t);
         if surviving < ABSORBED || hopeless {
-            let why = constant(&bench.model, candidate, &bench.samples).unwrap_or_else(|| {
-                if surviving < ABSORBED || surviving < 0.01 {
-                    format!("the base absorbs {:.2} % of it", 100.0 * (1.0 - surviving))
-                } else {
-                    format!(
-                        "it would be seen from {} = {amplitude:.1e} {} on, beyond what is plausible",
-                        parameter.name, parameter.unit
-                    )
-                }
-            });
+            let why = if surviving < ABSORBED || surviving < 0.01 {
+                format!("the base absorbs {:.2} % of it", 100.0 * (1.0 - surviving))
+            } else {
+                format!(
+                    "it would be seen from {} = {amplitude:.1e} {} on, beyond what is plausible",
+                    parameter.name, parameter.unit
+                )
+            };
             unseen.push(out_of_sight(why));
             bench.hidden.insert(index);
             continue;
@@ -88,6 +92,8 @@ fn constant(model: &Model, candidate: &Candidate, samples: &[Sample]) -> Option<
         readables(&term.formula, &mut read);
     }
     let spread = |of: &dyn Fn(&Sample) -> Option<f64>| {
+        // With set 1 alone an effect has to vary: another level in sets 2 and 3, which have frames and
+        // targets of their own, says nothing that could not have other causes.
         let values = samples
             .iter()
             .filter(|sample| sample.set == 1)
@@ -107,16 +113,14 @@ fn constant(model: &Model, candidate: &Candidate, samples: &[Sample]) -> Option<
             ),
             Readable::Time => ("time", spread(&|s| s.conditions.time_s), 1.0, "s"),
             Readable::Direction => {
-                let command = match candidate.place {
-                    tau_codegen::language::model::Place::Cart { track, .. } => track,
-                    _ => 0,
+                let commands = match candidate.place {
+                    Place::Cart { track, .. } => track..track + 1,
+                    _ => 0..model.tracks.len(),
                 };
-                (
-                    "side of approach",
-                    spread(&|s| s.direction(command)),
-                    1.0,
-                    "",
-                )
+                let widest = commands
+                    .map(|command| spread(&|s| s.direction(command)))
+                    .fold(f64::NEG_INFINITY, f64::max);
+                ("side of approach", widest, 1.0, "")
             }
             _ => continue,
         };

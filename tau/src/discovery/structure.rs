@@ -1,5 +1,7 @@
 //! Unnamed structure in words and as a curve.
 
+use std::collections::BTreeMap;
+
 use super::bench::Bench;
 use super::candidates::Candidate;
 use super::results::Unnamed;
@@ -8,52 +10,116 @@ use super::view::View;
 use crate::kinematics::Surroundings;
 use crate::robot::Input;
 
-/// What an unnamed family explains beside a model.
-pub(super) fn unnamed(bench: &Bench, view: &View, family: usize) -> Option<Unnamed> {
+/// A displacement that carries less than this share of what its family explains is not reported.
+const LEAST_SHARE: f64 = 0.1;
+
+/// What an unnamed family explains beside a model, displacement by displacement.
+pub(super) fn unnamed(
+    bench: &Bench,
+    view: &View,
+    family: usize,
+    searched: Option<f64>,
+) -> Vec<Unnamed> {
+    found(bench, view, family, searched).unwrap_or_default()
+}
+
+fn found(bench: &Bench, view: &View, family: usize, searched: Option<f64>) -> Option<Vec<Unnamed>> {
     let candidate = &bench.candidates[family];
     let described = candidate.family.as_ref()?;
-    let (_, subspace) = bench.subspace(view, family, None)?;
-    let amplitudes = subspace.amplitudes(&view.residuals);
-    let entries = candidate
-        .entries(
-            &bench.model,
-            &candidate.nominal(),
-            &bench.probes,
-            &bench.samples,
-            &bench.surroundings,
-        )
-        .ok()?;
-    // An axis of a vector has entries for all three components; only its own has slopes.
-    let entry = entries
-        .iter()
-        .find(|entry| entry.slopes.iter().any(Option::is_some))?;
-    let displaced = |k: usize| -> f64 {
-        let slope = |place: usize| entry.slopes[place].as_ref().map_or(0.0, |slopes| slopes[k]);
-        amplitudes
-            .iter()
-            .enumerate()
-            .map(|(place, amplitude)| amplitude * slope(place))
-            .sum()
-    };
-    let samples = &bench.probes.all[entry.probe].samples;
-    let values: Vec<f64> = (0..samples.len()).map(displaced).collect();
-    let (against, covariate) = covariates(described.against, candidate, bench, samples)
+    let (_, subspace) = bench.subspace(view, family, searched)?;
+    let mut values = candidate.nominal();
+    if let (Some((place, _)), Some(value)) = (candidate.search, searched) {
+        values[place] = value;
+    }
+    let fitted = subspace.amplitudes(&view.residuals);
+    for (&place, &amplitude) in candidate.amplitudes().iter().zip(fitted.iter()) {
+        values[place] = amplitude;
+    }
+    let entries = bench.entries(family, &values)?;
+    // By displacement: its value at each sample, and the square of what it does to the residuals.
+    let mut moved: BTreeMap<usize, (Vec<f64>, f64)> = BTreeMap::new();
+    for entry in &entries {
+        let samples = &bench.probes.all[entry.probe].samples;
+        let (sums, _) = moved
+            .entry(entry.probe)
+            .or_insert_with(|| (vec![0.0; samples.len()], 0.0));
+        for &place in &candidate.amplitudes() {
+            if let Some(slopes) = &entry.slopes[place] {
+                sums.iter_mut()
+                    .zip(slopes)
+                    .for_each(|(sum, slope)| *sum += values[place] * slope);
+            }
+        }
+    }
+    for (&probe, (values, square)) in &mut moved {
+        *square = bench.signal(view, probe, values);
+    }
+    let most = moved.values().map(|of| of.1).fold(0.0, f64::max);
+    let unnamed = moved
         .into_iter()
-        .max_by(|a, b| correlation(&a.1, &values).total_cmp(&correlation(&b.1, &values)))?;
-    let mut curve: Vec<[f64; 2]> = covariate
-        .iter()
-        .zip(&values)
-        .map(|(&x, &y)| [x, y])
+        .filter(|(_, of)| of.1 > LEAST_SHARE * most)
+        .filter_map(|(probe, (values, _))| {
+            let samples = &bench.probes.all[probe].samples;
+            let (against, covariate) = covariates(described.against, candidate, bench, samples)
+                .into_iter()
+                .max_by(|a, b| correlation(&a.1, &values).total_cmp(&correlation(&b.1, &values)))?;
+            let mut curve: Vec<[f64; 2]> = covariate
+                .iter()
+                .zip(&values)
+                .map(|(&x, &y)| [x, y])
+                .collect();
+            curve.sort_by(|a, b| a[0].total_cmp(&b[0]));
+            let square: f64 = values.iter().map(|value| value * value).sum();
+            let (place, direction) = bench.displaced(probe);
+            Some(Unnamed {
+                place,
+                direction,
+                against,
+                rms_um: (square / values.len().max(1) as f64).sqrt() * 1e6,
+                curve,
+            })
+        })
         .collect();
-    curve.sort_by(|a, b| a[0].total_cmp(&b[0]));
-    let square = values.iter().map(|value| value * value).sum::<f64>() / values.len().max(1) as f64;
-    Some(Unnamed {
-        place: candidate.places.clone(),
-        direction: described.direction.clone(),
-        against,
-        rms_um: square.sqrt() * 1e6,
-        curve,
-    })
+    Some(unnamed)
+}
+
+impl Bench {
+    /// Sum of squares of what a displacement does to the residuals.
+    fn signal(&self, view: &View, probe: usize, values: &[f64]) -> f64 {
+        let mut by_sample = vec![0.0; self.samples.len()];
+        let probe = &self.probes.all[probe];
+        for (&sample, &value) in probe.samples.iter().zip(values) {
+            by_sample[sample] = value;
+        }
+        (probe.rows.iter().zip(&view.factors))
+            .zip(&self.probes.row_samples)
+            .map(|((derivative, factor), &sample)| {
+                (derivative * factor * by_sample[sample]).powi(2)
+            })
+            .sum()
+    }
+
+    /// Cart, link or `tcp` that a probe displaces, and its direction.
+    fn displaced(&self, probe: usize) -> (String, String) {
+        let axes = ["along", "horizontal", "vertical", "roll", "pitch", "yaw"];
+        for (track, probes) in self.model.tracks.iter().zip(&self.probes.carts) {
+            if let Some(axis) = probes.iter().position(|&own| own == probe) {
+                return (track.name.clone(), axes[axis].into());
+            }
+        }
+        for closure in &self.probes.closures {
+            if closure.length == probe {
+                let name = match closure.link {
+                    Some(link) => &self.model.links[link].name,
+                    None => &self.model.clusters[closure.cluster].name,
+                };
+                return (name.clone(), "length".into());
+            }
+        }
+        let axis = self.probes.tcp.iter().position(|&own| own == probe);
+        let axis = ["x", "y", "z"][axis.unwrap_or_default()];
+        ("tcp".into(), format!("position {axis}"))
+    }
 }
 
 /// The single quantities that a family reads.
