@@ -30,6 +30,7 @@ pub(crate) mod samples;
 mod scan;
 mod selection;
 mod separation;
+mod serial;
 mod sight;
 mod structure;
 mod text;
@@ -255,6 +256,7 @@ pub fn discover(
         accepted: vec![],
         unnamed: vec![],
         refused: std::collections::BTreeSet::new(),
+        imitated: std::collections::BTreeSet::new(),
         steps: vec![],
         gaps: vec![],
         first: None,

@@ -14,6 +14,7 @@ use super::projection::Subspace;
 use super::results::{Gap, Step};
 use super::scan::AS_GOOD;
 use super::separation::{Signal, separate_by};
+use super::serial;
 use super::text;
 use super::variant::{free_turning, free_turning_from};
 use super::view::View;
@@ -27,7 +28,7 @@ pub(super) const LEVEL: f64 = 0.05;
 /// Family-wise level of every further one: the chance of a name beyond those that are true.
 const FURTHER: f64 = 0.01;
 /// Chance that a candidate is taken to have something beside the true one.
-const ENCOMPASSES: f64 = 0.01;
+const ENCOMPASSES: f64 = 0.005;
 /// A candidate with a p-value above this beside another adds nothing to it.
 const NOTHING: f64 = 0.05;
 const MAX_EFFECTS: usize = 10;
@@ -67,6 +68,8 @@ pub(super) struct Search<'a> {
     pub(super) unnamed: Vec<(usize, Option<f64>)>,
     /// Candidates that were tried and not confirmed.
     pub(super) refused: BTreeSet<usize>,
+    /// Candidates that serial noise could imitate beside the model as it stands.
+    pub(super) imitated: BTreeSet<usize>,
     pub(super) steps: Vec<Step>,
     pub(super) gaps: Vec<Gap>,
     /// Scores beside the base.
@@ -84,8 +87,11 @@ impl Search<'_> {
             let mut table = self.bench.table(&view);
             let significant = self.significant(&table);
             let mut winner = self.winner(&view, &table, &significant);
-            if winner.is_none() {
-                // Only now what is periodic but has no name, which takes as long as all the rest.
+            if winner
+                .as_ref()
+                .is_none_or(|winner| winner.searched.is_some())
+            {
+                // What repeats without a name takes long to scan, so it waits until it matters.
                 table = self.bench.with_family_scans(&view, table);
                 let significant = self.significant(&table);
                 winner = self.winner(&view, &table, &significant);
@@ -101,12 +107,9 @@ impl Search<'_> {
                 break;
             };
             let aliases = self.bench.aliases(&table, &winner);
-            let gain = held_out_gain(
-                &view,
-                &subspace,
-                &self.bench.samples,
-                self.input.options.seed,
-            );
+            let samples = &self.bench.samples;
+            let gain = held_out_gain(&view, &subspace, samples, self.input.options.seed);
+            let is_serial = self.is_serial(&view, &table, &winner, &subspace);
             self.first.get_or_insert(table);
             if flip_p_value > self.level() {
                 // The best does no better than chance, so nothing does.
@@ -117,8 +120,13 @@ impl Search<'_> {
                 self.refused.insert(winner.candidate);
                 continue;
             }
+            if is_serial {
+                self.imitated.insert(winner.candidate);
+                continue;
+            }
             if !self.bench.candidates[winner.candidate].is_named() {
                 self.unnamed.push((winner.candidate, winner.searched));
+                self.imitated.clear();
                 continue;
             }
             if !self.accept(&winner, flip_p_value, aliases)? {
@@ -167,6 +175,7 @@ impl Search<'_> {
 
     fn is_open(&self, candidate: usize) -> bool {
         !self.refused.contains(&candidate)
+            && !self.imitated.contains(&candidate)
             && !self.unnamed.iter().any(|unnamed| unnamed.0 == candidate)
             && !self
                 .accepted
@@ -231,7 +240,7 @@ impl Search<'_> {
         let own = self.subspace(view, &name)?;
         let above = self.encompassing(view, table, &own, &families);
         match best(&above) {
-            Some(family) if !self.is_accounted_for(view, &own, &family) => Some(family),
+            Some(family) if !self.is_accounted_for(view, (&own, name.bic), &family) => Some(family),
             _ => Some(name),
         }
     }
@@ -257,8 +266,25 @@ impl Search<'_> {
         contenders.into_iter().map(|(score, _)| score).collect()
     }
 
+    /// Whether a score is no longer significant once it is allowed for that the noise is serial.
+    fn is_serial(&self, view: &View, table: &Table, score: &Score, subspace: &Subspace) -> bool {
+        let inflation = serial::inflation(view, subspace, &self.bench.samples);
+        if inflation == 1.0 {
+            return false;
+        }
+        let statistic = score.statistic / inflation;
+        let rank = subspace.rank() as f64;
+        let (_, p_value) = f_form(statistic, rank, view.total(), view.degrees);
+        p_value > self.level() * table.weights.of(self.is_named(score))
+    }
+
     /// Whether what a family has beside a name is another name's.
-    fn is_accounted_for(&self, view: &View, name: &Subspace, family: &Score) -> bool {
+    fn is_accounted_for(
+        &self,
+        view: &View,
+        (name, name_bic): (&Subspace, f64),
+        family: &Score,
+    ) -> bool {
         let view = view.with(name);
         let table = self.bench.table(&view);
         let significant = self.significant(&table);
@@ -267,10 +293,15 @@ impl Search<'_> {
             .copied()
             .filter(|score| self.is_named(score))
             .max_by(by_bic);
-        let Some(other) = other.and_then(|other| self.subspace(&view, other)) else {
+        let Some((other, of_other)) =
+            other.and_then(|other| Some((other, self.subspace(&view, other)?)))
+        else {
             return false;
         };
-        let view = view.with(&other);
+        if family.bic > name_bic + other.bic {
+            return false;
+        }
+        let view = view.with(&of_other);
         self.subspace(&view, family).is_none_or(|left| {
             let statistic = left.statistic(&view.residuals);
             let (_, p_value) = f_form(statistic, left.rank() as f64, view.total(), view.degrees);
@@ -303,6 +334,7 @@ impl Search<'_> {
         let fit = self.refit(&effects, Some(&values));
         let Ok(fit) = fit else { return Ok(false) };
         self.fit = fit;
+        self.imitated.clear();
         self.accepted.push(Accepted {
             candidate: score.candidate,
             p_value: score.p_value,
@@ -582,10 +614,15 @@ impl Search<'_> {
                 effect = 0;
                 continue;
             }
+            // What is about as likely, or leaves nothing to the effect.
+            let pairs = self.bench.pairs_with(&view, &table, &of_own, &names);
             self.accepted[effect].rivals = names
                 .iter()
-                .filter(|score| score.bic > own.bic - AS_GOOD)
-                .filter_map(|score| {
+                .zip(pairs)
+                .filter(|(score, pair)| {
+                    score.bic > own.bic - AS_GOOD || pair.beside_other > NOTHING
+                })
+                .filter_map(|(score, _)| {
                     Some(FoundRival {
                         candidate: score.candidate,
                         cosine: cosine(&view, &of_own, &self.subspace(&view, score)?),

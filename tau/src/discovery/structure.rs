@@ -3,7 +3,6 @@
 use std::collections::BTreeMap;
 
 use super::bench::Bench;
-use super::candidates::Candidate;
 use super::results::Unnamed;
 use super::samples::Sample;
 use super::view::View;
@@ -60,7 +59,7 @@ fn found(bench: &Bench, view: &View, family: usize, searched: Option<f64>) -> Op
         .filter(|(_, of)| of.1 > LEAST_SHARE * most)
         .filter_map(|(probe, (values, _))| {
             let samples = &bench.probes.all[probe].samples;
-            let (against, covariate) = covariates(described.against, candidate, bench, samples)
+            let (against, covariate) = covariates(described.against, probe, bench, samples)
                 .into_iter()
                 .max_by(|a, b| correlation(&a.1, &values).total_cmp(&correlation(&b.1, &values)))?;
             let mut curve: Vec<[f64; 2]> = covariate
@@ -125,19 +124,21 @@ impl Bench {
 /// The single quantities that a family reads.
 fn covariates(
     against: &str,
-    candidate: &Candidate,
+    probe: usize,
     bench: &Bench,
     samples: &[usize],
 ) -> Vec<(String, Vec<f64>)> {
-    use tau_codegen::language::model::Place;
-    let (track, link) = match candidate.place {
-        Place::Cart { track, .. } => (track, 0),
-        Place::Link(link) => {
-            let cluster = bench.model.links[link].cluster;
-            (bench.model.clusters[cluster].track.unwrap_or(0), link)
-        }
-        _ => (0, 0),
-    };
+    let cart = |track: &usize| bench.probes.carts[*track].contains(&probe);
+    let closure = bench
+        .probes
+        .closures
+        .iter()
+        .find(|closure| closure.length == probe);
+    let link = closure.and_then(|closure| closure.link).unwrap_or(0);
+    let track = (0..bench.probes.carts.len())
+        .find(cart)
+        .or_else(|| closure.and_then(|closure| closure.command))
+        .unwrap_or(0);
     let tracks = &bench.model.tracks;
     let list: Vec<(String, Input)> = match against {
         "q" => vec![("q".into(), Input::Command(track))],
