@@ -51,8 +51,9 @@ struct Pattern {
     outer: Vec<Vec<usize>>,
     /// Start of each such row among all kept entries, and their number.
     starts: Vec<usize>,
-    /// Start of each pair of such rows among the products of their kept entries, and their number.
-    pairs: Vec<usize>,
+    /// Start of each such row among the products of its kept entries with those of all rows up to it, and
+    /// their number.
+    products: Vec<usize>,
 }
 
 /// Where an entry of a row belongs.
@@ -151,20 +152,16 @@ impl Pattern {
                 outer.push(kept);
             }
         }
-        let mut pairs = vec![0];
-        let mut products = 0;
-        for (i, first) in outer.iter().enumerate() {
-            for second in &outer[..=i] {
-                products += first.len() * second.len();
-                pairs.push(products);
-            }
+        let mut products = vec![0];
+        for (r, kept) in outer.iter().enumerate() {
+            products.push(products[r] + kept.len() * starts[r + 1]);
         }
         Self {
             own,
             rows,
             outer,
             starts,
-            pairs,
+            products,
         }
     }
 
@@ -234,18 +231,38 @@ impl Pattern {
         }
     }
 
-    /// Factors a group, and writes what its rows then say of the kept parameters: for each pair of rows
-    /// their products, for each kept entry its gradient. False if the group is singular.
+    /// Factors a group, and adds what its rows then say of the kept parameters: for each kept entry its
+    /// products with those of all rows up to its own, and its gradient. False if the group is singular.
     fn eliminate(
         &self,
         values: &Values<'_>,
         factors: &mut Factors<'_>,
         damping: f64,
         held: impl Fn(usize) -> Option<f64>,
-        products: &mut [f64],
-        gradient: &mut [f64],
+        sums: &mut Sums,
     ) -> bool {
-        let (own, outer) = (self.own, self.outer.len());
+        match self.own {
+            3 => self.eliminate_columns(3, values, factors, damping, held, sums),
+            6 => self.eliminate_columns(6, values, factors, damping, held, sums),
+            own => self.eliminate_columns(own, values, factors, damping, held, sums),
+        }
+    }
+
+    #[inline(always)]
+    #[allow(
+        clippy::inline_always,
+        reason = "loops over a known number of columns unroll"
+    )]
+    fn eliminate_columns(
+        &self,
+        own: usize,
+        values: &Values<'_>,
+        factors: &mut Factors<'_>,
+        damping: f64,
+        held: impl Fn(usize) -> Option<f64>,
+        sums: &mut Sums,
+    ) -> bool {
+        let outer = self.outer.len();
         let mut fixed = [None; MAX_GROUP];
         let mut right = [0.0; MOST_ROWS];
         right[..outer].copy_from_slice(values.r);
@@ -299,26 +316,28 @@ impl Pattern {
                 *right -= entry * factors.z[i];
             }
         }
-        let mut pair = 0;
-        for r in 0..outer {
+        for (r, right) in right[..outer].iter().enumerate() {
             let first = &values.f[self.starts[r]..self.starts[r + 1]];
-            for (sum, f) in gradient[self.starts[r]..].iter_mut().zip(first) {
-                *sum += f * right[r];
+            for (sum, f) in sums.gradient[self.starts[r]..].iter_mut().zip(first) {
+                *sum += f * right;
             }
+            // M_rs f_s of all rows s up to this one, side by side: the sums run over long stretches.
             for s in 0..=r {
-                let second = &values.f[self.starts[s]..self.starts[s + 1]];
                 let mut m = f64::from(u8::from(r == s));
                 for i in 0..own {
                     m -= factors.w[i * outer + r] * factors.w[i * outer + s];
                 }
-                let products = &mut products[self.pairs[pair]..self.pairs[pair + 1]];
-                for (products, f) in products.chunks_exact_mut(second.len()).zip(first) {
-                    let scaled = m * f;
-                    for (product, f) in products.iter_mut().zip(second) {
-                        *product += scaled * f;
-                    }
+                let range = self.starts[s]..self.starts[s + 1];
+                for (scaled, f) in sums.scaled[range.clone()].iter_mut().zip(&values.f[range]) {
+                    *scaled = m * f;
                 }
-                pair += 1;
+            }
+            let scaled = &sums.scaled[..self.starts[r + 1]];
+            let products = &mut sums.products[self.products[r]..self.products[r + 1]];
+            for (products, f) in products.chunks_exact_mut(scaled.len()).zip(first) {
+                for (product, scaled) in products.iter_mut().zip(scaled) {
+                    *product += f * scaled;
+                }
             }
         }
         true
@@ -359,30 +378,37 @@ impl Pattern {
     }
 
     /// Adds up products and gradients of kept entries where they belong.
-    fn scatter(&self, products: &[f64], gradient: &[f64], normal: &mut Normal) {
+    fn scatter(&self, sums: &Sums, normal: &mut Normal) {
         let size = normal.gradient.len();
-        let places = self.outer.iter().flatten();
-        for (&place, &value) in places.zip(gradient) {
+        let places: Vec<usize> = self.outer.iter().flatten().copied().collect();
+        for (&place, &value) in places.iter().zip(&sums.gradient) {
             normal.gradient[place] += value;
         }
-        let mut products = products.iter();
+        let mut products = sums.products.iter();
         for (r, first) in self.outer.iter().enumerate() {
-            for (s, second) in self.outer[..=r].iter().enumerate() {
-                for &a in first {
-                    for &b in second {
-                        let Some(&product) = products.next() else {
-                            return;
-                        };
-                        if r != s && a == b {
-                            normal.matrix[a * size + a] += 2.0 * product;
-                        } else if r != s || a >= b {
-                            normal.matrix[a.max(b) * size + a.min(b)] += product;
-                        }
+            for &a in first {
+                for (entry, &b) in places[..self.starts[r + 1]].iter().enumerate() {
+                    let Some(&product) = products.next() else {
+                        return;
+                    };
+                    let same_row = entry >= self.starts[r];
+                    if !same_row && a == b {
+                        normal.matrix[a * size + a] += 2.0 * product;
+                    } else if !same_row || a >= b {
+                        normal.matrix[a.max(b) * size + a.min(b)] += product;
                     }
                 }
             }
         }
     }
+}
+
+/// Sums over the groups of a class.
+struct Sums {
+    products: Vec<f64>,
+    gradient: Vec<f64>,
+    /// Room for a row of one group.
+    scaled: Vec<f64>,
 }
 
 impl Class {
@@ -649,8 +675,11 @@ impl Portion<'_> {
 
     fn eliminate(self, damping: f64, held: &[bool], step: &[f64], normal: &mut Normal) -> bool {
         let pattern = self.pattern;
-        let mut products = vec![0.0; pattern.pairs.last().copied().unwrap_or(0)];
-        let mut gradient = vec![0.0; pattern.kept_entries()];
+        let mut sums = Sums {
+            products: vec![0.0; pattern.products[pattern.outer.len()]],
+            gradient: vec![0.0; pattern.kept_entries()],
+            scaled: vec![0.0; pattern.kept_entries()],
+        };
         for group in 0..self.groups() {
             let columns = &self.columns[group * pattern.own..];
             let values = &self.values[group * pattern.values_len()..];
@@ -660,14 +689,13 @@ impl Portion<'_> {
                 &mut pattern.factors(&mut factors[..pattern.factors_len()]),
                 damping,
                 |place| held[columns[place]].then(|| step[columns[place]]),
-                &mut products,
-                &mut gradient,
+                &mut sums,
             );
             if !regular {
                 return false;
             }
         }
-        pattern.scatter(&products, &gradient, normal);
+        pattern.scatter(&sums, normal);
         true
     }
 
@@ -773,6 +801,11 @@ impl LinearSolver for SchurCholesky {
 }
 
 /// Replaces the lower triangle of a matrix by its Cholesky factor; false if it is singular to rounding.
+#[inline(always)]
+#[allow(
+    clippy::inline_always,
+    reason = "loops over a known number of columns unroll"
+)]
 fn cholesky(matrix: &mut [f64], size: usize) -> bool {
     for i in 0..size {
         let diagonal = matrix[i * size + i];
@@ -794,6 +827,11 @@ fn cholesky(matrix: &mut [f64], size: usize) -> bool {
 }
 
 /// Replaces x by `L⁻¹x`.
+#[inline(always)]
+#[allow(
+    clippy::inline_always,
+    reason = "loops over a known number of columns unroll"
+)]
 fn forward(lower: &[f64], size: usize, x: &mut [f64]) {
     for i in 0..size {
         let mut sum = x[i];
