@@ -119,23 +119,25 @@ impl<'p> System<'p> {
             let mut columns = Vec::new();
             for sample in 0..block.samples {
                 let row = pattern.row_count();
-                if sample == 0 || block.has_sample_parameters() {
-                    let (layout, of_sample) = sample_layout(block, sample, &column_of);
-                    columns = of_sample;
-                    match pieces.last_mut() {
-                        Some(piece) if piece.block == b && piece.layout == layout => {
-                            piece.samples += 1;
-                        }
-                        _ => pieces.push(Piece {
-                            block: b,
-                            first: sample,
-                            samples: 1,
-                            row,
-                            layout,
-                        }),
-                    }
-                } else if let Some(piece) = pieces.last_mut() {
+                let as_before = sample > 0
+                    && pieces.last().is_some_and(|piece| {
+                        !block.has_sample_parameters()
+                            || piece
+                                .layout
+                                .columns_at(block, sample, &column_of, &mut columns)
+                    });
+                if let (true, Some(piece)) = (as_before, pieces.last_mut()) {
                     piece.samples += 1;
+                } else {
+                    let layout;
+                    (layout, columns) = sample_layout(block, sample, &column_of);
+                    pieces.push(Piece {
+                        block: b,
+                        first: sample,
+                        samples: 1,
+                        row,
+                        layout,
+                    });
                 }
                 if let Some(piece) = pieces.last() {
                     pattern.push_rows(&columns, &piece.layout.row_ends);
@@ -231,6 +233,33 @@ impl<'p> System<'p> {
         for (&p, &x) in self.parameters.iter().zip(x) {
             self.all[p] = x;
         }
+    }
+}
+
+impl SampleLayout {
+    /// Writes the columns of a sample's entries; false if they do not stand in this layout.
+    fn columns_at(
+        &self,
+        block: &Block,
+        sample: usize,
+        column_of: &[usize],
+        columns: &mut [usize],
+    ) -> bool {
+        columns.fill(DROPPED);
+        for (&slot, &entry) in self.slots.iter().zip(block.family.pattern().columns) {
+            let column = column_of[block.parameter(sample, entry as usize)];
+            match columns.get_mut(slot) {
+                None if column == DROPPED => {}
+                Some(place) if *place == DROPPED || *place == column => *place = column,
+                _ => return false,
+            }
+        }
+        let mut start = 0;
+        self.row_ends.iter().all(|&end| {
+            let row = &columns[start..end];
+            start = end;
+            row.is_sorted_by(|a, b| a < b) && row.last() != Some(&DROPPED)
+        })
     }
 }
 

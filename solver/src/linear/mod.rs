@@ -22,7 +22,7 @@ const DENSE_COLUMNS: usize = 160;
 /// Most parameters that Schur elimination may leave to a dense QR.
 const REDUCED_COLUMNS: usize = 600;
 /// From so many rows on, elimination squares the condition number for speed.
-const MANY_ROWS: usize = 20_000;
+const MANY_ROWS: usize = 5_000;
 /// Share of entries from which on a sparse factorisation does not pay, up to a size.
 const DENSE_SHARE: f64 = 0.25;
 const DENSE_ENTRIES: usize = 4_000_000;

@@ -131,11 +131,14 @@ impl fmt::Debug for SchurCholesky {
 }
 
 impl Pattern {
-    /// From the codes of the rows' entries: own columns below [`MAX_GROUP`], kept places from there on.
-    fn new(own: usize, codes: &[Vec<usize>]) -> Self {
+    /// From the rows, each as the number of its entries and their codes: own columns below [`MAX_GROUP`],
+    /// kept places from there on.
+    fn new(own: usize, mut code: &[usize]) -> Self {
         let (mut rows, mut outer, mut starts) = (Vec::new(), Vec::new(), vec![0]);
         let mut count = 0;
-        for codes in codes {
+        while let Some((&length, rest)) = code.split_first() {
+            let (codes, others) = rest.split_at(length);
+            code = others;
             let mut kept = Vec::new();
             let entries = codes.iter().map(|&code| {
                 if code < MAX_GROUP {
@@ -509,7 +512,8 @@ impl SchurCholesky {
                 None => other_rows.push(row),
             }
         }
-        let mut class_of: BTreeMap<Vec<Vec<usize>>, usize> = BTreeMap::new();
+        let mut class_of: BTreeMap<Vec<usize>, usize> = BTreeMap::new();
+        let mut key = Vec::new();
         let mut classes: Vec<Class> = Vec::new();
         let mut eliminated = vec![(0, 0, 0); n];
         for (columns, mut rows) in elimination.groups.iter().zip(rows_of) {
@@ -521,20 +525,23 @@ impl SchurCholesky {
             let code = |&column: &usize| {
                 kept_place[column].map_or(group_of[column].1, |place| MAX_GROUP + place)
             };
-            let mut codes: Vec<Vec<usize>> = rows
-                .iter()
-                .map(|&row| jacobian.row(row).0.iter().map(code).collect())
-                .collect();
-            // A group whose columns nothing mentions differs from others by its size alone.
-            codes.push(vec![columns.len()]);
-            let class = *class_of.entry(codes).or_insert_with_key(|codes| {
+            // Rows one after the other; the group's size and their lengths, so that they can be told apart.
+            key.clear();
+            key.push(columns.len());
+            for &row in &rows {
+                let columns = jacobian.row(row).0;
+                key.push(columns.len());
+                key.extend(columns.iter().map(code));
+            }
+            let class = class_of.get(&key).copied().unwrap_or_else(|| {
                 classes.push(Class {
-                    pattern: Pattern::new(columns.len(), &codes[..codes.len() - 1]),
+                    pattern: Pattern::new(columns.len(), &key[1..]),
                     columns: Vec::new(),
                     rows: Vec::new(),
                     values: Vec::new(),
                     factors: Vec::new(),
                 });
+                class_of.insert(key.clone(), classes.len() - 1);
                 classes.len() - 1
             });
             let number = |n: usize| u32::try_from(n).unwrap_or(u32::MAX);
