@@ -4,6 +4,7 @@
 //! methods differ in how they factor; all work on columns already scaled.
 
 mod dense;
+mod group;
 pub(crate) mod qr;
 mod schur;
 mod schur_cholesky;
