@@ -122,6 +122,17 @@ impl fmt::Display for Counts {
     }
 }
 
+/// Names that emitted functions give to their own arguments and modules.
+pub(crate) const RESERVED: [&str; 7] = [
+    "lane",
+    "data",
+    "prepared",
+    "parameters",
+    "residuals",
+    "jacobian",
+    "math",
+];
+
 impl Program {
     /// Operations by class.
     pub fn counts(&self) -> Counts {
@@ -175,6 +186,7 @@ impl Program {
     /// a number; made unique.
     pub fn temporary_names(&self) -> Vec<String> {
         let mut taken: BTreeSet<String> = self.inputs.iter().cloned().collect();
+        taken.extend(RESERVED.map(str::to_owned));
         let mut names = Vec::with_capacity(self.names.len());
         for (index, (suggested, operation)) in self.names.iter().zip(&self.operations).enumerate() {
             let base = match (suggested, operation) {

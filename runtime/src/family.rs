@@ -1,5 +1,7 @@
 //! Residual families: functions of a sample's data and of parameters, with their Jacobian.
 
+use crate::lanes::Lanes;
+
 /// The sizes of a residual family.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Shape {
@@ -66,6 +68,11 @@ pub trait ResidualFamily: Send + Sync {
         jacobian: &mut [f64],
     );
 
+    /// The same functions on blocks of samples, where the family has them.
+    fn blocks(&self) -> Option<&dyn BlockFamily> {
+        None
+    }
+
     /// [`prepare`](Self::prepare) for many samples, one after the other in each slice.
     fn prepare_all(&self, data: &[f64], prepared: &mut [f64]) {
         let shape = self.shape();
@@ -105,4 +112,27 @@ pub trait ResidualFamily: Send + Sync {
             self.linearize(prepared, parameters, residuals, jacobian);
         }
     }
+}
+
+/// A residual family that computes blocks of [`LANES`](crate::LANES) samples at once.
+///
+/// Numbers of a block stand together: block 0 has all its prepared values, then block 1, and each value
+/// is [`Lanes`], one number of each sample. So a block is read and written in few streams, and every
+/// operation is one of vectors. Results equal those of single samples bit for bit.
+pub trait BlockFamily: ResidualFamily {
+    /// [`prepare`](ResidualFamily::prepare) for the samples in `data`, one after the other, into
+    /// [`blocks(samples)`](crate::blocks) blocks; lanes past the end repeat the last sample.
+    fn prepare_blocks(&self, data: &[f64], prepared: &mut [Lanes]);
+
+    /// [`value`](ResidualFamily::value) for as many blocks as `residuals` holds.
+    fn value_blocks(&self, prepared: &[Lanes], parameters: &[f64], residuals: &mut [Lanes]);
+
+    /// [`linearize`](ResidualFamily::linearize) for as many blocks as `residuals` holds.
+    fn linearize_blocks(
+        &self,
+        prepared: &[Lanes],
+        parameters: &[f64],
+        residuals: &mut [Lanes],
+        jacobian: &mut [Lanes],
+    );
 }

@@ -10,10 +10,16 @@
 extern crate std;
 
 mod family;
+mod formulas;
+mod lanes;
 pub mod math;
+mod normal;
 mod tables;
 
-pub use family::{Pattern, ResidualFamily, Shape};
+pub use family::{BlockFamily, Pattern, ResidualFamily, Shape};
+pub use formulas::Formulas;
+pub use lanes::{Kernel, LANES, Lanes, Samples, blocks, vectorized};
+pub use normal::NormalEquations;
 pub use tables::{
     Arm, Cluster, EffectUse, Input, Instance, Link, Owner, Parameter, ResidualKind, Robot,
     TrackModel, TrackShape, Variant,

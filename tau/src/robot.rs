@@ -159,6 +159,9 @@ impl ResidualFamily for Static {
     ) {
         self.0.linearize(prepared, parameters, residuals, jacobian);
     }
+    fn blocks(&self) -> Option<&dyn runtime::BlockFamily> {
+        self.0.blocks()
+    }
 }
 
 impl From<&runtime::Robot> for Robot {

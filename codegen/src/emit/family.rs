@@ -41,59 +41,84 @@ pub(super) fn family(family: &Family) -> TokenStream {
     let prepare = body(&family.programs.prepare, family.shape.data);
     let value = body(&family.programs.value, family.shape.prepared);
     let linearize = body(&family.programs.linearize, family.shape.prepared);
-    let (prepare_inputs, prepare_code, prepare_outputs) = prepare;
-    let (value_inputs, value_code, value_outputs) = value;
-    let (linearize_inputs, linearize_code, outputs) = linearize;
-    let (residual_outputs, jacobian_outputs) = outputs.split_at(family.shape.residuals);
-    let read_data = read(&prepare_inputs.0, &quote!(data));
-    let read_value_prepared = read(&value_inputs.0, &quote!(prepared));
-    let read_value_parameters = read(&value_inputs.1, &quote!(parameters));
-    let read_prepared = read(&linearize_inputs.0, &quote!(prepared));
-    let read_parameters = read(&linearize_inputs.1, &quote!(parameters));
+    let read_data = read(&prepare.first, &quote!(data));
+    let write_prepared = write(&quote!(prepared), &prepare.outputs);
+    let read_value_prepared = read_lane(&value.first, &quote!(prepared));
+    let read_value_parameters = read(&value.rest, &quote!(parameters));
+    let write_value = write(&quote!(residuals), &value.outputs);
+    let read_prepared = read_lane(&linearize.first, &quote!(prepared));
+    let read_parameters = read(&linearize.rest, &quote!(parameters));
+    let (residual_outputs, jacobian_outputs) = linearize.outputs.split_at(family.shape.residuals);
+    let write_residuals = write(&quote!(residuals), residual_outputs);
+    let write_jacobian = write(&quote!(jacobian), jacobian_outputs);
+    // Names of arguments that a family has no use for begin with an underscore.
+    let argument = |name: &str, code: &[&TokenStream]| {
+        let used = code.iter().any(|code| !code.is_empty());
+        ident(&format!("{}{name}", if used { "" } else { "_" }))
+    };
+    let prepare_lane = argument("lane", &[&write_prepared]);
+    let prepare_data = argument("data", &[&read_data]);
+    let prepare_prepared = argument("prepared", &[&write_prepared]);
+    let value_prepared = argument("prepared", &[&read_value_prepared]);
+    let value_parameters = argument("parameters", &[&read_value_parameters]);
+    let linearize_prepared = argument("prepared", &[&read_prepared]);
+    let linearize_parameters = argument("parameters", &[&read_parameters]);
+    let linearize_jacobian = argument("jacobian", &[&write_jacobian]);
+    let [prepare, value, linearize] = [prepare, value, linearize].map(|body| body.statements);
     quote! {
         #(#[doc = #docs])*
         #[derive(Debug, Clone, Copy)]
         pub struct #name;
 
-        impl ResidualFamily for #name {
-            fn shape(&self) -> Shape {
-                Shape {
-                    data: #data,
-                    prepared: #prepared,
-                    parameters: #parameters,
-                    residuals: #residuals,
-                }
-            }
+        impl Formulas for #name {
+            const SHAPE: Shape = Shape {
+                data: #data,
+                prepared: #prepared,
+                parameters: #parameters,
+                residuals: #residuals,
+            };
+            const PATTERN: Pattern<'static> = Pattern {
+                row_starts: &[#(#row_starts),*],
+                columns: &[#(#columns),*],
+            };
 
-            fn pattern(&self) -> Pattern<'_> {
-                Pattern { row_starts: &[#(#row_starts),*], columns: &[#(#columns),*] }
-            }
-
-            fn prepare(&self, data: &[f64], prepared: &mut [f64]) {
+            #[inline(always)]
+            fn prepare<S: Samples>(
+                #prepare_lane: usize,
+                #prepare_data: &[f64],
+                #prepare_prepared: &mut [S],
+            ) {
                 #read_data
-                #prepare_code
-                prepared.copy_from_slice(&[#(#prepare_outputs),*]);
+                #prepare
+                #write_prepared
             }
 
-            fn value(&self, prepared: &[f64], parameters: &[f64], residuals: &mut [f64]) {
+            #[inline(always)]
+            fn value<S: Samples>(
+                lane: usize,
+                #value_prepared: &[S],
+                #value_parameters: &[f64],
+                residuals: &mut [S],
+            ) {
                 #read_value_prepared
                 #read_value_parameters
-                #value_code
-                residuals.copy_from_slice(&[#(#value_outputs),*]);
+                #value
+                #write_value
             }
 
-            fn linearize(
-                &self,
-                prepared: &[f64],
-                parameters: &[f64],
-                residuals: &mut [f64],
-                jacobian: &mut [f64],
+            #[inline(always)]
+            fn linearize<S: Samples>(
+                lane: usize,
+                #linearize_prepared: &[S],
+                #linearize_parameters: &[f64],
+                residuals: &mut [S],
+                #linearize_jacobian: &mut [S],
             ) {
                 #read_prepared
                 #read_parameters
-                #linearize_code
-                residuals.copy_from_slice(&[#(#residual_outputs),*]);
-                jacobian.copy_from_slice(&[#(#jacobian_outputs),*]);
+                #linearize
+                #write_residuals
+                #write_jacobian
             }
         }
     }
@@ -111,21 +136,49 @@ fn list(names: &[String]) -> String {
 }
 
 /// Binds the entries of a slice to names.
-fn read(names: &[Ident], slice: &TokenStream) -> TokenStream {
+fn read(names: &[Option<Ident>], slice: &TokenStream) -> TokenStream {
     let count = names.len();
-    let message = format!("`{slice}` must hold {count} numbers");
-    if names.iter().all(|name| *name == "_") {
-        // Nothing to bind, but a wrong length must not pass unseen.
-        let count = Literal::usize_unsuffixed(count);
-        return quote!(assert!(#slice.len() == #count, #message););
+    if names.iter().all(Option::is_none) {
+        return TokenStream::new();
     }
+    let message = format!("`{slice}` must hold {count} numbers");
+    let names = names.iter().map(|name| match name {
+        Some(name) => quote!(#name),
+        None => quote!(_),
+    });
     quote! {
         let &[#(#names),*] = #slice else { panic!(#message) };
     }
 }
 
-/// Input names (those before `split`, and the rest), statements, outputs.
-type Body = ((Vec<Ident>, Vec<Ident>), TokenStream, Vec<TokenStream>);
+/// Binds what the sample has of each entry of a slice to names.
+fn read_lane(names: &[Option<Ident>], slice: &TokenStream) -> TokenStream {
+    let reads = names.iter().enumerate().filter_map(|(index, name)| {
+        let index = Literal::usize_unsuffixed(index);
+        let name = name.as_ref()?;
+        Some(quote!(let #name = #slice[#index][lane];))
+    });
+    quote!(#(#reads)*)
+}
+
+/// Stores the sample's results.
+fn write(slice: &TokenStream, values: &[TokenStream]) -> TokenStream {
+    let writes = values.iter().enumerate().map(|(index, value)| {
+        let index = Literal::usize_unsuffixed(index);
+        quote!(#slice[#index][lane] = #value;)
+    });
+    quote!(#(#writes)*)
+}
+
+/// A program as Rust.
+struct Body {
+    /// Names of the inputs of the first slice, where they are read.
+    first: Vec<Option<Ident>>,
+    /// Names of those of the second.
+    rest: Vec<Option<Ident>>,
+    statements: TokenStream,
+    outputs: Vec<TokenStream>,
+}
 
 fn body(program: &Program, split: usize) -> Body {
     let writer = Writer {
@@ -134,19 +187,13 @@ fn body(program: &Program, split: usize) -> Body {
         names: program.temporary_names(),
     };
     let reads = program.reads();
-    let mut inputs: Vec<Ident> = program
+    let mut first: Vec<Option<Ident>> = program
         .inputs
         .iter()
         .zip(reads)
-        .map(|(name, read)| {
-            if read {
-                ident(name)
-            } else {
-                Ident::new("_", proc_macro2::Span::mixed_site())
-            }
-        })
+        .map(|(name, read)| read.then(|| ident(name)))
         .collect();
-    let rest = inputs.split_off(split.min(inputs.len()));
+    let rest = first.split_off(split.min(first.len()));
     let mut statements = TokenStream::new();
     let mut written = vec![false; program.operations.len()];
     for index in 0..program.operations.len() {
@@ -180,7 +227,12 @@ fn body(program: &Program, split: usize) -> Body {
         .iter()
         .map(|&output| writer.operand(output).0)
         .collect();
-    ((inputs, rest), statements, outputs)
+    Body {
+        first,
+        rest,
+        statements,
+        outputs,
+    }
 }
 
 /// How tightly an expression binds.

@@ -86,8 +86,8 @@ fn imports(paths: &Paths) -> TokenStream {
     quote! {
         #[allow(unused_imports, reason = "one list for all modules")]
         use #runtime::{
-            Arm, Cluster, EffectUse, Input, Instance, Link, Owner, Parameter, Pattern, ResidualFamily,
-            ResidualKind, Robot, Shape, TrackModel, TrackShape, Variant, math,
+            Arm, Cluster, EffectUse, Formulas, Input, Instance, Link, Owner, Parameter, Pattern,
+            ResidualKind, Robot, Samples, Shape, TrackModel, TrackShape, Variant, math,
         };
     }
 }

@@ -15,7 +15,7 @@ mod signs;
 use std::collections::BTreeMap;
 
 use crate::graph::{Expr, Graph, Node, Stage};
-use crate::program::Program;
+use crate::program::{Program, RESERVED};
 
 /// The programs of one residual family.
 #[derive(Debug, Clone, PartialEq)]
@@ -145,9 +145,9 @@ fn slot_name(graph: &Graph, slot: Expr, position: usize) -> String {
     }
 }
 
-/// Appends numbers to names that occur before.
+/// Appends numbers to names that occur before or that emitted code needs itself.
 fn make_unique(names: &mut [String]) {
-    let mut seen = std::collections::BTreeSet::new();
+    let mut seen: std::collections::BTreeSet<String> = RESERVED.map(str::to_owned).into();
     for name in names {
         let base = name.clone();
         let mut suffix = 1;

@@ -58,8 +58,8 @@
 
 #[allow(unused_imports, reason = "one list for all modules")]
 use ::tau_runtime::{
-    Arm, Cluster, EffectUse, Input, Instance, Link, Owner, Parameter, Pattern,
-    ResidualFamily, ResidualKind, Robot, Shape, TrackModel, TrackShape, Variant, math,
+    Arm, Cluster, EffectUse, Formulas, Input, Instance, Link, Owner, Parameter, Pattern,
+    ResidualKind, Robot, Samples, Shape, TrackModel, TrackShape, Variant, math,
 };
 /// The robot `GantryTau`.
 ///The full-size Gantry-Tau of Dressler et al. 2010.
@@ -151,8 +151,9 @@ pub robot GantryTau {
 pub mod nominal {
     #[allow(unused_imports, reason = "one list for all modules")]
     use ::tau_runtime::{
-        Arm, Cluster, EffectUse, Input, Instance, Link, Owner, Parameter, Pattern,
-        ResidualFamily, ResidualKind, Robot, Shape, TrackModel, TrackShape, Variant, math,
+        Arm, Cluster, EffectUse, Formulas, Input, Instance, Link, Owner, Parameter,
+        Pattern, ResidualKind, Robot, Samples, Shape, TrackModel, TrackShape, Variant,
+        math,
     };
     /// Tables of the variant `Nominal` of `GantryTau`.
     pub const VARIANT: Variant = Variant {
@@ -705,29 +706,36 @@ pub mod nominal {
     /// With the Jacobian: 23 operations (9 additions, 14 multiplications).
     #[derive(Debug, Clone, Copy)]
     pub struct Closure;
-    impl ResidualFamily for Closure {
-        fn shape(&self) -> Shape {
-            Shape {
-                data: 4,
-                prepared: 4,
-                parameters: 7,
-                residuals: 1,
-            }
-        }
-        fn pattern(&self) -> Pattern<'_> {
-            Pattern {
-                row_starts: &[0, 7],
-                columns: &[0, 1, 2, 3, 4, 5, 6],
-            }
-        }
-        fn prepare(&self, data: &[f64], prepared: &mut [f64]) {
+    impl Formulas for Closure {
+        const SHAPE: Shape = Shape {
+            data: 4,
+            prepared: 4,
+            parameters: 7,
+            residuals: 1,
+        };
+        const PATTERN: Pattern<'static> = Pattern {
+            row_starts: &[0, 7],
+            columns: &[0, 1, 2, 3, 4, 5, 6],
+        };
+        #[inline(always)]
+        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
             let &[q, x, y, z] = data else { panic!("`data` must hold 4 numbers") };
-            prepared.copy_from_slice(&[x, y, z, q]);
+            prepared[0][lane] = x;
+            prepared[1][lane] = y;
+            prepared[2][lane] = z;
+            prepared[3][lane] = q;
         }
-        fn value(&self, prepared: &[f64], parameters: &[f64], residuals: &mut [f64]) {
-            let &[x, y, z, q] = prepared else {
-                panic!("`prepared` must hold 4 numbers")
-            };
+        #[inline(always)]
+        fn value<S: Samples>(
+            lane: usize,
+            prepared: &[S],
+            parameters: &[f64],
+            residuals: &mut [S],
+        ) {
+            let x = prepared[0][lane];
+            let y = prepared[1][lane];
+            let z = prepared[2][lane];
+            let q = prepared[3][lane];
             let &[length, track_offset_x, track_offset_y, track_offset_z,
             track_direction_x, track_direction_y, track_direction_z] = parameters else {
                 panic!("`parameters` must hold 7 numbers")
@@ -737,18 +745,20 @@ pub mod nominal {
             let rod_z = z - track_offset_z - q * track_direction_z;
             let residual = length * length - rod_z * rod_z - rod_x * rod_x
                 - rod_y * rod_y;
-            residuals.copy_from_slice(&[residual]);
+            residuals[0][lane] = residual;
         }
-        fn linearize(
-            &self,
-            prepared: &[f64],
+        #[inline(always)]
+        fn linearize<S: Samples>(
+            lane: usize,
+            prepared: &[S],
             parameters: &[f64],
-            residuals: &mut [f64],
-            jacobian: &mut [f64],
+            residuals: &mut [S],
+            jacobian: &mut [S],
         ) {
-            let &[x, y, z, q] = prepared else {
-                panic!("`prepared` must hold 4 numbers")
-            };
+            let x = prepared[0][lane];
+            let y = prepared[1][lane];
+            let z = prepared[2][lane];
+            let q = prepared[3][lane];
             let &[length, track_offset_x, track_offset_y, track_offset_z,
             track_direction_x, track_direction_y, track_direction_z] = parameters else {
                 panic!("`parameters` must hold 7 numbers")
@@ -761,11 +771,14 @@ pub mod nominal {
             let t18 = 2.0 * rod_z;
             let t19 = 2.0 * rod_y;
             let t20 = 2.0 * rod_x;
-            residuals.copy_from_slice(&[residual]);
-            jacobian
-                .copy_from_slice(
-                    &[length * 2.0, t20, t19, t18, q * t20, q * t19, q * t18],
-                );
+            residuals[0][lane] = residual;
+            jacobian[0][lane] = length * 2.0;
+            jacobian[1][lane] = t20;
+            jacobian[2][lane] = t19;
+            jacobian[3][lane] = t18;
+            jacobian[4][lane] = q * t20;
+            jacobian[5][lane] = q * t19;
+            jacobian[6][lane] = q * t18;
         }
     }
     /// `L² − ‖T − C(q)‖²`
@@ -779,27 +792,26 @@ pub mod nominal {
     /// With the Jacobian: 25 operations (11 additions, 13 multiplications, 1 negation).
     #[derive(Debug, Clone, Copy)]
     pub struct ClosureByPoseArm1;
-    impl ResidualFamily for ClosureByPoseArm1 {
-        fn shape(&self) -> Shape {
-            Shape {
-                data: 0,
-                prepared: 0,
-                parameters: 16,
-                residuals: 1,
-            }
-        }
-        fn pattern(&self) -> Pattern<'_> {
-            Pattern {
-                row_starts: &[0, 4],
-                columns: &[0, 1, 2, 6],
-            }
-        }
-        fn prepare(&self, data: &[f64], prepared: &mut [f64]) {
-            assert!(data.len() == 0, "`data` must hold 0 numbers");
-            prepared.copy_from_slice(&[]);
-        }
-        fn value(&self, prepared: &[f64], parameters: &[f64], residuals: &mut [f64]) {
-            assert!(prepared.len() == 0, "`prepared` must hold 0 numbers");
+    impl Formulas for ClosureByPoseArm1 {
+        const SHAPE: Shape = Shape {
+            data: 0,
+            prepared: 0,
+            parameters: 16,
+            residuals: 1,
+        };
+        const PATTERN: Pattern<'static> = Pattern {
+            row_starts: &[0, 4],
+            columns: &[0, 1, 2, 6],
+        };
+        #[inline(always)]
+        fn prepare<S: Samples>(_lane: usize, _data: &[f64], _prepared: &mut [S]) {}
+        #[inline(always)]
+        fn value<S: Samples>(
+            lane: usize,
+            _prepared: &[S],
+            parameters: &[f64],
+            residuals: &mut [S],
+        ) {
             let &[x, y, z, _, _, _, q1, _, _, length, track_offset_x, track_offset_y,
             track_offset_z, track_direction_x, track_direction_y, track_direction_z] = parameters
             else { panic!("`parameters` must hold 16 numbers") };
@@ -808,16 +820,16 @@ pub mod nominal {
             let rod_z = z - track_offset_z - q1 * track_direction_z;
             let residual = length * length - rod_z * rod_z - rod_x * rod_x
                 - rod_y * rod_y;
-            residuals.copy_from_slice(&[residual]);
+            residuals[0][lane] = residual;
         }
-        fn linearize(
-            &self,
-            prepared: &[f64],
+        #[inline(always)]
+        fn linearize<S: Samples>(
+            lane: usize,
+            _prepared: &[S],
             parameters: &[f64],
-            residuals: &mut [f64],
-            jacobian: &mut [f64],
+            residuals: &mut [S],
+            jacobian: &mut [S],
         ) {
-            assert!(prepared.len() == 0, "`prepared` must hold 0 numbers");
             let &[x, y, z, _, _, _, q1, _, _, length, track_offset_x, track_offset_y,
             track_offset_z, track_direction_x, track_direction_y, track_direction_z] = parameters
             else { panic!("`parameters` must hold 16 numbers") };
@@ -829,15 +841,12 @@ pub mod nominal {
             let t17 = -2.0 * rod_z;
             let t18 = -2.0 * rod_y;
             let t19 = 2.0 * rod_x;
-            residuals.copy_from_slice(&[residual]);
-            jacobian
-                .copy_from_slice(
-                    &[
-                        -t19, t18, t17,
-                        track_direction_x * t19 - track_direction_z * t17
-                            - track_direction_y * t18,
-                    ],
-                );
+            residuals[0][lane] = residual;
+            jacobian[0][lane] = -t19;
+            jacobian[1][lane] = t18;
+            jacobian[2][lane] = t17;
+            jacobian[3][lane] = track_direction_x * t19 - track_direction_z * t17
+                - track_direction_y * t18;
         }
     }
     /// `L² − ‖T − C(q)‖²`
@@ -851,27 +860,26 @@ pub mod nominal {
     /// With the Jacobian: 25 operations (11 additions, 13 multiplications, 1 negation).
     #[derive(Debug, Clone, Copy)]
     pub struct ClosureByPoseArm2;
-    impl ResidualFamily for ClosureByPoseArm2 {
-        fn shape(&self) -> Shape {
-            Shape {
-                data: 0,
-                prepared: 0,
-                parameters: 16,
-                residuals: 1,
-            }
-        }
-        fn pattern(&self) -> Pattern<'_> {
-            Pattern {
-                row_starts: &[0, 4],
-                columns: &[0, 1, 2, 7],
-            }
-        }
-        fn prepare(&self, data: &[f64], prepared: &mut [f64]) {
-            assert!(data.len() == 0, "`data` must hold 0 numbers");
-            prepared.copy_from_slice(&[]);
-        }
-        fn value(&self, prepared: &[f64], parameters: &[f64], residuals: &mut [f64]) {
-            assert!(prepared.len() == 0, "`prepared` must hold 0 numbers");
+    impl Formulas for ClosureByPoseArm2 {
+        const SHAPE: Shape = Shape {
+            data: 0,
+            prepared: 0,
+            parameters: 16,
+            residuals: 1,
+        };
+        const PATTERN: Pattern<'static> = Pattern {
+            row_starts: &[0, 4],
+            columns: &[0, 1, 2, 7],
+        };
+        #[inline(always)]
+        fn prepare<S: Samples>(_lane: usize, _data: &[f64], _prepared: &mut [S]) {}
+        #[inline(always)]
+        fn value<S: Samples>(
+            lane: usize,
+            _prepared: &[S],
+            parameters: &[f64],
+            residuals: &mut [S],
+        ) {
             let &[x, y, z, _, _, _, _, q2, _, length, track_offset_x, track_offset_y,
             track_offset_z, track_direction_x, track_direction_y, track_direction_z] = parameters
             else { panic!("`parameters` must hold 16 numbers") };
@@ -880,16 +888,16 @@ pub mod nominal {
             let rod_z = z - track_offset_z - q2 * track_direction_z;
             let residual = length * length - rod_z * rod_z - rod_x * rod_x
                 - rod_y * rod_y;
-            residuals.copy_from_slice(&[residual]);
+            residuals[0][lane] = residual;
         }
-        fn linearize(
-            &self,
-            prepared: &[f64],
+        #[inline(always)]
+        fn linearize<S: Samples>(
+            lane: usize,
+            _prepared: &[S],
             parameters: &[f64],
-            residuals: &mut [f64],
-            jacobian: &mut [f64],
+            residuals: &mut [S],
+            jacobian: &mut [S],
         ) {
-            assert!(prepared.len() == 0, "`prepared` must hold 0 numbers");
             let &[x, y, z, _, _, _, _, q2, _, length, track_offset_x, track_offset_y,
             track_offset_z, track_direction_x, track_direction_y, track_direction_z] = parameters
             else { panic!("`parameters` must hold 16 numbers") };
@@ -901,15 +909,12 @@ pub mod nominal {
             let t17 = -2.0 * rod_z;
             let t18 = -2.0 * rod_y;
             let t19 = 2.0 * rod_x;
-            residuals.copy_from_slice(&[residual]);
-            jacobian
-                .copy_from_slice(
-                    &[
-                        -t19, t18, t17,
-                        track_direction_x * t19 - track_direction_z * t17
-                            - track_direction_y * t18,
-                    ],
-                );
+            residuals[0][lane] = residual;
+            jacobian[0][lane] = -t19;
+            jacobian[1][lane] = t18;
+            jacobian[2][lane] = t17;
+            jacobian[3][lane] = track_direction_x * t19 - track_direction_z * t17
+                - track_direction_y * t18;
         }
     }
     /// `L² − ‖T − C(q)‖²`
@@ -923,27 +928,26 @@ pub mod nominal {
     /// With the Jacobian: 25 operations (11 additions, 13 multiplications, 1 negation).
     #[derive(Debug, Clone, Copy)]
     pub struct ClosureByPoseArm3;
-    impl ResidualFamily for ClosureByPoseArm3 {
-        fn shape(&self) -> Shape {
-            Shape {
-                data: 0,
-                prepared: 0,
-                parameters: 16,
-                residuals: 1,
-            }
-        }
-        fn pattern(&self) -> Pattern<'_> {
-            Pattern {
-                row_starts: &[0, 4],
-                columns: &[0, 1, 2, 8],
-            }
-        }
-        fn prepare(&self, data: &[f64], prepared: &mut [f64]) {
-            assert!(data.len() == 0, "`data` must hold 0 numbers");
-            prepared.copy_from_slice(&[]);
-        }
-        fn value(&self, prepared: &[f64], parameters: &[f64], residuals: &mut [f64]) {
-            assert!(prepared.len() == 0, "`prepared` must hold 0 numbers");
+    impl Formulas for ClosureByPoseArm3 {
+        const SHAPE: Shape = Shape {
+            data: 0,
+            prepared: 0,
+            parameters: 16,
+            residuals: 1,
+        };
+        const PATTERN: Pattern<'static> = Pattern {
+            row_starts: &[0, 4],
+            columns: &[0, 1, 2, 8],
+        };
+        #[inline(always)]
+        fn prepare<S: Samples>(_lane: usize, _data: &[f64], _prepared: &mut [S]) {}
+        #[inline(always)]
+        fn value<S: Samples>(
+            lane: usize,
+            _prepared: &[S],
+            parameters: &[f64],
+            residuals: &mut [S],
+        ) {
             let &[x, y, z, _, _, _, _, _, q3, length, track_offset_x, track_offset_y,
             track_offset_z, track_direction_x, track_direction_y, track_direction_z] = parameters
             else { panic!("`parameters` must hold 16 numbers") };
@@ -952,16 +956,16 @@ pub mod nominal {
             let rod_z = z - track_offset_z - q3 * track_direction_z;
             let residual = length * length - rod_z * rod_z - rod_x * rod_x
                 - rod_y * rod_y;
-            residuals.copy_from_slice(&[residual]);
+            residuals[0][lane] = residual;
         }
-        fn linearize(
-            &self,
-            prepared: &[f64],
+        #[inline(always)]
+        fn linearize<S: Samples>(
+            lane: usize,
+            _prepared: &[S],
             parameters: &[f64],
-            residuals: &mut [f64],
-            jacobian: &mut [f64],
+            residuals: &mut [S],
+            jacobian: &mut [S],
         ) {
-            assert!(prepared.len() == 0, "`prepared` must hold 0 numbers");
             let &[x, y, z, _, _, _, _, _, q3, length, track_offset_x, track_offset_y,
             track_offset_z, track_direction_x, track_direction_y, track_direction_z] = parameters
             else { panic!("`parameters` must hold 16 numbers") };
@@ -973,15 +977,12 @@ pub mod nominal {
             let t17 = -2.0 * rod_z;
             let t18 = -2.0 * rod_y;
             let t19 = 2.0 * rod_x;
-            residuals.copy_from_slice(&[residual]);
-            jacobian
-                .copy_from_slice(
-                    &[
-                        -t19, t18, t17,
-                        track_direction_x * t19 - track_direction_z * t17
-                            - track_direction_y * t18,
-                    ],
-                );
+            residuals[0][lane] = residual;
+            jacobian[0][lane] = -t19;
+            jacobian[1][lane] = t18;
+            jacobian[2][lane] = t17;
+            jacobian[3][lane] = track_direction_x * t19 - track_direction_z * t17
+                - track_direction_y * t18;
         }
     }
     /// `F·(C(q) + A(q)·m) + t − x; axial vector of F·A(q)·M·Rᵀ`
@@ -995,26 +996,23 @@ pub mod nominal {
     /// With the Jacobian: 541 operations (193 additions, 332 multiplications, 4 negations, 12 functions).
     #[derive(Debug, Clone, Copy)]
     pub struct CartPose;
-    impl ResidualFamily for CartPose {
-        fn shape(&self) -> Shape {
-            Shape {
-                data: 7,
-                prepared: 22,
-                parameters: 18,
-                residuals: 6,
-            }
-        }
-        fn pattern(&self) -> Pattern<'_> {
-            Pattern {
-                row_starts: &[0, 13, 26, 38, 44, 50, 56],
-                columns: &[
-                    0, 1, 2, 3, 4, 5, 6, 9, 10, 11, 12, 13, 14, 0, 1, 2, 3, 4, 5, 7, 9,
-                    10, 11, 12, 13, 14, 0, 1, 2, 3, 4, 5, 8, 9, 10, 12, 13, 14, 9, 10,
-                    11, 15, 16, 17, 9, 10, 11, 15, 16, 17, 9, 10, 11, 15, 16, 17,
-                ],
-            }
-        }
-        fn prepare(&self, data: &[f64], prepared: &mut [f64]) {
+    impl Formulas for CartPose {
+        const SHAPE: Shape = Shape {
+            data: 7,
+            prepared: 22,
+            parameters: 18,
+            residuals: 6,
+        };
+        const PATTERN: Pattern<'static> = Pattern {
+            row_starts: &[0, 13, 26, 38, 44, 50, 56],
+            columns: &[
+                0, 1, 2, 3, 4, 5, 6, 9, 10, 11, 12, 13, 14, 0, 1, 2, 3, 4, 5, 7, 9, 10,
+                11, 12, 13, 14, 0, 1, 2, 3, 4, 5, 8, 9, 10, 12, 13, 14, 9, 10, 11, 15,
+                16, 17, 9, 10, 11, 15, 16, 17, 9, 10, 11, 15, 16, 17,
+            ],
+        };
+        #[inline(always)]
+        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
             let &[q, x, y, z, alpha, beta, gamma] = data else {
                 panic!("`data` must hold 7 numbers")
             };
@@ -1040,20 +1038,49 @@ pub mod nominal {
             let prepared_19 = 0.5 * prepared_15;
             let prepared_20 = 0.5 * prepared_16;
             let prepared_21 = 0.5 * prepared_14;
-            prepared
-                .copy_from_slice(
-                    &[
-                        q, x, y, z, prepared_4, prepared_5, prepared_6, prepared_7, prepared_8,
-                        prepared_9, prepared_10, prepared_11, prepared_12, prepared_13, prepared_14,
-                        prepared_15, prepared_16, prepared_17, prepared_18, prepared_19,
-                        prepared_20, prepared_21,
-                    ],
-                );
+            prepared[0][lane] = q;
+            prepared[1][lane] = x;
+            prepared[2][lane] = y;
+            prepared[3][lane] = z;
+            prepared[4][lane] = prepared_4;
+            prepared[5][lane] = prepared_5;
+            prepared[6][lane] = prepared_6;
+            prepared[7][lane] = prepared_7;
+            prepared[8][lane] = prepared_8;
+            prepared[9][lane] = prepared_9;
+            prepared[10][lane] = prepared_10;
+            prepared[11][lane] = prepared_11;
+            prepared[12][lane] = prepared_12;
+            prepared[13][lane] = prepared_13;
+            prepared[14][lane] = prepared_14;
+            prepared[15][lane] = prepared_15;
+            prepared[16][lane] = prepared_16;
+            prepared[17][lane] = prepared_17;
+            prepared[18][lane] = prepared_18;
+            prepared[19][lane] = prepared_19;
+            prepared[20][lane] = prepared_20;
+            prepared[21][lane] = prepared_21;
         }
-        fn value(&self, prepared: &[f64], parameters: &[f64], residuals: &mut [f64]) {
-            let &[q, x, y, z, prepared_4, prepared_5, prepared_6, prepared_7, prepared_8,
-            _, _, _, _, _, prepared_14, prepared_15, prepared_16, prepared_17, _, _, _, _,
-            ] = prepared else { panic!("`prepared` must hold 22 numbers") };
+        #[inline(always)]
+        fn value<S: Samples>(
+            lane: usize,
+            prepared: &[S],
+            parameters: &[f64],
+            residuals: &mut [S],
+        ) {
+            let q = prepared[0][lane];
+            let x = prepared[1][lane];
+            let y = prepared[2][lane];
+            let z = prepared[3][lane];
+            let prepared_4 = prepared[4][lane];
+            let prepared_5 = prepared[5][lane];
+            let prepared_6 = prepared[6][lane];
+            let prepared_7 = prepared[7][lane];
+            let prepared_8 = prepared[8][lane];
+            let prepared_14 = prepared[14][lane];
+            let prepared_15 = prepared[15][lane];
+            let prepared_16 = prepared[16][lane];
+            let prepared_17 = prepared[17][lane];
             let &[track_offset_x, track_offset_y, track_offset_z, track_direction_x,
             track_direction_y, track_direction_z, frame_translation_x,
             frame_translation_y, frame_translation_z, frame_rotation_x, frame_rotation_y,
@@ -1119,38 +1146,52 @@ pub mod nominal {
             let t114 = sin_frame_rotation_y * t108 + cos_frame_rotation_y * t53;
             let t119 = cos_frame_rotation_z * t114 - sin_frame_rotation_z * t107;
             let t120 = sin_frame_rotation_z * t114 + cos_frame_rotation_z * t107;
-            residuals
-                .copy_from_slice(
-                    &[
-                        cos_frame_rotation_z * t38 - sin_frame_rotation_z * t32
-                            + frame_translation_x - x,
-                        sin_frame_rotation_z * t38 + cos_frame_rotation_z * t32
-                            + frame_translation_y - y,
-                        cos_frame_rotation_y * t33 - t5 * sin_frame_rotation_y
-                            + frame_translation_z - z,
-                        0.5
-                            * (prepared_8 * t113 - prepared_4 * t120 - prepared_6 * t96
-                                + prepared_15 * t65 + prepared_5 * t72 + prepared_17 * t89),
-                        0.5
-                            * (prepared_4 * t119 - prepared_7 * t113 + prepared_16 * t89
-                                - prepared_5 * t71 - prepared_14 * t65 + prepared_6 * t95),
-                        0.5
-                            * (prepared_7 * t120 - prepared_8 * t119 - prepared_17 * t95
-                                + prepared_14 * t72 - prepared_15 * t71 - prepared_16 * t96),
-                    ],
-                );
+            residuals[0][lane] = cos_frame_rotation_z * t38 - sin_frame_rotation_z * t32
+                + frame_translation_x - x;
+            residuals[1][lane] = sin_frame_rotation_z * t38 + cos_frame_rotation_z * t32
+                + frame_translation_y - y;
+            residuals[2][lane] = cos_frame_rotation_y * t33 - t5 * sin_frame_rotation_y
+                + frame_translation_z - z;
+            residuals[3][lane] = 0.5
+                * (prepared_8 * t113 - prepared_4 * t120 - prepared_6 * t96
+                    + prepared_15 * t65 + prepared_5 * t72 + prepared_17 * t89);
+            residuals[4][lane] = 0.5
+                * (prepared_4 * t119 - prepared_7 * t113 + prepared_16 * t89
+                    - prepared_5 * t71 - prepared_14 * t65 + prepared_6 * t95);
+            residuals[5][lane] = 0.5
+                * (prepared_7 * t120 - prepared_8 * t119 - prepared_17 * t95
+                    + prepared_14 * t72 - prepared_15 * t71 - prepared_16 * t96);
         }
-        fn linearize(
-            &self,
-            prepared: &[f64],
+        #[inline(always)]
+        fn linearize<S: Samples>(
+            lane: usize,
+            prepared: &[S],
             parameters: &[f64],
-            residuals: &mut [f64],
-            jacobian: &mut [f64],
+            residuals: &mut [S],
+            jacobian: &mut [S],
         ) {
-            let &[q, x, y, z, prepared_4, prepared_5, prepared_6, prepared_7, prepared_8,
-            prepared_9, prepared_10, prepared_11, prepared_12, prepared_13, prepared_14,
-            prepared_15, prepared_16, prepared_17, prepared_18, prepared_19, prepared_20,
-            prepared_21] = prepared else { panic!("`prepared` must hold 22 numbers") };
+            let q = prepared[0][lane];
+            let x = prepared[1][lane];
+            let y = prepared[2][lane];
+            let z = prepared[3][lane];
+            let prepared_4 = prepared[4][lane];
+            let prepared_5 = prepared[5][lane];
+            let prepared_6 = prepared[6][lane];
+            let prepared_7 = prepared[7][lane];
+            let prepared_8 = prepared[8][lane];
+            let prepared_9 = prepared[9][lane];
+            let prepared_10 = prepared[10][lane];
+            let prepared_11 = prepared[11][lane];
+            let prepared_12 = prepared[12][lane];
+            let prepared_13 = prepared[13][lane];
+            let prepared_14 = prepared[14][lane];
+            let prepared_15 = prepared[15][lane];
+            let prepared_16 = prepared[16][lane];
+            let prepared_17 = prepared[17][lane];
+            let prepared_18 = prepared[18][lane];
+            let prepared_19 = prepared[19][lane];
+            let prepared_20 = prepared[20][lane];
+            let prepared_21 = prepared[21][lane];
             let &[track_offset_x, track_offset_y, track_offset_z, track_direction_x,
             track_direction_y, track_direction_z, frame_translation_x,
             frame_translation_y, frame_translation_z, frame_rotation_x, frame_rotation_y,
@@ -1291,134 +1332,119 @@ pub mod nominal {
             let t441 = sin_frame_rotation_x * t425 + cos_frame_rotation_x * t424;
             let t450 = sin_target_rotation_z * t410 - cos_target_rotation_z * t402;
             let t539 = -sin_frame_rotation_y;
-            residuals
-                .copy_from_slice(
-                    &[
-                        t158 + frame_translation_x - x,
-                        t159 + frame_translation_y - y,
-                        t152 + frame_translation_z - z,
-                        0.5
-                            * (prepared_8 * t230 - prepared_4 * t237 - prepared_6 * t213
-                                + prepared_15 * t182 + prepared_5 * t189
-                                + prepared_17 * t206),
-                        0.5
-                            * (prepared_4 * t236 - prepared_7 * t230 + prepared_16 * t206
-                                - prepared_5 * t188 - prepared_14 * t182
-                                + prepared_6 * t212),
-                        0.5
-                            * (prepared_7 * t237 - prepared_8 * t236 - prepared_17 * t212
-                                + prepared_14 * t189 - prepared_15 * t188
-                                - prepared_16 * t213),
-                    ],
-                );
-            jacobian
-                .copy_from_slice(
-                    &[
-                        t27, t34, t35,
-                        q * t27,
-                        q * t34,
-                        q * t35,
-                        1.0,
-                        t26 * t146 + sin_frame_rotation_z * t147,
-                        cos_frame_rotation_z * t152,
-                        -t159, t27, t34, t35, t40, t45, t46,
-                        q * t40,
-                        q * t45,
-                        q * t46,
-                        1.0,
-                        t39 * t146 - cos_frame_rotation_z * t147,
-                        sin_frame_rotation_z * t152,
-                        t158, t40, t45, t46, t539, t50, t51,
-                        -(q * sin_frame_rotation_y),
-                        q * t50,
-                        q * t51,
-                        1.0,
-                        cos_frame_rotation_y * t146,
-                        -t153, t539, t50, t51,
-                        t61 * t224 + t56 * t225 + t200 * t263 + t70 * t201 + t176 * t283
-                            - t76 * t177,
-                        t75 * t182 - t55 * t230 - prepared_10 * t231 - t69 * t206
-                            - t207 * prepared_18 - t183 * prepared_19,
-                        prepared_12 * t188 - prepared_9 * t236 - prepared_11 * t212,
-                        cos_target_rotation_x
-                            * (sin_target_rotation_y * t303 - cos_target_rotation_z * t67
-                                - sin_target_rotation_z * t62
-                                + cos_target_rotation_y * t270)
-                            - sin_target_rotation_x
-                                * (sin_target_rotation_y * t85 + cos_target_rotation_y * t68
-                                    + cos_target_rotation_z * t269
-                                    + sin_target_rotation_z * t264),
-                        cos_target_rotation_y
-                            * (sin_frame_rotation_x * t76 + cos_target_rotation_x * t85
-                                + sin_target_rotation_x * t303
-                                - cos_frame_rotation_x * t283)
-                            - sin_target_rotation_y
-                                * (cos_target_rotation_x * t68
-                                    + sin_target_rotation_x * t270
-                                    + sin_target_rotation_z * t294
-                                    + cos_target_rotation_z * t284),
-                        t67 * t170 + t62 * t171 + t164 * t269 + t165 * t264
-                            + cos_target_rotation_y
-                                * (cos_target_rotation_z * t294
-                                    - sin_target_rotation_z * t284),
-                        t94 * t224 + t55 * t225 + t200 * t333 + t69 * t201 - t176 * t353
-                            - t75 * t177,
-                        t56 * t230 + prepared_13 * t231 + t70 * t206 - t207 * prepared_20
-                            - t76 * t182 + t183 * prepared_21,
-                        prepared_12 * t189 - prepared_9 * t237 - prepared_11 * t213,
-                        cos_target_rotation_x
-                            * (cos_target_rotation_y * t340
-                                + sin_target_rotation_y * t373 + sin_target_rotation_z * t95
-                                - cos_target_rotation_z * t100)
-                            - sin_target_rotation_x
-                                * (sin_target_rotation_y * t114
-                                    + cos_target_rotation_y * t101
-                                    + cos_target_rotation_z * t339
-                                    - sin_target_rotation_z * t334),
-                        cos_target_rotation_y
-                            * (sin_target_rotation_x * t373
-                                + cos_target_rotation_x * t114 + sin_frame_rotation_x * t75
-                                + cos_frame_rotation_x * t353)
-                            - sin_target_rotation_y
-                                * (cos_target_rotation_x * t101
-                                    + sin_target_rotation_x * t340
-                                    + sin_target_rotation_z * t364
-                                    + cos_target_rotation_z * t354),
-                        t100 * t170 - t95 * t171 + t164 * t339 - t165 * t334
-                            + cos_target_rotation_y
-                                * (cos_target_rotation_z * t364
-                                    - sin_target_rotation_z * t354),
-                        t125 * t224 - t124 * t225 - t200 * t401 - t201 * t400
-                            + t176 * t425 - t177 * t424,
-                        t123 * t230 - t206 * t399 + t182 * t423,
-                        prepared_13 * t236 + prepared_10 * t237 - t212 * prepared_20
-                            + t213 * prepared_18 + t188 * prepared_21
-                            + t189 * prepared_19,
-                        cos_target_rotation_x
-                            * (sin_target_rotation_y * t450
-                                - cos_target_rotation_y * t411
-                                + sin_target_rotation_z * t126
-                                - cos_target_rotation_z * t131)
-                            - sin_target_rotation_x
-                                * (sin_target_rotation_y * t137
-                                    + cos_target_rotation_y * t132
-                                    + cos_target_rotation_z * t410
-                                    + sin_target_rotation_z * t402),
-                        cos_target_rotation_y
-                            * (sin_frame_rotation_x * t424 + cos_target_rotation_x * t137
-                                + sin_target_rotation_x * t450
-                                - cos_frame_rotation_x * t425)
-                            - sin_target_rotation_y
-                                * (cos_target_rotation_x * t132
-                                    - sin_target_rotation_x * t411
-                                    + sin_target_rotation_z * t441
-                                    + cos_target_rotation_z * t426),
-                        t131 * t170 - t126 * t171 + t164 * t410 + t165 * t402
-                            + cos_target_rotation_y
-                                * (cos_target_rotation_z * t441
-                                    - sin_target_rotation_z * t426),
-                    ],
-                );
+            residuals[0][lane] = t158 + frame_translation_x - x;
+            residuals[1][lane] = t159 + frame_translation_y - y;
+            residuals[2][lane] = t152 + frame_translation_z - z;
+            residuals[3][lane] = 0.5
+                * (prepared_8 * t230 - prepared_4 * t237 - prepared_6 * t213
+                    + prepared_15 * t182 + prepared_5 * t189 + prepared_17 * t206);
+            residuals[4][lane] = 0.5
+                * (prepared_4 * t236 - prepared_7 * t230 + prepared_16 * t206
+                    - prepared_5 * t188 - prepared_14 * t182 + prepared_6 * t212);
+            residuals[5][lane] = 0.5
+                * (prepared_7 * t237 - prepared_8 * t236 - prepared_17 * t212
+                    + prepared_14 * t189 - prepared_15 * t188 - prepared_16 * t213);
+            jacobian[0][lane] = t27;
+            jacobian[1][lane] = t34;
+            jacobian[2][lane] = t35;
+            jacobian[3][lane] = q * t27;
+            jacobian[4][lane] = q * t34;
+            jacobian[5][lane] = q * t35;
+            jacobian[6][lane] = 1.0;
+            jacobian[7][lane] = t26 * t146 + sin_frame_rotation_z * t147;
+            jacobian[8][lane] = cos_frame_rotation_z * t152;
+            jacobian[9][lane] = -t159;
+            jacobian[10][lane] = t27;
+            jacobian[11][lane] = t34;
+            jacobian[12][lane] = t35;
+            jacobian[13][lane] = t40;
+            jacobian[14][lane] = t45;
+            jacobian[15][lane] = t46;
+            jacobian[16][lane] = q * t40;
+            jacobian[17][lane] = q * t45;
+            jacobian[18][lane] = q * t46;
+            jacobian[19][lane] = 1.0;
+            jacobian[20][lane] = t39 * t146 - cos_frame_rotation_z * t147;
+            jacobian[21][lane] = sin_frame_rotation_z * t152;
+            jacobian[22][lane] = t158;
+            jacobian[23][lane] = t40;
+            jacobian[24][lane] = t45;
+            jacobian[25][lane] = t46;
+            jacobian[26][lane] = t539;
+            jacobian[27][lane] = t50;
+            jacobian[28][lane] = t51;
+            jacobian[29][lane] = -(q * sin_frame_rotation_y);
+            jacobian[30][lane] = q * t50;
+            jacobian[31][lane] = q * t51;
+            jacobian[32][lane] = 1.0;
+            jacobian[33][lane] = cos_frame_rotation_y * t146;
+            jacobian[34][lane] = -t153;
+            jacobian[35][lane] = t539;
+            jacobian[36][lane] = t50;
+            jacobian[37][lane] = t51;
+            jacobian[38][lane] = t61 * t224 + t56 * t225 + t200 * t263 + t70 * t201
+                + t176 * t283 - t76 * t177;
+            jacobian[39][lane] = t75 * t182 - t55 * t230 - prepared_10 * t231
+                - t69 * t206 - t207 * prepared_18 - t183 * prepared_19;
+            jacobian[40][lane] = prepared_12 * t188 - prepared_9 * t236
+                - prepared_11 * t212;
+            jacobian[41][lane] = cos_target_rotation_x
+                * (sin_target_rotation_y * t303 - cos_target_rotation_z * t67
+                    - sin_target_rotation_z * t62 + cos_target_rotation_y * t270)
+                - sin_target_rotation_x
+                    * (sin_target_rotation_y * t85 + cos_target_rotation_y * t68
+                        + cos_target_rotation_z * t269 + sin_target_rotation_z * t264);
+            jacobian[42][lane] = cos_target_rotation_y
+                * (sin_frame_rotation_x * t76 + cos_target_rotation_x * t85
+                    + sin_target_rotation_x * t303 - cos_frame_rotation_x * t283)
+                - sin_target_rotation_y
+                    * (cos_target_rotation_x * t68 + sin_target_rotation_x * t270
+                        + sin_target_rotation_z * t294 + cos_target_rotation_z * t284);
+            jacobian[43][lane] = t67 * t170 + t62 * t171 + t164 * t269 + t165 * t264
+                + cos_target_rotation_y
+                    * (cos_target_rotation_z * t294 - sin_target_rotation_z * t284);
+            jacobian[44][lane] = t94 * t224 + t55 * t225 + t200 * t333 + t69 * t201
+                - t176 * t353 - t75 * t177;
+            jacobian[45][lane] = t56 * t230 + prepared_13 * t231 + t70 * t206
+                - t207 * prepared_20 - t76 * t182 + t183 * prepared_21;
+            jacobian[46][lane] = prepared_12 * t189 - prepared_9 * t237
+                - prepared_11 * t213;
+            jacobian[47][lane] = cos_target_rotation_x
+                * (cos_target_rotation_y * t340 + sin_target_rotation_y * t373
+                    + sin_target_rotation_z * t95 - cos_target_rotation_z * t100)
+                - sin_target_rotation_x
+                    * (sin_target_rotation_y * t114 + cos_target_rotation_y * t101
+                        + cos_target_rotation_z * t339 - sin_target_rotation_z * t334);
+            jacobian[48][lane] = cos_target_rotation_y
+                * (sin_target_rotation_x * t373 + cos_target_rotation_x * t114
+                    + sin_frame_rotation_x * t75 + cos_frame_rotation_x * t353)
+                - sin_target_rotation_y
+                    * (cos_target_rotation_x * t101 + sin_target_rotation_x * t340
+                        + sin_target_rotation_z * t364 + cos_target_rotation_z * t354);
+            jacobian[49][lane] = t100 * t170 - t95 * t171 + t164 * t339 - t165 * t334
+                + cos_target_rotation_y
+                    * (cos_target_rotation_z * t364 - sin_target_rotation_z * t354);
+            jacobian[50][lane] = t125 * t224 - t124 * t225 - t200 * t401 - t201 * t400
+                + t176 * t425 - t177 * t424;
+            jacobian[51][lane] = t123 * t230 - t206 * t399 + t182 * t423;
+            jacobian[52][lane] = prepared_13 * t236 + prepared_10 * t237
+                - t212 * prepared_20 + t213 * prepared_18 + t188 * prepared_21
+                + t189 * prepared_19;
+            jacobian[53][lane] = cos_target_rotation_x
+                * (sin_target_rotation_y * t450 - cos_target_rotation_y * t411
+                    + sin_target_rotation_z * t126 - cos_target_rotation_z * t131)
+                - sin_target_rotation_x
+                    * (sin_target_rotation_y * t137 + cos_target_rotation_y * t132
+                        + cos_target_rotation_z * t410 + sin_target_rotation_z * t402);
+            jacobian[54][lane] = cos_target_rotation_y
+                * (sin_frame_rotation_x * t424 + cos_target_rotation_x * t137
+                    + sin_target_rotation_x * t450 - cos_frame_rotation_x * t425)
+                - sin_target_rotation_y
+                    * (cos_target_rotation_x * t132 - sin_target_rotation_x * t411
+                        + sin_target_rotation_z * t441 + cos_target_rotation_z * t426);
+            jacobian[55][lane] = t131 * t170 - t126 * t171 + t164 * t410 + t165 * t402
+                + cos_target_rotation_y
+                    * (cos_target_rotation_z * t441 - sin_target_rotation_z * t426);
         }
     }
     /// `F·(C(q) + A(q)·m) + t − x`
@@ -1432,32 +1458,39 @@ pub mod nominal {
     /// With the Jacobian: 79 operations (24 additions, 45 multiplications, 4 negations, 6 functions).
     #[derive(Debug, Clone, Copy)]
     pub struct CartPosition;
-    impl ResidualFamily for CartPosition {
-        fn shape(&self) -> Shape {
-            Shape {
-                data: 4,
-                prepared: 4,
-                parameters: 15,
-                residuals: 3,
-            }
-        }
-        fn pattern(&self) -> Pattern<'_> {
-            Pattern {
-                row_starts: &[0, 13, 26, 38],
-                columns: &[
-                    0, 1, 2, 3, 4, 5, 6, 9, 10, 11, 12, 13, 14, 0, 1, 2, 3, 4, 5, 7, 9,
-                    10, 11, 12, 13, 14, 0, 1, 2, 3, 4, 5, 8, 9, 10, 12, 13, 14,
-                ],
-            }
-        }
-        fn prepare(&self, data: &[f64], prepared: &mut [f64]) {
+    impl Formulas for CartPosition {
+        const SHAPE: Shape = Shape {
+            data: 4,
+            prepared: 4,
+            parameters: 15,
+            residuals: 3,
+        };
+        const PATTERN: Pattern<'static> = Pattern {
+            row_starts: &[0, 13, 26, 38],
+            columns: &[
+                0, 1, 2, 3, 4, 5, 6, 9, 10, 11, 12, 13, 14, 0, 1, 2, 3, 4, 5, 7, 9, 10,
+                11, 12, 13, 14, 0, 1, 2, 3, 4, 5, 8, 9, 10, 12, 13, 14,
+            ],
+        };
+        #[inline(always)]
+        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
             let &[q, x, y, z] = data else { panic!("`data` must hold 4 numbers") };
-            prepared.copy_from_slice(&[q, x, y, z]);
+            prepared[0][lane] = q;
+            prepared[1][lane] = x;
+            prepared[2][lane] = y;
+            prepared[3][lane] = z;
         }
-        fn value(&self, prepared: &[f64], parameters: &[f64], residuals: &mut [f64]) {
-            let &[q, x, y, z] = prepared else {
-                panic!("`prepared` must hold 4 numbers")
-            };
+        #[inline(always)]
+        fn value<S: Samples>(
+            lane: usize,
+            prepared: &[S],
+            parameters: &[f64],
+            residuals: &mut [S],
+        ) {
+            let q = prepared[0][lane];
+            let x = prepared[1][lane];
+            let y = prepared[2][lane];
+            let z = prepared[3][lane];
             let &[track_offset_x, track_offset_y, track_offset_z, track_direction_x,
             track_direction_y, track_direction_z, frame_translation_x,
             frame_translation_y, frame_translation_z, frame_rotation_x, frame_rotation_y,
@@ -1478,28 +1511,25 @@ pub mod nominal {
             let t20 = t7 * cos_frame_rotation_x - t9 * sin_frame_rotation_x;
             let t21 = t7 * sin_frame_rotation_x + t9 * cos_frame_rotation_x;
             let t26 = sin_frame_rotation_y * t21 + t5 * cos_frame_rotation_y;
-            residuals
-                .copy_from_slice(
-                    &[
-                        cos_frame_rotation_z * t26 - sin_frame_rotation_z * t20
-                            + frame_translation_x - x,
-                        sin_frame_rotation_z * t26 + cos_frame_rotation_z * t20
-                            + frame_translation_y - y,
-                        cos_frame_rotation_y * t21 - t5 * sin_frame_rotation_y
-                            + frame_translation_z - z,
-                    ],
-                );
+            residuals[0][lane] = cos_frame_rotation_z * t26 - sin_frame_rotation_z * t20
+                + frame_translation_x - x;
+            residuals[1][lane] = sin_frame_rotation_z * t26 + cos_frame_rotation_z * t20
+                + frame_translation_y - y;
+            residuals[2][lane] = cos_frame_rotation_y * t21 - t5 * sin_frame_rotation_y
+                + frame_translation_z - z;
         }
-        fn linearize(
-            &self,
-            prepared: &[f64],
+        #[inline(always)]
+        fn linearize<S: Samples>(
+            lane: usize,
+            prepared: &[S],
             parameters: &[f64],
-            residuals: &mut [f64],
-            jacobian: &mut [f64],
+            residuals: &mut [S],
+            jacobian: &mut [S],
         ) {
-            let &[q, x, y, z] = prepared else {
-                panic!("`prepared` must hold 4 numbers")
-            };
+            let q = prepared[0][lane];
+            let x = prepared[1][lane];
+            let y = prepared[2][lane];
+            let z = prepared[3][lane];
             let &[track_offset_x, track_offset_y, track_offset_z, track_direction_x,
             track_direction_y, track_direction_z, frame_translation_x,
             frame_translation_y, frame_translation_z, frame_rotation_x, frame_rotation_y,
@@ -1538,40 +1568,47 @@ pub mod nominal {
             let t59 = cos_frame_rotation_z * t54 - sin_frame_rotation_z * t47;
             let t60 = sin_frame_rotation_z * t54 + cos_frame_rotation_z * t47;
             let t77 = -sin_frame_rotation_y;
-            residuals
-                .copy_from_slice(
-                    &[
-                        t59 + frame_translation_x - x,
-                        t60 + frame_translation_y - y,
-                        t53 + frame_translation_z - z,
-                    ],
-                );
-            jacobian
-                .copy_from_slice(
-                    &[
-                        t15, t22, t23,
-                        q * t15,
-                        q * t22,
-                        q * t23,
-                        1.0,
-                        t14 * t47 + sin_frame_rotation_z * t48,
-                        cos_frame_rotation_z * t53,
-                        -t60, t15, t22, t23, t28, t33, t34,
-                        q * t28,
-                        q * t33,
-                        q * t34,
-                        1.0,
-                        t27 * t47 - cos_frame_rotation_z * t48,
-                        sin_frame_rotation_z * t53,
-                        t59, t28, t33, t34, t77, t38, t39,
-                        -(q * sin_frame_rotation_y),
-                        q * t38,
-                        q * t39,
-                        1.0,
-                        cos_frame_rotation_y * t47,
-                        -t54, t77, t38, t39,
-                    ],
-                );
+            residuals[0][lane] = t59 + frame_translation_x - x;
+            residuals[1][lane] = t60 + frame_translation_y - y;
+            residuals[2][lane] = t53 + frame_translation_z - z;
+            jacobian[0][lane] = t15;
+            jacobian[1][lane] = t22;
+            jacobian[2][lane] = t23;
+            jacobian[3][lane] = q * t15;
+            jacobian[4][lane] = q * t22;
+            jacobian[5][lane] = q * t23;
+            jacobian[6][lane] = 1.0;
+            jacobian[7][lane] = t14 * t47 + sin_frame_rotation_z * t48;
+            jacobian[8][lane] = cos_frame_rotation_z * t53;
+            jacobian[9][lane] = -t60;
+            jacobian[10][lane] = t15;
+            jacobian[11][lane] = t22;
+            jacobian[12][lane] = t23;
+            jacobian[13][lane] = t28;
+            jacobian[14][lane] = t33;
+            jacobian[15][lane] = t34;
+            jacobian[16][lane] = q * t28;
+            jacobian[17][lane] = q * t33;
+            jacobian[18][lane] = q * t34;
+            jacobian[19][lane] = 1.0;
+            jacobian[20][lane] = t27 * t47 - cos_frame_rotation_z * t48;
+            jacobian[21][lane] = sin_frame_rotation_z * t53;
+            jacobian[22][lane] = t59;
+            jacobian[23][lane] = t28;
+            jacobian[24][lane] = t33;
+            jacobian[25][lane] = t34;
+            jacobian[26][lane] = t77;
+            jacobian[27][lane] = t38;
+            jacobian[28][lane] = t39;
+            jacobian[29][lane] = -(q * sin_frame_rotation_y);
+            jacobian[30][lane] = q * t38;
+            jacobian[31][lane] = q * t39;
+            jacobian[32][lane] = 1.0;
+            jacobian[33][lane] = cos_frame_rotation_y * t47;
+            jacobian[34][lane] = -t54;
+            jacobian[35][lane] = t77;
+            jacobian[36][lane] = t38;
+            jacobian[37][lane] = t39;
         }
     }
 }
@@ -1580,8 +1617,9 @@ pub mod nominal {
 pub mod piecewise {
     #[allow(unused_imports, reason = "one list for all modules")]
     use ::tau_runtime::{
-        Arm, Cluster, EffectUse, Input, Instance, Link, Owner, Parameter, Pattern,
-        ResidualFamily, ResidualKind, Robot, Shape, TrackModel, TrackShape, Variant, math,
+        Arm, Cluster, EffectUse, Formulas, Input, Instance, Link, Owner, Parameter,
+        Pattern, ResidualKind, Robot, Samples, Shape, TrackModel, TrackShape, Variant,
+        math,
     };
     /// Tables of the variant `Piecewise` of `GantryTau`.
     pub const VARIANT: Variant = Variant {
@@ -2446,22 +2484,19 @@ pub mod piecewise {
     /// With the Jacobian: 59 operations (21 additions, 32 multiplications, 6 functions).
     #[derive(Debug, Clone, Copy)]
     pub struct Closure;
-    impl ResidualFamily for Closure {
-        fn shape(&self) -> Shape {
-            Shape {
-                data: 12,
-                prepared: 6,
-                parameters: 7,
-                residuals: 1,
-            }
-        }
-        fn pattern(&self) -> Pattern<'_> {
-            Pattern {
-                row_starts: &[0, 7],
-                columns: &[0, 1, 2, 3, 4, 5, 6],
-            }
-        }
-        fn prepare(&self, data: &[f64], prepared: &mut [f64]) {
+    impl Formulas for Closure {
+        const SHAPE: Shape = Shape {
+            data: 12,
+            prepared: 6,
+            parameters: 7,
+            residuals: 1,
+        };
+        const PATTERN: Pattern<'static> = Pattern {
+            row_starts: &[0, 7],
+            columns: &[0, 1, 2, 3, 4, 5, 6],
+        };
+        #[inline(always)]
+        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
             let &[q, x, y, z, segment_start_x, segment_start_y, segment_start_z,
             segment_end_x, segment_end_y, segment_end_z, segment_start_q, segment_end_q,
             ] = data else { panic!("`data` must hold 12 numbers") };
@@ -2473,12 +2508,26 @@ pub mod piecewise {
             let point_x = segment_start_x + t2 * slope_x;
             let point_y = segment_start_y + t2 * slope_y;
             let point_z = segment_start_z + t2 * slope_z;
-            prepared.copy_from_slice(&[x, y, z, point_x, point_y, point_z]);
+            prepared[0][lane] = x;
+            prepared[1][lane] = y;
+            prepared[2][lane] = z;
+            prepared[3][lane] = point_x;
+            prepared[4][lane] = point_y;
+            prepared[5][lane] = point_z;
         }
-        fn value(&self, prepared: &[f64], parameters: &[f64], residuals: &mut [f64]) {
-            let &[x, y, z, point_x, point_y, point_z] = prepared else {
-                panic!("`prepared` must hold 6 numbers")
-            };
+        #[inline(always)]
+        fn value<S: Samples>(
+            lane: usize,
+            prepared: &[S],
+            parameters: &[f64],
+            residuals: &mut [S],
+        ) {
+            let x = prepared[0][lane];
+            let y = prepared[1][lane];
+            let z = prepared[2][lane];
+            let point_x = prepared[3][lane];
+            let point_y = prepared[4][lane];
+            let point_z = prepared[5][lane];
             let &[length, track_offset_x, track_offset_y, track_offset_z,
             track_rotation_x, track_rotation_y, track_rotation_z] = parameters else {
                 panic!("`parameters` must hold 7 numbers")
@@ -2503,18 +2552,22 @@ pub mod piecewise {
                 + point_x * sin_track_rotation_y;
             let residual = length * length - rod_z * rod_z - rod_x * rod_x
                 - rod_y * rod_y;
-            residuals.copy_from_slice(&[residual]);
+            residuals[0][lane] = residual;
         }
-        fn linearize(
-            &self,
-            prepared: &[f64],
+        #[inline(always)]
+        fn linearize<S: Samples>(
+            lane: usize,
+            prepared: &[S],
             parameters: &[f64],
-            residuals: &mut [f64],
-            jacobian: &mut [f64],
+            residuals: &mut [S],
+            jacobian: &mut [S],
         ) {
-            let &[x, y, z, point_x, point_y, point_z] = prepared else {
-                panic!("`prepared` must hold 6 numbers")
-            };
+            let x = prepared[0][lane];
+            let y = prepared[1][lane];
+            let z = prepared[2][lane];
+            let point_x = prepared[3][lane];
+            let point_y = prepared[4][lane];
+            let point_z = prepared[5][lane];
             let &[length, track_offset_x, track_offset_y, track_offset_z,
             track_rotation_x, track_rotation_y, track_rotation_z] = parameters else {
                 panic!("`parameters` must hold 7 numbers")
@@ -2543,19 +2596,16 @@ pub mod piecewise {
             let t40 = 2.0 * rod_y;
             let t41 = 2.0 * rod_x;
             let t49 = sin_track_rotation_z * t40 + cos_track_rotation_z * t41;
-            residuals.copy_from_slice(&[residual]);
-            jacobian
-                .copy_from_slice(
-                    &[
-                        length * 2.0,
-                        t41, t40, t39,
-                        t13 * (sin_track_rotation_y * t49 + cos_track_rotation_y * t39)
-                            - t14
-                                * (cos_track_rotation_z * t40 - sin_track_rotation_z * t41),
-                        t19 * t49 - t20 * t39,
-                        t25 * t40 - t26 * t41,
-                    ],
-                );
+            residuals[0][lane] = residual;
+            jacobian[0][lane] = length * 2.0;
+            jacobian[1][lane] = t41;
+            jacobian[2][lane] = t40;
+            jacobian[3][lane] = t39;
+            jacobian[4][lane] = t13
+                * (sin_track_rotation_y * t49 + cos_track_rotation_y * t39)
+                - t14 * (cos_track_rotation_z * t40 - sin_track_rotation_z * t41);
+            jacobian[5][lane] = t19 * t49 - t20 * t39;
+            jacobian[6][lane] = t25 * t40 - t26 * t41;
         }
     }
     /// `L² − ‖T − C(q)‖²`
@@ -2569,22 +2619,19 @@ pub mod piecewise {
     /// With the Jacobian: 71 operations (27 additions, 37 multiplications, 1 negation, 6 functions).
     #[derive(Debug, Clone, Copy)]
     pub struct ClosureByPoseArm1;
-    impl ResidualFamily for ClosureByPoseArm1 {
-        fn shape(&self) -> Shape {
-            Shape {
-                data: 8,
-                prepared: 7,
-                parameters: 16,
-                residuals: 1,
-            }
-        }
-        fn pattern(&self) -> Pattern<'_> {
-            Pattern {
-                row_starts: &[0, 4],
-                columns: &[0, 1, 2, 6],
-            }
-        }
-        fn prepare(&self, data: &[f64], prepared: &mut [f64]) {
+    impl Formulas for ClosureByPoseArm1 {
+        const SHAPE: Shape = Shape {
+            data: 8,
+            prepared: 7,
+            parameters: 16,
+            residuals: 1,
+        };
+        const PATTERN: Pattern<'static> = Pattern {
+            row_starts: &[0, 4],
+            columns: &[0, 1, 2, 6],
+        };
+        #[inline(always)]
+        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
             let &[segment_start_x, segment_start_y, segment_start_z, segment_end_x,
             segment_end_y, segment_end_z, segment_start_q, segment_end_q] = data else {
                 panic!("`data` must hold 8 numbers")
@@ -2593,19 +2640,28 @@ pub mod piecewise {
             let slope_x = (segment_end_x - segment_start_x) / t1;
             let slope_y = (segment_end_y - segment_start_y) / t1;
             let slope_z = (segment_end_z - segment_start_z) / t1;
-            prepared
-                .copy_from_slice(
-                    &[
-                        segment_start_x, segment_start_y, segment_start_z, segment_start_q, slope_x,
-                        slope_y, slope_z,
-                    ],
-                );
+            prepared[0][lane] = segment_start_x;
+            prepared[1][lane] = segment_start_y;
+            prepared[2][lane] = segment_start_z;
+            prepared[3][lane] = segment_start_q;
+            prepared[4][lane] = slope_x;
+            prepared[5][lane] = slope_y;
+            prepared[6][lane] = slope_z;
         }
-        fn value(&self, prepared: &[f64], parameters: &[f64], residuals: &mut [f64]) {
-            let &[segment_start_x, segment_start_y, segment_start_z, segment_start_q,
-            slope_x, slope_y, slope_z] = prepared else {
-                panic!("`prepared` must hold 7 numbers")
-            };
+        #[inline(always)]
+        fn value<S: Samples>(
+            lane: usize,
+            prepared: &[S],
+            parameters: &[f64],
+            residuals: &mut [S],
+        ) {
+            let segment_start_x = prepared[0][lane];
+            let segment_start_y = prepared[1][lane];
+            let segment_start_z = prepared[2][lane];
+            let segment_start_q = prepared[3][lane];
+            let slope_x = prepared[4][lane];
+            let slope_y = prepared[5][lane];
+            let slope_z = prepared[6][lane];
             let &[x, y, z, _, _, _, q1, _, _, length, track_offset_x, track_offset_y,
             track_offset_z, track_rotation_x, track_rotation_y, track_rotation_z] = parameters
             else { panic!("`parameters` must hold 16 numbers") };
@@ -2633,19 +2689,23 @@ pub mod piecewise {
                 - cos_track_rotation_y * t20;
             let residual = length * length - rod_z * rod_z - rod_x * rod_x
                 - rod_y * rod_y;
-            residuals.copy_from_slice(&[residual]);
+            residuals[0][lane] = residual;
         }
-        fn linearize(
-            &self,
-            prepared: &[f64],
+        #[inline(always)]
+        fn linearize<S: Samples>(
+            lane: usize,
+            prepared: &[S],
             parameters: &[f64],
-            residuals: &mut [f64],
-            jacobian: &mut [f64],
+            residuals: &mut [S],
+            jacobian: &mut [S],
         ) {
-            let &[segment_start_x, segment_start_y, segment_start_z, segment_start_q,
-            slope_x, slope_y, slope_z] = prepared else {
-                panic!("`prepared` must hold 7 numbers")
-            };
+            let segment_start_x = prepared[0][lane];
+            let segment_start_y = prepared[1][lane];
+            let segment_start_z = prepared[2][lane];
+            let segment_start_q = prepared[3][lane];
+            let slope_x = prepared[4][lane];
+            let slope_y = prepared[5][lane];
+            let slope_z = prepared[6][lane];
             let &[x, y, z, _, _, _, q1, _, _, length, track_offset_x, track_offset_y,
             track_offset_z, track_rotation_x, track_rotation_y, track_rotation_z] = parameters
             else { panic!("`parameters` must hold 16 numbers") };
@@ -2679,19 +2739,14 @@ pub mod piecewise {
             let t52 = sin_track_rotation_z * t46 - cos_track_rotation_z * t47;
             let t53 = cos_track_rotation_z * t46 + sin_track_rotation_z * t47;
             let t58 = sin_track_rotation_y * t52 - cos_track_rotation_y * t45;
-            residuals.copy_from_slice(&[residual]);
-            jacobian
-                .copy_from_slice(
-                    &[
-                        t47, -t46, t45,
-                        slope_z
-                            * (cos_track_rotation_x * t58 - sin_track_rotation_x * t53)
-                            + slope_y
-                                * (sin_track_rotation_x * t58 + cos_track_rotation_x * t53)
-                            + slope_x
-                                * (cos_track_rotation_y * t52 + sin_track_rotation_y * t45),
-                    ],
-                );
+            residuals[0][lane] = residual;
+            jacobian[0][lane] = t47;
+            jacobian[1][lane] = -t46;
+            jacobian[2][lane] = t45;
+            jacobian[3][lane] = slope_z
+                * (cos_track_rotation_x * t58 - sin_track_rotation_x * t53)
+                + slope_y * (sin_track_rotation_x * t58 + cos_track_rotation_x * t53)
+                + slope_x * (cos_track_rotation_y * t52 + sin_track_rotation_y * t45);
         }
     }
     /// `L² − ‖T − C(q)‖²`
@@ -2705,22 +2760,19 @@ pub mod piecewise {
     /// With the Jacobian: 71 operations (27 additions, 37 multiplications, 1 negation, 6 functions).
     #[derive(Debug, Clone, Copy)]
     pub struct ClosureByPoseArm2;
-    impl ResidualFamily for ClosureByPoseArm2 {
-        fn shape(&self) -> Shape {
-            Shape {
-                data: 8,
-                prepared: 7,
-                parameters: 16,
-                residuals: 1,
-            }
-        }
-        fn pattern(&self) -> Pattern<'_> {
-            Pattern {
-                row_starts: &[0, 4],
-                columns: &[0, 1, 2, 7],
-            }
-        }
-        fn prepare(&self, data: &[f64], prepared: &mut [f64]) {
+    impl Formulas for ClosureByPoseArm2 {
+        const SHAPE: Shape = Shape {
+            data: 8,
+            prepared: 7,
+            parameters: 16,
+            residuals: 1,
+        };
+        const PATTERN: Pattern<'static> = Pattern {
+            row_starts: &[0, 4],
+            columns: &[0, 1, 2, 7],
+        };
+        #[inline(always)]
+        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
             let &[segment_start_x, segment_start_y, segment_start_z, segment_end_x,
             segment_end_y, segment_end_z, segment_start_q, segment_end_q] = data else {
                 panic!("`data` must hold 8 numbers")
@@ -2729,19 +2781,28 @@ pub mod piecewise {
             let slope_x = (segment_end_x - segment_start_x) / t1;
             let slope_y = (segment_end_y - segment_start_y) / t1;
             let slope_z = (segment_end_z - segment_start_z) / t1;
-            prepared
-                .copy_from_slice(
-                    &[
-                        segment_start_x, segment_start_y, segment_start_z, segment_start_q, slope_x,
-                        slope_y, slope_z,
-                    ],
-                );
+            prepared[0][lane] = segment_start_x;
+            prepared[1][lane] = segment_start_y;
+            prepared[2][lane] = segment_start_z;
+            prepared[3][lane] = segment_start_q;
+            prepared[4][lane] = slope_x;
+            prepared[5][lane] = slope_y;
+            prepared[6][lane] = slope_z;
         }
-        fn value(&self, prepared: &[f64], parameters: &[f64], residuals: &mut [f64]) {
-            let &[segment_start_x, segment_start_y, segment_start_z, segment_start_q,
-            slope_x, slope_y, slope_z] = prepared else {
-                panic!("`prepared` must hold 7 numbers")
-            };
+        #[inline(always)]
+        fn value<S: Samples>(
+            lane: usize,
+            prepared: &[S],
+            parameters: &[f64],
+            residuals: &mut [S],
+        ) {
+            let segment_start_x = prepared[0][lane];
+            let segment_start_y = prepared[1][lane];
+            let segment_start_z = prepared[2][lane];
+            let segment_start_q = prepared[3][lane];
+            let slope_x = prepared[4][lane];
+            let slope_y = prepared[5][lane];
+            let slope_z = prepared[6][lane];
             let &[x, y, z, _, _, _, _, q2, _, length, track_offset_x, track_offset_y,
             track_offset_z, track_rotation_x, track_rotation_y, track_rotation_z] = parameters
             else { panic!("`parameters` must hold 16 numbers") };
@@ -2769,19 +2830,23 @@ pub mod piecewise {
                 - cos_track_rotation_y * t20;
             let residual = length * length - rod_z * rod_z - rod_x * rod_x
                 - rod_y * rod_y;
-            residuals.copy_from_slice(&[residual]);
+            residuals[0][lane] = residual;
         }
-        fn linearize(
-            &self,
-            prepared: &[f64],
+        #[inline(always)]
+        fn linearize<S: Samples>(
+            lane: usize,
+            prepared: &[S],
             parameters: &[f64],
-            residuals: &mut [f64],
-            jacobian: &mut [f64],
+            residuals: &mut [S],
+            jacobian: &mut [S],
         ) {
-            let &[segment_start_x, segment_start_y, segment_start_z, segment_start_q,
-            slope_x, slope_y, slope_z] = prepared else {
-                panic!("`prepared` must hold 7 numbers")
-            };
+            let segment_start_x = prepared[0][lane];
+            let segment_start_y = prepared[1][lane];
+            let segment_start_z = prepared[2][lane];
+            let segment_start_q = prepared[3][lane];
+            let slope_x = prepared[4][lane];
+            let slope_y = prepared[5][lane];
+            let slope_z = prepared[6][lane];
             let &[x, y, z, _, _, _, _, q2, _, length, track_offset_x, track_offset_y,
             track_offset_z, track_rotation_x, track_rotation_y, track_rotation_z] = parameters
             else { panic!("`parameters` must hold 16 numbers") };
@@ -2815,19 +2880,14 @@ pub mod piecewise {
             let t52 = sin_track_rotation_z * t46 - cos_track_rotation_z * t47;
             let t53 = cos_track_rotation_z * t46 + sin_track_rotation_z * t47;
             let t58 = sin_track_rotation_y * t52 - cos_track_rotation_y * t45;
-            residuals.copy_from_slice(&[residual]);
-            jacobian
-                .copy_from_slice(
-                    &[
-                        t47, -t46, t45,
-                        slope_z
-                            * (cos_track_rotation_x * t58 - sin_track_rotation_x * t53)
-                            + slope_y
-                                * (sin_track_rotation_x * t58 + cos_track_rotation_x * t53)
-                            + slope_x
-                                * (cos_track_rotation_y * t52 + sin_track_rotation_y * t45),
-                    ],
-                );
+            residuals[0][lane] = residual;
+            jacobian[0][lane] = t47;
+            jacobian[1][lane] = -t46;
+            jacobian[2][lane] = t45;
+            jacobian[3][lane] = slope_z
+                * (cos_track_rotation_x * t58 - sin_track_rotation_x * t53)
+                + slope_y * (sin_track_rotation_x * t58 + cos_track_rotation_x * t53)
+                + slope_x * (cos_track_rotation_y * t52 + sin_track_rotation_y * t45);
         }
     }
     /// `L² − ‖T − C(q)‖²`
@@ -2841,22 +2901,19 @@ pub mod piecewise {
     /// With the Jacobian: 71 operations (27 additions, 37 multiplications, 1 negation, 6 functions).
     #[derive(Debug, Clone, Copy)]
     pub struct ClosureByPoseArm3;
-    impl ResidualFamily for ClosureByPoseArm3 {
-        fn shape(&self) -> Shape {
-            Shape {
-                data: 8,
-                prepared: 7,
-                parameters: 16,
-                residuals: 1,
-            }
-        }
-        fn pattern(&self) -> Pattern<'_> {
-            Pattern {
-                row_starts: &[0, 4],
-                columns: &[0, 1, 2, 8],
-            }
-        }
-        fn prepare(&self, data: &[f64], prepared: &mut [f64]) {
+    impl Formulas for ClosureByPoseArm3 {
+        const SHAPE: Shape = Shape {
+            data: 8,
+            prepared: 7,
+            parameters: 16,
+            residuals: 1,
+        };
+        const PATTERN: Pattern<'static> = Pattern {
+            row_starts: &[0, 4],
+            columns: &[0, 1, 2, 8],
+        };
+        #[inline(always)]
+        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
             let &[segment_start_x, segment_start_y, segment_start_z, segment_end_x,
             segment_end_y, segment_end_z, segment_start_q, segment_end_q] = data else {
                 panic!("`data` must hold 8 numbers")
@@ -2865,19 +2922,28 @@ pub mod piecewise {
             let slope_x = (segment_end_x - segment_start_x) / t1;
             let slope_y = (segment_end_y - segment_start_y) / t1;
             let slope_z = (segment_end_z - segment_start_z) / t1;
-            prepared
-                .copy_from_slice(
-                    &[
-                        segment_start_x, segment_start_y, segment_start_z, segment_start_q, slope_x,
-                        slope_y, slope_z,
-                    ],
-                );
+            prepared[0][lane] = segment_start_x;
+            prepared[1][lane] = segment_start_y;
+            prepared[2][lane] = segment_start_z;
+            prepared[3][lane] = segment_start_q;
+            prepared[4][lane] = slope_x;
+            prepared[5][lane] = slope_y;
+            prepared[6][lane] = slope_z;
         }
-        fn value(&self, prepared: &[f64], parameters: &[f64], residuals: &mut [f64]) {
-            let &[segment_start_x, segment_start_y, segment_start_z, segment_start_q,
-            slope_x, slope_y, slope_z] = prepared else {
-                panic!("`prepared` must hold 7 numbers")
-            };
+        #[inline(always)]
+        fn value<S: Samples>(
+            lane: usize,
+            prepared: &[S],
+            parameters: &[f64],
+            residuals: &mut [S],
+        ) {
+            let segment_start_x = prepared[0][lane];
+            let segment_start_y = prepared[1][lane];
+            let segment_start_z = prepared[2][lane];
+            let segment_start_q = prepared[3][lane];
+            let slope_x = prepared[4][lane];
+            let slope_y = prepared[5][lane];
+            let slope_z = prepared[6][lane];
             let &[x, y, z, _, _, _, _, _, q3, length, track_offset_x, track_offset_y,
             track_offset_z, track_rotation_x, track_rotation_y, track_rotation_z] = parameters
             else { panic!("`parameters` must hold 16 numbers") };
@@ -2905,19 +2971,23 @@ pub mod piecewise {
                 - cos_track_rotation_y * t20;
             let residual = length * length - rod_z * rod_z - rod_x * rod_x
                 - rod_y * rod_y;
-            residuals.copy_from_slice(&[residual]);
+            residuals[0][lane] = residual;
         }
-        fn linearize(
-            &self,
-            prepared: &[f64],
+        #[inline(always)]
+        fn linearize<S: Samples>(
+            lane: usize,
+            prepared: &[S],
             parameters: &[f64],
-            residuals: &mut [f64],
-            jacobian: &mut [f64],
+            residuals: &mut [S],
+            jacobian: &mut [S],
         ) {
-            let &[segment_start_x, segment_start_y, segment_start_z, segment_start_q,
-            slope_x, slope_y, slope_z] = prepared else {
-                panic!("`prepared` must hold 7 numbers")
-            };
+            let segment_start_x = prepared[0][lane];
+            let segment_start_y = prepared[1][lane];
+            let segment_start_z = prepared[2][lane];
+            let segment_start_q = prepared[3][lane];
+            let slope_x = prepared[4][lane];
+            let slope_y = prepared[5][lane];
+            let slope_z = prepared[6][lane];
             let &[x, y, z, _, _, _, _, _, q3, length, track_offset_x, track_offset_y,
             track_offset_z, track_rotation_x, track_rotation_y, track_rotation_z] = parameters
             else { panic!("`parameters` must hold 16 numbers") };
@@ -2951,19 +3021,14 @@ pub mod piecewise {
             let t52 = sin_track_rotation_z * t46 - cos_track_rotation_z * t47;
             let t53 = cos_track_rotation_z * t46 + sin_track_rotation_z * t47;
             let t58 = sin_track_rotation_y * t52 - cos_track_rotation_y * t45;
-            residuals.copy_from_slice(&[residual]);
-            jacobian
-                .copy_from_slice(
-                    &[
-                        t47, -t46, t45,
-                        slope_z
-                            * (cos_track_rotation_x * t58 - sin_track_rotation_x * t53)
-                            + slope_y
-                                * (sin_track_rotation_x * t58 + cos_track_rotation_x * t53)
-                            + slope_x
-                                * (cos_track_rotation_y * t52 + sin_track_rotation_y * t45),
-                    ],
-                );
+            residuals[0][lane] = residual;
+            jacobian[0][lane] = t47;
+            jacobian[1][lane] = -t46;
+            jacobian[2][lane] = t45;
+            jacobian[3][lane] = slope_z
+                * (cos_track_rotation_x * t58 - sin_track_rotation_x * t53)
+                + slope_y * (sin_track_rotation_x * t58 + cos_track_rotation_x * t53)
+                + slope_x * (cos_track_rotation_y * t52 + sin_track_rotation_y * t45);
         }
     }
     /// `F·(C(q) + A(q)·m) + t − x; axial vector of F·A(q)·M·Rᵀ`
@@ -2977,26 +3042,23 @@ pub mod piecewise {
     /// With the Jacobian: 606 operations (217 additions, 368 multiplications, 3 negations, 18 functions).
     #[derive(Debug, Clone, Copy)]
     pub struct CartPose;
-    impl ResidualFamily for CartPose {
-        fn shape(&self) -> Shape {
-            Shape {
-                data: 15,
-                prepared: 24,
-                parameters: 18,
-                residuals: 6,
-            }
-        }
-        fn pattern(&self) -> Pattern<'_> {
-            Pattern {
-                row_starts: &[0, 13, 26, 38, 44, 50, 56],
-                columns: &[
-                    0, 1, 2, 3, 4, 5, 6, 9, 10, 11, 12, 13, 14, 0, 1, 2, 3, 4, 5, 7, 9,
-                    10, 11, 12, 13, 14, 0, 1, 2, 3, 4, 5, 8, 9, 10, 12, 13, 14, 9, 10,
-                    11, 15, 16, 17, 9, 10, 11, 15, 16, 17, 9, 10, 11, 15, 16, 17,
-                ],
-            }
-        }
-        fn prepare(&self, data: &[f64], prepared: &mut [f64]) {
+    impl Formulas for CartPose {
+        const SHAPE: Shape = Shape {
+            data: 15,
+            prepared: 24,
+            parameters: 18,
+            residuals: 6,
+        };
+        const PATTERN: Pattern<'static> = Pattern {
+            row_starts: &[0, 13, 26, 38, 44, 50, 56],
+            columns: &[
+                0, 1, 2, 3, 4, 5, 6, 9, 10, 11, 12, 13, 14, 0, 1, 2, 3, 4, 5, 7, 9, 10,
+                11, 12, 13, 14, 0, 1, 2, 3, 4, 5, 8, 9, 10, 12, 13, 14, 9, 10, 11, 15,
+                16, 17, 9, 10, 11, 15, 16, 17, 9, 10, 11, 15, 16, 17,
+            ],
+        };
+        #[inline(always)]
+        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
             let &[q, x, y, z, alpha, beta, gamma, segment_start_x, segment_start_y,
             segment_start_z, segment_end_x, segment_end_y, segment_end_z,
             segment_start_q, segment_end_q] = data else {
@@ -3032,22 +3094,53 @@ pub mod piecewise {
             let prepared_21 = 0.5 * prepared_17;
             let prepared_22 = 0.5 * prepared_18;
             let prepared_23 = 0.5 * prepared_16;
-            prepared
-                .copy_from_slice(
-                    &[
-                        point_x, point_y, point_z, x, y, z, prepared_6, prepared_7, prepared_8,
-                        prepared_9, prepared_10, prepared_11, prepared_12, prepared_13, prepared_14,
-                        prepared_15, prepared_16, prepared_17, prepared_18, prepared_19,
-                        prepared_20, prepared_21, prepared_22, prepared_23,
-                    ],
-                );
+            prepared[0][lane] = point_x;
+            prepared[1][lane] = point_y;
+            prepared[2][lane] = point_z;
+            prepared[3][lane] = x;
+            prepared[4][lane] = y;
+            prepared[5][lane] = z;
+            prepared[6][lane] = prepared_6;
+            prepared[7][lane] = prepared_7;
+            prepared[8][lane] = prepared_8;
+            prepared[9][lane] = prepared_9;
+            prepared[10][lane] = prepared_10;
+            prepared[11][lane] = prepared_11;
+            prepared[12][lane] = prepared_12;
+            prepared[13][lane] = prepared_13;
+            prepared[14][lane] = prepared_14;
+            prepared[15][lane] = prepared_15;
+            prepared[16][lane] = prepared_16;
+            prepared[17][lane] = prepared_17;
+            prepared[18][lane] = prepared_18;
+            prepared[19][lane] = prepared_19;
+            prepared[20][lane] = prepared_20;
+            prepared[21][lane] = prepared_21;
+            prepared[22][lane] = prepared_22;
+            prepared[23][lane] = prepared_23;
         }
-        fn value(&self, prepared: &[f64], parameters: &[f64], residuals: &mut [f64]) {
-            let &[point_x, point_y, point_z, x, y, z, prepared_6, prepared_7, prepared_8,
-            prepared_9, prepared_10, _, _, _, _, _, prepared_16, prepared_17,
-            prepared_18, prepared_19, _, _, _, _] = prepared else {
-                panic!("`prepared` must hold 24 numbers")
-            };
+        #[inline(always)]
+        fn value<S: Samples>(
+            lane: usize,
+            prepared: &[S],
+            parameters: &[f64],
+            residuals: &mut [S],
+        ) {
+            let point_x = prepared[0][lane];
+            let point_y = prepared[1][lane];
+            let point_z = prepared[2][lane];
+            let x = prepared[3][lane];
+            let y = prepared[4][lane];
+            let z = prepared[5][lane];
+            let prepared_6 = prepared[6][lane];
+            let prepared_7 = prepared[7][lane];
+            let prepared_8 = prepared[8][lane];
+            let prepared_9 = prepared[9][lane];
+            let prepared_10 = prepared[10][lane];
+            let prepared_16 = prepared[16][lane];
+            let prepared_17 = prepared[17][lane];
+            let prepared_18 = prepared[18][lane];
+            let prepared_19 = prepared[19][lane];
             let &[track_offset_x, track_offset_y, track_offset_z, track_rotation_x,
             track_rotation_y, track_rotation_z, frame_translation_x, frame_translation_y,
             frame_translation_z, frame_rotation_x, frame_rotation_y, frame_rotation_z,
@@ -3128,40 +3221,54 @@ pub mod piecewise {
             let t137 = cos_frame_rotation_x * t129 - sin_frame_rotation_x * t132;
             let t138 = sin_frame_rotation_x * t129 + cos_frame_rotation_x * t132;
             let t143 = sin_frame_rotation_y * t138 + cos_frame_rotation_y * t126;
-            residuals
-                .copy_from_slice(
-                    &[
-                        cos_frame_rotation_z * t143 - sin_frame_rotation_z * t137
-                            + frame_translation_x - x,
-                        sin_frame_rotation_z * t143 + cos_frame_rotation_z * t137
-                            + frame_translation_y - y,
-                        cos_frame_rotation_y * t138 - sin_frame_rotation_y * t126
-                            + frame_translation_z - z,
-                        0.5
-                            * (prepared_10 * t110 - prepared_6 * t117 - prepared_8 * t93
-                                + prepared_17 * t62 + prepared_7 * t69 + prepared_19 * t86),
-                        0.5
-                            * (prepared_6 * t116 - prepared_9 * t110 + prepared_18 * t86
-                                - prepared_7 * t68 - prepared_16 * t62 + prepared_8 * t92),
-                        0.5
-                            * (prepared_9 * t117 - prepared_10 * t116 - prepared_19 * t92
-                                + prepared_16 * t69 - prepared_17 * t68 - prepared_18 * t93),
-                    ],
-                );
+            residuals[0][lane] = cos_frame_rotation_z * t143
+                - sin_frame_rotation_z * t137 + frame_translation_x - x;
+            residuals[1][lane] = sin_frame_rotation_z * t143
+                + cos_frame_rotation_z * t137 + frame_translation_y - y;
+            residuals[2][lane] = cos_frame_rotation_y * t138
+                - sin_frame_rotation_y * t126 + frame_translation_z - z;
+            residuals[3][lane] = 0.5
+                * (prepared_10 * t110 - prepared_6 * t117 - prepared_8 * t93
+                    + prepared_17 * t62 + prepared_7 * t69 + prepared_19 * t86);
+            residuals[4][lane] = 0.5
+                * (prepared_6 * t116 - prepared_9 * t110 + prepared_18 * t86
+                    - prepared_7 * t68 - prepared_16 * t62 + prepared_8 * t92);
+            residuals[5][lane] = 0.5
+                * (prepared_9 * t117 - prepared_10 * t116 - prepared_19 * t92
+                    + prepared_16 * t69 - prepared_17 * t68 - prepared_18 * t93);
         }
-        fn linearize(
-            &self,
-            prepared: &[f64],
+        #[inline(always)]
+        fn linearize<S: Samples>(
+            lane: usize,
+            prepared: &[S],
             parameters: &[f64],
-            residuals: &mut [f64],
-            jacobian: &mut [f64],
+            residuals: &mut [S],
+            jacobian: &mut [S],
         ) {
-            let &[point_x, point_y, point_z, x, y, z, prepared_6, prepared_7, prepared_8,
-            prepared_9, prepared_10, prepared_11, prepared_12, prepared_13, prepared_14,
-            prepared_15, prepared_16, prepared_17, prepared_18, prepared_19, prepared_20,
-            prepared_21, prepared_22, prepared_23] = prepared else {
-                panic!("`prepared` must hold 24 numbers")
-            };
+            let point_x = prepared[0][lane];
+            let point_y = prepared[1][lane];
+            let point_z = prepared[2][lane];
+            let x = prepared[3][lane];
+            let y = prepared[4][lane];
+            let z = prepared[5][lane];
+            let prepared_6 = prepared[6][lane];
+            let prepared_7 = prepared[7][lane];
+            let prepared_8 = prepared[8][lane];
+            let prepared_9 = prepared[9][lane];
+            let prepared_10 = prepared[10][lane];
+            let prepared_11 = prepared[11][lane];
+            let prepared_12 = prepared[12][lane];
+            let prepared_13 = prepared[13][lane];
+            let prepared_14 = prepared[14][lane];
+            let prepared_15 = prepared[15][lane];
+            let prepared_16 = prepared[16][lane];
+            let prepared_17 = prepared[17][lane];
+            let prepared_18 = prepared[18][lane];
+            let prepared_19 = prepared[19][lane];
+            let prepared_20 = prepared[20][lane];
+            let prepared_21 = prepared[21][lane];
+            let prepared_22 = prepared[22][lane];
+            let prepared_23 = prepared[23][lane];
             let &[track_offset_x, track_offset_y, track_offset_z, track_rotation_x,
             track_rotation_y, track_rotation_z, frame_translation_x, frame_translation_y,
             frame_translation_z, frame_rotation_x, frame_rotation_y, frame_rotation_z,
@@ -3321,141 +3428,126 @@ pub mod piecewise {
             let t520 = cos_frame_rotation_z * t515 - sin_frame_rotation_z * t508;
             let t521 = sin_frame_rotation_z * t515 + cos_frame_rotation_z * t508;
             let t605 = -sin_frame_rotation_y;
-            residuals
-                .copy_from_slice(
-                    &[
-                        t520 + frame_translation_x - x,
-                        t521 + frame_translation_y - y,
-                        t514 + frame_translation_z - z,
-                        0.5
-                            * (prepared_10 * t245 - prepared_6 * t252 - prepared_8 * t228
-                                + prepared_17 * t197 + prepared_7 * t204
-                                + prepared_19 * t221),
-                        0.5
-                            * (prepared_6 * t251 - prepared_9 * t245 + prepared_18 * t221
-                                - prepared_7 * t203 - prepared_16 * t197
-                                + prepared_8 * t227),
-                        0.5
-                            * (prepared_9 * t252 - prepared_10 * t251
-                                - prepared_19 * t227 + prepared_16 * t204
-                                - prepared_17 * t203 - prepared_18 * t228),
-                    ],
-                );
-            jacobian
-                .copy_from_slice(
-                    &[
-                        t18, t25, t26,
-                        (t33 * sin_track_rotation_y + t26 * cos_track_rotation_y) * t161
-                            - (t25 * cos_track_rotation_z - t18 * sin_track_rotation_z)
-                                * t162,
-                        t33 * t167 - t26 * t168,
-                        t25 * t173 - t18 * t174,
-                        1.0,
-                        t17 * t508 + sin_frame_rotation_z * t509,
-                        cos_frame_rotation_z * t514,
-                        -t521, t18, t25, t26, t43, t48, t49,
-                        (sin_track_rotation_y * t54 + cos_track_rotation_y * t49) * t161
-                            - (cos_track_rotation_z * t48 - sin_track_rotation_z * t43)
-                                * t162,
-                        t54 * t167 - t49 * t168,
-                        t48 * t173 - t43 * t174,
-                        1.0,
-                        t42 * t508 - cos_frame_rotation_z * t509,
-                        sin_frame_rotation_z * t514,
-                        t520, t43, t48, t49, t605, t59, t60,
-                        (sin_track_rotation_y * t65 + cos_track_rotation_y * t60) * t161
-                            - (cos_track_rotation_z * t59
-                                + sin_frame_rotation_y * sin_track_rotation_z) * t162,
-                        t65 * t167 - t60 * t168,
-                        t59 * t173 + sin_frame_rotation_y * t174,
-                        1.0,
-                        cos_frame_rotation_y * t508,
-                        -t515, t605, t59, t60,
-                        t76 * t239 + t71 * t240 + t215 * t296 + t85 * t216 + t191 * t316
-                            - t91 * t192,
-                        t90 * t197 - t70 * t245 - prepared_12 * t246 - t84 * t221
-                            - t222 * prepared_20 - t198 * prepared_21,
-                        prepared_14 * t203 - prepared_11 * t251 - prepared_13 * t227,
-                        cos_target_rotation_x
-                            * (sin_target_rotation_y * t336 - cos_target_rotation_z * t82
-                                - sin_target_rotation_z * t77
-                                + cos_target_rotation_y * t303)
-                            - sin_target_rotation_x
-                                * (sin_target_rotation_y * t100
-                                    + cos_target_rotation_y * t83 + cos_target_rotation_z * t302
-                                    + sin_target_rotation_z * t297),
-                        cos_target_rotation_y
-                            * (sin_frame_rotation_x * t91 + cos_target_rotation_x * t100
-                                + sin_target_rotation_x * t336
-                                - cos_frame_rotation_x * t316)
-                            - sin_target_rotation_y
-                                * (cos_target_rotation_x * t83
-                                    + sin_target_rotation_x * t303
-                                    + sin_target_rotation_z * t327
-                                    + cos_target_rotation_z * t317),
-                        t82 * t185 + t77 * t186 + t179 * t302 + t180 * t297
-                            + cos_target_rotation_y
-                                * (cos_target_rotation_z * t327
-                                    - sin_target_rotation_z * t317),
-                        t109 * t239 + t70 * t240 + t215 * t366 + t84 * t216 - t191 * t386
-                            - t90 * t192,
-                        t71 * t245 + prepared_15 * t246 + t85 * t221 - t222 * prepared_22
-                            - t91 * t197 + t198 * prepared_23,
-                        prepared_14 * t204 - prepared_11 * t252 - prepared_13 * t228,
-                        cos_target_rotation_x
-                            * (cos_target_rotation_y * t373
-                                + sin_target_rotation_y * t406
-                                + sin_target_rotation_z * t110
-                                - cos_target_rotation_z * t115)
-                            - sin_target_rotation_x
-                                * (sin_target_rotation_y * t129
-                                    + cos_target_rotation_y * t116
-                                    + cos_target_rotation_z * t372
-                                    - sin_target_rotation_z * t367),
-                        cos_target_rotation_y
-                            * (sin_target_rotation_x * t406
-                                + cos_target_rotation_x * t129 + sin_frame_rotation_x * t90
-                                + cos_frame_rotation_x * t386)
-                            - sin_target_rotation_y
-                                * (cos_target_rotation_x * t116
-                                    + sin_target_rotation_x * t373
-                                    + sin_target_rotation_z * t397
-                                    + cos_target_rotation_z * t387),
-                        t115 * t185 - t110 * t186 + t179 * t372 - t180 * t367
-                            + cos_target_rotation_y
-                                * (cos_target_rotation_z * t397
-                                    - sin_target_rotation_z * t387),
-                        t140 * t239 - t139 * t240 - t215 * t434 - t216 * t433
-                            + t191 * t458 - t192 * t457,
-                        t138 * t245 - t221 * t432 + t197 * t456,
-                        prepared_15 * t251 + prepared_12 * t252 - t227 * prepared_22
-                            + t228 * prepared_20 + t203 * prepared_23
-                            + t204 * prepared_21,
-                        cos_target_rotation_x
-                            * (sin_target_rotation_y * t483
-                                - cos_target_rotation_y * t444
-                                + sin_target_rotation_z * t141
-                                - cos_target_rotation_z * t146)
-                            - sin_target_rotation_x
-                                * (sin_target_rotation_y * t152
-                                    + cos_target_rotation_y * t147
-                                    + cos_target_rotation_z * t443
-                                    + sin_target_rotation_z * t435),
-                        cos_target_rotation_y
-                            * (sin_frame_rotation_x * t457 + cos_target_rotation_x * t152
-                                + sin_target_rotation_x * t483
-                                - cos_frame_rotation_x * t458)
-                            - sin_target_rotation_y
-                                * (cos_target_rotation_x * t147
-                                    - sin_target_rotation_x * t444
-                                    + sin_target_rotation_z * t474
-                                    + cos_target_rotation_z * t459),
-                        t146 * t185 - t141 * t186 + t179 * t443 + t180 * t435
-                            + cos_target_rotation_y
-                                * (cos_target_rotation_z * t474
-                                    - sin_target_rotation_z * t459),
-                    ],
-                );
+            residuals[0][lane] = t520 + frame_translation_x - x;
+            residuals[1][lane] = t521 + frame_translation_y - y;
+            residuals[2][lane] = t514 + frame_translation_z - z;
+            residuals[3][lane] = 0.5
+                * (prepared_10 * t245 - prepared_6 * t252 - prepared_8 * t228
+                    + prepared_17 * t197 + prepared_7 * t204 + prepared_19 * t221);
+            residuals[4][lane] = 0.5
+                * (prepared_6 * t251 - prepared_9 * t245 + prepared_18 * t221
+                    - prepared_7 * t203 - prepared_16 * t197 + prepared_8 * t227);
+            residuals[5][lane] = 0.5
+                * (prepared_9 * t252 - prepared_10 * t251 - prepared_19 * t227
+                    + prepared_16 * t204 - prepared_17 * t203 - prepared_18 * t228);
+            jacobian[0][lane] = t18;
+            jacobian[1][lane] = t25;
+            jacobian[2][lane] = t26;
+            jacobian[3][lane] = (t33 * sin_track_rotation_y + t26 * cos_track_rotation_y)
+                * t161
+                - (t25 * cos_track_rotation_z - t18 * sin_track_rotation_z) * t162;
+            jacobian[4][lane] = t33 * t167 - t26 * t168;
+            jacobian[5][lane] = t25 * t173 - t18 * t174;
+            jacobian[6][lane] = 1.0;
+            jacobian[7][lane] = t17 * t508 + sin_frame_rotation_z * t509;
+            jacobian[8][lane] = cos_frame_rotation_z * t514;
+            jacobian[9][lane] = -t521;
+            jacobian[10][lane] = t18;
+            jacobian[11][lane] = t25;
+            jacobian[12][lane] = t26;
+            jacobian[13][lane] = t43;
+            jacobian[14][lane] = t48;
+            jacobian[15][lane] = t49;
+            jacobian[16][lane] = (sin_track_rotation_y * t54
+                + cos_track_rotation_y * t49) * t161
+                - (cos_track_rotation_z * t48 - sin_track_rotation_z * t43) * t162;
+            jacobian[17][lane] = t54 * t167 - t49 * t168;
+            jacobian[18][lane] = t48 * t173 - t43 * t174;
+            jacobian[19][lane] = 1.0;
+            jacobian[20][lane] = t42 * t508 - cos_frame_rotation_z * t509;
+            jacobian[21][lane] = sin_frame_rotation_z * t514;
+            jacobian[22][lane] = t520;
+            jacobian[23][lane] = t43;
+            jacobian[24][lane] = t48;
+            jacobian[25][lane] = t49;
+            jacobian[26][lane] = t605;
+            jacobian[27][lane] = t59;
+            jacobian[28][lane] = t60;
+            jacobian[29][lane] = (sin_track_rotation_y * t65
+                + cos_track_rotation_y * t60) * t161
+                - (cos_track_rotation_z * t59
+                    + sin_frame_rotation_y * sin_track_rotation_z) * t162;
+            jacobian[30][lane] = t65 * t167 - t60 * t168;
+            jacobian[31][lane] = t59 * t173 + sin_frame_rotation_y * t174;
+            jacobian[32][lane] = 1.0;
+            jacobian[33][lane] = cos_frame_rotation_y * t508;
+            jacobian[34][lane] = -t515;
+            jacobian[35][lane] = t605;
+            jacobian[36][lane] = t59;
+            jacobian[37][lane] = t60;
+            jacobian[38][lane] = t76 * t239 + t71 * t240 + t215 * t296 + t85 * t216
+                + t191 * t316 - t91 * t192;
+            jacobian[39][lane] = t90 * t197 - t70 * t245 - prepared_12 * t246
+                - t84 * t221 - t222 * prepared_20 - t198 * prepared_21;
+            jacobian[40][lane] = prepared_14 * t203 - prepared_11 * t251
+                - prepared_13 * t227;
+            jacobian[41][lane] = cos_target_rotation_x
+                * (sin_target_rotation_y * t336 - cos_target_rotation_z * t82
+                    - sin_target_rotation_z * t77 + cos_target_rotation_y * t303)
+                - sin_target_rotation_x
+                    * (sin_target_rotation_y * t100 + cos_target_rotation_y * t83
+                        + cos_target_rotation_z * t302 + sin_target_rotation_z * t297);
+            jacobian[42][lane] = cos_target_rotation_y
+                * (sin_frame_rotation_x * t91 + cos_target_rotation_x * t100
+                    + sin_target_rotation_x * t336 - cos_frame_rotation_x * t316)
+                - sin_target_rotation_y
+                    * (cos_target_rotation_x * t83 + sin_target_rotation_x * t303
+                        + sin_target_rotation_z * t327 + cos_target_rotation_z * t317);
+            jacobian[43][lane] = t82 * t185 + t77 * t186 + t179 * t302 + t180 * t297
+                + cos_target_rotation_y
+                    * (cos_target_rotation_z * t327 - sin_target_rotation_z * t317);
+            jacobian[44][lane] = t109 * t239 + t70 * t240 + t215 * t366 + t84 * t216
+                - t191 * t386 - t90 * t192;
+            jacobian[45][lane] = t71 * t245 + prepared_15 * t246 + t85 * t221
+                - t222 * prepared_22 - t91 * t197 + t198 * prepared_23;
+            jacobian[46][lane] = prepared_14 * t204 - prepared_11 * t252
+                - prepared_13 * t228;
+            jacobian[47][lane] = cos_target_rotation_x
+                * (cos_target_rotation_y * t373 + sin_target_rotation_y * t406
+                    + sin_target_rotation_z * t110 - cos_target_rotation_z * t115)
+                - sin_target_rotation_x
+                    * (sin_target_rotation_y * t129 + cos_target_rotation_y * t116
+                        + cos_target_rotation_z * t372 - sin_target_rotation_z * t367);
+            jacobian[48][lane] = cos_target_rotation_y
+                * (sin_target_rotation_x * t406 + cos_target_rotation_x * t129
+                    + sin_frame_rotation_x * t90 + cos_frame_rotation_x * t386)
+                - sin_target_rotation_y
+                    * (cos_target_rotation_x * t116 + sin_target_rotation_x * t373
+                        + sin_target_rotation_z * t397 + cos_target_rotation_z * t387);
+            jacobian[49][lane] = t115 * t185 - t110 * t186 + t179 * t372 - t180 * t367
+                + cos_target_rotation_y
+                    * (cos_target_rotation_z * t397 - sin_target_rotation_z * t387);
+            jacobian[50][lane] = t140 * t239 - t139 * t240 - t215 * t434 - t216 * t433
+                + t191 * t458 - t192 * t457;
+            jacobian[51][lane] = t138 * t245 - t221 * t432 + t197 * t456;
+            jacobian[52][lane] = prepared_15 * t251 + prepared_12 * t252
+                - t227 * prepared_22 + t228 * prepared_20 + t203 * prepared_23
+                + t204 * prepared_21;
+            jacobian[53][lane] = cos_target_rotation_x
+                * (sin_target_rotation_y * t483 - cos_target_rotation_y * t444
+                    + sin_target_rotation_z * t141 - cos_target_rotation_z * t146)
+                - sin_target_rotation_x
+                    * (sin_target_rotation_y * t152 + cos_target_rotation_y * t147
+                        + cos_target_rotation_z * t443 + sin_target_rotation_z * t435);
+            jacobian[54][lane] = cos_target_rotation_y
+                * (sin_frame_rotation_x * t457 + cos_target_rotation_x * t152
+                    + sin_target_rotation_x * t483 - cos_frame_rotation_x * t458)
+                - sin_target_rotation_y
+                    * (cos_target_rotation_x * t147 - sin_target_rotation_x * t444
+                        + sin_target_rotation_z * t474 + cos_target_rotation_z * t459);
+            jacobian[55][lane] = t146 * t185 - t141 * t186 + t179 * t443 + t180 * t435
+                + cos_target_rotation_y
+                    * (cos_target_rotation_z * t474 - sin_target_rotation_z * t459);
         }
     }
     /// `F·(C(q) + A(q)·m) + t − x`
@@ -3469,25 +3561,22 @@ pub mod piecewise {
     /// With the Jacobian: 144 operations (48 additions, 81 multiplications, 3 negations, 12 functions).
     #[derive(Debug, Clone, Copy)]
     pub struct CartPosition;
-    impl ResidualFamily for CartPosition {
-        fn shape(&self) -> Shape {
-            Shape {
-                data: 12,
-                prepared: 6,
-                parameters: 15,
-                residuals: 3,
-            }
-        }
-        fn pattern(&self) -> Pattern<'_> {
-            Pattern {
-                row_starts: &[0, 13, 26, 38],
-                columns: &[
-                    0, 1, 2, 3, 4, 5, 6, 9, 10, 11, 12, 13, 14, 0, 1, 2, 3, 4, 5, 7, 9,
-                    10, 11, 12, 13, 14, 0, 1, 2, 3, 4, 5, 8, 9, 10, 12, 13, 14,
-                ],
-            }
-        }
-        fn prepare(&self, data: &[f64], prepared: &mut [f64]) {
+    impl Formulas for CartPosition {
+        const SHAPE: Shape = Shape {
+            data: 12,
+            prepared: 6,
+            parameters: 15,
+            residuals: 3,
+        };
+        const PATTERN: Pattern<'static> = Pattern {
+            row_starts: &[0, 13, 26, 38],
+            columns: &[
+                0, 1, 2, 3, 4, 5, 6, 9, 10, 11, 12, 13, 14, 0, 1, 2, 3, 4, 5, 7, 9, 10,
+                11, 12, 13, 14, 0, 1, 2, 3, 4, 5, 8, 9, 10, 12, 13, 14,
+            ],
+        };
+        #[inline(always)]
+        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
             let &[q, x, y, z, segment_start_x, segment_start_y, segment_start_z,
             segment_end_x, segment_end_y, segment_end_z, segment_start_q, segment_end_q,
             ] = data else { panic!("`data` must hold 12 numbers") };
@@ -3499,12 +3588,26 @@ pub mod piecewise {
             let point_x = segment_start_x + t2 * slope_x;
             let point_y = segment_start_y + t2 * slope_y;
             let point_z = segment_start_z + t2 * slope_z;
-            prepared.copy_from_slice(&[point_x, point_y, point_z, x, y, z]);
+            prepared[0][lane] = point_x;
+            prepared[1][lane] = point_y;
+            prepared[2][lane] = point_z;
+            prepared[3][lane] = x;
+            prepared[4][lane] = y;
+            prepared[5][lane] = z;
         }
-        fn value(&self, prepared: &[f64], parameters: &[f64], residuals: &mut [f64]) {
-            let &[point_x, point_y, point_z, x, y, z] = prepared else {
-                panic!("`prepared` must hold 6 numbers")
-            };
+        #[inline(always)]
+        fn value<S: Samples>(
+            lane: usize,
+            prepared: &[S],
+            parameters: &[f64],
+            residuals: &mut [S],
+        ) {
+            let point_x = prepared[0][lane];
+            let point_y = prepared[1][lane];
+            let point_z = prepared[2][lane];
+            let x = prepared[3][lane];
+            let y = prepared[4][lane];
+            let z = prepared[5][lane];
             let &[track_offset_x, track_offset_y, track_offset_z, track_rotation_x,
             track_rotation_y, track_rotation_z, frame_translation_x, frame_translation_y,
             frame_translation_z, frame_rotation_x, frame_rotation_y, frame_rotation_z,
@@ -3541,28 +3644,27 @@ pub mod piecewise {
             let t41 = cos_frame_rotation_x * t33 - sin_frame_rotation_x * t36;
             let t42 = sin_frame_rotation_x * t33 + cos_frame_rotation_x * t36;
             let t47 = sin_frame_rotation_y * t42 + cos_frame_rotation_y * t30;
-            residuals
-                .copy_from_slice(
-                    &[
-                        cos_frame_rotation_z * t47 - sin_frame_rotation_z * t41
-                            + frame_translation_x - x,
-                        sin_frame_rotation_z * t47 + cos_frame_rotation_z * t41
-                            + frame_translation_y - y,
-                        cos_frame_rotation_y * t42 - sin_frame_rotation_y * t30
-                            + frame_translation_z - z,
-                    ],
-                );
+            residuals[0][lane] = cos_frame_rotation_z * t47 - sin_frame_rotation_z * t41
+                + frame_translation_x - x;
+            residuals[1][lane] = sin_frame_rotation_z * t47 + cos_frame_rotation_z * t41
+                + frame_translation_y - y;
+            residuals[2][lane] = cos_frame_rotation_y * t42 - sin_frame_rotation_y * t30
+                + frame_translation_z - z;
         }
-        fn linearize(
-            &self,
-            prepared: &[f64],
+        #[inline(always)]
+        fn linearize<S: Samples>(
+            lane: usize,
+            prepared: &[S],
             parameters: &[f64],
-            residuals: &mut [f64],
-            jacobian: &mut [f64],
+            residuals: &mut [S],
+            jacobian: &mut [S],
         ) {
-            let &[point_x, point_y, point_z, x, y, z] = prepared else {
-                panic!("`prepared` must hold 6 numbers")
-            };
+            let point_x = prepared[0][lane];
+            let point_y = prepared[1][lane];
+            let point_z = prepared[2][lane];
+            let x = prepared[3][lane];
+            let y = prepared[4][lane];
+            let z = prepared[5][lane];
             let &[track_offset_x, track_offset_y, track_offset_z, track_rotation_x,
             track_rotation_y, track_rotation_z, frame_translation_x, frame_translation_y,
             frame_translation_z, frame_rotation_x, frame_rotation_y, frame_rotation_z,
@@ -3621,46 +3723,53 @@ pub mod piecewise {
             let t125 = cos_frame_rotation_z * t120 - sin_frame_rotation_z * t113;
             let t126 = sin_frame_rotation_z * t120 + cos_frame_rotation_z * t113;
             let t143 = -sin_frame_rotation_y;
-            residuals
-                .copy_from_slice(
-                    &[
-                        t125 + frame_translation_x - x,
-                        t126 + frame_translation_y - y,
-                        t119 + frame_translation_z - z,
-                    ],
-                );
-            jacobian
-                .copy_from_slice(
-                    &[
-                        t6, t13, t14,
-                        (t21 * sin_track_rotation_y + t14 * cos_track_rotation_y) * t62
-                            - (t13 * cos_track_rotation_z - t6 * sin_track_rotation_z)
-                                * t63,
-                        t21 * t68 - t14 * t69,
-                        t13 * t74 - t6 * t75,
-                        1.0,
-                        t5 * t113 + sin_frame_rotation_z * t114,
-                        cos_frame_rotation_z * t119,
-                        -t126, t6, t13, t14, t31, t36, t37,
-                        (sin_track_rotation_y * t42 + cos_track_rotation_y * t37) * t62
-                            - (cos_track_rotation_z * t36 - sin_track_rotation_z * t31)
-                                * t63,
-                        t42 * t68 - t37 * t69,
-                        t36 * t74 - t31 * t75,
-                        1.0,
-                        t30 * t113 - cos_frame_rotation_z * t114,
-                        sin_frame_rotation_z * t119,
-                        t125, t31, t36, t37, t143, t47, t48,
-                        (sin_track_rotation_y * t53 + cos_track_rotation_y * t48) * t62
-                            - (cos_track_rotation_z * t47
-                                + sin_frame_rotation_y * sin_track_rotation_z) * t63,
-                        t53 * t68 - t48 * t69,
-                        t47 * t74 + sin_frame_rotation_y * t75,
-                        1.0,
-                        cos_frame_rotation_y * t113,
-                        -t120, t143, t47, t48,
-                    ],
-                );
+            residuals[0][lane] = t125 + frame_translation_x - x;
+            residuals[1][lane] = t126 + frame_translation_y - y;
+            residuals[2][lane] = t119 + frame_translation_z - z;
+            jacobian[0][lane] = t6;
+            jacobian[1][lane] = t13;
+            jacobian[2][lane] = t14;
+            jacobian[3][lane] = (t21 * sin_track_rotation_y + t14 * cos_track_rotation_y)
+                * t62 - (t13 * cos_track_rotation_z - t6 * sin_track_rotation_z) * t63;
+            jacobian[4][lane] = t21 * t68 - t14 * t69;
+            jacobian[5][lane] = t13 * t74 - t6 * t75;
+            jacobian[6][lane] = 1.0;
+            jacobian[7][lane] = t5 * t113 + sin_frame_rotation_z * t114;
+            jacobian[8][lane] = cos_frame_rotation_z * t119;
+            jacobian[9][lane] = -t126;
+            jacobian[10][lane] = t6;
+            jacobian[11][lane] = t13;
+            jacobian[12][lane] = t14;
+            jacobian[13][lane] = t31;
+            jacobian[14][lane] = t36;
+            jacobian[15][lane] = t37;
+            jacobian[16][lane] = (sin_track_rotation_y * t42
+                + cos_track_rotation_y * t37) * t62
+                - (cos_track_rotation_z * t36 - sin_track_rotation_z * t31) * t63;
+            jacobian[17][lane] = t42 * t68 - t37 * t69;
+            jacobian[18][lane] = t36 * t74 - t31 * t75;
+            jacobian[19][lane] = 1.0;
+            jacobian[20][lane] = t30 * t113 - cos_frame_rotation_z * t114;
+            jacobian[21][lane] = sin_frame_rotation_z * t119;
+            jacobian[22][lane] = t125;
+            jacobian[23][lane] = t31;
+            jacobian[24][lane] = t36;
+            jacobian[25][lane] = t37;
+            jacobian[26][lane] = t143;
+            jacobian[27][lane] = t47;
+            jacobian[28][lane] = t48;
+            jacobian[29][lane] = (sin_track_rotation_y * t53
+                + cos_track_rotation_y * t48) * t62
+                - (cos_track_rotation_z * t47
+                    + sin_frame_rotation_y * sin_track_rotation_z) * t63;
+            jacobian[30][lane] = t53 * t68 - t48 * t69;
+            jacobian[31][lane] = t47 * t74 + sin_frame_rotation_y * t75;
+            jacobian[32][lane] = 1.0;
+            jacobian[33][lane] = cos_frame_rotation_y * t113;
+            jacobian[34][lane] = -t120;
+            jacobian[35][lane] = t143;
+            jacobian[36][lane] = t47;
+            jacobian[37][lane] = t48;
         }
     }
 }
@@ -3669,8 +3778,9 @@ pub mod piecewise {
 pub mod full {
     #[allow(unused_imports, reason = "one list for all modules")]
     use ::tau_runtime::{
-        Arm, Cluster, EffectUse, Input, Instance, Link, Owner, Parameter, Pattern,
-        ResidualFamily, ResidualKind, Robot, Shape, TrackModel, TrackShape, Variant, math,
+        Arm, Cluster, EffectUse, Formulas, Input, Instance, Link, Owner, Parameter,
+        Pattern, ResidualKind, Robot, Samples, Shape, TrackModel, TrackShape, Variant,
+        math,
     };
     /// Tables of the variant `Full` of `GantryTau`.
     pub const VARIANT: Variant = Variant {
@@ -4537,22 +4647,19 @@ pub mod full {
     /// With the Jacobian: 56 operations (24 additions, 32 multiplications).
     #[derive(Debug, Clone, Copy)]
     pub struct Closure;
-    impl ResidualFamily for Closure {
-        fn shape(&self) -> Shape {
-            Shape {
-                data: 7,
-                prepared: 13,
-                parameters: 10,
-                residuals: 1,
-            }
-        }
-        fn pattern(&self) -> Pattern<'_> {
-            Pattern {
-                row_starts: &[0, 10],
-                columns: &[0, 1, 2, 3, 4, 5, 6, 7, 8, 9],
-            }
-        }
-        fn prepare(&self, data: &[f64], prepared: &mut [f64]) {
+    impl Formulas for Closure {
+        const SHAPE: Shape = Shape {
+            data: 7,
+            prepared: 13,
+            parameters: 10,
+            residuals: 1,
+        };
+        const PATTERN: Pattern<'static> = Pattern {
+            row_starts: &[0, 10],
+            columns: &[0, 1, 2, 3, 4, 5, 6, 7, 8, 9],
+        };
+        #[inline(always)]
+        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
             let &[q, x, y, z, alpha, beta, gamma] = data else {
                 panic!("`data` must hold 7 numbers")
             };
@@ -4570,19 +4677,40 @@ pub mod full {
             let prepared_11 = t8 * cos_alpha + cos_gamma * sin_alpha;
             let r_yy = cos_gamma * cos_alpha - t8 * sin_alpha;
             let r_zz_2 = -r_zz;
-            prepared
-                .copy_from_slice(
-                    &[
-                        x, y, z, q, r_zz_2, prepared_5, r_zy, r_xz, r_yz, r_xx, r_yx, prepared_11,
-                        r_yy,
-                    ],
-                );
+            prepared[0][lane] = x;
+            prepared[1][lane] = y;
+            prepared[2][lane] = z;
+            prepared[3][lane] = q;
+            prepared[4][lane] = r_zz_2;
+            prepared[5][lane] = prepared_5;
+            prepared[6][lane] = r_zy;
+            prepared[7][lane] = r_xz;
+            prepared[8][lane] = r_yz;
+            prepared[9][lane] = r_xx;
+            prepared[10][lane] = r_yx;
+            prepared[11][lane] = prepared_11;
+            prepared[12][lane] = r_yy;
         }
-        fn value(&self, prepared: &[f64], parameters: &[f64], residuals: &mut [f64]) {
-            let &[x, y, z, q, r_zz, prepared_5, r_zy, r_xz, r_yz, r_xx, r_yx,
-            prepared_11, r_yy] = prepared else {
-                panic!("`prepared` must hold 13 numbers")
-            };
+        #[inline(always)]
+        fn value<S: Samples>(
+            lane: usize,
+            prepared: &[S],
+            parameters: &[f64],
+            residuals: &mut [S],
+        ) {
+            let x = prepared[0][lane];
+            let y = prepared[1][lane];
+            let z = prepared[2][lane];
+            let q = prepared[3][lane];
+            let r_zz = prepared[4][lane];
+            let prepared_5 = prepared[5][lane];
+            let r_zy = prepared[6][lane];
+            let r_xz = prepared[7][lane];
+            let r_yz = prepared[8][lane];
+            let r_xx = prepared[9][lane];
+            let r_yx = prepared[10][lane];
+            let prepared_11 = prepared[11][lane];
+            let r_yy = prepared[12][lane];
             let &[length, plate_joint_x, plate_joint_y, plate_joint_z, track_offset_x,
             track_offset_y, track_offset_z, track_direction_x, track_direction_y,
             track_direction_z] = parameters else {
@@ -4596,19 +4724,29 @@ pub mod full {
                 + plate_joint_z * r_yz + y - track_offset_y - q * track_direction_y;
             let residual = length * length - rod_z * rod_z - rod_x * rod_x
                 - rod_y * rod_y;
-            residuals.copy_from_slice(&[residual]);
+            residuals[0][lane] = residual;
         }
-        fn linearize(
-            &self,
-            prepared: &[f64],
+        #[inline(always)]
+        fn linearize<S: Samples>(
+            lane: usize,
+            prepared: &[S],
             parameters: &[f64],
-            residuals: &mut [f64],
-            jacobian: &mut [f64],
+            residuals: &mut [S],
+            jacobian: &mut [S],
         ) {
-            let &[x, y, z, q, r_zz, prepared_5, r_zy, r_xz, r_yz, r_xx, r_yx,
-            prepared_11, r_yy] = prepared else {
-                panic!("`prepared` must hold 13 numbers")
-            };
+            let x = prepared[0][lane];
+            let y = prepared[1][lane];
+            let z = prepared[2][lane];
+            let q = prepared[3][lane];
+            let r_zz = prepared[4][lane];
+            let prepared_5 = prepared[5][lane];
+            let r_zy = prepared[6][lane];
+            let r_xz = prepared[7][lane];
+            let r_yz = prepared[8][lane];
+            let r_xx = prepared[9][lane];
+            let r_yx = prepared[10][lane];
+            let prepared_11 = prepared[11][lane];
+            let r_yy = prepared[12][lane];
             let &[length, plate_joint_x, plate_joint_y, plate_joint_z, track_offset_x,
             track_offset_y, track_offset_z, track_direction_x, track_direction_y,
             track_direction_z] = parameters else {
@@ -4625,20 +4763,17 @@ pub mod full {
                 - rod_y * rod_y;
             let t41 = 2.0 * rod_y;
             let t42 = 2.0 * rod_x;
-            residuals.copy_from_slice(&[residual]);
-            jacobian
-                .copy_from_slice(
-                    &[
-                        length * 2.0,
-                        prepared_5 * t21 - r_yx * t41 - r_xx * t42,
-                        prepared_11 * t42 - r_zy * t21 - r_yy * t41,
-                        r_zz * t21 - r_yz * t41 - r_xz * t42,
-                        t42, t41, t21,
-                        q * t42,
-                        q * t41,
-                        q * t21,
-                    ],
-                );
+            residuals[0][lane] = residual;
+            jacobian[0][lane] = length * 2.0;
+            jacobian[1][lane] = prepared_5 * t21 - r_yx * t41 - r_xx * t42;
+            jacobian[2][lane] = prepared_11 * t42 - r_zy * t21 - r_yy * t41;
+            jacobian[3][lane] = r_zz * t21 - r_yz * t41 - r_xz * t42;
+            jacobian[4][lane] = t42;
+            jacobian[5][lane] = t41;
+            jacobian[6][lane] = t21;
+            jacobian[7][lane] = q * t42;
+            jacobian[8][lane] = q * t41;
+            jacobian[9][lane] = q * t21;
         }
     }
     /// `L² − ‖T + R·P − C(q)‖², R = Rz(alpha)·Ry(beta)·Rz(gamma)`
@@ -4652,27 +4787,26 @@ pub mod full {
     /// With the Jacobian: 61 operations (23 additions, 31 multiplications, 1 negation, 6 functions).
     #[derive(Debug, Clone, Copy)]
     pub struct ClosureByPoseL1;
-    impl ResidualFamily for ClosureByPoseL1 {
-        fn shape(&self) -> Shape {
-            Shape {
-                data: 0,
-                prepared: 0,
-                parameters: 19,
-                residuals: 1,
-            }
-        }
-        fn pattern(&self) -> Pattern<'_> {
-            Pattern {
-                row_starts: &[0, 7],
-                columns: &[0, 1, 2, 3, 4, 5, 6],
-            }
-        }
-        fn prepare(&self, data: &[f64], prepared: &mut [f64]) {
-            assert!(data.len() == 0, "`data` must hold 0 numbers");
-            prepared.copy_from_slice(&[]);
-        }
-        fn value(&self, prepared: &[f64], parameters: &[f64], residuals: &mut [f64]) {
-            assert!(prepared.len() == 0, "`prepared` must hold 0 numbers");
+    impl Formulas for ClosureByPoseL1 {
+        const SHAPE: Shape = Shape {
+            data: 0,
+            prepared: 0,
+            parameters: 19,
+            residuals: 1,
+        };
+        const PATTERN: Pattern<'static> = Pattern {
+            row_starts: &[0, 7],
+            columns: &[0, 1, 2, 3, 4, 5, 6],
+        };
+        #[inline(always)]
+        fn prepare<S: Samples>(_lane: usize, _data: &[f64], _prepared: &mut [S]) {}
+        #[inline(always)]
+        fn value<S: Samples>(
+            lane: usize,
+            _prepared: &[S],
+            parameters: &[f64],
+            residuals: &mut [S],
+        ) {
             let &[x, y, z, alpha, beta, gamma, q1, _, _, length, plate_joint_x,
             plate_joint_y, plate_joint_z, track_offset_x, track_offset_y, track_offset_z,
             track_direction_x, track_direction_y, track_direction_z] = parameters else {
@@ -4692,16 +4826,16 @@ pub mod full {
                 - q1 * track_direction_z;
             let residual = length * length - rod_z * rod_z - rod_x * rod_x
                 - rod_y * rod_y;
-            residuals.copy_from_slice(&[residual]);
+            residuals[0][lane] = residual;
         }
-        fn linearize(
-            &self,
-            prepared: &[f64],
+        #[inline(always)]
+        fn linearize<S: Samples>(
+            lane: usize,
+            _prepared: &[S],
             parameters: &[f64],
-            residuals: &mut [f64],
-            jacobian: &mut [f64],
+            residuals: &mut [S],
+            jacobian: &mut [S],
         ) {
-            assert!(prepared.len() == 0, "`prepared` must hold 0 numbers");
             let &[x, y, z, alpha, beta, gamma, q1, _, _, length, plate_joint_x,
             plate_joint_y, plate_joint_z, track_offset_x, track_offset_y, track_offset_z,
             track_direction_x, track_direction_y, track_direction_z] = parameters else {
@@ -4724,18 +4858,15 @@ pub mod full {
             let t44 = -2.0 * rod_z;
             let t45 = -2.0 * rod_y;
             let t46 = 2.0 * rod_x;
-            residuals.copy_from_slice(&[residual]);
-            jacobian
-                .copy_from_slice(
-                    &[
-                        -t46, t45, t44,
-                        t28 * t44 + t19 * t45,
-                        t27 * t44 + t19 * t46,
-                        t28 * t46 - t27 * t45,
-                        track_direction_x * t46 - track_direction_z * t44
-                            - track_direction_y * t45,
-                    ],
-                );
+            residuals[0][lane] = residual;
+            jacobian[0][lane] = -t46;
+            jacobian[1][lane] = t45;
+            jacobian[2][lane] = t44;
+            jacobian[3][lane] = t28 * t44 + t19 * t45;
+            jacobian[4][lane] = t27 * t44 + t19 * t46;
+            jacobian[5][lane] = t28 * t46 - t27 * t45;
+            jacobian[6][lane] = track_direction_x * t46 - track_direction_z * t44
+                - track_direction_y * t45;
         }
     }
     /// `L² − ‖T + R·P − C(q)‖², R = Rz(alpha)·Ry(beta)·Rz(gamma)`
@@ -4749,27 +4880,26 @@ pub mod full {
     /// With the Jacobian: 61 operations (23 additions, 31 multiplications, 1 negation, 6 functions).
     #[derive(Debug, Clone, Copy)]
     pub struct ClosureByPoseL2a;
-    impl ResidualFamily for ClosureByPoseL2a {
-        fn shape(&self) -> Shape {
-            Shape {
-                data: 0,
-                prepared: 0,
-                parameters: 19,
-                residuals: 1,
-            }
-        }
-        fn pattern(&self) -> Pattern<'_> {
-            Pattern {
-                row_starts: &[0, 7],
-                columns: &[0, 1, 2, 3, 4, 5, 7],
-            }
-        }
-        fn prepare(&self, data: &[f64], prepared: &mut [f64]) {
-            assert!(data.len() == 0, "`data` must hold 0 numbers");
-            prepared.copy_from_slice(&[]);
-        }
-        fn value(&self, prepared: &[f64], parameters: &[f64], residuals: &mut [f64]) {
-            assert!(prepared.len() == 0, "`prepared` must hold 0 numbers");
+    impl Formulas for ClosureByPoseL2a {
+        const SHAPE: Shape = Shape {
+            data: 0,
+            prepared: 0,
+            parameters: 19,
+            residuals: 1,
+        };
+        const PATTERN: Pattern<'static> = Pattern {
+            row_starts: &[0, 7],
+            columns: &[0, 1, 2, 3, 4, 5, 7],
+        };
+        #[inline(always)]
+        fn prepare<S: Samples>(_lane: usize, _data: &[f64], _prepared: &mut [S]) {}
+        #[inline(always)]
+        fn value<S: Samples>(
+            lane: usize,
+            _prepared: &[S],
+            parameters: &[f64],
+            residuals: &mut [S],
+        ) {
             let &[x, y, z, alpha, beta, gamma, _, q2, _, length, plate_joint_x,
             plate_joint_y, plate_joint_z, track_offset_x, track_offset_y, track_offset_z,
             track_direction_x, track_direction_y, track_direction_z] = parameters else {
@@ -4789,16 +4919,16 @@ pub mod full {
                 - q2 * track_direction_z;
             let residual = length * length - rod_z * rod_z - rod_x * rod_x
                 - rod_y * rod_y;
-            residuals.copy_from_slice(&[residual]);
+            residuals[0][lane] = residual;
         }
-        fn linearize(
-            &self,
-            prepared: &[f64],
+        #[inline(always)]
+        fn linearize<S: Samples>(
+            lane: usize,
+            _prepared: &[S],
             parameters: &[f64],
-            residuals: &mut [f64],
-            jacobian: &mut [f64],
+            residuals: &mut [S],
+            jacobian: &mut [S],
         ) {
-            assert!(prepared.len() == 0, "`prepared` must hold 0 numbers");
             let &[x, y, z, alpha, beta, gamma, _, q2, _, length, plate_joint_x,
             plate_joint_y, plate_joint_z, track_offset_x, track_offset_y, track_offset_z,
             track_direction_x, track_direction_y, track_direction_z] = parameters else {
@@ -4821,18 +4951,15 @@ pub mod full {
             let t44 = -2.0 * rod_z;
             let t45 = -2.0 * rod_y;
             let t46 = 2.0 * rod_x;
-            residuals.copy_from_slice(&[residual]);
-            jacobian
-                .copy_from_slice(
-                    &[
-                        -t46, t45, t44,
-                        t28 * t44 + t19 * t45,
-                        t27 * t44 + t19 * t46,
-                        t28 * t46 - t27 * t45,
-                        track_direction_x * t46 - track_direction_z * t44
-                            - track_direction_y * t45,
-                    ],
-                );
+            residuals[0][lane] = residual;
+            jacobian[0][lane] = -t46;
+            jacobian[1][lane] = t45;
+            jacobian[2][lane] = t44;
+            jacobian[3][lane] = t28 * t44 + t19 * t45;
+            jacobian[4][lane] = t27 * t44 + t19 * t46;
+            jacobian[5][lane] = t28 * t46 - t27 * t45;
+            jacobian[6][lane] = track_direction_x * t46 - track_direction_z * t44
+                - track_direction_y * t45;
         }
     }
     /// `L² − ‖T + R·P − C(q)‖², R = Rz(alpha)·Ry(beta)·Rz(gamma)`
@@ -4846,27 +4973,26 @@ pub mod full {
     /// With the Jacobian: 61 operations (23 additions, 31 multiplications, 1 negation, 6 functions).
     #[derive(Debug, Clone, Copy)]
     pub struct ClosureByPoseL3a;
-    impl ResidualFamily for ClosureByPoseL3a {
-        fn shape(&self) -> Shape {
-            Shape {
-                data: 0,
-                prepared: 0,
-                parameters: 19,
-                residuals: 1,
-            }
-        }
-        fn pattern(&self) -> Pattern<'_> {
-            Pattern {
-                row_starts: &[0, 7],
-                columns: &[0, 1, 2, 3, 4, 5, 8],
-            }
-        }
-        fn prepare(&self, data: &[f64], prepared: &mut [f64]) {
-            assert!(data.len() == 0, "`data` must hold 0 numbers");
-            prepared.copy_from_slice(&[]);
-        }
-        fn value(&self, prepared: &[f64], parameters: &[f64], residuals: &mut [f64]) {
-            assert!(prepared.len() == 0, "`prepared` must hold 0 numbers");
+    impl Formulas for ClosureByPoseL3a {
+        const SHAPE: Shape = Shape {
+            data: 0,
+            prepared: 0,
+            parameters: 19,
+            residuals: 1,
+        };
+        const PATTERN: Pattern<'static> = Pattern {
+            row_starts: &[0, 7],
+            columns: &[0, 1, 2, 3, 4, 5, 8],
+        };
+        #[inline(always)]
+        fn prepare<S: Samples>(_lane: usize, _data: &[f64], _prepared: &mut [S]) {}
+        #[inline(always)]
+        fn value<S: Samples>(
+            lane: usize,
+            _prepared: &[S],
+            parameters: &[f64],
+            residuals: &mut [S],
+        ) {
             let &[x, y, z, alpha, beta, gamma, _, _, q3, length, plate_joint_x,
             plate_joint_y, plate_joint_z, track_offset_x, track_offset_y, track_offset_z,
             track_direction_x, track_direction_y, track_direction_z] = parameters else {
@@ -4886,16 +5012,16 @@ pub mod full {
                 - q3 * track_direction_z;
             let residual = length * length - rod_z * rod_z - rod_x * rod_x
                 - rod_y * rod_y;
-            residuals.copy_from_slice(&[residual]);
+            residuals[0][lane] = residual;
         }
-        fn linearize(
-            &self,
-            prepared: &[f64],
+        #[inline(always)]
+        fn linearize<S: Samples>(
+            lane: usize,
+            _prepared: &[S],
             parameters: &[f64],
-            residuals: &mut [f64],
-            jacobian: &mut [f64],
+            residuals: &mut [S],
+            jacobian: &mut [S],
         ) {
-            assert!(prepared.len() == 0, "`prepared` must hold 0 numbers");
             let &[x, y, z, alpha, beta, gamma, _, _, q3, length, plate_joint_x,
             plate_joint_y, plate_joint_z, track_offset_x, track_offset_y, track_offset_z,
             track_direction_x, track_direction_y, track_direction_z] = parameters else {
@@ -4918,18 +5044,15 @@ pub mod full {
             let t44 = -2.0 * rod_z;
             let t45 = -2.0 * rod_y;
             let t46 = 2.0 * rod_x;
-            residuals.copy_from_slice(&[residual]);
-            jacobian
-                .copy_from_slice(
-                    &[
-                        -t46, t45, t44,
-                        t28 * t44 + t19 * t45,
-                        t27 * t44 + t19 * t46,
-                        t28 * t46 - t27 * t45,
-                        track_direction_x * t46 - track_direction_z * t44
-                            - track_direction_y * t45,
-                    ],
-                );
+            residuals[0][lane] = residual;
+            jacobian[0][lane] = -t46;
+            jacobian[1][lane] = t45;
+            jacobian[2][lane] = t44;
+            jacobian[3][lane] = t28 * t44 + t19 * t45;
+            jacobian[4][lane] = t27 * t44 + t19 * t46;
+            jacobian[5][lane] = t28 * t46 - t27 * t45;
+            jacobian[6][lane] = track_direction_x * t46 - track_direction_z * t44
+                - track_direction_y * t45;
         }
     }
     /// `F·(C(q) + A(q)·m) + t − x; axial vector of F·A(q)·M·Rᵀ`
@@ -4943,29 +5066,26 @@ pub mod full {
     /// With the Jacobian: 1168 operations (462 additions, 653 multiplications, 21 divisions, 20 negations, 12 functions).
     #[derive(Debug, Clone, Copy)]
     pub struct CartPoseTwo;
-    impl ResidualFamily for CartPoseTwo {
-        fn shape(&self) -> Shape {
-            Shape {
-                data: 7,
-                prepared: 22,
-                parameters: 24,
-                residuals: 6,
-            }
-        }
-        fn pattern(&self) -> Pattern<'_> {
-            Pattern {
-                row_starts: &[0, 19, 38, 56, 74, 92, 110],
-                columns: &[
-                    0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 15, 16, 17, 18, 19, 20, 0,
-                    1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 13, 15, 16, 17, 18, 19, 20, 0, 1,
-                    2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 14, 15, 16, 18, 19, 20, 0, 1, 2, 3,
-                    4, 5, 6, 7, 8, 9, 10, 11, 15, 16, 17, 21, 22, 23, 0, 1, 2, 3, 4, 5,
-                    6, 7, 8, 9, 10, 11, 15, 16, 17, 21, 22, 23, 0, 1, 2, 3, 4, 5, 6, 7,
-                    8, 9, 10, 11, 15, 16, 17, 21, 22, 23,
-                ],
-            }
-        }
-        fn prepare(&self, data: &[f64], prepared: &mut [f64]) {
+    impl Formulas for CartPoseTwo {
+        const SHAPE: Shape = Shape {
+            data: 7,
+            prepared: 22,
+            parameters: 24,
+            residuals: 6,
+        };
+        const PATTERN: Pattern<'static> = Pattern {
+            row_starts: &[0, 19, 38, 56, 74, 92, 110],
+            columns: &[
+                0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 15, 16, 17, 18, 19, 20, 0, 1,
+                2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 13, 15, 16, 17, 18, 19, 20, 0, 1, 2, 3,
+                4, 5, 6, 7, 8, 9, 10, 11, 14, 15, 16, 18, 19, 20, 0, 1, 2, 3, 4, 5, 6, 7,
+                8, 9, 10, 11, 15, 16, 17, 21, 22, 23, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10,
+                11, 15, 16, 17, 21, 22, 23, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 15, 16,
+                17, 21, 22, 23,
+            ],
+        };
+        #[inline(always)]
+        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
             let &[q, x, y, z, alpha, beta, gamma] = data else {
                 panic!("`data` must hold 7 numbers")
             };
@@ -4991,20 +5111,49 @@ pub mod full {
             let prepared_19 = 0.5 * prepared_15;
             let prepared_20 = 0.5 * prepared_16;
             let prepared_21 = 0.5 * prepared_14;
-            prepared
-                .copy_from_slice(
-                    &[
-                        q, x, y, z, prepared_4, prepared_5, prepared_6, prepared_7, prepared_8,
-                        prepared_9, prepared_10, prepared_11, prepared_12, prepared_13, prepared_14,
-                        prepared_15, prepared_16, prepared_17, prepared_18, prepared_19,
-                        prepared_20, prepared_21,
-                    ],
-                );
+            prepared[0][lane] = q;
+            prepared[1][lane] = x;
+            prepared[2][lane] = y;
+            prepared[3][lane] = z;
+            prepared[4][lane] = prepared_4;
+            prepared[5][lane] = prepared_5;
+            prepared[6][lane] = prepared_6;
+            prepared[7][lane] = prepared_7;
+            prepared[8][lane] = prepared_8;
+            prepared[9][lane] = prepared_9;
+            prepared[10][lane] = prepared_10;
+            prepared[11][lane] = prepared_11;
+            prepared[12][lane] = prepared_12;
+            prepared[13][lane] = prepared_13;
+            prepared[14][lane] = prepared_14;
+            prepared[15][lane] = prepared_15;
+            prepared[16][lane] = prepared_16;
+            prepared[17][lane] = prepared_17;
+            prepared[18][lane] = prepared_18;
+            prepared[19][lane] = prepared_19;
+            prepared[20][lane] = prepared_20;
+            prepared[21][lane] = prepared_21;
         }
-        fn value(&self, prepared: &[f64], parameters: &[f64], residuals: &mut [f64]) {
-            let &[q, x, y, z, prepared_4, prepared_5, prepared_6, prepared_7, prepared_8,
-            _, _, _, _, _, prepared_14, prepared_15, prepared_16, prepared_17, _, _, _, _,
-            ] = prepared else { panic!("`prepared` must hold 22 numbers") };
+        #[inline(always)]
+        fn value<S: Samples>(
+            lane: usize,
+            prepared: &[S],
+            parameters: &[f64],
+            residuals: &mut [S],
+        ) {
+            let q = prepared[0][lane];
+            let x = prepared[1][lane];
+            let y = prepared[2][lane];
+            let z = prepared[3][lane];
+            let prepared_4 = prepared[4][lane];
+            let prepared_5 = prepared[5][lane];
+            let prepared_6 = prepared[6][lane];
+            let prepared_7 = prepared[7][lane];
+            let prepared_8 = prepared[8][lane];
+            let prepared_14 = prepared[14][lane];
+            let prepared_15 = prepared[15][lane];
+            let prepared_16 = prepared[16][lane];
+            let prepared_17 = prepared[17][lane];
             let &[joint1_track_offset_x, joint1_track_offset_y, joint1_track_offset_z,
             joint1_track_direction_x, joint1_track_direction_y, joint1_track_direction_z,
             joint2_track_offset_x, joint2_track_offset_y, joint2_track_offset_z,
@@ -5102,41 +5251,52 @@ pub mod full {
             let t206 = sin_frame_rotation_y * t200 + cos_frame_rotation_y * t190;
             let t211 = cos_frame_rotation_z * t206 - sin_frame_rotation_z * t199;
             let t212 = sin_frame_rotation_z * t206 + cos_frame_rotation_z * t199;
-            residuals
-                .copy_from_slice(
-                    &[
-                        cos_frame_rotation_z * t113 - sin_frame_rotation_z * t107
-                            + frame_translation_x - x,
-                        sin_frame_rotation_z * t113 + cos_frame_rotation_z * t107
-                            + frame_translation_y - y,
-                        cos_frame_rotation_y * t108 - sin_frame_rotation_y * t80
-                            + frame_translation_z - z,
-                        0.5
-                            * (prepared_15 * t137 - prepared_4 * t212 - prepared_6 * t178
-                                + prepared_5 * t144 + prepared_17 * t171
-                                + prepared_8 * t205),
-                        0.5
-                            * (prepared_16 * t171 - prepared_7 * t205 - prepared_5 * t143
-                                - prepared_14 * t137 + prepared_6 * t177
-                                + prepared_4 * t211),
-                        0.5
-                            * (prepared_14 * t144 - prepared_8 * t211
-                                - prepared_15 * t143 - prepared_16 * t178
-                                - prepared_17 * t177 + prepared_7 * t212),
-                    ],
-                );
+            residuals[0][lane] = cos_frame_rotation_z * t113
+                - sin_frame_rotation_z * t107 + frame_translation_x - x;
+            residuals[1][lane] = sin_frame_rotation_z * t113
+                + cos_frame_rotation_z * t107 + frame_translation_y - y;
+            residuals[2][lane] = cos_frame_rotation_y * t108 - sin_frame_rotation_y * t80
+                + frame_translation_z - z;
+            residuals[3][lane] = 0.5
+                * (prepared_15 * t137 - prepared_4 * t212 - prepared_6 * t178
+                    + prepared_5 * t144 + prepared_17 * t171 + prepared_8 * t205);
+            residuals[4][lane] = 0.5
+                * (prepared_16 * t171 - prepared_7 * t205 - prepared_5 * t143
+                    - prepared_14 * t137 + prepared_6 * t177 + prepared_4 * t211);
+            residuals[5][lane] = 0.5
+                * (prepared_14 * t144 - prepared_8 * t211 - prepared_15 * t143
+                    - prepared_16 * t178 - prepared_17 * t177 + prepared_7 * t212);
         }
-        fn linearize(
-            &self,
-            prepared: &[f64],
+        #[inline(always)]
+        fn linearize<S: Samples>(
+            lane: usize,
+            prepared: &[S],
             parameters: &[f64],
-            residuals: &mut [f64],
-            jacobian: &mut [f64],
+            residuals: &mut [S],
+            jacobian: &mut [S],
         ) {
-            let &[q, x, y, z, prepared_4, prepared_5, prepared_6, prepared_7, prepared_8,
-            prepared_9, prepared_10, prepared_11, prepared_12, prepared_13, prepared_14,
-            prepared_15, prepared_16, prepared_17, prepared_18, prepared_19, prepared_20,
-            prepared_21] = prepared else { panic!("`prepared` must hold 22 numbers") };
+            let q = prepared[0][lane];
+            let x = prepared[1][lane];
+            let y = prepared[2][lane];
+            let z = prepared[3][lane];
+            let prepared_4 = prepared[4][lane];
+            let prepared_5 = prepared[5][lane];
+            let prepared_6 = prepared[6][lane];
+            let prepared_7 = prepared[7][lane];
+            let prepared_8 = prepared[8][lane];
+            let prepared_9 = prepared[9][lane];
+            let prepared_10 = prepared[10][lane];
+            let prepared_11 = prepared[11][lane];
+            let prepared_12 = prepared[12][lane];
+            let prepared_13 = prepared[13][lane];
+            let prepared_14 = prepared[14][lane];
+            let prepared_15 = prepared[15][lane];
+            let prepared_16 = prepared[16][lane];
+            let prepared_17 = prepared[17][lane];
+            let prepared_18 = prepared[18][lane];
+            let prepared_19 = prepared[19][lane];
+            let prepared_20 = prepared[20][lane];
+            let prepared_21 = prepared[21][lane];
             let &[joint1_track_offset_x, joint1_track_offset_y, joint1_track_offset_z,
             joint1_track_direction_x, joint1_track_direction_y, joint1_track_direction_z,
             joint2_track_offset_x, joint2_track_offset_y, joint2_track_offset_z,
@@ -5418,175 +5578,173 @@ pub mod full {
             let t1146 = q * (t8 * t1118 - t7 * t1116);
             let t1147 = q * (t7 * t1114 - t9 * t1118);
             let t1148 = q * (t9 * t1116 - t8 * t1114);
-            residuals
-                .copy_from_slice(
-                    &[
-                        t644 + frame_translation_x - x,
-                        t645 + frame_translation_y - y,
-                        t638 + frame_translation_z - z,
-                        0.5
-                            * (prepared_15 * t662 - prepared_4 * t737 - prepared_6 * t703
-                                + prepared_5 * t669 + prepared_17 * t696
-                                + prepared_8 * t730),
-                        0.5
-                            * (prepared_16 * t696 - prepared_7 * t730 - prepared_5 * t668
-                                - prepared_14 * t662 + prepared_6 * t702
-                                + prepared_4 * t736),
-                        0.5
-                            * (prepared_14 * t669 - prepared_8 * t736
-                                - prepared_15 * t668 - prepared_16 * t703
-                                - prepared_17 * t702 + prepared_7 * t737),
-                    ],
-                );
-            jacobian
-                .copy_from_slice(
-                    &[
-                        t62 + t409,
-                        t61 + t421,
-                        t60 + t416,
-                        q * (t62 + t412),
-                        q * (t61 + t417),
-                        q * (t60 + t422),
-                        t62 - t409,
-                        t61 - t421,
-                        t60 - t416,
-                        q * (t62 - t412),
-                        q * (t61 - t417),
-                        q * (t60 - t422),
-                        1.0,
-                        t41 * t632 + sin_frame_rotation_z * t633,
-                        cos_frame_rotation_z * t638,
-                        -t645,
-                        t42 - t50 * t343 + t49 * t344,
-                        t49 + t50 * t342 - t42 * t344,
-                        t50 - t49 * t342 + t42 * t343,
-                        t82 + t471,
-                        t81 + t483,
-                        t80 + t478,
-                        q * (t82 + t474),
-                        q * (t81 + t479),
-                        q * (t80 + t484),
-                        t82 - t471,
-                        t81 - t483,
-                        t80 - t478,
-                        q * (t82 - t474),
-                        q * (t81 - t479),
-                        q * (t80 - t484),
-                        1.0,
-                        t63 * t632 - cos_frame_rotation_z * t633,
-                        sin_frame_rotation_z * t638,
-                        t644,
-                        t64 - t70 * t343 + t69 * t344,
-                        t69 + t70 * t342 - t64 * t344,
-                        t70 - t69 * t342 + t64 * t343,
-                        t96 + t533,
-                        t95 + t545,
-                        t94 + t540,
-                        q * (t96 - t536),
-                        q * (t95 + t541),
-                        q * (t94 + t546),
-                        t96 - t533,
-                        t95 - t545,
-                        t94 - t540,
-                        q * (t96 + t536),
-                        q * (t95 - t541),
-                        q * (t94 - t546),
-                        1.0,
-                        cos_frame_rotation_y * t632,
-                        -t639,
-                        t83 * t344 - sin_frame_rotation_y - t84 * t343,
-                        t83 + t84 * t342 + sin_frame_rotation_y * t344,
-                        t84 - t83 * t342 - sin_frame_rotation_y * t343,
-                        t880, t892, t887, -t896, t895, t894, -t880, -t892, -t887, t896, -t895,
-                        -t894,
-                        t103 * t724 + t98 * t725 + t181 * t690 + t114 * t691
-                            + t195 * t656 - t120 * t657,
-                        t119 * t662 - t97 * t730 - prepared_10 * t731 - t113 * t696
-                            - prepared_18 * t697 - prepared_19 * t663,
-                        prepared_12 * t668 - prepared_9 * t736 - prepared_11 * t702,
-                        cos_target_rotation_x
-                            * (sin_target_rotation_y * t828
-                                + sin_target_rotation_z * t570
-                                - cos_target_rotation_z * t573
-                                + cos_target_rotation_y * t792)
-                            - sin_target_rotation_x
-                                * (sin_target_rotation_y * t581
-                                    + cos_target_rotation_y * t576
-                                    + cos_target_rotation_z * t789
-                                    - sin_target_rotation_z * t786),
-                        cos_target_rotation_y
-                            * (sin_target_rotation_x * t828 - t196 * t343 + t199 * t342
-                                - t200 + cos_target_rotation_x * t581)
-                            - sin_target_rotation_y
-                                * (cos_target_rotation_x * t576
-                                    + sin_target_rotation_x * t792
-                                    + sin_target_rotation_z * t818
-                                    + cos_target_rotation_z * t815),
-                        t173 * t573 - t174 * t570 + t167 * t789 - t168 * t786
-                            + cos_target_rotation_y
-                                * (cos_target_rotation_z * t818
-                                    - sin_target_rotation_z * t815),
-                        t1006, t1018, t1013, t1022, t1021, t1020, -t1006, -t1018, -t1013, -t1022,
-                        -t1021, -t1020,
-                        t129 * t724 + t97 * t725 + t228 * t690 + t113 * t691
-                            - t242 * t656 - t119 * t657,
-                        t98 * t730 + prepared_13 * t731 + t114 * t696
-                            - prepared_20 * t697 - t120 * t662 + prepared_21 * t663,
-                        prepared_12 * t669 - prepared_9 * t737 - prepared_11 * t703,
-                        cos_target_rotation_x
-                            * (sin_target_rotation_y * t954
-                                + sin_target_rotation_z * t591
-                                - cos_target_rotation_z * t594
-                                + cos_target_rotation_y * t918)
-                            - sin_target_rotation_x
-                                * (sin_target_rotation_y * t602
-                                    + cos_target_rotation_y * t597
-                                    + cos_target_rotation_z * t915
-                                    - sin_target_rotation_z * t912),
-                        cos_target_rotation_y
-                            * (sin_target_rotation_x * t954 - t243 * t343 + t246 * t342
-                                + t247 + cos_target_rotation_x * t602)
-                            - sin_target_rotation_y
-                                * (cos_target_rotation_x * t597
-                                    + sin_target_rotation_x * t918
-                                    + sin_target_rotation_z * t944
-                                    + cos_target_rotation_z * t941),
-                        t173 * t594 - t174 * t591 + t167 * t915 - t168 * t912
-                            + cos_target_rotation_y
-                                * (cos_target_rotation_z * t944
-                                    - sin_target_rotation_z * t941),
-                        t1132, t1144, t1139, t1148, t1147, t1146, -t1132, -t1144, -t1139, -t1148,
-                        -t1147, -t1146,
-                        t153 * t724 - t152 * t725 - t279 * t690 - t278 * t691
-                            + t299 * t656 - t298 * t657,
-                        t151 * t730 - t277 * t696 + t297 * t662,
-                        prepared_13 * t736 + prepared_10 * t737 - prepared_20 * t702
-                            + prepared_18 * t703 + prepared_21 * t668
-                            + prepared_19 * t669,
-                        cos_target_rotation_x
-                            * (sin_target_rotation_y * t1080
-                                + sin_target_rotation_z * t612
-                                - cos_target_rotation_z * t615
-                                - cos_target_rotation_y * t1044)
-                            - sin_target_rotation_x
-                                * (sin_target_rotation_y * t623
-                                    + cos_target_rotation_y * t618
-                                    + cos_target_rotation_z * t1041
-                                    - sin_target_rotation_z * t1038),
-                        cos_target_rotation_y
-                            * (sin_target_rotation_x * t1080 - t300 * t343 + t305 * t342
-                                - t306 + cos_target_rotation_x * t623)
-                            - sin_target_rotation_y
-                                * (cos_target_rotation_x * t618
-                                    - sin_target_rotation_x * t1044
-                                    + sin_target_rotation_z * t1070
-                                    + cos_target_rotation_z * t1067),
-                        t173 * t615 - t174 * t612 + t167 * t1041 - t168 * t1038
-                            + cos_target_rotation_y
-                                * (cos_target_rotation_z * t1070
-                                    - sin_target_rotation_z * t1067),
-                    ],
-                );
+            residuals[0][lane] = t644 + frame_translation_x - x;
+            residuals[1][lane] = t645 + frame_translation_y - y;
+            residuals[2][lane] = t638 + frame_translation_z - z;
+            residuals[3][lane] = 0.5
+                * (prepared_15 * t662 - prepared_4 * t737 - prepared_6 * t703
+                    + prepared_5 * t669 + prepared_17 * t696 + prepared_8 * t730);
+            residuals[4][lane] = 0.5
+                * (prepared_16 * t696 - prepared_7 * t730 - prepared_5 * t668
+                    - prepared_14 * t662 + prepared_6 * t702 + prepared_4 * t736);
+            residuals[5][lane] = 0.5
+                * (prepared_14 * t669 - prepared_8 * t736 - prepared_15 * t668
+                    - prepared_16 * t703 - prepared_17 * t702 + prepared_7 * t737);
+            jacobian[0][lane] = t62 + t409;
+            jacobian[1][lane] = t61 + t421;
+            jacobian[2][lane] = t60 + t416;
+            jacobian[3][lane] = q * (t62 + t412);
+            jacobian[4][lane] = q * (t61 + t417);
+            jacobian[5][lane] = q * (t60 + t422);
+            jacobian[6][lane] = t62 - t409;
+            jacobian[7][lane] = t61 - t421;
+            jacobian[8][lane] = t60 - t416;
+            jacobian[9][lane] = q * (t62 - t412);
+            jacobian[10][lane] = q * (t61 - t417);
+            jacobian[11][lane] = q * (t60 - t422);
+            jacobian[12][lane] = 1.0;
+            jacobian[13][lane] = t41 * t632 + sin_frame_rotation_z * t633;
+            jacobian[14][lane] = cos_frame_rotation_z * t638;
+            jacobian[15][lane] = -t645;
+            jacobian[16][lane] = t42 - t50 * t343 + t49 * t344;
+            jacobian[17][lane] = t49 + t50 * t342 - t42 * t344;
+            jacobian[18][lane] = t50 - t49 * t342 + t42 * t343;
+            jacobian[19][lane] = t82 + t471;
+            jacobian[20][lane] = t81 + t483;
+            jacobian[21][lane] = t80 + t478;
+            jacobian[22][lane] = q * (t82 + t474);
+            jacobian[23][lane] = q * (t81 + t479);
+            jacobian[24][lane] = q * (t80 + t484);
+            jacobian[25][lane] = t82 - t471;
+            jacobian[26][lane] = t81 - t483;
+            jacobian[27][lane] = t80 - t478;
+            jacobian[28][lane] = q * (t82 - t474);
+            jacobian[29][lane] = q * (t81 - t479);
+            jacobian[30][lane] = q * (t80 - t484);
+            jacobian[31][lane] = 1.0;
+            jacobian[32][lane] = t63 * t632 - cos_frame_rotation_z * t633;
+            jacobian[33][lane] = sin_frame_rotation_z * t638;
+            jacobian[34][lane] = t644;
+            jacobian[35][lane] = t64 - t70 * t343 + t69 * t344;
+            jacobian[36][lane] = t69 + t70 * t342 - t64 * t344;
+            jacobian[37][lane] = t70 - t69 * t342 + t64 * t343;
+            jacobian[38][lane] = t96 + t533;
+            jacobian[39][lane] = t95 + t545;
+            jacobian[40][lane] = t94 + t540;
+            jacobian[41][lane] = q * (t96 - t536);
+            jacobian[42][lane] = q * (t95 + t541);
+            jacobian[43][lane] = q * (t94 + t546);
+            jacobian[44][lane] = t96 - t533;
+            jacobian[45][lane] = t95 - t545;
+            jacobian[46][lane] = t94 - t540;
+            jacobian[47][lane] = q * (t96 + t536);
+            jacobian[48][lane] = q * (t95 - t541);
+            jacobian[49][lane] = q * (t94 - t546);
+            jacobian[50][lane] = 1.0;
+            jacobian[51][lane] = cos_frame_rotation_y * t632;
+            jacobian[52][lane] = -t639;
+            jacobian[53][lane] = t83 * t344 - sin_frame_rotation_y - t84 * t343;
+            jacobian[54][lane] = t83 + t84 * t342 + sin_frame_rotation_y * t344;
+            jacobian[55][lane] = t84 - t83 * t342 - sin_frame_rotation_y * t343;
+            jacobian[56][lane] = t880;
+            jacobian[57][lane] = t892;
+            jacobian[58][lane] = t887;
+            jacobian[59][lane] = -t896;
+            jacobian[60][lane] = t895;
+            jacobian[61][lane] = t894;
+            jacobian[62][lane] = -t880;
+            jacobian[63][lane] = -t892;
+            jacobian[64][lane] = -t887;
+            jacobian[65][lane] = t896;
+            jacobian[66][lane] = -t895;
+            jacobian[67][lane] = -t894;
+            jacobian[68][lane] = t103 * t724 + t98 * t725 + t181 * t690 + t114 * t691
+                + t195 * t656 - t120 * t657;
+            jacobian[69][lane] = t119 * t662 - t97 * t730 - prepared_10 * t731
+                - t113 * t696 - prepared_18 * t697 - prepared_19 * t663;
+            jacobian[70][lane] = prepared_12 * t668 - prepared_9 * t736
+                - prepared_11 * t702;
+            jacobian[71][lane] = cos_target_rotation_x
+                * (sin_target_rotation_y * t828 + sin_target_rotation_z * t570
+                    - cos_target_rotation_z * t573 + cos_target_rotation_y * t792)
+                - sin_target_rotation_x
+                    * (sin_target_rotation_y * t581 + cos_target_rotation_y * t576
+                        + cos_target_rotation_z * t789 - sin_target_rotation_z * t786);
+            jacobian[72][lane] = cos_target_rotation_y
+                * (sin_target_rotation_x * t828 - t196 * t343 + t199 * t342 - t200
+                    + cos_target_rotation_x * t581)
+                - sin_target_rotation_y
+                    * (cos_target_rotation_x * t576 + sin_target_rotation_x * t792
+                        + sin_target_rotation_z * t818 + cos_target_rotation_z * t815);
+            jacobian[73][lane] = t173 * t573 - t174 * t570 + t167 * t789 - t168 * t786
+                + cos_target_rotation_y
+                    * (cos_target_rotation_z * t818 - sin_target_rotation_z * t815);
+            jacobian[74][lane] = t1006;
+            jacobian[75][lane] = t1018;
+            jacobian[76][lane] = t1013;
+            jacobian[77][lane] = t1022;
+            jacobian[78][lane] = t1021;
+            jacobian[79][lane] = t1020;
+            jacobian[80][lane] = -t1006;
+            jacobian[81][lane] = -t1018;
+            jacobian[82][lane] = -t1013;
+            jacobian[83][lane] = -t1022;
+            jacobian[84][lane] = -t1021;
+            jacobian[85][lane] = -t1020;
+            jacobian[86][lane] = t129 * t724 + t97 * t725 + t228 * t690 + t113 * t691
+                - t242 * t656 - t119 * t657;
+            jacobian[87][lane] = t98 * t730 + prepared_13 * t731 + t114 * t696
+                - prepared_20 * t697 - t120 * t662 + prepared_21 * t663;
+            jacobian[88][lane] = prepared_12 * t669 - prepared_9 * t737
+                - prepared_11 * t703;
+            jacobian[89][lane] = cos_target_rotation_x
+                * (sin_target_rotation_y * t954 + sin_target_rotation_z * t591
+                    - cos_target_rotation_z * t594 + cos_target_rotation_y * t918)
+                - sin_target_rotation_x
+                    * (sin_target_rotation_y * t602 + cos_target_rotation_y * t597
+                        + cos_target_rotation_z * t915 - sin_target_rotation_z * t912);
+            jacobian[90][lane] = cos_target_rotation_y
+                * (sin_target_rotation_x * t954 - t243 * t343 + t246 * t342 + t247
+                    + cos_target_rotation_x * t602)
+                - sin_target_rotation_y
+                    * (cos_target_rotation_x * t597 + sin_target_rotation_x * t918
+                        + sin_target_rotation_z * t944 + cos_target_rotation_z * t941);
+            jacobian[91][lane] = t173 * t594 - t174 * t591 + t167 * t915 - t168 * t912
+                + cos_target_rotation_y
+                    * (cos_target_rotation_z * t944 - sin_target_rotation_z * t941);
+            jacobian[92][lane] = t1132;
+            jacobian[93][lane] = t1144;
+            jacobian[94][lane] = t1139;
+            jacobian[95][lane] = t1148;
+            jacobian[96][lane] = t1147;
+            jacobian[97][lane] = t1146;
+            jacobian[98][lane] = -t1132;
+            jacobian[99][lane] = -t1144;
+            jacobian[100][lane] = -t1139;
+            jacobian[101][lane] = -t1148;
+            jacobian[102][lane] = -t1147;
+            jacobian[103][lane] = -t1146;
+            jacobian[104][lane] = t153 * t724 - t152 * t725 - t279 * t690 - t278 * t691
+                + t299 * t656 - t298 * t657;
+            jacobian[105][lane] = t151 * t730 - t277 * t696 + t297 * t662;
+            jacobian[106][lane] = prepared_13 * t736 + prepared_10 * t737
+                - prepared_20 * t702 + prepared_18 * t703 + prepared_21 * t668
+                + prepared_19 * t669;
+            jacobian[107][lane] = cos_target_rotation_x
+                * (sin_target_rotation_y * t1080 + sin_target_rotation_z * t612
+                    - cos_target_rotation_z * t615 - cos_target_rotation_y * t1044)
+                - sin_target_rotation_x
+                    * (sin_target_rotation_y * t623 + cos_target_rotation_y * t618
+                        + cos_target_rotation_z * t1041 - sin_target_rotation_z * t1038);
+            jacobian[108][lane] = cos_target_rotation_y
+                * (sin_target_rotation_x * t1080 - t300 * t343 + t305 * t342 - t306
+                    + cos_target_rotation_x * t623)
+                - sin_target_rotation_y
+                    * (cos_target_rotation_x * t618 - sin_target_rotation_x * t1044
+                        + sin_target_rotation_z * t1070 + cos_target_rotation_z * t1067);
+            jacobian[109][lane] = t173 * t615 - t174 * t612 + t167 * t1041 - t168 * t1038
+                + cos_target_rotation_y
+                    * (cos_target_rotation_z * t1070 - sin_target_rotation_z * t1067);
         }
     }
     /// `F·(C(q) + A(q)·m) + t − x; axial vector of F·A(q)·M·Rᵀ`
@@ -5600,31 +5758,28 @@ pub mod full {
     /// With the Jacobian: 2605 operations (1239 additions, 1331 multiplications, 21 divisions, 2 negations, 12 functions).
     #[derive(Debug, Clone, Copy)]
     pub struct CartPoseThree;
-    impl ResidualFamily for CartPoseThree {
-        fn shape(&self) -> Shape {
-            Shape {
-                data: 7,
-                prepared: 22,
-                parameters: 30,
-                residuals: 6,
-            }
-        }
-        fn pattern(&self) -> Pattern<'_> {
-            Pattern {
-                row_starts: &[0, 25, 50, 74, 98, 122, 146],
-                columns: &[
-                    0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18, 21,
-                    22, 23, 24, 25, 26, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14,
-                    15, 16, 17, 19, 21, 22, 23, 24, 25, 26, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9,
-                    10, 11, 12, 13, 14, 15, 16, 17, 20, 21, 22, 24, 25, 26, 0, 1, 2, 3,
-                    4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 21, 22, 23, 27, 28,
-                    29, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 21,
-                    22, 23, 27, 28, 29, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14,
-                    15, 16, 17, 21, 22, 23, 27, 28, 29,
-                ],
-            }
-        }
-        fn prepare(&self, data: &[f64], prepared: &mut [f64]) {
+    impl Formulas for CartPoseThree {
+        const SHAPE: Shape = Shape {
+            data: 7,
+            prepared: 22,
+            parameters: 30,
+            residuals: 6,
+        };
+        const PATTERN: Pattern<'static> = Pattern {
+            row_starts: &[0, 25, 50, 74, 98, 122, 146],
+            columns: &[
+                0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18, 21, 22,
+                23, 24, 25, 26, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16,
+                17, 19, 21, 22, 23, 24, 25, 26, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12,
+                13, 14, 15, 16, 17, 20, 21, 22, 24, 25, 26, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9,
+                10, 11, 12, 13, 14, 15, 16, 17, 21, 22, 23, 27, 28, 29, 0, 1, 2, 3, 4, 5,
+                6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 21, 22, 23, 27, 28, 29, 0, 1,
+                2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 21, 22, 23, 27,
+                28, 29,
+            ],
+        };
+        #[inline(always)]
+        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
             let &[q, x, y, z, alpha, beta, gamma] = data else {
                 panic!("`data` must hold 7 numbers")
             };
@@ -5650,20 +5805,49 @@ pub mod full {
             let prepared_19 = 0.5 * prepared_15;
             let prepared_20 = 0.5 * prepared_16;
             let prepared_21 = 0.5 * prepared_14;
-            prepared
-                .copy_from_slice(
-                    &[
-                        q, x, y, z, prepared_4, prepared_5, prepared_6, prepared_7, prepared_8,
-                        prepared_9, prepared_10, prepared_11, prepared_12, prepared_13, prepared_14,
-                        prepared_15, prepared_16, prepared_17, prepared_18, prepared_19,
-                        prepared_20, prepared_21,
-                    ],
-                );
+            prepared[0][lane] = q;
+            prepared[1][lane] = x;
+            prepared[2][lane] = y;
+            prepared[3][lane] = z;
+            prepared[4][lane] = prepared_4;
+            prepared[5][lane] = prepared_5;
+            prepared[6][lane] = prepared_6;
+            prepared[7][lane] = prepared_7;
+            prepared[8][lane] = prepared_8;
+            prepared[9][lane] = prepared_9;
+            prepared[10][lane] = prepared_10;
+            prepared[11][lane] = prepared_11;
+            prepared[12][lane] = prepared_12;
+            prepared[13][lane] = prepared_13;
+            prepared[14][lane] = prepared_14;
+            prepared[15][lane] = prepared_15;
+            prepared[16][lane] = prepared_16;
+            prepared[17][lane] = prepared_17;
+            prepared[18][lane] = prepared_18;
+            prepared[19][lane] = prepared_19;
+            prepared[20][lane] = prepared_20;
+            prepared[21][lane] = prepared_21;
         }
-        fn value(&self, prepared: &[f64], parameters: &[f64], residuals: &mut [f64]) {
-            let &[q, x, y, z, prepared_4, prepared_5, prepared_6, prepared_7, prepared_8,
-            _, _, _, _, _, prepared_14, prepared_15, prepared_16, prepared_17, _, _, _, _,
-            ] = prepared else { panic!("`prepared` must hold 22 numbers") };
+        #[inline(always)]
+        fn value<S: Samples>(
+            lane: usize,
+            prepared: &[S],
+            parameters: &[f64],
+            residuals: &mut [S],
+        ) {
+            let q = prepared[0][lane];
+            let x = prepared[1][lane];
+            let y = prepared[2][lane];
+            let z = prepared[3][lane];
+            let prepared_4 = prepared[4][lane];
+            let prepared_5 = prepared[5][lane];
+            let prepared_6 = prepared[6][lane];
+            let prepared_7 = prepared[7][lane];
+            let prepared_8 = prepared[8][lane];
+            let prepared_14 = prepared[14][lane];
+            let prepared_15 = prepared[15][lane];
+            let prepared_16 = prepared[16][lane];
+            let prepared_17 = prepared[17][lane];
             let &[joint1_track_offset_x, joint1_track_offset_y, joint1_track_offset_z,
             joint1_track_direction_x, joint1_track_direction_y, joint1_track_direction_z,
             joint2_track_offset_x, joint2_track_offset_y, joint2_track_offset_z,
@@ -5826,41 +6010,52 @@ pub mod full {
             let t347 = sin_frame_rotation_y * t341 + cos_frame_rotation_y * t331;
             let t352 = cos_frame_rotation_z * t347 - sin_frame_rotation_z * t340;
             let t353 = sin_frame_rotation_z * t347 + cos_frame_rotation_z * t340;
-            residuals
-                .copy_from_slice(
-                    &[
-                        cos_frame_rotation_z * t254 - sin_frame_rotation_z * t248
-                            + frame_translation_x - x,
-                        sin_frame_rotation_z * t254 + cos_frame_rotation_z * t248
-                            + frame_translation_y - y,
-                        cos_frame_rotation_y * t249 - sin_frame_rotation_y * t221
-                            + frame_translation_z - z,
-                        0.5
-                            * (prepared_15 * t278 - prepared_4 * t353 - prepared_6 * t319
-                                + prepared_5 * t285 + prepared_17 * t312
-                                + prepared_8 * t346),
-                        0.5
-                            * (prepared_16 * t312 - prepared_7 * t346 - prepared_5 * t284
-                                - prepared_14 * t278 + prepared_6 * t318
-                                + prepared_4 * t352),
-                        0.5
-                            * (prepared_14 * t285 - prepared_8 * t352
-                                - prepared_15 * t284 - prepared_16 * t319
-                                - prepared_17 * t318 + prepared_7 * t353),
-                    ],
-                );
+            residuals[0][lane] = cos_frame_rotation_z * t254
+                - sin_frame_rotation_z * t248 + frame_translation_x - x;
+            residuals[1][lane] = sin_frame_rotation_z * t254
+                + cos_frame_rotation_z * t248 + frame_translation_y - y;
+            residuals[2][lane] = cos_frame_rotation_y * t249
+                - sin_frame_rotation_y * t221 + frame_translation_z - z;
+            residuals[3][lane] = 0.5
+                * (prepared_15 * t278 - prepared_4 * t353 - prepared_6 * t319
+                    + prepared_5 * t285 + prepared_17 * t312 + prepared_8 * t346);
+            residuals[4][lane] = 0.5
+                * (prepared_16 * t312 - prepared_7 * t346 - prepared_5 * t284
+                    - prepared_14 * t278 + prepared_6 * t318 + prepared_4 * t352);
+            residuals[5][lane] = 0.5
+                * (prepared_14 * t285 - prepared_8 * t352 - prepared_15 * t284
+                    - prepared_16 * t319 - prepared_17 * t318 + prepared_7 * t353);
         }
-        fn linearize(
-            &self,
-            prepared: &[f64],
+        #[inline(always)]
+        fn linearize<S: Samples>(
+            lane: usize,
+            prepared: &[S],
             parameters: &[f64],
-            residuals: &mut [f64],
-            jacobian: &mut [f64],
+            residuals: &mut [S],
+            jacobian: &mut [S],
         ) {
-            let &[q, x, y, z, prepared_4, prepared_5, prepared_6, prepared_7, prepared_8,
-            prepared_9, prepared_10, prepared_11, prepared_12, prepared_13, prepared_14,
-            prepared_15, prepared_16, prepared_17, prepared_18, prepared_19, prepared_20,
-            prepared_21] = prepared else { panic!("`prepared` must hold 22 numbers") };
+            let q = prepared[0][lane];
+            let x = prepared[1][lane];
+            let y = prepared[2][lane];
+            let z = prepared[3][lane];
+            let prepared_4 = prepared[4][lane];
+            let prepared_5 = prepared[5][lane];
+            let prepared_6 = prepared[6][lane];
+            let prepared_7 = prepared[7][lane];
+            let prepared_8 = prepared[8][lane];
+            let prepared_9 = prepared[9][lane];
+            let prepared_10 = prepared[10][lane];
+            let prepared_11 = prepared[11][lane];
+            let prepared_12 = prepared[12][lane];
+            let prepared_13 = prepared[13][lane];
+            let prepared_14 = prepared[14][lane];
+            let prepared_15 = prepared[15][lane];
+            let prepared_16 = prepared[16][lane];
+            let prepared_17 = prepared[17][lane];
+            let prepared_18 = prepared[18][lane];
+            let prepared_19 = prepared[19][lane];
+            let prepared_20 = prepared[20][lane];
+            let prepared_21 = prepared[21][lane];
             let &[joint1_track_offset_x, joint1_track_offset_y, joint1_track_offset_z,
             joint1_track_direction_x, joint1_track_direction_y, joint1_track_direction_z,
             joint2_track_offset_x, joint2_track_offset_y, joint2_track_offset_z,
@@ -6564,241 +6759,212 @@ pub mod full {
             let t2583 = 0.3333333333333333 * (t2471 + t2510 + t2549);
             let t2584 = 0.3333333333333333 * (t2479 + t2518 + t2557);
             let t2585 = 0.3333333333333333 * (t2461 + t2500 + t2539);
-            residuals
-                .copy_from_slice(
-                    &[
-                        t1445 + frame_translation_x - x,
-                        t1446 + frame_translation_y - y,
-                        t1439 + frame_translation_z - z,
-                        0.5
-                            * (prepared_15 * t1463 - prepared_4 * t1538
-                                - prepared_6 * t1504 + prepared_5 * t1470
-                                + prepared_17 * t1497 + prepared_8 * t1531),
-                        0.5
-                            * (prepared_16 * t1497 - prepared_7 * t1531
-                                - prepared_5 * t1469 - prepared_14 * t1463
-                                + prepared_6 * t1503 + prepared_4 * t1537),
-                        0.5
-                            * (prepared_14 * t1470 - prepared_8 * t1537
-                                - prepared_15 * t1469 - prepared_16 * t1504
-                                - prepared_17 * t1503 + prepared_7 * t1538),
-                    ],
-                );
-            jacobian
-                .copy_from_slice(
-                    &[
-                        t47 + t717 - t754,
-                        t46 + t735 - t753,
-                        t45 + t727 - t752,
-                        q * (t47 + t720 - t751),
-                        q * (t46 + t728 - t750),
-                        q * (t45 + t736 - t749),
-                        t47 + t678 - t754,
-                        t46 + t696 - t753,
-                        t45 + t688 - t752,
-                        q * (t47 + t681 - t751),
-                        q * (t46 + t689 - t750),
-                        q * (t45 + t697 - t749),
-                        t47 + t639 - t754,
-                        t46 + t657 - t753,
-                        t45 + t649 - t752,
-                        q * (t47 + t642 - t751),
-                        q * (t46 + t650 - t750),
-                        q * (t45 + t658 - t749),
-                        1.0,
-                        t26 * t1433 + sin_frame_rotation_z * t1434,
-                        cos_frame_rotation_z * t1439,
-                        -t1446,
-                        t27 - t35 * t479 + t34 * t485,
-                        t34 + t35 * t473 - t27 * t485,
-                        t35 - t34 * t473 + t27 * t479,
-                        t67 + t1000 - t1037,
-                        t66 + t1018 - t1036,
-                        t65 + t1010 - t1035,
-                        q * (t67 + t1003 - t1034),
-                        q * (t66 + t1011 - t1033),
-                        q * (t65 + t1019 - t1032),
-                        t67 + t961 - t1037,
-                        t66 + t979 - t1036,
-                        t65 + t971 - t1035,
-                        q * (t67 + t964 - t1034),
-                        q * (t66 + t972 - t1033),
-                        q * (t65 + t980 - t1032),
-                        t67 + t922 - t1037,
-                        t66 + t940 - t1036,
-                        t65 + t932 - t1035,
-                        q * (t67 + t925 - t1034),
-                        q * (t66 + t933 - t1033),
-                        q * (t65 + t941 - t1032),
-                        1.0,
-                        t48 * t1433 - cos_frame_rotation_z * t1434,
-                        sin_frame_rotation_z * t1439,
-                        t1445,
-                        t49 - t55 * t479 + t54 * t485,
-                        t54 + t55 * t473 - t49 * t485,
-                        t55 - t54 * t473 + t49 * t479,
-                        t1283 - t81 - t1320,
-                        t80 + t1301 - t1319,
-                        t79 + t1293 - t1318,
-                        q * (t1286 - t81 - t1317),
-                        q * (t80 + t1294 - t1316),
-                        q * (t79 + t1302 - t1315),
-                        t1244 - t81 - t1320,
-                        t80 + t1262 - t1319,
-                        t79 + t1254 - t1318,
-                        q * (t1247 - t81 - t1317),
-                        q * (t80 + t1255 - t1316),
-                        q * (t79 + t1263 - t1315),
-                        t1205 - t81 - t1320,
-                        t80 + t1223 - t1319,
-                        t79 + t1215 - t1318,
-                        q * (t1208 - t81 - t1317),
-                        q * (t80 + t1216 - t1316),
-                        q * (t79 + t1224 - t1315),
-                        1.0,
-                        cos_frame_rotation_y * t1433,
-                        -t1440,
-                        t68 * t485 - sin_frame_rotation_y - t69 * t479,
-                        t68 + t69 * t473 + sin_frame_rotation_y * t485,
-                        t69 - t68 * t473 - sin_frame_rotation_y * t479,
-                        t1851 - t1897,
-                        t1869 - t1896,
-                        t1861 - t1895,
-                        q * (t1854 - t1885),
-                        q * (t1862 - t1884),
-                        q * (t1870 - t1883),
-                        t1812 - t1897,
-                        t1830 - t1896,
-                        t1822 - t1895,
-                        q * (t1815 - t1885),
-                        q * (t1823 - t1884),
-                        q * (t1831 - t1883),
-                        t1773 - t1897,
-                        t1791 - t1896,
-                        t1783 - t1895,
-                        q * (t1776 - t1885),
-                        q * (t1784 - t1884),
-                        q * (t1792 - t1883),
-                        t88 * t1525 + t83 * t1526 + t166 * t1491 + t99 * t1492
-                            + t180 * t1457 - t105 * t1458,
-                        t104 * t1463 - t82 * t1531 - prepared_10 * t1532 - t98 * t1497
-                            - prepared_18 * t1498 - prepared_19 * t1464,
-                        prepared_12 * t1469 - prepared_9 * t1537 - prepared_11 * t1503,
-                        cos_target_rotation_x
-                            * (sin_target_rotation_y * t1629
-                                + sin_target_rotation_z * t1371
-                                - cos_target_rotation_z * t1374
-                                + cos_target_rotation_y * t1593)
-                            - sin_target_rotation_x
-                                * (sin_target_rotation_y * t1382
-                                    + cos_target_rotation_y * t1377
-                                    + cos_target_rotation_z * t1590
-                                    - sin_target_rotation_z * t1587),
-                        cos_target_rotation_y
-                            * (sin_target_rotation_x * t1629 - t181 * t479 + t184 * t473
-                                - t185 + cos_target_rotation_x * t1382)
-                            - sin_target_rotation_y
-                                * (cos_target_rotation_x * t1377
-                                    + sin_target_rotation_x * t1593
-                                    + sin_target_rotation_z * t1619
-                                    + cos_target_rotation_z * t1616),
-                        t158 * t1374 - t159 * t1371 + t152 * t1590 - t153 * t1587
-                            + cos_target_rotation_y
-                                * (cos_target_rotation_z * t1619
-                                    - sin_target_rotation_z * t1616),
-                        t2195 - t2241,
-                        t2213 - t2240,
-                        t2205 - t2239,
-                        q * (t2198 - t2229),
-                        q * (t2206 - t2228),
-                        q * (t2214 - t2227),
-                        t2156 - t2241,
-                        t2174 - t2240,
-                        t2166 - t2239,
-                        q * (t2159 - t2229),
-                        q * (t2167 - t2228),
-                        q * (t2175 - t2227),
-                        t2117 - t2241,
-                        t2135 - t2240,
-                        t2127 - t2239,
-                        q * (t2120 - t2229),
-                        q * (t2128 - t2228),
-                        q * (t2136 - t2227),
-                        t114 * t1525 + t82 * t1526 + t213 * t1491 + t98 * t1492
-                            - t227 * t1457 - t104 * t1458,
-                        t83 * t1531 + prepared_13 * t1532 + t99 * t1497
-                            - prepared_20 * t1498 - t105 * t1463 + prepared_21 * t1464,
-                        prepared_12 * t1470 - prepared_9 * t1538 - prepared_11 * t1504,
-                        cos_target_rotation_x
-                            * (sin_target_rotation_y * t1973
-                                + sin_target_rotation_z * t1392
-                                - cos_target_rotation_z * t1395
-                                + cos_target_rotation_y * t1937)
-                            - sin_target_rotation_x
-                                * (sin_target_rotation_y * t1403
-                                    + cos_target_rotation_y * t1398
-                                    + cos_target_rotation_z * t1934
-                                    - sin_target_rotation_z * t1931),
-                        cos_target_rotation_y
-                            * (sin_target_rotation_x * t1973 - t228 * t479 + t231 * t473
-                                + t232 + cos_target_rotation_x * t1403)
-                            - sin_target_rotation_y
-                                * (cos_target_rotation_x * t1398
-                                    + sin_target_rotation_x * t1937
-                                    + sin_target_rotation_z * t1963
-                                    + cos_target_rotation_z * t1960),
-                        t158 * t1395 - t159 * t1392 + t152 * t1934 - t153 * t1931
-                            + cos_target_rotation_y
-                                * (cos_target_rotation_z * t1963
-                                    - sin_target_rotation_z * t1960),
-                        t2539 - t2585,
-                        t2557 - t2584,
-                        t2549 - t2583,
-                        q * (t2542 - t2573),
-                        q * (t2550 - t2572),
-                        q * (t2558 - t2571),
-                        t2500 - t2585,
-                        t2518 - t2584,
-                        t2510 - t2583,
-                        q * (t2503 - t2573),
-                        q * (t2511 - t2572),
-                        q * (t2519 - t2571),
-                        t2461 - t2585,
-                        t2479 - t2584,
-                        t2471 - t2583,
-                        q * (t2464 - t2573),
-                        q * (t2472 - t2572),
-                        q * (t2480 - t2571),
-                        t138 * t1525 - t137 * t1526 - t264 * t1491 - t263 * t1492
-                            + t284 * t1457 - t283 * t1458,
-                        t136 * t1531 - t262 * t1497 + t282 * t1463,
-                        prepared_13 * t1537 + prepared_10 * t1538 - prepared_20 * t1503
-                            + prepared_18 * t1504 + prepared_21 * t1469
-                            + prepared_19 * t1470,
-                        cos_target_rotation_x
-                            * (sin_target_rotation_y * t2317
-                                + sin_target_rotation_z * t1413
-                                - cos_target_rotation_z * t1416
-                                - cos_target_rotation_y * t2281)
-                            - sin_target_rotation_x
-                                * (sin_target_rotation_y * t1424
-                                    + cos_target_rotation_y * t1419
-                                    + cos_target_rotation_z * t2278
-                                    - sin_target_rotation_z * t2275),
-                        cos_target_rotation_y
-                            * (sin_target_rotation_x * t2317 - t285 * t479 + t290 * t473
-                                - t291 + cos_target_rotation_x * t1424)
-                            - sin_target_rotation_y
-                                * (cos_target_rotation_x * t1419
-                                    - sin_target_rotation_x * t2281
-                                    + sin_target_rotation_z * t2307
-                                    + cos_target_rotation_z * t2304),
-                        t158 * t1416 - t159 * t1413 + t152 * t2278 - t153 * t2275
-                            + cos_target_rotation_y
-                                * (cos_target_rotation_z * t2307
-                                    - sin_target_rotation_z * t2304),
-                    ],
-                );
+            residuals[0][lane] = t1445 + frame_translation_x - x;
+            residuals[1][lane] = t1446 + frame_translation_y - y;
+            residuals[2][lane] = t1439 + frame_translation_z - z;
+            residuals[3][lane] = 0.5
+                * (prepared_15 * t1463 - prepared_4 * t1538 - prepared_6 * t1504
+                    + prepared_5 * t1470 + prepared_17 * t1497 + prepared_8 * t1531);
+            residuals[4][lane] = 0.5
+                * (prepared_16 * t1497 - prepared_7 * t1531 - prepared_5 * t1469
+                    - prepared_14 * t1463 + prepared_6 * t1503 + prepared_4 * t1537);
+            residuals[5][lane] = 0.5
+                * (prepared_14 * t1470 - prepared_8 * t1537 - prepared_15 * t1469
+                    - prepared_16 * t1504 - prepared_17 * t1503 + prepared_7 * t1538);
+            jacobian[0][lane] = t47 + t717 - t754;
+            jacobian[1][lane] = t46 + t735 - t753;
+            jacobian[2][lane] = t45 + t727 - t752;
+            jacobian[3][lane] = q * (t47 + t720 - t751);
+            jacobian[4][lane] = q * (t46 + t728 - t750);
+            jacobian[5][lane] = q * (t45 + t736 - t749);
+            jacobian[6][lane] = t47 + t678 - t754;
+            jacobian[7][lane] = t46 + t696 - t753;
+            jacobian[8][lane] = t45 + t688 - t752;
+            jacobian[9][lane] = q * (t47 + t681 - t751);
+            jacobian[10][lane] = q * (t46 + t689 - t750);
+            jacobian[11][lane] = q * (t45 + t697 - t749);
+            jacobian[12][lane] = t47 + t639 - t754;
+            jacobian[13][lane] = t46 + t657 - t753;
+            jacobian[14][lane] = t45 + t649 - t752;
+            jacobian[15][lane] = q * (t47 + t642 - t751);
+            jacobian[16][lane] = q * (t46 + t650 - t750);
+            jacobian[17][lane] = q * (t45 + t658 - t749);
+            jacobian[18][lane] = 1.0;
+            jacobian[19][lane] = t26 * t1433 + sin_frame_rotation_z * t1434;
+            jacobian[20][lane] = cos_frame_rotation_z * t1439;
+            jacobian[21][lane] = -t1446;
+            jacobian[22][lane] = t27 - t35 * t479 + t34 * t485;
+            jacobian[23][lane] = t34 + t35 * t473 - t27 * t485;
+            jacobian[24][lane] = t35 - t34 * t473 + t27 * t479;
+            jacobian[25][lane] = t67 + t1000 - t1037;
+            jacobian[26][lane] = t66 + t1018 - t1036;
+            jacobian[27][lane] = t65 + t1010 - t1035;
+            jacobian[28][lane] = q * (t67 + t1003 - t1034);
+            jacobian[29][lane] = q * (t66 + t1011 - t1033);
+            jacobian[30][lane] = q * (t65 + t1019 - t1032);
+            jacobian[31][lane] = t67 + t961 - t1037;
+            jacobian[32][lane] = t66 + t979 - t1036;
+            jacobian[33][lane] = t65 + t971 - t1035;
+            jacobian[34][lane] = q * (t67 + t964 - t1034);
+            jacobian[35][lane] = q * (t66 + t972 - t1033);
+            jacobian[36][lane] = q * (t65 + t980 - t1032);
+            jacobian[37][lane] = t67 + t922 - t1037;
+            jacobian[38][lane] = t66 + t940 - t1036;
+            jacobian[39][lane] = t65 + t932 - t1035;
+            jacobian[40][lane] = q * (t67 + t925 - t1034);
+            jacobian[41][lane] = q * (t66 + t933 - t1033);
+            jacobian[42][lane] = q * (t65 + t941 - t1032);
+            jacobian[43][lane] = 1.0;
+            jacobian[44][lane] = t48 * t1433 - cos_frame_rotation_z * t1434;
+            jacobian[45][lane] = sin_frame_rotation_z * t1439;
+            jacobian[46][lane] = t1445;
+            jacobian[47][lane] = t49 - t55 * t479 + t54 * t485;
+            jacobian[48][lane] = t54 + t55 * t473 - t49 * t485;
+            jacobian[49][lane] = t55 - t54 * t473 + t49 * t479;
+            jacobian[50][lane] = t1283 - t81 - t1320;
+            jacobian[51][lane] = t80 + t1301 - t1319;
+            jacobian[52][lane] = t79 + t1293 - t1318;
+            jacobian[53][lane] = q * (t1286 - t81 - t1317);
+            jacobian[54][lane] = q * (t80 + t1294 - t1316);
+            jacobian[55][lane] = q * (t79 + t1302 - t1315);
+            jacobian[56][lane] = t1244 - t81 - t1320;
+            jacobian[57][lane] = t80 + t1262 - t1319;
+            jacobian[58][lane] = t79 + t1254 - t1318;
+            jacobian[59][lane] = q * (t1247 - t81 - t1317);
+            jacobian[60][lane] = q * (t80 + t1255 - t1316);
+            jacobian[61][lane] = q * (t79 + t1263 - t1315);
+            jacobian[62][lane] = t1205 - t81 - t1320;
+            jacobian[63][lane] = t80 + t1223 - t1319;
+            jacobian[64][lane] = t79 + t1215 - t1318;
+            jacobian[65][lane] = q * (t1208 - t81 - t1317);
+            jacobian[66][lane] = q * (t80 + t1216 - t1316);
+            jacobian[67][lane] = q * (t79 + t1224 - t1315);
+            jacobian[68][lane] = 1.0;
+            jacobian[69][lane] = cos_frame_rotation_y * t1433;
+            jacobian[70][lane] = -t1440;
+            jacobian[71][lane] = t68 * t485 - sin_frame_rotation_y - t69 * t479;
+            jacobian[72][lane] = t68 + t69 * t473 + sin_frame_rotation_y * t485;
+            jacobian[73][lane] = t69 - t68 * t473 - sin_frame_rotation_y * t479;
+            jacobian[74][lane] = t1851 - t1897;
+            jacobian[75][lane] = t1869 - t1896;
+            jacobian[76][lane] = t1861 - t1895;
+            jacobian[77][lane] = q * (t1854 - t1885);
+            jacobian[78][lane] = q * (t1862 - t1884);
+            jacobian[79][lane] = q * (t1870 - t1883);
+            jacobian[80][lane] = t1812 - t1897;
+            jacobian[81][lane] = t1830 - t1896;
+            jacobian[82][lane] = t1822 - t1895;
+            jacobian[83][lane] = q * (t1815 - t1885);
+            jacobian[84][lane] = q * (t1823 - t1884);
+            jacobian[85][lane] = q * (t1831 - t1883);
+            jacobian[86][lane] = t1773 - t1897;
+            jacobian[87][lane] = t1791 - t1896;
+            jacobian[88][lane] = t1783 - t1895;
+            jacobian[89][lane] = q * (t1776 - t1885);
+            jacobian[90][lane] = q * (t1784 - t1884);
+            jacobian[91][lane] = q * (t1792 - t1883);
+            jacobian[92][lane] = t88 * t1525 + t83 * t1526 + t166 * t1491 + t99 * t1492
+                + t180 * t1457 - t105 * t1458;
+            jacobian[93][lane] = t104 * t1463 - t82 * t1531 - prepared_10 * t1532
+                - t98 * t1497 - prepared_18 * t1498 - prepared_19 * t1464;
+            jacobian[94][lane] = prepared_12 * t1469 - prepared_9 * t1537
+                - prepared_11 * t1503;
+            jacobian[95][lane] = cos_target_rotation_x
+                * (sin_target_rotation_y * t1629 + sin_target_rotation_z * t1371
+                    - cos_target_rotation_z * t1374 + cos_target_rotation_y * t1593)
+                - sin_target_rotation_x
+                    * (sin_target_rotation_y * t1382 + cos_target_rotation_y * t1377
+                        + cos_target_rotation_z * t1590 - sin_target_rotation_z * t1587);
+            jacobian[96][lane] = cos_target_rotation_y
+                * (sin_target_rotation_x * t1629 - t181 * t479 + t184 * t473 - t185
+                    + cos_target_rotation_x * t1382)
+                - sin_target_rotation_y
+                    * (cos_target_rotation_x * t1377 + sin_target_rotation_x * t1593
+                        + sin_target_rotation_z * t1619 + cos_target_rotation_z * t1616);
+            jacobian[97][lane] = t158 * t1374 - t159 * t1371 + t152 * t1590
+                - t153 * t1587
+                + cos_target_rotation_y
+                    * (cos_target_rotation_z * t1619 - sin_target_rotation_z * t1616);
+            jacobian[98][lane] = t2195 - t2241;
+            jacobian[99][lane] = t2213 - t2240;
+            jacobian[100][lane] = t2205 - t2239;
+            jacobian[101][lane] = q * (t2198 - t2229);
+            jacobian[102][lane] = q * (t2206 - t2228);
+            jacobian[103][lane] = q * (t2214 - t2227);
+            jacobian[104][lane] = t2156 - t2241;
+            jacobian[105][lane] = t2174 - t2240;
+            jacobian[106][lane] = t2166 - t2239;
+            jacobian[107][lane] = q * (t2159 - t2229);
+            jacobian[108][lane] = q * (t2167 - t2228);
+            jacobian[109][lane] = q * (t2175 - t2227);
+            jacobian[110][lane] = t2117 - t2241;
+            jacobian[111][lane] = t2135 - t2240;
+            jacobian[112][lane] = t2127 - t2239;
+            jacobian[113][lane] = q * (t2120 - t2229);
+            jacobian[114][lane] = q * (t2128 - t2228);
+            jacobian[115][lane] = q * (t2136 - t2227);
+            jacobian[116][lane] = t114 * t1525 + t82 * t1526 + t213 * t1491 + t98 * t1492
+                - t227 * t1457 - t104 * t1458;
+            jacobian[117][lane] = t83 * t1531 + prepared_13 * t1532 + t99 * t1497
+                - prepared_20 * t1498 - t105 * t1463 + prepared_21 * t1464;
+            jacobian[118][lane] = prepared_12 * t1470 - prepared_9 * t1538
+                - prepared_11 * t1504;
+            jacobian[119][lane] = cos_target_rotation_x
+                * (sin_target_rotation_y * t1973 + sin_target_rotation_z * t1392
+                    - cos_target_rotation_z * t1395 + cos_target_rotation_y * t1937)
+                - sin_target_rotation_x
+                    * (sin_target_rotation_y * t1403 + cos_target_rotation_y * t1398
+                        + cos_target_rotation_z * t1934 - sin_target_rotation_z * t1931);
+            jacobian[120][lane] = cos_target_rotation_y
+                * (sin_target_rotation_x * t1973 - t228 * t479 + t231 * t473 + t232
+                    + cos_target_rotation_x * t1403)
+                - sin_target_rotation_y
+                    * (cos_target_rotation_x * t1398 + sin_target_rotation_x * t1937
+                        + sin_target_rotation_z * t1963 + cos_target_rotation_z * t1960);
+            jacobian[121][lane] = t158 * t1395 - t159 * t1392 + t152 * t1934
+                - t153 * t1931
+                + cos_target_rotation_y
+                    * (cos_target_rotation_z * t1963 - sin_target_rotation_z * t1960);
+            jacobian[122][lane] = t2539 - t2585;
+            jacobian[123][lane] = t2557 - t2584;
+            jacobian[124][lane] = t2549 - t2583;
+            jacobian[125][lane] = q * (t2542 - t2573);
+            jacobian[126][lane] = q * (t2550 - t2572);
+            jacobian[127][lane] = q * (t2558 - t2571);
+            jacobian[128][lane] = t2500 - t2585;
+            jacobian[129][lane] = t2518 - t2584;
+            jacobian[130][lane] = t2510 - t2583;
+            jacobian[131][lane] = q * (t2503 - t2573);
+            jacobian[132][lane] = q * (t2511 - t2572);
+            jacobian[133][lane] = q * (t2519 - t2571);
+            jacobian[134][lane] = t2461 - t2585;
+            jacobian[135][lane] = t2479 - t2584;
+            jacobian[136][lane] = t2471 - t2583;
+            jacobian[137][lane] = q * (t2464 - t2573);
+            jacobian[138][lane] = q * (t2472 - t2572);
+            jacobian[139][lane] = q * (t2480 - t2571);
+            jacobian[140][lane] = t138 * t1525 - t137 * t1526 - t264 * t1491
+                - t263 * t1492 + t284 * t1457 - t283 * t1458;
+            jacobian[141][lane] = t136 * t1531 - t262 * t1497 + t282 * t1463;
+            jacobian[142][lane] = prepared_13 * t1537 + prepared_10 * t1538
+                - prepared_20 * t1503 + prepared_18 * t1504 + prepared_21 * t1469
+                + prepared_19 * t1470;
+            jacobian[143][lane] = cos_target_rotation_x
+                * (sin_target_rotation_y * t2317 + sin_target_rotation_z * t1413
+                    - cos_target_rotation_z * t1416 - cos_target_rotation_y * t2281)
+                - sin_target_rotation_x
+                    * (sin_target_rotation_y * t1424 + cos_target_rotation_y * t1419
+                        + cos_target_rotation_z * t2278 - sin_target_rotation_z * t2275);
+            jacobian[144][lane] = cos_target_rotation_y
+                * (sin_target_rotation_x * t2317 - t285 * t479 + t290 * t473 - t291
+                    + cos_target_rotation_x * t1424)
+                - sin_target_rotation_y
+                    * (cos_target_rotation_x * t1419 - sin_target_rotation_x * t2281
+                        + sin_target_rotation_z * t2307 + cos_target_rotation_z * t2304);
+            jacobian[145][lane] = t158 * t1416 - t159 * t1413 + t152 * t2278
+                - t153 * t2275
+                + cos_target_rotation_y
+                    * (cos_target_rotation_z * t2307 - sin_target_rotation_z * t2304);
         }
     }
     /// `F·(C(q) + A(q)·m) + t − x`
@@ -6812,33 +6978,40 @@ pub mod full {
     /// With the Jacobian: 340 operations (143 additions, 177 multiplications, 12 divisions, 2 negations, 6 functions).
     #[derive(Debug, Clone, Copy)]
     pub struct CartPositionTwo;
-    impl ResidualFamily for CartPositionTwo {
-        fn shape(&self) -> Shape {
-            Shape {
-                data: 4,
-                prepared: 4,
-                parameters: 21,
-                residuals: 3,
-            }
-        }
-        fn pattern(&self) -> Pattern<'_> {
-            Pattern {
-                row_starts: &[0, 19, 38, 56],
-                columns: &[
-                    0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 15, 16, 17, 18, 19, 20, 0,
-                    1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 13, 15, 16, 17, 18, 19, 20, 0, 1,
-                    2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 14, 15, 16, 18, 19, 20,
-                ],
-            }
-        }
-        fn prepare(&self, data: &[f64], prepared: &mut [f64]) {
+    impl Formulas for CartPositionTwo {
+        const SHAPE: Shape = Shape {
+            data: 4,
+            prepared: 4,
+            parameters: 21,
+            residuals: 3,
+        };
+        const PATTERN: Pattern<'static> = Pattern {
+            row_starts: &[0, 19, 38, 56],
+            columns: &[
+                0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 15, 16, 17, 18, 19, 20, 0, 1,
+                2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 13, 15, 16, 17, 18, 19, 20, 0, 1, 2, 3,
+                4, 5, 6, 7, 8, 9, 10, 11, 14, 15, 16, 18, 19, 20,
+            ],
+        };
+        #[inline(always)]
+        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
             let &[q, x, y, z] = data else { panic!("`data` must hold 4 numbers") };
-            prepared.copy_from_slice(&[q, x, y, z]);
+            prepared[0][lane] = q;
+            prepared[1][lane] = x;
+            prepared[2][lane] = y;
+            prepared[3][lane] = z;
         }
-        fn value(&self, prepared: &[f64], parameters: &[f64], residuals: &mut [f64]) {
-            let &[q, x, y, z] = prepared else {
-                panic!("`prepared` must hold 4 numbers")
-            };
+        #[inline(always)]
+        fn value<S: Samples>(
+            lane: usize,
+            prepared: &[S],
+            parameters: &[f64],
+            residuals: &mut [S],
+        ) {
+            let q = prepared[0][lane];
+            let x = prepared[1][lane];
+            let y = prepared[2][lane];
+            let z = prepared[3][lane];
             let &[joint1_track_offset_x, joint1_track_offset_y, joint1_track_offset_z,
             joint1_track_direction_x, joint1_track_direction_y, joint1_track_direction_z,
             joint2_track_offset_x, joint2_track_offset_y, joint2_track_offset_z,
@@ -6885,28 +7058,25 @@ pub mod full {
             let t67 = cos_frame_rotation_x * t59 - sin_frame_rotation_x * t62;
             let t68 = sin_frame_rotation_x * t59 + cos_frame_rotation_x * t62;
             let t73 = sin_frame_rotation_y * t68 + cos_frame_rotation_y * t56;
-            residuals
-                .copy_from_slice(
-                    &[
-                        cos_frame_rotation_z * t73 - sin_frame_rotation_z * t67
-                            + frame_translation_x - x,
-                        sin_frame_rotation_z * t73 + cos_frame_rotation_z * t67
-                            + frame_translation_y - y,
-                        cos_frame_rotation_y * t68 - sin_frame_rotation_y * t56
-                            + frame_translation_z - z,
-                    ],
-                );
+            residuals[0][lane] = cos_frame_rotation_z * t73 - sin_frame_rotation_z * t67
+                + frame_translation_x - x;
+            residuals[1][lane] = sin_frame_rotation_z * t73 + cos_frame_rotation_z * t67
+                + frame_translation_y - y;
+            residuals[2][lane] = cos_frame_rotation_y * t68 - sin_frame_rotation_y * t56
+                + frame_translation_z - z;
         }
-        fn linearize(
-            &self,
-            prepared: &[f64],
+        #[inline(always)]
+        fn linearize<S: Samples>(
+            lane: usize,
+            prepared: &[S],
             parameters: &[f64],
-            residuals: &mut [f64],
-            jacobian: &mut [f64],
+            residuals: &mut [S],
+            jacobian: &mut [S],
         ) {
-            let &[q, x, y, z] = prepared else {
-                panic!("`prepared` must hold 4 numbers")
-            };
+            let q = prepared[0][lane];
+            let x = prepared[1][lane];
+            let y = prepared[2][lane];
+            let z = prepared[3][lane];
             let &[joint1_track_offset_x, joint1_track_offset_y, joint1_track_offset_z,
             joint1_track_direction_x, joint1_track_direction_y, joint1_track_direction_z,
             joint2_track_offset_x, joint2_track_offset_y, joint2_track_offset_z,
@@ -7014,75 +7184,65 @@ pub mod full {
             let t317 = sin_frame_rotation_y * t311 + cos_frame_rotation_y * t110;
             let t322 = cos_frame_rotation_z * t317 - sin_frame_rotation_z * t310;
             let t323 = sin_frame_rotation_z * t317 + cos_frame_rotation_z * t310;
-            residuals
-                .copy_from_slice(
-                    &[
-                        t322 + frame_translation_x - x,
-                        t323 + frame_translation_y - y,
-                        t316 + frame_translation_z - z,
-                    ],
-                );
-            jacobian
-                .copy_from_slice(
-                    &[
-                        t50 + t150,
-                        t49 + t162,
-                        t48 + t157,
-                        q * (t50 + t153),
-                        q * (t49 + t158),
-                        q * (t48 + t163),
-                        t50 - t150,
-                        t49 - t162,
-                        t48 - t157,
-                        q * (t50 - t153),
-                        q * (t49 - t158),
-                        q * (t48 - t163),
-                        1.0,
-                        t29 * t310 + sin_frame_rotation_z * t311,
-                        cos_frame_rotation_z * t316,
-                        -t323,
-                        t30 - t38 * t100 + t37 * t101,
-                        t37 + t38 * t99 - t30 * t101,
-                        t38 - t37 * t99 + t30 * t100,
-                        t70 + t212,
-                        t69 + t224,
-                        t68 + t219,
-                        q * (t70 + t215),
-                        q * (t69 + t220),
-                        q * (t68 + t225),
-                        t70 - t212,
-                        t69 - t224,
-                        t68 - t219,
-                        q * (t70 - t215),
-                        q * (t69 - t220),
-                        q * (t68 - t225),
-                        1.0,
-                        t51 * t310 - cos_frame_rotation_z * t311,
-                        sin_frame_rotation_z * t316,
-                        t322,
-                        t52 - t58 * t100 + t57 * t101,
-                        t57 + t58 * t99 - t52 * t101,
-                        t58 - t57 * t99 + t52 * t100,
-                        t84 + t274,
-                        t83 + t286,
-                        t82 + t281,
-                        q * (t84 - t277),
-                        q * (t83 + t282),
-                        q * (t82 + t287),
-                        t84 - t274,
-                        t83 - t286,
-                        t82 - t281,
-                        q * (t84 + t277),
-                        q * (t83 - t282),
-                        q * (t82 - t287),
-                        1.0,
-                        cos_frame_rotation_y * t310,
-                        -t317,
-                        t71 * t101 - sin_frame_rotation_y - t72 * t100,
-                        t71 + t72 * t99 + sin_frame_rotation_y * t101,
-                        t72 - t71 * t99 - sin_frame_rotation_y * t100,
-                    ],
-                );
+            residuals[0][lane] = t322 + frame_translation_x - x;
+            residuals[1][lane] = t323 + frame_translation_y - y;
+            residuals[2][lane] = t316 + frame_translation_z - z;
+            jacobian[0][lane] = t50 + t150;
+            jacobian[1][lane] = t49 + t162;
+            jacobian[2][lane] = t48 + t157;
+            jacobian[3][lane] = q * (t50 + t153);
+            jacobian[4][lane] = q * (t49 + t158);
+            jacobian[5][lane] = q * (t48 + t163);
+            jacobian[6][lane] = t50 - t150;
+            jacobian[7][lane] = t49 - t162;
+            jacobian[8][lane] = t48 - t157;
+            jacobian[9][lane] = q * (t50 - t153);
+            jacobian[10][lane] = q * (t49 - t158);
+            jacobian[11][lane] = q * (t48 - t163);
+            jacobian[12][lane] = 1.0;
+            jacobian[13][lane] = t29 * t310 + sin_frame_rotation_z * t311;
+            jacobian[14][lane] = cos_frame_rotation_z * t316;
+            jacobian[15][lane] = -t323;
+            jacobian[16][lane] = t30 - t38 * t100 + t37 * t101;
+            jacobian[17][lane] = t37 + t38 * t99 - t30 * t101;
+            jacobian[18][lane] = t38 - t37 * t99 + t30 * t100;
+            jacobian[19][lane] = t70 + t212;
+            jacobian[20][lane] = t69 + t224;
+            jacobian[21][lane] = t68 + t219;
+            jacobian[22][lane] = q * (t70 + t215);
+            jacobian[23][lane] = q * (t69 + t220);
+            jacobian[24][lane] = q * (t68 + t225);
+            jacobian[25][lane] = t70 - t212;
+            jacobian[26][lane] = t69 - t224;
+            jacobian[27][lane] = t68 - t219;
+            jacobian[28][lane] = q * (t70 - t215);
+            jacobian[29][lane] = q * (t69 - t220);
+            jacobian[30][lane] = q * (t68 - t225);
+            jacobian[31][lane] = 1.0;
+            jacobian[32][lane] = t51 * t310 - cos_frame_rotation_z * t311;
+            jacobian[33][lane] = sin_frame_rotation_z * t316;
+            jacobian[34][lane] = t322;
+            jacobian[35][lane] = t52 - t58 * t100 + t57 * t101;
+            jacobian[36][lane] = t57 + t58 * t99 - t52 * t101;
+            jacobian[37][lane] = t58 - t57 * t99 + t52 * t100;
+            jacobian[38][lane] = t84 + t274;
+            jacobian[39][lane] = t83 + t286;
+            jacobian[40][lane] = t82 + t281;
+            jacobian[41][lane] = q * (t84 - t277);
+            jacobian[42][lane] = q * (t83 + t282);
+            jacobian[43][lane] = q * (t82 + t287);
+            jacobian[44][lane] = t84 - t274;
+            jacobian[45][lane] = t83 - t286;
+            jacobian[46][lane] = t82 - t281;
+            jacobian[47][lane] = q * (t84 + t277);
+            jacobian[48][lane] = q * (t83 - t282);
+            jacobian[49][lane] = q * (t82 - t287);
+            jacobian[50][lane] = 1.0;
+            jacobian[51][lane] = cos_frame_rotation_y * t310;
+            jacobian[52][lane] = -t317;
+            jacobian[53][lane] = t71 * t101 - sin_frame_rotation_y - t72 * t100;
+            jacobian[54][lane] = t71 + t72 * t99 + sin_frame_rotation_y * t101;
+            jacobian[55][lane] = t72 - t71 * t99 - sin_frame_rotation_y * t100;
         }
     }
     /// `F·(C(q) + A(q)·m) + t − x`
@@ -7096,34 +7256,41 @@ pub mod full {
     /// With the Jacobian: 1141 operations (581 additions, 540 multiplications, 12 divisions, 2 negations, 6 functions).
     #[derive(Debug, Clone, Copy)]
     pub struct CartPositionThree;
-    impl ResidualFamily for CartPositionThree {
-        fn shape(&self) -> Shape {
-            Shape {
-                data: 4,
-                prepared: 4,
-                parameters: 27,
-                residuals: 3,
-            }
-        }
-        fn pattern(&self) -> Pattern<'_> {
-            Pattern {
-                row_starts: &[0, 25, 50, 74],
-                columns: &[
-                    0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18, 21,
-                    22, 23, 24, 25, 26, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14,
-                    15, 16, 17, 19, 21, 22, 23, 24, 25, 26, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9,
-                    10, 11, 12, 13, 14, 15, 16, 17, 20, 21, 22, 24, 25, 26,
-                ],
-            }
-        }
-        fn prepare(&self, data: &[f64], prepared: &mut [f64]) {
+    impl Formulas for CartPositionThree {
+        const SHAPE: Shape = Shape {
+            data: 4,
+            prepared: 4,
+            parameters: 27,
+            residuals: 3,
+        };
+        const PATTERN: Pattern<'static> = Pattern {
+            row_starts: &[0, 25, 50, 74],
+            columns: &[
+                0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18, 21, 22,
+                23, 24, 25, 26, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16,
+                17, 19, 21, 22, 23, 24, 25, 26, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12,
+                13, 14, 15, 16, 17, 20, 21, 22, 24, 25, 26,
+            ],
+        };
+        #[inline(always)]
+        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
             let &[q, x, y, z] = data else { panic!("`data` must hold 4 numbers") };
-            prepared.copy_from_slice(&[q, x, y, z]);
+            prepared[0][lane] = q;
+            prepared[1][lane] = x;
+            prepared[2][lane] = y;
+            prepared[3][lane] = z;
         }
-        fn value(&self, prepared: &[f64], parameters: &[f64], residuals: &mut [f64]) {
-            let &[q, x, y, z] = prepared else {
-                panic!("`prepared` must hold 4 numbers")
-            };
+        #[inline(always)]
+        fn value<S: Samples>(
+            lane: usize,
+            prepared: &[S],
+            parameters: &[f64],
+            residuals: &mut [S],
+        ) {
+            let q = prepared[0][lane];
+            let x = prepared[1][lane];
+            let y = prepared[2][lane];
+            let z = prepared[3][lane];
             let &[joint1_track_offset_x, joint1_track_offset_y, joint1_track_offset_z,
             joint1_track_direction_x, joint1_track_direction_y, joint1_track_direction_z,
             joint2_track_offset_x, joint2_track_offset_y, joint2_track_offset_z,
@@ -7235,28 +7402,25 @@ pub mod full {
             let t208 = cos_frame_rotation_x * t200 - sin_frame_rotation_x * t203;
             let t209 = sin_frame_rotation_x * t200 + cos_frame_rotation_x * t203;
             let t214 = sin_frame_rotation_y * t209 + cos_frame_rotation_y * t197;
-            residuals
-                .copy_from_slice(
-                    &[
-                        cos_frame_rotation_z * t214 - sin_frame_rotation_z * t208
-                            + frame_translation_x - x,
-                        sin_frame_rotation_z * t214 + cos_frame_rotation_z * t208
-                            + frame_translation_y - y,
-                        cos_frame_rotation_y * t209 - sin_frame_rotation_y * t197
-                            + frame_translation_z - z,
-                    ],
-                );
+            residuals[0][lane] = cos_frame_rotation_z * t214
+                - sin_frame_rotation_z * t208 + frame_translation_x - x;
+            residuals[1][lane] = sin_frame_rotation_z * t214
+                + cos_frame_rotation_z * t208 + frame_translation_y - y;
+            residuals[2][lane] = cos_frame_rotation_y * t209
+                - sin_frame_rotation_y * t197 + frame_translation_z - z;
         }
-        fn linearize(
-            &self,
-            prepared: &[f64],
+        #[inline(always)]
+        fn linearize<S: Samples>(
+            lane: usize,
+            prepared: &[S],
             parameters: &[f64],
-            residuals: &mut [f64],
-            jacobian: &mut [f64],
+            residuals: &mut [S],
+            jacobian: &mut [S],
         ) {
-            let &[q, x, y, z] = prepared else {
-                panic!("`prepared` must hold 4 numbers")
-            };
+            let q = prepared[0][lane];
+            let x = prepared[1][lane];
+            let y = prepared[2][lane];
+            let z = prepared[3][lane];
             let &[joint1_track_offset_x, joint1_track_offset_y, joint1_track_offset_z,
             joint1_track_direction_x, joint1_track_direction_y, joint1_track_direction_z,
             joint2_track_offset_x, joint2_track_offset_y, joint2_track_offset_z,
@@ -7606,93 +7770,83 @@ pub mod full {
             let t1118 = sin_frame_rotation_y * t1112 + cos_frame_rotation_y * t251;
             let t1123 = cos_frame_rotation_z * t1118 - sin_frame_rotation_z * t1111;
             let t1124 = sin_frame_rotation_z * t1118 + cos_frame_rotation_z * t1111;
-            residuals
-                .copy_from_slice(
-                    &[
-                        t1123 + frame_translation_x - x,
-                        t1124 + frame_translation_y - y,
-                        t1117 + frame_translation_z - z,
-                    ],
-                );
-            jacobian
-                .copy_from_slice(
-                    &[
-                        t35 + t458 - t495,
-                        t34 + t476 - t494,
-                        t33 + t468 - t493,
-                        q * (t35 + t461 - t492),
-                        q * (t34 + t469 - t491),
-                        q * (t33 + t477 - t490),
-                        t35 + t419 - t495,
-                        t34 + t437 - t494,
-                        t33 + t429 - t493,
-                        q * (t35 + t422 - t492),
-                        q * (t34 + t430 - t491),
-                        q * (t33 + t438 - t490),
-                        t35 + t380 - t495,
-                        t34 + t398 - t494,
-                        t33 + t390 - t493,
-                        q * (t35 + t383 - t492),
-                        q * (t34 + t391 - t491),
-                        q * (t33 + t399 - t490),
-                        1.0,
-                        t14 * t1111 + sin_frame_rotation_z * t1112,
-                        cos_frame_rotation_z * t1117,
-                        -t1124,
-                        t15 - t23 * t236 + t22 * t242,
-                        t22 + t23 * t230 - t15 * t242,
-                        t23 - t22 * t230 + t15 * t236,
-                        t55 + t741 - t778,
-                        t54 + t759 - t777,
-                        t53 + t751 - t776,
-                        q * (t55 + t744 - t775),
-                        q * (t54 + t752 - t774),
-                        q * (t53 + t760 - t773),
-                        t55 + t702 - t778,
-                        t54 + t720 - t777,
-                        t53 + t712 - t776,
-                        q * (t55 + t705 - t775),
-                        q * (t54 + t713 - t774),
-                        q * (t53 + t721 - t773),
-                        t55 + t663 - t778,
-                        t54 + t681 - t777,
-                        t53 + t673 - t776,
-                        q * (t55 + t666 - t775),
-                        q * (t54 + t674 - t774),
-                        q * (t53 + t682 - t773),
-                        1.0,
-                        t36 * t1111 - cos_frame_rotation_z * t1112,
-                        sin_frame_rotation_z * t1117,
-                        t1123,
-                        t37 - t43 * t236 + t42 * t242,
-                        t42 + t43 * t230 - t37 * t242,
-                        t43 - t42 * t230 + t37 * t236,
-                        t1024 - t69 - t1061,
-                        t68 + t1042 - t1060,
-                        t67 + t1034 - t1059,
-                        q * (t1027 - t69 - t1058),
-                        q * (t68 + t1035 - t1057),
-                        q * (t67 + t1043 - t1056),
-                        t985 - t69 - t1061,
-                        t68 + t1003 - t1060,
-                        t67 + t995 - t1059,
-                        q * (t988 - t69 - t1058),
-                        q * (t68 + t996 - t1057),
-                        q * (t67 + t1004 - t1056),
-                        t946 - t69 - t1061,
-                        t68 + t964 - t1060,
-                        t67 + t956 - t1059,
-                        q * (t949 - t69 - t1058),
-                        q * (t68 + t957 - t1057),
-                        q * (t67 + t965 - t1056),
-                        1.0,
-                        cos_frame_rotation_y * t1111,
-                        -t1118,
-                        t56 * t242 - sin_frame_rotation_y - t57 * t236,
-                        t56 + t57 * t230 + sin_frame_rotation_y * t242,
-                        t57 - t56 * t230 - sin_frame_rotation_y * t236,
-                    ],
-                );
+            residuals[0][lane] = t1123 + frame_translation_x - x;
+            residuals[1][lane] = t1124 + frame_translation_y - y;
+            residuals[2][lane] = t1117 + frame_translation_z - z;
+            jacobian[0][lane] = t35 + t458 - t495;
+            jacobian[1][lane] = t34 + t476 - t494;
+            jacobian[2][lane] = t33 + t468 - t493;
+            jacobian[3][lane] = q * (t35 + t461 - t492);
+            jacobian[4][lane] = q * (t34 + t469 - t491);
+            jacobian[5][lane] = q * (t33 + t477 - t490);
+            jacobian[6][lane] = t35 + t419 - t495;
+            jacobian[7][lane] = t34 + t437 - t494;
+            jacobian[8][lane] = t33 + t429 - t493;
+            jacobian[9][lane] = q * (t35 + t422 - t492);
+            jacobian[10][lane] = q * (t34 + t430 - t491);
+            jacobian[11][lane] = q * (t33 + t438 - t490);
+            jacobian[12][lane] = t35 + t380 - t495;
+            jacobian[13][lane] = t34 + t398 - t494;
+            jacobian[14][lane] = t33 + t390 - t493;
+            jacobian[15][lane] = q * (t35 + t383 - t492);
+            jacobian[16][lane] = q * (t34 + t391 - t491);
+            jacobian[17][lane] = q * (t33 + t399 - t490);
+            jacobian[18][lane] = 1.0;
+            jacobian[19][lane] = t14 * t1111 + sin_frame_rotation_z * t1112;
+            jacobian[20][lane] = cos_frame_rotation_z * t1117;
+            jacobian[21][lane] = -t1124;
+            jacobian[22][lane] = t15 - t23 * t236 + t22 * t242;
+            jacobian[23][lane] = t22 + t23 * t230 - t15 * t242;
+            jacobian[24][lane] = t23 - t22 * t230 + t15 * t236;
+            jacobian[25][lane] = t55 + t741 - t778;
+            jacobian[26][lane] = t54 + t759 - t777;
+            jacobian[27][lane] = t53 + t751 - t776;
+            jacobian[28][lane] = q * (t55 + t744 - t775);
+            jacobian[29][lane] = q * (t54 + t752 - t774);
+            jacobian[30][lane] = q * (t53 + t760 - t773);
+            jacobian[31][lane] = t55 + t702 - t778;
+            jacobian[32][lane] = t54 + t720 - t777;
+            jacobian[33][lane] = t53 + t712 - t776;
+            jacobian[34][lane] = q * (t55 + t705 - t775);
+            jacobian[35][lane] = q * (t54 + t713 - t774);
+            jacobian[36][lane] = q * (t53 + t721 - t773);
+            jacobian[37][lane] = t55 + t663 - t778;
+            jacobian[38][lane] = t54 + t681 - t777;
+            jacobian[39][lane] = t53 + t673 - t776;
+            jacobian[40][lane] = q * (t55 + t666 - t775);
+            jacobian[41][lane] = q * (t54 + t674 - t774);
+            jacobian[42][lane] = q * (t53 + t682 - t773);
+            jacobian[43][lane] = 1.0;
+            jacobian[44][lane] = t36 * t1111 - cos_frame_rotation_z * t1112;
+            jacobian[45][lane] = sin_frame_rotation_z * t1117;
+            jacobian[46][lane] = t1123;
+            jacobian[47][lane] = t37 - t43 * t236 + t42 * t242;
+            jacobian[48][lane] = t42 + t43 * t230 - t37 * t242;
+            jacobian[49][lane] = t43 - t42 * t230 + t37 * t236;
+            jacobian[50][lane] = t1024 - t69 - t1061;
+            jacobian[51][lane] = t68 + t1042 - t1060;
+            jacobian[52][lane] = t67 + t1034 - t1059;
+            jacobian[53][lane] = q * (t1027 - t69 - t1058);
+            jacobian[54][lane] = q * (t68 + t1035 - t1057);
+            jacobian[55][lane] = q * (t67 + t1043 - t1056);
+            jacobian[56][lane] = t985 - t69 - t1061;
+            jacobian[57][lane] = t68 + t1003 - t1060;
+            jacobian[58][lane] = t67 + t995 - t1059;
+            jacobian[59][lane] = q * (t988 - t69 - t1058);
+            jacobian[60][lane] = q * (t68 + t996 - t1057);
+            jacobian[61][lane] = q * (t67 + t1004 - t1056);
+            jacobian[62][lane] = t946 - t69 - t1061;
+            jacobian[63][lane] = t68 + t964 - t1060;
+            jacobian[64][lane] = t67 + t956 - t1059;
+            jacobian[65][lane] = q * (t949 - t69 - t1058);
+            jacobian[66][lane] = q * (t68 + t957 - t1057);
+            jacobian[67][lane] = q * (t67 + t965 - t1056);
+            jacobian[68][lane] = 1.0;
+            jacobian[69][lane] = cos_frame_rotation_y * t1111;
+            jacobian[70][lane] = -t1118;
+            jacobian[71][lane] = t56 * t242 - sin_frame_rotation_y - t57 * t236;
+            jacobian[72][lane] = t56 + t57 * t230 + sin_frame_rotation_y * t242;
+            jacobian[73][lane] = t57 - t56 * t230 - sin_frame_rotation_y * t236;
         }
     }
 }
@@ -7701,8 +7855,9 @@ pub mod full {
 pub mod full_piecewise {
     #[allow(unused_imports, reason = "one list for all modules")]
     use ::tau_runtime::{
-        Arm, Cluster, EffectUse, Input, Instance, Link, Owner, Parameter, Pattern,
-        ResidualFamily, ResidualKind, Robot, Shape, TrackModel, TrackShape, Variant, math,
+        Arm, Cluster, EffectUse, Formulas, Input, Instance, Link, Owner, Parameter,
+        Pattern, ResidualKind, Robot, Samples, Shape, TrackModel, TrackShape, Variant,
+        math,
     };
     /// Tables of the variant `FullPiecewise` of `GantryTau`.
     pub const VARIANT: Variant = Variant {
@@ -9043,22 +9198,19 @@ pub mod full_piecewise {
     /// With the Jacobian: 92 operations (36 additions, 50 multiplications, 6 functions).
     #[derive(Debug, Clone, Copy)]
     pub struct Closure;
-    impl ResidualFamily for Closure {
-        fn shape(&self) -> Shape {
-            Shape {
-                data: 15,
-                prepared: 15,
-                parameters: 10,
-                residuals: 1,
-            }
-        }
-        fn pattern(&self) -> Pattern<'_> {
-            Pattern {
-                row_starts: &[0, 10],
-                columns: &[0, 1, 2, 3, 4, 5, 6, 7, 8, 9],
-            }
-        }
-        fn prepare(&self, data: &[f64], prepared: &mut [f64]) {
+    impl Formulas for Closure {
+        const SHAPE: Shape = Shape {
+            data: 15,
+            prepared: 15,
+            parameters: 10,
+            residuals: 1,
+        };
+        const PATTERN: Pattern<'static> = Pattern {
+            row_starts: &[0, 10],
+            columns: &[0, 1, 2, 3, 4, 5, 6, 7, 8, 9],
+        };
+        #[inline(always)]
+        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
             let &[q, x, y, z, alpha, beta, gamma, segment_start_x, segment_start_y,
             segment_start_z, segment_end_x, segment_end_y, segment_end_z,
             segment_start_q, segment_end_q] = data else {
@@ -9086,19 +9238,44 @@ pub mod full_piecewise {
             let prepared_13 = t22 * cos_alpha + cos_gamma * sin_alpha;
             let r_yy = cos_gamma * cos_alpha - t22 * sin_alpha;
             let r_zz_2 = -r_zz;
-            prepared
-                .copy_from_slice(
-                    &[
-                        x, y, z, point_x, point_y, point_z, r_zz_2, prepared_7, r_zy, r_xz, r_yz,
-                        r_xx, r_yx, prepared_13, r_yy,
-                    ],
-                );
+            prepared[0][lane] = x;
+            prepared[1][lane] = y;
+            prepared[2][lane] = z;
+            prepared[3][lane] = point_x;
+            prepared[4][lane] = point_y;
+            prepared[5][lane] = point_z;
+            prepared[6][lane] = r_zz_2;
+            prepared[7][lane] = prepared_7;
+            prepared[8][lane] = r_zy;
+            prepared[9][lane] = r_xz;
+            prepared[10][lane] = r_yz;
+            prepared[11][lane] = r_xx;
+            prepared[12][lane] = r_yx;
+            prepared[13][lane] = prepared_13;
+            prepared[14][lane] = r_yy;
         }
-        fn value(&self, prepared: &[f64], parameters: &[f64], residuals: &mut [f64]) {
-            let &[x, y, z, point_x, point_y, point_z, r_zz, prepared_7, r_zy, r_xz, r_yz,
-            r_xx, r_yx, prepared_13, r_yy] = prepared else {
-                panic!("`prepared` must hold 15 numbers")
-            };
+        #[inline(always)]
+        fn value<S: Samples>(
+            lane: usize,
+            prepared: &[S],
+            parameters: &[f64],
+            residuals: &mut [S],
+        ) {
+            let x = prepared[0][lane];
+            let y = prepared[1][lane];
+            let z = prepared[2][lane];
+            let point_x = prepared[3][lane];
+            let point_y = prepared[4][lane];
+            let point_z = prepared[5][lane];
+            let r_zz = prepared[6][lane];
+            let prepared_7 = prepared[7][lane];
+            let r_zy = prepared[8][lane];
+            let r_xz = prepared[9][lane];
+            let r_yz = prepared[10][lane];
+            let r_xx = prepared[11][lane];
+            let r_yx = prepared[12][lane];
+            let prepared_13 = prepared[13][lane];
+            let r_yy = prepared[14][lane];
             let &[length, plate_joint_x, plate_joint_y, plate_joint_z, track_offset_x,
             track_offset_y, track_offset_z, track_rotation_x, track_rotation_y,
             track_rotation_z] = parameters else {
@@ -9127,19 +9304,31 @@ pub mod full_piecewise {
                 - cos_track_rotation_y * t18 + point_x * sin_track_rotation_y;
             let residual = length * length - rod_z * rod_z - rod_x * rod_x
                 - rod_y * rod_y;
-            residuals.copy_from_slice(&[residual]);
+            residuals[0][lane] = residual;
         }
-        fn linearize(
-            &self,
-            prepared: &[f64],
+        #[inline(always)]
+        fn linearize<S: Samples>(
+            lane: usize,
+            prepared: &[S],
             parameters: &[f64],
-            residuals: &mut [f64],
-            jacobian: &mut [f64],
+            residuals: &mut [S],
+            jacobian: &mut [S],
         ) {
-            let &[x, y, z, point_x, point_y, point_z, r_zz, prepared_7, r_zy, r_xz, r_yz,
-            r_xx, r_yx, prepared_13, r_yy] = prepared else {
-                panic!("`prepared` must hold 15 numbers")
-            };
+            let x = prepared[0][lane];
+            let y = prepared[1][lane];
+            let z = prepared[2][lane];
+            let point_x = prepared[3][lane];
+            let point_y = prepared[4][lane];
+            let point_z = prepared[5][lane];
+            let r_zz = prepared[6][lane];
+            let prepared_7 = prepared[7][lane];
+            let r_zy = prepared[8][lane];
+            let r_xz = prepared[9][lane];
+            let r_yz = prepared[10][lane];
+            let r_xx = prepared[11][lane];
+            let r_yx = prepared[12][lane];
+            let prepared_13 = prepared[13][lane];
+            let r_yy = prepared[14][lane];
             let &[length, plate_joint_x, plate_joint_y, plate_joint_z, track_offset_x,
             track_offset_y, track_offset_z, track_rotation_x, track_rotation_y,
             track_rotation_z] = parameters else {
@@ -9172,22 +9361,19 @@ pub mod full_piecewise {
             let t58 = 2.0 * rod_y;
             let t59 = 2.0 * rod_x;
             let t82 = sin_track_rotation_z * t58 + cos_track_rotation_z * t59;
-            residuals.copy_from_slice(&[residual]);
-            jacobian
-                .copy_from_slice(
-                    &[
-                        length * 2.0,
-                        prepared_7 * t57 - r_yx * t58 - r_xx * t59,
-                        prepared_13 * t59 - r_zy * t57 - r_yy * t58,
-                        r_zz * t57 - r_yz * t58 - r_xz * t59,
-                        t59, t58, t57,
-                        t18 * (sin_track_rotation_y * t82 + cos_track_rotation_y * t57)
-                            - t19
-                                * (cos_track_rotation_z * t58 - sin_track_rotation_z * t59),
-                        t24 * t82 - t25 * t57,
-                        t30 * t58 - t31 * t59,
-                    ],
-                );
+            residuals[0][lane] = residual;
+            jacobian[0][lane] = length * 2.0;
+            jacobian[1][lane] = prepared_7 * t57 - r_yx * t58 - r_xx * t59;
+            jacobian[2][lane] = prepared_13 * t59 - r_zy * t57 - r_yy * t58;
+            jacobian[3][lane] = r_zz * t57 - r_yz * t58 - r_xz * t59;
+            jacobian[4][lane] = t59;
+            jacobian[5][lane] = t58;
+            jacobian[6][lane] = t57;
+            jacobian[7][lane] = t18
+                * (sin_track_rotation_y * t82 + cos_track_rotation_y * t57)
+                - t19 * (cos_track_rotation_z * t58 - sin_track_rotation_z * t59);
+            jacobian[8][lane] = t24 * t82 - t25 * t57;
+            jacobian[9][lane] = t30 * t58 - t31 * t59;
         }
     }
     /// `L² − ‖T + R·P − C(q)‖², R = Rz(alpha)·Ry(beta)·Rz(gamma)`
@@ -9201,22 +9387,19 @@ pub mod full_piecewise {
     /// With the Jacobian: 107 operations (39 additions, 55 multiplications, 1 negation, 12 functions).
     #[derive(Debug, Clone, Copy)]
     pub struct ClosureByPoseL1;
-    impl ResidualFamily for ClosureByPoseL1 {
-        fn shape(&self) -> Shape {
-            Shape {
-                data: 8,
-                prepared: 7,
-                parameters: 19,
-                residuals: 1,
-            }
-        }
-        fn pattern(&self) -> Pattern<'_> {
-            Pattern {
-                row_starts: &[0, 7],
-                columns: &[0, 1, 2, 3, 4, 5, 6],
-            }
-        }
-        fn prepare(&self, data: &[f64], prepared: &mut [f64]) {
+    impl Formulas for ClosureByPoseL1 {
+        const SHAPE: Shape = Shape {
+            data: 8,
+            prepared: 7,
+            parameters: 19,
+            residuals: 1,
+        };
+        const PATTERN: Pattern<'static> = Pattern {
+            row_starts: &[0, 7],
+            columns: &[0, 1, 2, 3, 4, 5, 6],
+        };
+        #[inline(always)]
+        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
             let &[segment_start_x, segment_start_y, segment_start_z, segment_end_x,
             segment_end_y, segment_end_z, segment_start_q, segment_end_q] = data else {
                 panic!("`data` must hold 8 numbers")
@@ -9225,19 +9408,28 @@ pub mod full_piecewise {
             let slope_x = (segment_end_x - segment_start_x) / t1;
             let slope_y = (segment_end_y - segment_start_y) / t1;
             let slope_z = (segment_end_z - segment_start_z) / t1;
-            prepared
-                .copy_from_slice(
-                    &[
-                        segment_start_x, segment_start_y, segment_start_z, segment_start_q, slope_x,
-                        slope_y, slope_z,
-                    ],
-                );
+            prepared[0][lane] = segment_start_x;
+            prepared[1][lane] = segment_start_y;
+            prepared[2][lane] = segment_start_z;
+            prepared[3][lane] = segment_start_q;
+            prepared[4][lane] = slope_x;
+            prepared[5][lane] = slope_y;
+            prepared[6][lane] = slope_z;
         }
-        fn value(&self, prepared: &[f64], parameters: &[f64], residuals: &mut [f64]) {
-            let &[segment_start_x, segment_start_y, segment_start_z, segment_start_q,
-            slope_x, slope_y, slope_z] = prepared else {
-                panic!("`prepared` must hold 7 numbers")
-            };
+        #[inline(always)]
+        fn value<S: Samples>(
+            lane: usize,
+            prepared: &[S],
+            parameters: &[f64],
+            residuals: &mut [S],
+        ) {
+            let segment_start_x = prepared[0][lane];
+            let segment_start_y = prepared[1][lane];
+            let segment_start_z = prepared[2][lane];
+            let segment_start_q = prepared[3][lane];
+            let slope_x = prepared[4][lane];
+            let slope_y = prepared[5][lane];
+            let slope_z = prepared[6][lane];
             let &[x, y, z, alpha, beta, gamma, q1, _, _, length, plate_joint_x,
             plate_joint_y, plate_joint_z, track_offset_x, track_offset_y, track_offset_z,
             track_rotation_x, track_rotation_y, track_rotation_z] = parameters else {
@@ -9276,19 +9468,23 @@ pub mod full_piecewise {
                 - cos_track_rotation_y * t20;
             let residual = length * length - rod_z * rod_z - rod_x * rod_x
                 - rod_y * rod_y;
-            residuals.copy_from_slice(&[residual]);
+            residuals[0][lane] = residual;
         }
-        fn linearize(
-            &self,
-            prepared: &[f64],
+        #[inline(always)]
+        fn linearize<S: Samples>(
+            lane: usize,
+            prepared: &[S],
             parameters: &[f64],
-            residuals: &mut [f64],
-            jacobian: &mut [f64],
+            residuals: &mut [S],
+            jacobian: &mut [S],
         ) {
-            let &[segment_start_x, segment_start_y, segment_start_z, segment_start_q,
-            slope_x, slope_y, slope_z] = prepared else {
-                panic!("`prepared` must hold 7 numbers")
-            };
+            let segment_start_x = prepared[0][lane];
+            let segment_start_y = prepared[1][lane];
+            let segment_start_z = prepared[2][lane];
+            let segment_start_q = prepared[3][lane];
+            let slope_x = prepared[4][lane];
+            let slope_y = prepared[5][lane];
+            let slope_z = prepared[6][lane];
             let &[x, y, z, alpha, beta, gamma, q1, _, _, length, plate_joint_x,
             plate_joint_y, plate_joint_z, track_offset_x, track_offset_y, track_offset_z,
             track_rotation_x, track_rotation_y, track_rotation_z] = parameters else {
@@ -9333,22 +9529,17 @@ pub mod full_piecewise {
             let t88 = sin_track_rotation_z * t73 - cos_track_rotation_z * t74;
             let t89 = cos_track_rotation_z * t73 + sin_track_rotation_z * t74;
             let t94 = sin_track_rotation_y * t88 - cos_track_rotation_y * t72;
-            residuals.copy_from_slice(&[residual]);
-            jacobian
-                .copy_from_slice(
-                    &[
-                        t74, -t73, t72,
-                        t53 * t72 - t44 * t73,
-                        t52 * t72 - t44 * t74,
-                        t52 * t73 - t53 * t74,
-                        slope_z
-                            * (cos_track_rotation_x * t94 - sin_track_rotation_x * t89)
-                            + slope_y
-                                * (sin_track_rotation_x * t94 + cos_track_rotation_x * t89)
-                            + slope_x
-                                * (cos_track_rotation_y * t88 + sin_track_rotation_y * t72),
-                    ],
-                );
+            residuals[0][lane] = residual;
+            jacobian[0][lane] = t74;
+            jacobian[1][lane] = -t73;
+            jacobian[2][lane] = t72;
+            jacobian[3][lane] = t53 * t72 - t44 * t73;
+            jacobian[4][lane] = t52 * t72 - t44 * t74;
+            jacobian[5][lane] = t52 * t73 - t53 * t74;
+            jacobian[6][lane] = slope_z
+                * (cos_track_rotation_x * t94 - sin_track_rotation_x * t89)
+                + slope_y * (sin_track_rotation_x * t94 + cos_track_rotation_x * t89)
+                + slope_x * (cos_track_rotation_y * t88 + sin_track_rotation_y * t72);
         }
     }
     /// `L² − ‖T + R·P − C(q)‖², R = Rz(alpha)·Ry(beta)·Rz(gamma)`
@@ -9362,22 +9553,19 @@ pub mod full_piecewise {
     /// With the Jacobian: 107 operations (39 additions, 55 multiplications, 1 negation, 12 functions).
     #[derive(Debug, Clone, Copy)]
     pub struct ClosureByPoseL2a;
-    impl ResidualFamily for ClosureByPoseL2a {
-        fn shape(&self) -> Shape {
-            Shape {
-                data: 8,
-                prepared: 7,
-                parameters: 19,
-                residuals: 1,
-            }
-        }
-        fn pattern(&self) -> Pattern<'_> {
-            Pattern {
-                row_starts: &[0, 7],
-                columns: &[0, 1, 2, 3, 4, 5, 7],
-            }
-        }
-        fn prepare(&self, data: &[f64], prepared: &mut [f64]) {
+    impl Formulas for ClosureByPoseL2a {
+        const SHAPE: Shape = Shape {
+            data: 8,
+            prepared: 7,
+            parameters: 19,
+            residuals: 1,
+        };
+        const PATTERN: Pattern<'static> = Pattern {
+            row_starts: &[0, 7],
+            columns: &[0, 1, 2, 3, 4, 5, 7],
+        };
+        #[inline(always)]
+        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
             let &[segment_start_x, segment_start_y, segment_start_z, segment_end_x,
             segment_end_y, segment_end_z, segment_start_q, segment_end_q] = data else {
                 panic!("`data` must hold 8 numbers")
@@ -9386,19 +9574,28 @@ pub mod full_piecewise {
             let slope_x = (segment_end_x - segment_start_x) / t1;
             let slope_y = (segment_end_y - segment_start_y) / t1;
             let slope_z = (segment_end_z - segment_start_z) / t1;
-            prepared
-                .copy_from_slice(
-                    &[
-                        segment_start_x, segment_start_y, segment_start_z, segment_start_q, slope_x,
-                        slope_y, slope_z,
-                    ],
-                );
+            prepared[0][lane] = segment_start_x;
+            prepared[1][lane] = segment_start_y;
+            prepared[2][lane] = segment_start_z;
+            prepared[3][lane] = segment_start_q;
+            prepared[4][lane] = slope_x;
+            prepared[5][lane] = slope_y;
+            prepared[6][lane] = slope_z;
         }
-        fn value(&self, prepared: &[f64], parameters: &[f64], residuals: &mut [f64]) {
-            let &[segment_start_x, segment_start_y, segment_start_z, segment_start_q,
-            slope_x, slope_y, slope_z] = prepared else {
-                panic!("`prepared` must hold 7 numbers")
-            };
+        #[inline(always)]
+        fn value<S: Samples>(
+            lane: usize,
+            prepared: &[S],
+            parameters: &[f64],
+            residuals: &mut [S],
+        ) {
+            let segment_start_x = prepared[0][lane];
+            let segment_start_y = prepared[1][lane];
+            let segment_start_z = prepared[2][lane];
+            let segment_start_q = prepared[3][lane];
+            let slope_x = prepared[4][lane];
+            let slope_y = prepared[5][lane];
+            let slope_z = prepared[6][lane];
             let &[x, y, z, alpha, beta, gamma, _, q2, _, length, plate_joint_x,
             plate_joint_y, plate_joint_z, track_offset_x, track_offset_y, track_offset_z,
             track_rotation_x, track_rotation_y, track_rotation_z] = parameters else {
@@ -9437,19 +9634,23 @@ pub mod full_piecewise {
                 - cos_track_rotation_y * t20;
             let residual = length * length - rod_z * rod_z - rod_x * rod_x
                 - rod_y * rod_y;
-            residuals.copy_from_slice(&[residual]);
+            residuals[0][lane] = residual;
         }
-        fn linearize(
-            &self,
-            prepared: &[f64],
+        #[inline(always)]
+        fn linearize<S: Samples>(
+            lane: usize,
+            prepared: &[S],
             parameters: &[f64],
-            residuals: &mut [f64],
-            jacobian: &mut [f64],
+            residuals: &mut [S],
+            jacobian: &mut [S],
         ) {
-            let &[segment_start_x, segment_start_y, segment_start_z, segment_start_q,
-            slope_x, slope_y, slope_z] = prepared else {
-                panic!("`prepared` must hold 7 numbers")
-            };
+            let segment_start_x = prepared[0][lane];
+            let segment_start_y = prepared[1][lane];
+            let segment_start_z = prepared[2][lane];
+            let segment_start_q = prepared[3][lane];
+            let slope_x = prepared[4][lane];
+            let slope_y = prepared[5][lane];
+            let slope_z = prepared[6][lane];
             let &[x, y, z, alpha, beta, gamma, _, q2, _, length, plate_joint_x,
             plate_joint_y, plate_joint_z, track_offset_x, track_offset_y, track_offset_z,
             track_rotation_x, track_rotation_y, track_rotation_z] = parameters else {
@@ -9494,22 +9695,17 @@ pub mod full_piecewise {
             let t88 = sin_track_rotation_z * t73 - cos_track_rotation_z * t74;
             let t89 = cos_track_rotation_z * t73 + sin_track_rotation_z * t74;
             let t94 = sin_track_rotation_y * t88 - cos_track_rotation_y * t72;
-            residuals.copy_from_slice(&[residual]);
-            jacobian
-                .copy_from_slice(
-                    &[
-                        t74, -t73, t72,
-                        t53 * t72 - t44 * t73,
-                        t52 * t72 - t44 * t74,
-                        t52 * t73 - t53 * t74,
-                        slope_z
-                            * (cos_track_rotation_x * t94 - sin_track_rotation_x * t89)
-                            + slope_y
-                                * (sin_track_rotation_x * t94 + cos_track_rotation_x * t89)
-                            + slope_x
-                                * (cos_track_rotation_y * t88 + sin_track_rotation_y * t72),
-                    ],
-                );
+            residuals[0][lane] = residual;
+            jacobian[0][lane] = t74;
+            jacobian[1][lane] = -t73;
+            jacobian[2][lane] = t72;
+            jacobian[3][lane] = t53 * t72 - t44 * t73;
+            jacobian[4][lane] = t52 * t72 - t44 * t74;
+            jacobian[5][lane] = t52 * t73 - t53 * t74;
+            jacobian[6][lane] = slope_z
+                * (cos_track_rotation_x * t94 - sin_track_rotation_x * t89)
+                + slope_y * (sin_track_rotation_x * t94 + cos_track_rotation_x * t89)
+                + slope_x * (cos_track_rotation_y * t88 + sin_track_rotation_y * t72);
         }
     }
     /// `L² − ‖T + R·P − C(q)‖², R = Rz(alpha)·Ry(beta)·Rz(gamma)`
@@ -9523,22 +9719,19 @@ pub mod full_piecewise {
     /// With the Jacobian: 107 operations (39 additions, 55 multiplications, 1 negation, 12 functions).
     #[derive(Debug, Clone, Copy)]
     pub struct ClosureByPoseL3a;
-    impl ResidualFamily for ClosureByPoseL3a {
-        fn shape(&self) -> Shape {
-            Shape {
-                data: 8,
-                prepared: 7,
-                parameters: 19,
-                residuals: 1,
-            }
-        }
-        fn pattern(&self) -> Pattern<'_> {
-            Pattern {
-                row_starts: &[0, 7],
-                columns: &[0, 1, 2, 3, 4, 5, 8],
-            }
-        }
-        fn prepare(&self, data: &[f64], prepared: &mut [f64]) {
+    impl Formulas for ClosureByPoseL3a {
+        const SHAPE: Shape = Shape {
+            data: 8,
+            prepared: 7,
+            parameters: 19,
+            residuals: 1,
+        };
+        const PATTERN: Pattern<'static> = Pattern {
+            row_starts: &[0, 7],
+            columns: &[0, 1, 2, 3, 4, 5, 8],
+        };
+        #[inline(always)]
+        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
             let &[segment_start_x, segment_start_y, segment_start_z, segment_end_x,
             segment_end_y, segment_end_z, segment_start_q, segment_end_q] = data else {
                 panic!("`data` must hold 8 numbers")
@@ -9547,19 +9740,28 @@ pub mod full_piecewise {
             let slope_x = (segment_end_x - segment_start_x) / t1;
             let slope_y = (segment_end_y - segment_start_y) / t1;
             let slope_z = (segment_end_z - segment_start_z) / t1;
-            prepared
-                .copy_from_slice(
-                    &[
-                        segment_start_x, segment_start_y, segment_start_z, segment_start_q, slope_x,
-                        slope_y, slope_z,
-                    ],
-                );
+            prepared[0][lane] = segment_start_x;
+            prepared[1][lane] = segment_start_y;
+            prepared[2][lane] = segment_start_z;
+            prepared[3][lane] = segment_start_q;
+            prepared[4][lane] = slope_x;
+            prepared[5][lane] = slope_y;
+            prepared[6][lane] = slope_z;
         }
-        fn value(&self, prepared: &[f64], parameters: &[f64], residuals: &mut [f64]) {
-            let &[segment_start_x, segment_start_y, segment_start_z, segment_start_q,
-            slope_x, slope_y, slope_z] = prepared else {
-                panic!("`prepared` must hold 7 numbers")
-            };
+        #[inline(always)]
+        fn value<S: Samples>(
+            lane: usize,
+            prepared: &[S],
+            parameters: &[f64],
+            residuals: &mut [S],
+        ) {
+            let segment_start_x = prepared[0][lane];
+            let segment_start_y = prepared[1][lane];
+            let segment_start_z = prepared[2][lane];
+            let segment_start_q = prepared[3][lane];
+            let slope_x = prepared[4][lane];
+            let slope_y = prepared[5][lane];
+            let slope_z = prepared[6][lane];
             let &[x, y, z, alpha, beta, gamma, _, _, q3, length, plate_joint_x,
             plate_joint_y, plate_joint_z, track_offset_x, track_offset_y, track_offset_z,
             track_rotation_x, track_rotation_y, track_rotation_z] = parameters else {
@@ -9598,19 +9800,23 @@ pub mod full_piecewise {
                 - cos_track_rotation_y * t20;
             let residual = length * length - rod_z * rod_z - rod_x * rod_x
                 - rod_y * rod_y;
-            residuals.copy_from_slice(&[residual]);
+            residuals[0][lane] = residual;
         }
-        fn linearize(
-            &self,
-            prepared: &[f64],
+        #[inline(always)]
+        fn linearize<S: Samples>(
+            lane: usize,
+            prepared: &[S],
             parameters: &[f64],
-            residuals: &mut [f64],
-            jacobian: &mut [f64],
+            residuals: &mut [S],
+            jacobian: &mut [S],
         ) {
-            let &[segment_start_x, segment_start_y, segment_start_z, segment_start_q,
-            slope_x, slope_y, slope_z] = prepared else {
-                panic!("`prepared` must hold 7 numbers")
-            };
+            let segment_start_x = prepared[0][lane];
+            let segment_start_y = prepared[1][lane];
+            let segment_start_z = prepared[2][lane];
+            let segment_start_q = prepared[3][lane];
+            let slope_x = prepared[4][lane];
+            let slope_y = prepared[5][lane];
+            let slope_z = prepared[6][lane];
             let &[x, y, z, alpha, beta, gamma, _, _, q3, length, plate_joint_x,
             plate_joint_y, plate_joint_z, track_offset_x, track_offset_y, track_offset_z,
             track_rotation_x, track_rotation_y, track_rotation_z] = parameters else {
@@ -9655,22 +9861,17 @@ pub mod full_piecewise {
             let t88 = sin_track_rotation_z * t73 - cos_track_rotation_z * t74;
             let t89 = cos_track_rotation_z * t73 + sin_track_rotation_z * t74;
             let t94 = sin_track_rotation_y * t88 - cos_track_rotation_y * t72;
-            residuals.copy_from_slice(&[residual]);
-            jacobian
-                .copy_from_slice(
-                    &[
-                        t74, -t73, t72,
-                        t53 * t72 - t44 * t73,
-                        t52 * t72 - t44 * t74,
-                        t52 * t73 - t53 * t74,
-                        slope_z
-                            * (cos_track_rotation_x * t94 - sin_track_rotation_x * t89)
-                            + slope_y
-                                * (sin_track_rotation_x * t94 + cos_track_rotation_x * t89)
-                            + slope_x
-                                * (cos_track_rotation_y * t88 + sin_track_rotation_y * t72),
-                    ],
-                );
+            residuals[0][lane] = residual;
+            jacobian[0][lane] = t74;
+            jacobian[1][lane] = -t73;
+            jacobian[2][lane] = t72;
+            jacobian[3][lane] = t53 * t72 - t44 * t73;
+            jacobian[4][lane] = t52 * t72 - t44 * t74;
+            jacobian[5][lane] = t52 * t73 - t53 * t74;
+            jacobian[6][lane] = slope_z
+                * (cos_track_rotation_x * t94 - sin_track_rotation_x * t89)
+                + slope_y * (sin_track_rotation_x * t94 + cos_track_rotation_x * t89)
+                + slope_x * (cos_track_rotation_y * t88 + sin_track_rotation_y * t72);
         }
     }
     /// `F·(C(q) + A(q)·m) + t − x; axial vector of F·A(q)·M·Rᵀ`
@@ -9684,29 +9885,26 @@ pub mod full_piecewise {
     /// With the Jacobian: 1391 operations (546 additions, 788 multiplications, 21 divisions, 12 negations, 24 functions).
     #[derive(Debug, Clone, Copy)]
     pub struct CartPoseTwo;
-    impl ResidualFamily for CartPoseTwo {
-        fn shape(&self) -> Shape {
-            Shape {
-                data: 15,
-                prepared: 24,
-                parameters: 24,
-                residuals: 6,
-            }
-        }
-        fn pattern(&self) -> Pattern<'_> {
-            Pattern {
-                row_starts: &[0, 19, 38, 56, 74, 92, 110],
-                columns: &[
-                    0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 15, 16, 17, 18, 19, 20, 0,
-                    1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 13, 15, 16, 17, 18, 19, 20, 0, 1,
-                    2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 14, 15, 16, 18, 19, 20, 0, 1, 2, 3,
-                    4, 5, 6, 7, 8, 9, 10, 11, 15, 16, 17, 21, 22, 23, 0, 1, 2, 3, 4, 5,
-                    6, 7, 8, 9, 10, 11, 15, 16, 17, 21, 22, 23, 0, 1, 2, 3, 4, 5, 6, 7,
-                    8, 9, 10, 11, 15, 16, 17, 21, 22, 23,
-                ],
-            }
-        }
-        fn prepare(&self, data: &[f64], prepared: &mut [f64]) {
+    impl Formulas for CartPoseTwo {
+        const SHAPE: Shape = Shape {
+            data: 15,
+            prepared: 24,
+            parameters: 24,
+            residuals: 6,
+        };
+        const PATTERN: Pattern<'static> = Pattern {
+            row_starts: &[0, 19, 38, 56, 74, 92, 110],
+            columns: &[
+                0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 15, 16, 17, 18, 19, 20, 0, 1,
+                2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 13, 15, 16, 17, 18, 19, 20, 0, 1, 2, 3,
+                4, 5, 6, 7, 8, 9, 10, 11, 14, 15, 16, 18, 19, 20, 0, 1, 2, 3, 4, 5, 6, 7,
+                8, 9, 10, 11, 15, 16, 17, 21, 22, 23, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10,
+                11, 15, 16, 17, 21, 22, 23, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 15, 16,
+                17, 21, 22, 23,
+            ],
+        };
+        #[inline(always)]
+        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
             let &[q, x, y, z, alpha, beta, gamma, segment_start_x, segment_start_y,
             segment_start_z, segment_end_x, segment_end_y, segment_end_z,
             segment_start_q, segment_end_q] = data else {
@@ -9742,22 +9940,53 @@ pub mod full_piecewise {
             let prepared_21 = 0.5 * prepared_17;
             let prepared_22 = 0.5 * prepared_18;
             let prepared_23 = 0.5 * prepared_16;
-            prepared
-                .copy_from_slice(
-                    &[
-                        point_x, point_y, point_z, x, y, z, prepared_6, prepared_7, prepared_8,
-                        prepared_9, prepared_10, prepared_11, prepared_12, prepared_13, prepared_14,
-                        prepared_15, prepared_16, prepared_17, prepared_18, prepared_19,
-                        prepared_20, prepared_21, prepared_22, prepared_23,
-                    ],
-                );
+            prepared[0][lane] = point_x;
+            prepared[1][lane] = point_y;
+            prepared[2][lane] = point_z;
+            prepared[3][lane] = x;
+            prepared[4][lane] = y;
+            prepared[5][lane] = z;
+            prepared[6][lane] = prepared_6;
+            prepared[7][lane] = prepared_7;
+            prepared[8][lane] = prepared_8;
+            prepared[9][lane] = prepared_9;
+            prepared[10][lane] = prepared_10;
+            prepared[11][lane] = prepared_11;
+            prepared[12][lane] = prepared_12;
+            prepared[13][lane] = prepared_13;
+            prepared[14][lane] = prepared_14;
+            prepared[15][lane] = prepared_15;
+            prepared[16][lane] = prepared_16;
+            prepared[17][lane] = prepared_17;
+            prepared[18][lane] = prepared_18;
+            prepared[19][lane] = prepared_19;
+            prepared[20][lane] = prepared_20;
+            prepared[21][lane] = prepared_21;
+            prepared[22][lane] = prepared_22;
+            prepared[23][lane] = prepared_23;
         }
-        fn value(&self, prepared: &[f64], parameters: &[f64], residuals: &mut [f64]) {
-            let &[point_x, point_y, point_z, x, y, z, prepared_6, prepared_7, prepared_8,
-            prepared_9, prepared_10, _, _, _, _, _, prepared_16, prepared_17,
-            prepared_18, prepared_19, _, _, _, _] = prepared else {
-                panic!("`prepared` must hold 24 numbers")
-            };
+        #[inline(always)]
+        fn value<S: Samples>(
+            lane: usize,
+            prepared: &[S],
+            parameters: &[f64],
+            residuals: &mut [S],
+        ) {
+            let point_x = prepared[0][lane];
+            let point_y = prepared[1][lane];
+            let point_z = prepared[2][lane];
+            let x = prepared[3][lane];
+            let y = prepared[4][lane];
+            let z = prepared[5][lane];
+            let prepared_6 = prepared[6][lane];
+            let prepared_7 = prepared[7][lane];
+            let prepared_8 = prepared[8][lane];
+            let prepared_9 = prepared[9][lane];
+            let prepared_10 = prepared[10][lane];
+            let prepared_16 = prepared[16][lane];
+            let prepared_17 = prepared[17][lane];
+            let prepared_18 = prepared[18][lane];
+            let prepared_19 = prepared[19][lane];
             let &[joint1_track_offset_x, joint1_track_offset_y, joint1_track_offset_z,
             joint1_track_rotation_x, joint1_track_rotation_y, joint1_track_rotation_z,
             joint2_track_offset_x, joint2_track_offset_y, joint2_track_offset_z,
@@ -9891,43 +10120,54 @@ pub mod full_piecewise {
             let t248 = sin_frame_rotation_y * t242 + cos_frame_rotation_y * t232;
             let t253 = cos_frame_rotation_z * t248 - sin_frame_rotation_z * t241;
             let t254 = sin_frame_rotation_z * t248 + cos_frame_rotation_z * t241;
-            residuals
-                .copy_from_slice(
-                    &[
-                        cos_frame_rotation_z * t139 - sin_frame_rotation_z * t133
-                            + frame_translation_x - x,
-                        sin_frame_rotation_z * t139 + cos_frame_rotation_z * t133
-                            + frame_translation_y - y,
-                        cos_frame_rotation_y * t134 - sin_frame_rotation_y * t122
-                            + frame_translation_z - z,
-                        0.5
-                            * (prepared_17 * t175 - prepared_6 * t254 - prepared_8 * t218
-                                + prepared_7 * t182 + prepared_19 * t211
-                                + prepared_10 * t247),
-                        0.5
-                            * (prepared_18 * t211 - prepared_9 * t247 - prepared_7 * t181
-                                - prepared_16 * t175 + prepared_8 * t217
-                                + prepared_6 * t253),
-                        0.5
-                            * (prepared_16 * t182 - prepared_10 * t253
-                                - prepared_17 * t181 - prepared_18 * t218
-                                - prepared_19 * t217 + prepared_9 * t254),
-                    ],
-                );
+            residuals[0][lane] = cos_frame_rotation_z * t139
+                - sin_frame_rotation_z * t133 + frame_translation_x - x;
+            residuals[1][lane] = sin_frame_rotation_z * t139
+                + cos_frame_rotation_z * t133 + frame_translation_y - y;
+            residuals[2][lane] = cos_frame_rotation_y * t134
+                - sin_frame_rotation_y * t122 + frame_translation_z - z;
+            residuals[3][lane] = 0.5
+                * (prepared_17 * t175 - prepared_6 * t254 - prepared_8 * t218
+                    + prepared_7 * t182 + prepared_19 * t211 + prepared_10 * t247);
+            residuals[4][lane] = 0.5
+                * (prepared_18 * t211 - prepared_9 * t247 - prepared_7 * t181
+                    - prepared_16 * t175 + prepared_8 * t217 + prepared_6 * t253);
+            residuals[5][lane] = 0.5
+                * (prepared_16 * t182 - prepared_10 * t253 - prepared_17 * t181
+                    - prepared_18 * t218 - prepared_19 * t217 + prepared_9 * t254);
         }
-        fn linearize(
-            &self,
-            prepared: &[f64],
+        #[inline(always)]
+        fn linearize<S: Samples>(
+            lane: usize,
+            prepared: &[S],
             parameters: &[f64],
-            residuals: &mut [f64],
-            jacobian: &mut [f64],
+            residuals: &mut [S],
+            jacobian: &mut [S],
         ) {
-            let &[point_x, point_y, point_z, x, y, z, prepared_6, prepared_7, prepared_8,
-            prepared_9, prepared_10, prepared_11, prepared_12, prepared_13, prepared_14,
-            prepared_15, prepared_16, prepared_17, prepared_18, prepared_19, prepared_20,
-            prepared_21, prepared_22, prepared_23] = prepared else {
-                panic!("`prepared` must hold 24 numbers")
-            };
+            let point_x = prepared[0][lane];
+            let point_y = prepared[1][lane];
+            let point_z = prepared[2][lane];
+            let x = prepared[3][lane];
+            let y = prepared[4][lane];
+            let z = prepared[5][lane];
+            let prepared_6 = prepared[6][lane];
+            let prepared_7 = prepared[7][lane];
+            let prepared_8 = prepared[8][lane];
+            let prepared_9 = prepared[9][lane];
+            let prepared_10 = prepared[10][lane];
+            let prepared_11 = prepared[11][lane];
+            let prepared_12 = prepared[12][lane];
+            let prepared_13 = prepared[13][lane];
+            let prepared_14 = prepared[14][lane];
+            let prepared_15 = prepared[15][lane];
+            let prepared_16 = prepared[16][lane];
+            let prepared_17 = prepared[17][lane];
+            let prepared_18 = prepared[18][lane];
+            let prepared_19 = prepared[19][lane];
+            let prepared_20 = prepared[20][lane];
+            let prepared_21 = prepared[21][lane];
+            let prepared_22 = prepared[22][lane];
+            let prepared_23 = prepared[23][lane];
             let &[joint1_track_offset_x, joint1_track_offset_y, joint1_track_offset_z,
             joint1_track_rotation_x, joint1_track_rotation_y, joint1_track_rotation_z,
             joint2_track_offset_x, joint2_track_offset_y, joint2_track_offset_z,
@@ -10287,256 +10527,235 @@ pub mod full_piecewise {
                 + cos_joint2_track_rotation_z * t1333;
             let t1369 = sin_joint1_track_rotation_z * t1338
                 + cos_joint1_track_rotation_z * t1333;
-            residuals
-                .copy_from_slice(
-                    &[
-                        t526 + frame_translation_x - x,
-                        t527 + frame_translation_y - y,
-                        t520 + frame_translation_z - z,
-                        0.5
-                            * (prepared_17 * t556 - prepared_6 * t635 - prepared_8 * t599
-                                + prepared_7 * t563 + prepared_19 * t592
-                                + prepared_10 * t628),
-                        0.5
-                            * (prepared_18 * t592 - prepared_9 * t628 - prepared_7 * t562
-                                - prepared_16 * t556 + prepared_8 * t598
-                                + prepared_6 * t634),
-                        0.5
-                            * (prepared_16 * t563 - prepared_10 * t634
-                                - prepared_17 * t562 - prepared_18 * t599
-                                - prepared_19 * t598 + prepared_9 * t635),
-                    ],
-                );
-            jacobian
-                .copy_from_slice(
-                    &[
-                        t44 + t691,
-                        t43 + t698,
-                        t42 + t695,
-                        t161
-                            * (sin_joint1_track_rotation_y * t403
-                                + cos_joint1_track_rotation_y * t396)
-                            - t162
-                                * (cos_joint1_track_rotation_z * t397
-                                    - sin_joint1_track_rotation_z * t398),
-                        t167 * t403 - t168 * t396,
-                        t173 * t397 - t174 * t398,
-                        t44 - t691,
-                        t43 - t698,
-                        t42 - t695,
-                        t179
-                            * (sin_joint2_track_rotation_y * t391
-                                + cos_joint2_track_rotation_y * t384)
-                            - t180
-                                * (cos_joint2_track_rotation_z * t385
-                                    - sin_joint2_track_rotation_z * t386),
-                        t185 * t391 - t186 * t384,
-                        t191 * t385 - t192 * t386,
-                        1.0,
-                        t23 * t514 + sin_frame_rotation_z * t515,
-                        cos_frame_rotation_z * t520,
-                        -t527,
-                        t24 - t32 * t493 + t31 * t494,
-                        t31 + t32 * t492 - t24 * t494,
-                        t32 - t31 * t492 + t24 * t493,
-                        t76 + t751,
-                        t75 + t758,
-                        t74 + t755,
-                        t161
-                            * (sin_joint1_track_rotation_y * t439
-                                + cos_joint1_track_rotation_y * t432)
-                            - t162
-                                * (cos_joint1_track_rotation_z * t433
-                                    - sin_joint1_track_rotation_z * t434),
-                        t167 * t439 - t168 * t432,
-                        t173 * t433 - t174 * t434,
-                        t76 - t751,
-                        t75 - t758,
-                        t74 - t755,
-                        t179
-                            * (sin_joint2_track_rotation_y * t427
-                                + cos_joint2_track_rotation_y * t420)
-                            - t180
-                                * (cos_joint2_track_rotation_z * t421
-                                    - sin_joint2_track_rotation_z * t422),
-                        t185 * t427 - t186 * t420,
-                        t191 * t421 - t192 * t422,
-                        1.0,
-                        t57 * t514 - cos_frame_rotation_z * t515,
-                        sin_frame_rotation_z * t520,
-                        t526,
-                        t58 - t64 * t493 + t63 * t494,
-                        t63 + t64 * t492 - t58 * t494,
-                        t64 - t63 * t492 + t58 * t493,
-                        t90 + t808,
-                        t89 + t815,
-                        t88 + t812,
-                        t161
-                            * (sin_joint1_track_rotation_y * t475
-                                + cos_joint1_track_rotation_y * t468)
-                            - t162
-                                * (cos_joint1_track_rotation_z * t469
-                                    + sin_joint1_track_rotation_z * t470),
-                        t167 * t475 - t168 * t468,
-                        t173 * t469 + t174 * t470,
-                        t90 - t808,
-                        t89 - t815,
-                        t88 - t812,
-                        t179
-                            * (sin_joint2_track_rotation_y * t463
-                                + cos_joint2_track_rotation_y * t456)
-                            - t180
-                                * (cos_joint2_track_rotation_z * t457
-                                    - sin_joint2_track_rotation_z * t458),
-                        t185 * t463 - t186 * t456,
-                        t191 * t457 - t192 * t458,
-                        1.0,
-                        cos_frame_rotation_y * t514,
-                        -t521,
-                        t77 * t494 - sin_frame_rotation_y - t78 * t493,
-                        t77 + t78 * t492 + sin_frame_rotation_y * t494,
-                        t78 - t77 * t492 - sin_frame_rotation_y * t493,
-                        t970, t982, t977,
-                        t161
-                            * (sin_joint1_track_rotation_y * t1009
-                                + cos_joint1_track_rotation_y * t983)
-                            - t162
-                                * (cos_joint1_track_rotation_z * t978
-                                    + sin_joint1_track_rotation_z * t973),
-                        t167 * t1009 - t168 * t983,
-                        t173 * t978 + t174 * t973,
-                        -t970, -t982, -t977,
-                        t179
-                            * (sin_joint2_track_rotation_y * t991
-                                - cos_joint2_track_rotation_y * t983)
-                            + t180
-                                * (cos_joint2_track_rotation_z * t978
-                                    + sin_joint2_track_rotation_z * t973),
-                        t185 * t991 + t186 * t983,
-                        -(t191 * t978 + t192 * t973),
-                        t97 * t622 + t92 * t623 + t223 * t586 + t108 * t587 + t237 * t550
-                            - t114 * t551,
-                        t113 * t556 - t91 * t628 - prepared_12 * t629 - t107 * t592
-                            - prepared_20 * t593 - prepared_21 * t557,
-                        prepared_14 * t562 - prepared_11 * t634 - prepared_13 * t598,
-                        cos_target_rotation_x
-                            * (sin_target_rotation_y * t918
-                                + sin_target_rotation_z * t850
-                                - cos_target_rotation_z * t853
-                                + cos_target_rotation_y * t873)
-                            - sin_target_rotation_x
-                                * (sin_target_rotation_y * t907
-                                    + cos_target_rotation_y * t856
-                                    + cos_target_rotation_z * t870
-                                    - sin_target_rotation_z * t867),
-                        cos_target_rotation_y
-                            * (sin_target_rotation_x * t918
-                                + cos_target_rotation_x * t907 - t238 * t493 - t242
-                                + t241 * t492)
-                            - sin_target_rotation_y
-                                * (cos_target_rotation_x * t856
-                                    + sin_target_rotation_x * t873
-                                    + sin_target_rotation_z * t899
-                                    + cos_target_rotation_z * t896),
-                        t215 * t853 - t216 * t850 + t209 * t870 - t210 * t867
-                            + cos_target_rotation_y
-                                * (cos_target_rotation_z * t899
-                                    - sin_target_rotation_z * t896),
-                        t1150, t1162, t1157,
-                        t161
-                            * (sin_joint1_track_rotation_y * t1189
-                                + cos_joint1_track_rotation_y * t1163)
-                            - t162
-                                * (cos_joint1_track_rotation_z * t1158
-                                    - sin_joint1_track_rotation_z * t1153),
-                        t167 * t1189 - t168 * t1163,
-                        t173 * t1158 - t174 * t1153,
-                        -t1150, -t1162, -t1157,
-                        t180
-                            * (cos_joint2_track_rotation_z * t1158
-                                - sin_joint2_track_rotation_z * t1153)
-                            - t179
-                                * (sin_joint2_track_rotation_y * t1171
-                                    + cos_joint2_track_rotation_y * t1163),
-                        t186 * t1163 - t185 * t1171,
-                        t192 * t1153 - t191 * t1158,
-                        t123 * t622 + t91 * t623 + t270 * t586 + t107 * t587
-                            - t284 * t550 - t113 * t551,
-                        t92 * t628 + prepared_15 * t629 + t108 * t592
-                            - prepared_22 * t593 - t114 * t556 + prepared_23 * t557,
-                        prepared_14 * t563 - prepared_11 * t635 - prepared_13 * t599,
-                        cos_target_rotation_x
-                            * (sin_target_rotation_y * t1098
-                                + sin_target_rotation_z * t1030
-                                - cos_target_rotation_z * t1033
-                                + cos_target_rotation_y * t1053)
-                            - sin_target_rotation_x
-                                * (sin_target_rotation_y * t1087
-                                    + cos_target_rotation_y * t1036
-                                    + cos_target_rotation_z * t1050
-                                    - sin_target_rotation_z * t1047),
-                        cos_target_rotation_y
-                            * (sin_target_rotation_x * t1098
-                                + cos_target_rotation_x * t1087 - t285 * t493 + t289
-                                + t288 * t492)
-                            - sin_target_rotation_y
-                                * (cos_target_rotation_x * t1036
-                                    + sin_target_rotation_x * t1053
-                                    + sin_target_rotation_z * t1079
-                                    + cos_target_rotation_z * t1076),
-                        t215 * t1033 - t216 * t1030 + t209 * t1050 - t210 * t1047
-                            + cos_target_rotation_y
-                                * (cos_target_rotation_z * t1079
-                                    - sin_target_rotation_z * t1076),
-                        t1330, t1342, t1337,
-                        t161
-                            * (sin_joint1_track_rotation_y * t1369
-                                + cos_joint1_track_rotation_y * t1343)
-                            - t162
-                                * (cos_joint1_track_rotation_z * t1338
-                                    - sin_joint1_track_rotation_z * t1333),
-                        t167 * t1369 - t168 * t1343,
-                        t173 * t1338 - t174 * t1333,
-                        -t1330, -t1342, -t1337,
-                        t180
-                            * (cos_joint2_track_rotation_z * t1338
-                                - sin_joint2_track_rotation_z * t1333)
-                            - t179
-                                * (sin_joint2_track_rotation_y * t1351
-                                    + cos_joint2_track_rotation_y * t1343),
-                        t186 * t1343 - t185 * t1351,
-                        t192 * t1333 - t191 * t1338,
-                        t147 * t622 - t146 * t623 - t321 * t586 - t320 * t587
-                            + t341 * t550 - t340 * t551,
-                        t145 * t628 - t319 * t592 + t339 * t556,
-                        prepared_15 * t634 + prepared_12 * t635 - prepared_22 * t598
-                            + prepared_20 * t599 + prepared_23 * t562
-                            + prepared_21 * t563,
-                        cos_target_rotation_x
-                            * (sin_target_rotation_y * t1278
-                                + sin_target_rotation_z * t1210
-                                - cos_target_rotation_z * t1213
-                                - cos_target_rotation_y * t1233)
-                            - sin_target_rotation_x
-                                * (sin_target_rotation_y * t1267
-                                    + cos_target_rotation_y * t1216
-                                    + cos_target_rotation_z * t1230
-                                    - sin_target_rotation_z * t1227),
-                        cos_target_rotation_y
-                            * (sin_target_rotation_x * t1278
-                                + cos_target_rotation_x * t1267 - t342 * t493 - t348
-                                + t347 * t492)
-                            - sin_target_rotation_y
-                                * (cos_target_rotation_x * t1216
-                                    - sin_target_rotation_x * t1233
-                                    + sin_target_rotation_z * t1259
-                                    + cos_target_rotation_z * t1256),
-                        t215 * t1213 - t216 * t1210 + t209 * t1230 - t210 * t1227
-                            + cos_target_rotation_y
-                                * (cos_target_rotation_z * t1259
-                                    - sin_target_rotation_z * t1256),
-                    ],
-                );
+            residuals[0][lane] = t526 + frame_translation_x - x;
+            residuals[1][lane] = t527 + frame_translation_y - y;
+            residuals[2][lane] = t520 + frame_translation_z - z;
+            residuals[3][lane] = 0.5
+                * (prepared_17 * t556 - prepared_6 * t635 - prepared_8 * t599
+                    + prepared_7 * t563 + prepared_19 * t592 + prepared_10 * t628);
+            residuals[4][lane] = 0.5
+                * (prepared_18 * t592 - prepared_9 * t628 - prepared_7 * t562
+                    - prepared_16 * t556 + prepared_8 * t598 + prepared_6 * t634);
+            residuals[5][lane] = 0.5
+                * (prepared_16 * t563 - prepared_10 * t634 - prepared_17 * t562
+                    - prepared_18 * t599 - prepared_19 * t598 + prepared_9 * t635);
+            jacobian[0][lane] = t44 + t691;
+            jacobian[1][lane] = t43 + t698;
+            jacobian[2][lane] = t42 + t695;
+            jacobian[3][lane] = t161
+                * (sin_joint1_track_rotation_y * t403
+                    + cos_joint1_track_rotation_y * t396)
+                - t162
+                    * (cos_joint1_track_rotation_z * t397
+                        - sin_joint1_track_rotation_z * t398);
+            jacobian[4][lane] = t167 * t403 - t168 * t396;
+            jacobian[5][lane] = t173 * t397 - t174 * t398;
+            jacobian[6][lane] = t44 - t691;
+            jacobian[7][lane] = t43 - t698;
+            jacobian[8][lane] = t42 - t695;
+            jacobian[9][lane] = t179
+                * (sin_joint2_track_rotation_y * t391
+                    + cos_joint2_track_rotation_y * t384)
+                - t180
+                    * (cos_joint2_track_rotation_z * t385
+                        - sin_joint2_track_rotation_z * t386);
+            jacobian[10][lane] = t185 * t391 - t186 * t384;
+            jacobian[11][lane] = t191 * t385 - t192 * t386;
+            jacobian[12][lane] = 1.0;
+            jacobian[13][lane] = t23 * t514 + sin_frame_rotation_z * t515;
+            jacobian[14][lane] = cos_frame_rotation_z * t520;
+            jacobian[15][lane] = -t527;
+            jacobian[16][lane] = t24 - t32 * t493 + t31 * t494;
+            jacobian[17][lane] = t31 + t32 * t492 - t24 * t494;
+            jacobian[18][lane] = t32 - t31 * t492 + t24 * t493;
+            jacobian[19][lane] = t76 + t751;
+            jacobian[20][lane] = t75 + t758;
+            jacobian[21][lane] = t74 + t755;
+            jacobian[22][lane] = t161
+                * (sin_joint1_track_rotation_y * t439
+                    + cos_joint1_track_rotation_y * t432)
+                - t162
+                    * (cos_joint1_track_rotation_z * t433
+                        - sin_joint1_track_rotation_z * t434);
+            jacobian[23][lane] = t167 * t439 - t168 * t432;
+            jacobian[24][lane] = t173 * t433 - t174 * t434;
+            jacobian[25][lane] = t76 - t751;
+            jacobian[26][lane] = t75 - t758;
+            jacobian[27][lane] = t74 - t755;
+            jacobian[28][lane] = t179
+                * (sin_joint2_track_rotation_y * t427
+                    + cos_joint2_track_rotation_y * t420)
+                - t180
+                    * (cos_joint2_track_rotation_z * t421
+                        - sin_joint2_track_rotation_z * t422);
+            jacobian[29][lane] = t185 * t427 - t186 * t420;
+            jacobian[30][lane] = t191 * t421 - t192 * t422;
+            jacobian[31][lane] = 1.0;
+            jacobian[32][lane] = t57 * t514 - cos_frame_rotation_z * t515;
+            jacobian[33][lane] = sin_frame_rotation_z * t520;
+            jacobian[34][lane] = t526;
+            jacobian[35][lane] = t58 - t64 * t493 + t63 * t494;
+            jacobian[36][lane] = t63 + t64 * t492 - t58 * t494;
+            jacobian[37][lane] = t64 - t63 * t492 + t58 * t493;
+            jacobian[38][lane] = t90 + t808;
+            jacobian[39][lane] = t89 + t815;
+            jacobian[40][lane] = t88 + t812;
+            jacobian[41][lane] = t161
+                * (sin_joint1_track_rotation_y * t475
+                    + cos_joint1_track_rotation_y * t468)
+                - t162
+                    * (cos_joint1_track_rotation_z * t469
+                        + sin_joint1_track_rotation_z * t470);
+            jacobian[42][lane] = t167 * t475 - t168 * t468;
+            jacobian[43][lane] = t173 * t469 + t174 * t470;
+            jacobian[44][lane] = t90 - t808;
+            jacobian[45][lane] = t89 - t815;
+            jacobian[46][lane] = t88 - t812;
+            jacobian[47][lane] = t179
+                * (sin_joint2_track_rotation_y * t463
+                    + cos_joint2_track_rotation_y * t456)
+                - t180
+                    * (cos_joint2_track_rotation_z * t457
+                        - sin_joint2_track_rotation_z * t458);
+            jacobian[48][lane] = t185 * t463 - t186 * t456;
+            jacobian[49][lane] = t191 * t457 - t192 * t458;
+            jacobian[50][lane] = 1.0;
+            jacobian[51][lane] = cos_frame_rotation_y * t514;
+            jacobian[52][lane] = -t521;
+            jacobian[53][lane] = t77 * t494 - sin_frame_rotation_y - t78 * t493;
+            jacobian[54][lane] = t77 + t78 * t492 + sin_frame_rotation_y * t494;
+            jacobian[55][lane] = t78 - t77 * t492 - sin_frame_rotation_y * t493;
+            jacobian[56][lane] = t970;
+            jacobian[57][lane] = t982;
+            jacobian[58][lane] = t977;
+            jacobian[59][lane] = t161
+                * (sin_joint1_track_rotation_y * t1009
+                    + cos_joint1_track_rotation_y * t983)
+                - t162
+                    * (cos_joint1_track_rotation_z * t978
+                        + sin_joint1_track_rotation_z * t973);
+            jacobian[60][lane] = t167 * t1009 - t168 * t983;
+            jacobian[61][lane] = t173 * t978 + t174 * t973;
+            jacobian[62][lane] = -t970;
+            jacobian[63][lane] = -t982;
+            jacobian[64][lane] = -t977;
+            jacobian[65][lane] = t179
+                * (sin_joint2_track_rotation_y * t991
+                    - cos_joint2_track_rotation_y * t983)
+                + t180
+                    * (cos_joint2_track_rotation_z * t978
+                        + sin_joint2_track_rotation_z * t973);
+            jacobian[66][lane] = t185 * t991 + t186 * t983;
+            jacobian[67][lane] = -(t191 * t978 + t192 * t973);
+            jacobian[68][lane] = t97 * t622 + t92 * t623 + t223 * t586 + t108 * t587
+                + t237 * t550 - t114 * t551;
+            jacobian[69][lane] = t113 * t556 - t91 * t628 - prepared_12 * t629
+                - t107 * t592 - prepared_20 * t593 - prepared_21 * t557;
+            jacobian[70][lane] = prepared_14 * t562 - prepared_11 * t634
+                - prepared_13 * t598;
+            jacobian[71][lane] = cos_target_rotation_x
+                * (sin_target_rotation_y * t918 + sin_target_rotation_z * t850
+                    - cos_target_rotation_z * t853 + cos_target_rotation_y * t873)
+                - sin_target_rotation_x
+                    * (sin_target_rotation_y * t907 + cos_target_rotation_y * t856
+                        + cos_target_rotation_z * t870 - sin_target_rotation_z * t867);
+            jacobian[72][lane] = cos_target_rotation_y
+                * (sin_target_rotation_x * t918 + cos_target_rotation_x * t907
+                    - t238 * t493 - t242 + t241 * t492)
+                - sin_target_rotation_y
+                    * (cos_target_rotation_x * t856 + sin_target_rotation_x * t873
+                        + sin_target_rotation_z * t899 + cos_target_rotation_z * t896);
+            jacobian[73][lane] = t215 * t853 - t216 * t850 + t209 * t870 - t210 * t867
+                + cos_target_rotation_y
+                    * (cos_target_rotation_z * t899 - sin_target_rotation_z * t896);
+            jacobian[74][lane] = t1150;
+            jacobian[75][lane] = t1162;
+            jacobian[76][lane] = t1157;
+            jacobian[77][lane] = t161
+                * (sin_joint1_track_rotation_y * t1189
+                    + cos_joint1_track_rotation_y * t1163)
+                - t162
+                    * (cos_joint1_track_rotation_z * t1158
+                        - sin_joint1_track_rotation_z * t1153);
+            jacobian[78][lane] = t167 * t1189 - t168 * t1163;
+            jacobian[79][lane] = t173 * t1158 - t174 * t1153;
+            jacobian[80][lane] = -t1150;
+            jacobian[81][lane] = -t1162;
+            jacobian[82][lane] = -t1157;
+            jacobian[83][lane] = t180
+                * (cos_joint2_track_rotation_z * t1158
+                    - sin_joint2_track_rotation_z * t1153)
+                - t179
+                    * (sin_joint2_track_rotation_y * t1171
+                        + cos_joint2_track_rotation_y * t1163);
+            jacobian[84][lane] = t186 * t1163 - t185 * t1171;
+            jacobian[85][lane] = t192 * t1153 - t191 * t1158;
+            jacobian[86][lane] = t123 * t622 + t91 * t623 + t270 * t586 + t107 * t587
+                - t284 * t550 - t113 * t551;
+            jacobian[87][lane] = t92 * t628 + prepared_15 * t629 + t108 * t592
+                - prepared_22 * t593 - t114 * t556 + prepared_23 * t557;
+            jacobian[88][lane] = prepared_14 * t563 - prepared_11 * t635
+                - prepared_13 * t599;
+            jacobian[89][lane] = cos_target_rotation_x
+                * (sin_target_rotation_y * t1098 + sin_target_rotation_z * t1030
+                    - cos_target_rotation_z * t1033 + cos_target_rotation_y * t1053)
+                - sin_target_rotation_x
+                    * (sin_target_rotation_y * t1087 + cos_target_rotation_y * t1036
+                        + cos_target_rotation_z * t1050 - sin_target_rotation_z * t1047);
+            jacobian[90][lane] = cos_target_rotation_y
+                * (sin_target_rotation_x * t1098 + cos_target_rotation_x * t1087
+                    - t285 * t493 + t289 + t288 * t492)
+                - sin_target_rotation_y
+                    * (cos_target_rotation_x * t1036 + sin_target_rotation_x * t1053
+                        + sin_target_rotation_z * t1079 + cos_target_rotation_z * t1076);
+            jacobian[91][lane] = t215 * t1033 - t216 * t1030 + t209 * t1050
+                - t210 * t1047
+                + cos_target_rotation_y
+                    * (cos_target_rotation_z * t1079 - sin_target_rotation_z * t1076);
+            jacobian[92][lane] = t1330;
+            jacobian[93][lane] = t1342;
+            jacobian[94][lane] = t1337;
+            jacobian[95][lane] = t161
+                * (sin_joint1_track_rotation_y * t1369
+                    + cos_joint1_track_rotation_y * t1343)
+                - t162
+                    * (cos_joint1_track_rotation_z * t1338
+                        - sin_joint1_track_rotation_z * t1333);
+            jacobian[96][lane] = t167 * t1369 - t168 * t1343;
+            jacobian[97][lane] = t173 * t1338 - t174 * t1333;
+            jacobian[98][lane] = -t1330;
+            jacobian[99][lane] = -t1342;
+            jacobian[100][lane] = -t1337;
+            jacobian[101][lane] = t180
+                * (cos_joint2_track_rotation_z * t1338
+                    - sin_joint2_track_rotation_z * t1333)
+                - t179
+                    * (sin_joint2_track_rotation_y * t1351
+                        + cos_joint2_track_rotation_y * t1343);
+            jacobian[102][lane] = t186 * t1343 - t185 * t1351;
+            jacobian[103][lane] = t192 * t1333 - t191 * t1338;
+            jacobian[104][lane] = t147 * t622 - t146 * t623 - t321 * t586 - t320 * t587
+                + t341 * t550 - t340 * t551;
+            jacobian[105][lane] = t145 * t628 - t319 * t592 + t339 * t556;
+            jacobian[106][lane] = prepared_15 * t634 + prepared_12 * t635
+                - prepared_22 * t598 + prepared_20 * t599 + prepared_23 * t562
+                + prepared_21 * t563;
+            jacobian[107][lane] = cos_target_rotation_x
+                * (sin_target_rotation_y * t1278 + sin_target_rotation_z * t1210
+                    - cos_target_rotation_z * t1213 - cos_target_rotation_y * t1233)
+                - sin_target_rotation_x
+                    * (sin_target_rotation_y * t1267 + cos_target_rotation_y * t1216
+                        + cos_target_rotation_z * t1230 - sin_target_rotation_z * t1227);
+            jacobian[108][lane] = cos_target_rotation_y
+                * (sin_target_rotation_x * t1278 + cos_target_rotation_x * t1267
+                    - t342 * t493 - t348 + t347 * t492)
+                - sin_target_rotation_y
+                    * (cos_target_rotation_x * t1216 - sin_target_rotation_x * t1233
+                        + sin_target_rotation_z * t1259 + cos_target_rotation_z * t1256);
+            jacobian[109][lane] = t215 * t1213 - t216 * t1210 + t209 * t1230
+                - t210 * t1227
+                + cos_target_rotation_y
+                    * (cos_target_rotation_z * t1259 - sin_target_rotation_z * t1256);
         }
     }
     /// `F·(C(q) + A(q)·m) + t − x; axial vector of F·A(q)·M·Rᵀ`
@@ -10550,31 +10769,28 @@ pub mod full_piecewise {
     /// With the Jacobian: 2922 operations (1349 additions, 1520 multiplications, 21 divisions, 2 negations, 30 functions).
     #[derive(Debug, Clone, Copy)]
     pub struct CartPoseThree;
-    impl ResidualFamily for CartPoseThree {
-        fn shape(&self) -> Shape {
-            Shape {
-                data: 15,
-                prepared: 24,
-                parameters: 30,
-                residuals: 6,
-            }
-        }
-        fn pattern(&self) -> Pattern<'_> {
-            Pattern {
-                row_starts: &[0, 25, 50, 74, 98, 122, 146],
-                columns: &[
-                    0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18, 21,
-                    22, 23, 24, 25, 26, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14,
-                    15, 16, 17, 19, 21, 22, 23, 24, 25, 26, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9,
-                    10, 11, 12, 13, 14, 15, 16, 17, 20, 21, 22, 24, 25, 26, 0, 1, 2, 3,
-                    4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 21, 22, 23, 27, 28,
-                    29, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 21,
-                    22, 23, 27, 28, 29, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14,
-                    15, 16, 17, 21, 22, 23, 27, 28, 29,
-                ],
-            }
-        }
-        fn prepare(&self, data: &[f64], prepared: &mut [f64]) {
+    impl Formulas for CartPoseThree {
+        const SHAPE: Shape = Shape {
+            data: 15,
+            prepared: 24,
+            parameters: 30,
+            residuals: 6,
+        };
+        const PATTERN: Pattern<'static> = Pattern {
+            row_starts: &[0, 25, 50, 74, 98, 122, 146],
+            columns: &[
+                0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18, 21, 22,
+                23, 24, 25, 26, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16,
+                17, 19, 21, 22, 23, 24, 25, 26, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12,
+                13, 14, 15, 16, 17, 20, 21, 22, 24, 25, 26, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9,
+                10, 11, 12, 13, 14, 15, 16, 17, 21, 22, 23, 27, 28, 29, 0, 1, 2, 3, 4, 5,
+                6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 21, 22, 23, 27, 28, 29, 0, 1,
+                2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 21, 22, 23, 27,
+                28, 29,
+            ],
+        };
+        #[inline(always)]
+        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
             let &[q, x, y, z, alpha, beta, gamma, segment_start_x, segment_start_y,
             segment_start_z, segment_end_x, segment_end_y, segment_end_z,
             segment_start_q, segment_end_q] = data else {
@@ -10610,22 +10826,53 @@ pub mod full_piecewise {
             let prepared_21 = 0.5 * prepared_17;
             let prepared_22 = 0.5 * prepared_18;
             let prepared_23 = 0.5 * prepared_16;
-            prepared
-                .copy_from_slice(
-                    &[
-                        point_x, point_y, point_z, x, y, z, prepared_6, prepared_7, prepared_8,
-                        prepared_9, prepared_10, prepared_11, prepared_12, prepared_13, prepared_14,
-                        prepared_15, prepared_16, prepared_17, prepared_18, prepared_19,
-                        prepared_20, prepared_21, prepared_22, prepared_23,
-                    ],
-                );
+            prepared[0][lane] = point_x;
+            prepared[1][lane] = point_y;
+            prepared[2][lane] = point_z;
+            prepared[3][lane] = x;
+            prepared[4][lane] = y;
+            prepared[5][lane] = z;
+            prepared[6][lane] = prepared_6;
+            prepared[7][lane] = prepared_7;
+            prepared[8][lane] = prepared_8;
+            prepared[9][lane] = prepared_9;
+            prepared[10][lane] = prepared_10;
+            prepared[11][lane] = prepared_11;
+            prepared[12][lane] = prepared_12;
+            prepared[13][lane] = prepared_13;
+            prepared[14][lane] = prepared_14;
+            prepared[15][lane] = prepared_15;
+            prepared[16][lane] = prepared_16;
+            prepared[17][lane] = prepared_17;
+            prepared[18][lane] = prepared_18;
+            prepared[19][lane] = prepared_19;
+            prepared[20][lane] = prepared_20;
+            prepared[21][lane] = prepared_21;
+            prepared[22][lane] = prepared_22;
+            prepared[23][lane] = prepared_23;
         }
-        fn value(&self, prepared: &[f64], parameters: &[f64], residuals: &mut [f64]) {
-            let &[point_x, point_y, point_z, x, y, z, prepared_6, prepared_7, prepared_8,
-            prepared_9, prepared_10, _, _, _, _, _, prepared_16, prepared_17,
-            prepared_18, prepared_19, _, _, _, _] = prepared else {
-                panic!("`prepared` must hold 24 numbers")
-            };
+        #[inline(always)]
+        fn value<S: Samples>(
+            lane: usize,
+            prepared: &[S],
+            parameters: &[f64],
+            residuals: &mut [S],
+        ) {
+            let point_x = prepared[0][lane];
+            let point_y = prepared[1][lane];
+            let point_z = prepared[2][lane];
+            let x = prepared[3][lane];
+            let y = prepared[4][lane];
+            let z = prepared[5][lane];
+            let prepared_6 = prepared[6][lane];
+            let prepared_7 = prepared[7][lane];
+            let prepared_8 = prepared[8][lane];
+            let prepared_9 = prepared[9][lane];
+            let prepared_10 = prepared[10][lane];
+            let prepared_16 = prepared[16][lane];
+            let prepared_17 = prepared[17][lane];
+            let prepared_18 = prepared[18][lane];
+            let prepared_19 = prepared[19][lane];
             let &[joint1_track_offset_x, joint1_track_offset_y, joint1_track_offset_z,
             joint1_track_rotation_x, joint1_track_rotation_y, joint1_track_rotation_z,
             joint2_track_offset_x, joint2_track_offset_y, joint2_track_offset_z,
@@ -10842,43 +11089,54 @@ pub mod full_piecewise {
             let t410 = sin_frame_rotation_y * t404 + cos_frame_rotation_y * t394;
             let t415 = cos_frame_rotation_z * t410 - sin_frame_rotation_z * t403;
             let t416 = sin_frame_rotation_z * t410 + cos_frame_rotation_z * t403;
-            residuals
-                .copy_from_slice(
-                    &[
-                        cos_frame_rotation_z * t301 - sin_frame_rotation_z * t295
-                            + frame_translation_x - x,
-                        sin_frame_rotation_z * t301 + cos_frame_rotation_z * t295
-                            + frame_translation_y - y,
-                        cos_frame_rotation_y * t296 - sin_frame_rotation_y * t284
-                            + frame_translation_z - z,
-                        0.5
-                            * (prepared_17 * t337 - prepared_6 * t416 - prepared_8 * t380
-                                + prepared_7 * t344 + prepared_19 * t373
-                                + prepared_10 * t409),
-                        0.5
-                            * (prepared_18 * t373 - prepared_9 * t409 - prepared_7 * t343
-                                - prepared_16 * t337 + prepared_8 * t379
-                                + prepared_6 * t415),
-                        0.5
-                            * (prepared_16 * t344 - prepared_10 * t415
-                                - prepared_17 * t343 - prepared_18 * t380
-                                - prepared_19 * t379 + prepared_9 * t416),
-                    ],
-                );
+            residuals[0][lane] = cos_frame_rotation_z * t301
+                - sin_frame_rotation_z * t295 + frame_translation_x - x;
+            residuals[1][lane] = sin_frame_rotation_z * t301
+                + cos_frame_rotation_z * t295 + frame_translation_y - y;
+            residuals[2][lane] = cos_frame_rotation_y * t296
+                - sin_frame_rotation_y * t284 + frame_translation_z - z;
+            residuals[3][lane] = 0.5
+                * (prepared_17 * t337 - prepared_6 * t416 - prepared_8 * t380
+                    + prepared_7 * t344 + prepared_19 * t373 + prepared_10 * t409);
+            residuals[4][lane] = 0.5
+                * (prepared_18 * t373 - prepared_9 * t409 - prepared_7 * t343
+                    - prepared_16 * t337 + prepared_8 * t379 + prepared_6 * t415);
+            residuals[5][lane] = 0.5
+                * (prepared_16 * t344 - prepared_10 * t415 - prepared_17 * t343
+                    - prepared_18 * t380 - prepared_19 * t379 + prepared_9 * t416);
         }
-        fn linearize(
-            &self,
-            prepared: &[f64],
+        #[inline(always)]
+        fn linearize<S: Samples>(
+            lane: usize,
+            prepared: &[S],
             parameters: &[f64],
-            residuals: &mut [f64],
-            jacobian: &mut [f64],
+            residuals: &mut [S],
+            jacobian: &mut [S],
         ) {
-            let &[point_x, point_y, point_z, x, y, z, prepared_6, prepared_7, prepared_8,
-            prepared_9, prepared_10, prepared_11, prepared_12, prepared_13, prepared_14,
-            prepared_15, prepared_16, prepared_17, prepared_18, prepared_19, prepared_20,
-            prepared_21, prepared_22, prepared_23] = prepared else {
-                panic!("`prepared` must hold 24 numbers")
-            };
+            let point_x = prepared[0][lane];
+            let point_y = prepared[1][lane];
+            let point_z = prepared[2][lane];
+            let x = prepared[3][lane];
+            let y = prepared[4][lane];
+            let z = prepared[5][lane];
+            let prepared_6 = prepared[6][lane];
+            let prepared_7 = prepared[7][lane];
+            let prepared_8 = prepared[8][lane];
+            let prepared_9 = prepared[9][lane];
+            let prepared_10 = prepared[10][lane];
+            let prepared_11 = prepared[11][lane];
+            let prepared_12 = prepared[12][lane];
+            let prepared_13 = prepared[13][lane];
+            let prepared_14 = prepared[14][lane];
+            let prepared_15 = prepared[15][lane];
+            let prepared_16 = prepared[16][lane];
+            let prepared_17 = prepared[17][lane];
+            let prepared_18 = prepared[18][lane];
+            let prepared_19 = prepared[19][lane];
+            let prepared_20 = prepared[20][lane];
+            let prepared_21 = prepared[21][lane];
+            let prepared_22 = prepared[22][lane];
+            let prepared_23 = prepared[23][lane];
             let &[joint1_track_offset_x, joint1_track_offset_y, joint1_track_offset_z,
             joint1_track_rotation_x, joint1_track_rotation_y, joint1_track_rotation_z,
             joint2_track_offset_x, joint2_track_offset_y, joint2_track_offset_z,
@@ -11726,334 +11984,302 @@ pub mod full_piecewise {
                 + cos_joint2_track_rotation_z * t2854;
             let t2910 = sin_joint1_track_rotation_z * t2851
                 + cos_joint1_track_rotation_z * t2853;
-            residuals
-                .copy_from_slice(
-                    &[
-                        t877 + frame_translation_x - x,
-                        t878 + frame_translation_y - y,
-                        t871 + frame_translation_z - z,
-                        0.5
-                            * (prepared_17 * t907 - prepared_6 * t986 - prepared_8 * t950
-                                + prepared_7 * t914 + prepared_19 * t943
-                                + prepared_10 * t979),
-                        0.5
-                            * (prepared_18 * t943 - prepared_9 * t979 - prepared_7 * t913
-                                - prepared_16 * t907 + prepared_8 * t949
-                                + prepared_6 * t985),
-                        0.5
-                            * (prepared_16 * t914 - prepared_10 * t985
-                                - prepared_17 * t913 - prepared_18 * t950
-                                - prepared_19 * t949 + prepared_9 * t986),
-                    ],
-                );
-            jacobian
-                .copy_from_slice(
-                    &[
-                        t1203 + t1176,
-                        t1201 + t1189,
-                        t1199 + t1183,
-                        t161
-                            * (sin_joint1_track_rotation_y * t556
-                                + cos_joint1_track_rotation_y * t547)
-                            - t162
-                                * (cos_joint1_track_rotation_z * t549
-                                    - sin_joint1_track_rotation_z * t551),
-                        t167 * t556 - t168 * t547,
-                        t173 * t549 - t174 * t551,
-                        t1203 + t1146,
-                        t1201 + t1159,
-                        t1199 + t1153,
-                        t179
-                            * (sin_joint2_track_rotation_y * t541
-                                + cos_joint2_track_rotation_y * t532)
-                            - t180
-                                * (cos_joint2_track_rotation_z * t534
-                                    - sin_joint2_track_rotation_z * t536),
-                        t185 * t541 - t186 * t532,
-                        t191 * t534 - t192 * t536,
-                        t1203 + t1116,
-                        t1201 + t1129,
-                        t1199 + t1123,
-                        t197
-                            * (sin_joint3_track_rotation_y * t526
-                                + cos_joint3_track_rotation_y * t517)
-                            - t198
-                                * (cos_joint3_track_rotation_z * t519
-                                    - sin_joint3_track_rotation_z * t521),
-                        t203 * t526 - t204 * t517,
-                        t209 * t519 - t210 * t521,
-                        1.0,
-                        t17 * t865 + sin_frame_rotation_z * t866,
-                        cos_frame_rotation_z * t871,
-                        -t878,
-                        t18 - t26 * t839 + t25 * t845,
-                        t25 + t26 * t833 - t18 * t845,
-                        t26 - t25 * t833 + t18 * t839,
-                        t1430 + t1403,
-                        t1428 + t1416,
-                        t1426 + t1410,
-                        t161
-                            * (sin_joint1_track_rotation_y * t655
-                                + cos_joint1_track_rotation_y * t646)
-                            - t162
-                                * (cos_joint1_track_rotation_z * t648
-                                    - sin_joint1_track_rotation_z * t650),
-                        t167 * t655 - t168 * t646,
-                        t173 * t648 - t174 * t650,
-                        t1430 + t1373,
-                        t1428 + t1386,
-                        t1426 + t1380,
-                        t179
-                            * (sin_joint2_track_rotation_y * t640
-                                + cos_joint2_track_rotation_y * t631)
-                            - t180
-                                * (cos_joint2_track_rotation_z * t633
-                                    - sin_joint2_track_rotation_z * t635),
-                        t185 * t640 - t186 * t631,
-                        t191 * t633 - t192 * t635,
-                        t1430 + t1343,
-                        t1428 + t1356,
-                        t1426 + t1350,
-                        t197
-                            * (sin_joint3_track_rotation_y * t625
-                                + cos_joint3_track_rotation_y * t616)
-                            - t198
-                                * (cos_joint3_track_rotation_z * t618
-                                    - sin_joint3_track_rotation_z * t620),
-                        t203 * t625 - t204 * t616,
-                        t209 * t618 - t210 * t620,
-                        1.0,
-                        t57 * t865 - cos_frame_rotation_z * t866,
-                        sin_frame_rotation_z * t871,
-                        t877,
-                        t58 - t64 * t839 + t63 * t845,
-                        t63 + t64 * t833 - t58 * t845,
-                        t64 - t63 * t833 + t58 * t839,
-                        t1627 - t1649 - t90,
-                        t1652 + t1640,
-                        t1650 + t1634,
-                        t161
-                            * (sin_joint1_track_rotation_y * t754
-                                + cos_joint1_track_rotation_y * t745)
-                            - t162
-                                * (cos_joint1_track_rotation_z * t747
-                                    - sin_joint1_track_rotation_z * t749),
-                        t167 * t754 - t168 * t745,
-                        t173 * t747 - t174 * t749,
-                        t1597 - t1649 - t90,
-                        t1652 + t1610,
-                        t1650 + t1604,
-                        t179
-                            * (sin_joint2_track_rotation_y * t739
-                                + cos_joint2_track_rotation_y * t730)
-                            - t180
-                                * (cos_joint2_track_rotation_z * t732
-                                    - sin_joint2_track_rotation_z * t734),
-                        t185 * t739 - t186 * t730,
-                        t191 * t732 - t192 * t734,
-                        t1567 - t1649 - t90,
-                        t1652 + t1580,
-                        t1650 + t1574,
-                        t197
-                            * (sin_joint3_track_rotation_y * t724
-                                + cos_joint3_track_rotation_y * t715)
-                            - t198
-                                * (cos_joint3_track_rotation_z * t717
-                                    - sin_joint3_track_rotation_z * t719),
-                        t203 * t724 - t204 * t715,
-                        t209 * t717 - t210 * t719,
-                        1.0,
-                        cos_frame_rotation_y * t865,
-                        -t872,
-                        t77 * t845 - sin_frame_rotation_y - t78 * t839,
-                        t77 + t78 * t833 + sin_frame_rotation_y * t845,
-                        t78 - t77 * t833 - sin_frame_rotation_y * t839,
-                        t1991 - t2037,
-                        t2009 - t2036,
-                        t2001 - t2035,
-                        t161
-                            * (sin_joint1_track_rotation_y * t2090
-                                + cos_joint1_track_rotation_y * t2029)
-                            - t162
-                                * (cos_joint1_track_rotation_z * t2031
-                                    - sin_joint1_track_rotation_z * t2033),
-                        t167 * t2090 - t168 * t2029,
-                        t173 * t2031 - t174 * t2033,
-                        t1952 - t2037,
-                        t1970 - t2036,
-                        t1962 - t2035,
-                        t179
-                            * (sin_joint2_track_rotation_y * t2072
-                                + cos_joint2_track_rotation_y * t2030)
-                            - t180
-                                * (cos_joint2_track_rotation_z * t2032
-                                    - sin_joint2_track_rotation_z * t2034),
-                        t185 * t2072 - t186 * t2030,
-                        t191 * t2032 - t192 * t2034,
-                        t1913 - t2037,
-                        t1931 - t2036,
-                        t1923 - t2035,
-                        t197
-                            * (sin_joint3_track_rotation_y * t2054
-                                + cos_joint3_track_rotation_y * t2026)
-                            - t198
-                                * (cos_joint3_track_rotation_z * t2027
-                                    - sin_joint3_track_rotation_z * t2028),
-                        t203 * t2054 - t204 * t2026,
-                        t209 * t2027 - t210 * t2028,
-                        t97 * t973 + t92 * t974 + t229 * t937 + t108 * t938 + t243 * t901
-                            - t114 * t902,
-                        t113 * t907 - t91 * t979 - prepared_12 * t980 - t107 * t943
-                            - prepared_20 * t944 - prepared_21 * t908,
-                        prepared_14 * t913 - prepared_11 * t985 - prepared_13 * t949,
-                        cos_target_rotation_x
-                            * (sin_target_rotation_y * t1769
-                                + sin_target_rotation_z * t1701
-                                - cos_target_rotation_z * t1704
-                                + cos_target_rotation_y * t1724)
-                            - sin_target_rotation_x
-                                * (sin_target_rotation_y * t1758
-                                    + cos_target_rotation_y * t1707
-                                    + cos_target_rotation_z * t1721
-                                    - sin_target_rotation_z * t1718),
-                        cos_target_rotation_y
-                            * (sin_target_rotation_x * t1769
-                                + cos_target_rotation_x * t1758 - t244 * t839 - t248
-                                + t247 * t833)
-                            - sin_target_rotation_y
-                                * (cos_target_rotation_x * t1707
-                                    + sin_target_rotation_x * t1724
-                                    + sin_target_rotation_z * t1750
-                                    + cos_target_rotation_z * t1747),
-                        t221 * t1704 - t222 * t1701 + t215 * t1721 - t216 * t1718
-                            + cos_target_rotation_y
-                                * (cos_target_rotation_z * t1750
-                                    - sin_target_rotation_z * t1747),
-                        t2401 - t2447,
-                        t2419 - t2446,
-                        t2411 - t2445,
-                        t161
-                            * (sin_joint1_track_rotation_y * t2500
-                                + cos_joint1_track_rotation_y * t2439)
-                            - t162
-                                * (cos_joint1_track_rotation_z * t2441
-                                    - sin_joint1_track_rotation_z * t2443),
-                        t167 * t2500 - t168 * t2439,
-                        t173 * t2441 - t174 * t2443,
-                        t2362 - t2447,
-                        t2380 - t2446,
-                        t2372 - t2445,
-                        t179
-                            * (sin_joint2_track_rotation_y * t2482
-                                + cos_joint2_track_rotation_y * t2440)
-                            - t180
-                                * (cos_joint2_track_rotation_z * t2442
-                                    - sin_joint2_track_rotation_z * t2444),
-                        t185 * t2482 - t186 * t2440,
-                        t191 * t2442 - t192 * t2444,
-                        t2323 - t2447,
-                        t2341 - t2446,
-                        t2333 - t2445,
-                        t197
-                            * (sin_joint3_track_rotation_y * t2464
-                                + cos_joint3_track_rotation_y * t2436)
-                            - t198
-                                * (cos_joint3_track_rotation_z * t2437
-                                    - sin_joint3_track_rotation_z * t2438),
-                        t203 * t2464 - t204 * t2436,
-                        t209 * t2437 - t210 * t2438,
-                        t123 * t973 + t91 * t974 + t276 * t937 + t107 * t938
-                            - t290 * t901 - t113 * t902,
-                        t92 * t979 + prepared_15 * t980 + t108 * t943
-                            - prepared_22 * t944 - t114 * t907 + prepared_23 * t908,
-                        prepared_14 * t914 - prepared_11 * t986 - prepared_13 * t950,
-                        cos_target_rotation_x
-                            * (sin_target_rotation_y * t2179
-                                + sin_target_rotation_z * t2111
-                                - cos_target_rotation_z * t2114
-                                + cos_target_rotation_y * t2134)
-                            - sin_target_rotation_x
-                                * (sin_target_rotation_y * t2168
-                                    + cos_target_rotation_y * t2117
-                                    + cos_target_rotation_z * t2131
-                                    - sin_target_rotation_z * t2128),
-                        cos_target_rotation_y
-                            * (sin_target_rotation_x * t2179
-                                + cos_target_rotation_x * t2168 - t291 * t839 + t295
-                                + t294 * t833)
-                            - sin_target_rotation_y
-                                * (cos_target_rotation_x * t2117
-                                    + sin_target_rotation_x * t2134
-                                    + sin_target_rotation_z * t2160
-                                    + cos_target_rotation_z * t2157),
-                        t221 * t2114 - t222 * t2111 + t215 * t2131 - t216 * t2128
-                            + cos_target_rotation_y
-                                * (cos_target_rotation_z * t2160
-                                    - sin_target_rotation_z * t2157),
-                        t2811 - t2857,
-                        t2829 - t2856,
-                        t2821 - t2855,
-                        t161
-                            * (sin_joint1_track_rotation_y * t2910
-                                + cos_joint1_track_rotation_y * t2849)
-                            - t162
-                                * (cos_joint1_track_rotation_z * t2851
-                                    - sin_joint1_track_rotation_z * t2853),
-                        t167 * t2910 - t168 * t2849,
-                        t173 * t2851 - t174 * t2853,
-                        t2772 - t2857,
-                        t2790 - t2856,
-                        t2782 - t2855,
-                        t179
-                            * (sin_joint2_track_rotation_y * t2892
-                                + cos_joint2_track_rotation_y * t2850)
-                            - t180
-                                * (cos_joint2_track_rotation_z * t2852
-                                    - sin_joint2_track_rotation_z * t2854),
-                        t185 * t2892 - t186 * t2850,
-                        t191 * t2852 - t192 * t2854,
-                        t2733 - t2857,
-                        t2751 - t2856,
-                        t2743 - t2855,
-                        t197
-                            * (sin_joint3_track_rotation_y * t2874
-                                + cos_joint3_track_rotation_y * t2846)
-                            - t198
-                                * (cos_joint3_track_rotation_z * t2847
-                                    - sin_joint3_track_rotation_z * t2848),
-                        t203 * t2874 - t204 * t2846,
-                        t209 * t2847 - t210 * t2848,
-                        t147 * t973 - t146 * t974 - t327 * t937 - t326 * t938
-                            + t347 * t901 - t346 * t902,
-                        t145 * t979 - t325 * t943 + t345 * t907,
-                        prepared_15 * t985 + prepared_12 * t986 - prepared_22 * t949
-                            + prepared_20 * t950 + prepared_23 * t913
-                            + prepared_21 * t914,
-                        cos_target_rotation_x
-                            * (sin_target_rotation_y * t2589
-                                + sin_target_rotation_z * t2521
-                                - cos_target_rotation_z * t2524
-                                - cos_target_rotation_y * t2544)
-                            - sin_target_rotation_x
-                                * (sin_target_rotation_y * t2578
-                                    + cos_target_rotation_y * t2527
-                                    + cos_target_rotation_z * t2541
-                                    - sin_target_rotation_z * t2538),
-                        cos_target_rotation_y
-                            * (sin_target_rotation_x * t2589
-                                + cos_target_rotation_x * t2578 - t348 * t839 - t354
-                                + t353 * t833)
-                            - sin_target_rotation_y
-                                * (cos_target_rotation_x * t2527
-                                    - sin_target_rotation_x * t2544
-                                    + sin_target_rotation_z * t2570
-                                    + cos_target_rotation_z * t2567),
-                        t221 * t2524 - t222 * t2521 + t215 * t2541 - t216 * t2538
-                            + cos_target_rotation_y
-                                * (cos_target_rotation_z * t2570
-                                    - sin_target_rotation_z * t2567),
-                    ],
-                );
+            residuals[0][lane] = t877 + frame_translation_x - x;
+            residuals[1][lane] = t878 + frame_translation_y - y;
+            residuals[2][lane] = t871 + frame_translation_z - z;
+            residuals[3][lane] = 0.5
+                * (prepared_17 * t907 - prepared_6 * t986 - prepared_8 * t950
+                    + prepared_7 * t914 + prepared_19 * t943 + prepared_10 * t979);
+            residuals[4][lane] = 0.5
+                * (prepared_18 * t943 - prepared_9 * t979 - prepared_7 * t913
+                    - prepared_16 * t907 + prepared_8 * t949 + prepared_6 * t985);
+            residuals[5][lane] = 0.5
+                * (prepared_16 * t914 - prepared_10 * t985 - prepared_17 * t913
+                    - prepared_18 * t950 - prepared_19 * t949 + prepared_9 * t986);
+            jacobian[0][lane] = t1203 + t1176;
+            jacobian[1][lane] = t1201 + t1189;
+            jacobian[2][lane] = t1199 + t1183;
+            jacobian[3][lane] = t161
+                * (sin_joint1_track_rotation_y * t556
+                    + cos_joint1_track_rotation_y * t547)
+                - t162
+                    * (cos_joint1_track_rotation_z * t549
+                        - sin_joint1_track_rotation_z * t551);
+            jacobian[4][lane] = t167 * t556 - t168 * t547;
+            jacobian[5][lane] = t173 * t549 - t174 * t551;
+            jacobian[6][lane] = t1203 + t1146;
+            jacobian[7][lane] = t1201 + t1159;
+            jacobian[8][lane] = t1199 + t1153;
+            jacobian[9][lane] = t179
+                * (sin_joint2_track_rotation_y * t541
+                    + cos_joint2_track_rotation_y * t532)
+                - t180
+                    * (cos_joint2_track_rotation_z * t534
+                        - sin_joint2_track_rotation_z * t536);
+            jacobian[10][lane] = t185 * t541 - t186 * t532;
+            jacobian[11][lane] = t191 * t534 - t192 * t536;
+            jacobian[12][lane] = t1203 + t1116;
+            jacobian[13][lane] = t1201 + t1129;
+            jacobian[14][lane] = t1199 + t1123;
+            jacobian[15][lane] = t197
+                * (sin_joint3_track_rotation_y * t526
+                    + cos_joint3_track_rotation_y * t517)
+                - t198
+                    * (cos_joint3_track_rotation_z * t519
+                        - sin_joint3_track_rotation_z * t521);
+            jacobian[16][lane] = t203 * t526 - t204 * t517;
+            jacobian[17][lane] = t209 * t519 - t210 * t521;
+            jacobian[18][lane] = 1.0;
+            jacobian[19][lane] = t17 * t865 + sin_frame_rotation_z * t866;
+            jacobian[20][lane] = cos_frame_rotation_z * t871;
+            jacobian[21][lane] = -t878;
+            jacobian[22][lane] = t18 - t26 * t839 + t25 * t845;
+            jacobian[23][lane] = t25 + t26 * t833 - t18 * t845;
+            jacobian[24][lane] = t26 - t25 * t833 + t18 * t839;
+            jacobian[25][lane] = t1430 + t1403;
+            jacobian[26][lane] = t1428 + t1416;
+            jacobian[27][lane] = t1426 + t1410;
+            jacobian[28][lane] = t161
+                * (sin_joint1_track_rotation_y * t655
+                    + cos_joint1_track_rotation_y * t646)
+                - t162
+                    * (cos_joint1_track_rotation_z * t648
+                        - sin_joint1_track_rotation_z * t650);
+            jacobian[29][lane] = t167 * t655 - t168 * t646;
+            jacobian[30][lane] = t173 * t648 - t174 * t650;
+            jacobian[31][lane] = t1430 + t1373;
+            jacobian[32][lane] = t1428 + t1386;
+            jacobian[33][lane] = t1426 + t1380;
+            jacobian[34][lane] = t179
+                * (sin_joint2_track_rotation_y * t640
+                    + cos_joint2_track_rotation_y * t631)
+                - t180
+                    * (cos_joint2_track_rotation_z * t633
+                        - sin_joint2_track_rotation_z * t635);
+            jacobian[35][lane] = t185 * t640 - t186 * t631;
+            jacobian[36][lane] = t191 * t633 - t192 * t635;
+            jacobian[37][lane] = t1430 + t1343;
+            jacobian[38][lane] = t1428 + t1356;
+            jacobian[39][lane] = t1426 + t1350;
+            jacobian[40][lane] = t197
+                * (sin_joint3_track_rotation_y * t625
+                    + cos_joint3_track_rotation_y * t616)
+                - t198
+                    * (cos_joint3_track_rotation_z * t618
+                        - sin_joint3_track_rotation_z * t620);
+            jacobian[41][lane] = t203 * t625 - t204 * t616;
+            jacobian[42][lane] = t209 * t618 - t210 * t620;
+            jacobian[43][lane] = 1.0;
+            jacobian[44][lane] = t57 * t865 - cos_frame_rotation_z * t866;
+            jacobian[45][lane] = sin_frame_rotation_z * t871;
+            jacobian[46][lane] = t877;
+            jacobian[47][lane] = t58 - t64 * t839 + t63 * t845;
+            jacobian[48][lane] = t63 + t64 * t833 - t58 * t845;
+            jacobian[49][lane] = t64 - t63 * t833 + t58 * t839;
+            jacobian[50][lane] = t1627 - t1649 - t90;
+            jacobian[51][lane] = t1652 + t1640;
+            jacobian[52][lane] = t1650 + t1634;
+            jacobian[53][lane] = t161
+                * (sin_joint1_track_rotation_y * t754
+                    + cos_joint1_track_rotation_y * t745)
+                - t162
+                    * (cos_joint1_track_rotation_z * t747
+                        - sin_joint1_track_rotation_z * t749);
+            jacobian[54][lane] = t167 * t754 - t168 * t745;
+            jacobian[55][lane] = t173 * t747 - t174 * t749;
+            jacobian[56][lane] = t1597 - t1649 - t90;
+            jacobian[57][lane] = t1652 + t1610;
+            jacobian[58][lane] = t1650 + t1604;
+            jacobian[59][lane] = t179
+                * (sin_joint2_track_rotation_y * t739
+                    + cos_joint2_track_rotation_y * t730)
+                - t180
+                    * (cos_joint2_track_rotation_z * t732
+                        - sin_joint2_track_rotation_z * t734);
+            jacobian[60][lane] = t185 * t739 - t186 * t730;
+            jacobian[61][lane] = t191 * t732 - t192 * t734;
+            jacobian[62][lane] = t1567 - t1649 - t90;
+            jacobian[63][lane] = t1652 + t1580;
+            jacobian[64][lane] = t1650 + t1574;
+            jacobian[65][lane] = t197
+                * (sin_joint3_track_rotation_y * t724
+                    + cos_joint3_track_rotation_y * t715)
+                - t198
+                    * (cos_joint3_track_rotation_z * t717
+                        - sin_joint3_track_rotation_z * t719);
+            jacobian[66][lane] = t203 * t724 - t204 * t715;
+            jacobian[67][lane] = t209 * t717 - t210 * t719;
+            jacobian[68][lane] = 1.0;
+            jacobian[69][lane] = cos_frame_rotation_y * t865;
+            jacobian[70][lane] = -t872;
+            jacobian[71][lane] = t77 * t845 - sin_frame_rotation_y - t78 * t839;
+            jacobian[72][lane] = t77 + t78 * t833 + sin_frame_rotation_y * t845;
+            jacobian[73][lane] = t78 - t77 * t833 - sin_frame_rotation_y * t839;
+            jacobian[74][lane] = t1991 - t2037;
+            jacobian[75][lane] = t2009 - t2036;
+            jacobian[76][lane] = t2001 - t2035;
+            jacobian[77][lane] = t161
+                * (sin_joint1_track_rotation_y * t2090
+                    + cos_joint1_track_rotation_y * t2029)
+                - t162
+                    * (cos_joint1_track_rotation_z * t2031
+                        - sin_joint1_track_rotation_z * t2033);
+            jacobian[78][lane] = t167 * t2090 - t168 * t2029;
+            jacobian[79][lane] = t173 * t2031 - t174 * t2033;
+            jacobian[80][lane] = t1952 - t2037;
+            jacobian[81][lane] = t1970 - t2036;
+            jacobian[82][lane] = t1962 - t2035;
+            jacobian[83][lane] = t179
+                * (sin_joint2_track_rotation_y * t2072
+                    + cos_joint2_track_rotation_y * t2030)
+                - t180
+                    * (cos_joint2_track_rotation_z * t2032
+                        - sin_joint2_track_rotation_z * t2034);
+            jacobian[84][lane] = t185 * t2072 - t186 * t2030;
+            jacobian[85][lane] = t191 * t2032 - t192 * t2034;
+            jacobian[86][lane] = t1913 - t2037;
+            jacobian[87][lane] = t1931 - t2036;
+            jacobian[88][lane] = t1923 - t2035;
+            jacobian[89][lane] = t197
+                * (sin_joint3_track_rotation_y * t2054
+                    + cos_joint3_track_rotation_y * t2026)
+                - t198
+                    * (cos_joint3_track_rotation_z * t2027
+                        - sin_joint3_track_rotation_z * t2028);
+            jacobian[90][lane] = t203 * t2054 - t204 * t2026;
+            jacobian[91][lane] = t209 * t2027 - t210 * t2028;
+            jacobian[92][lane] = t97 * t973 + t92 * t974 + t229 * t937 + t108 * t938
+                + t243 * t901 - t114 * t902;
+            jacobian[93][lane] = t113 * t907 - t91 * t979 - prepared_12 * t980
+                - t107 * t943 - prepared_20 * t944 - prepared_21 * t908;
+            jacobian[94][lane] = prepared_14 * t913 - prepared_11 * t985
+                - prepared_13 * t949;
+            jacobian[95][lane] = cos_target_rotation_x
+                * (sin_target_rotation_y * t1769 + sin_target_rotation_z * t1701
+                    - cos_target_rotation_z * t1704 + cos_target_rotation_y * t1724)
+                - sin_target_rotation_x
+                    * (sin_target_rotation_y * t1758 + cos_target_rotation_y * t1707
+                        + cos_target_rotation_z * t1721 - sin_target_rotation_z * t1718);
+            jacobian[96][lane] = cos_target_rotation_y
+                * (sin_target_rotation_x * t1769 + cos_target_rotation_x * t1758
+                    - t244 * t839 - t248 + t247 * t833)
+                - sin_target_rotation_y
+                    * (cos_target_rotation_x * t1707 + sin_target_rotation_x * t1724
+                        + sin_target_rotation_z * t1750 + cos_target_rotation_z * t1747);
+            jacobian[97][lane] = t221 * t1704 - t222 * t1701 + t215 * t1721
+                - t216 * t1718
+                + cos_target_rotation_y
+                    * (cos_target_rotation_z * t1750 - sin_target_rotation_z * t1747);
+            jacobian[98][lane] = t2401 - t2447;
+            jacobian[99][lane] = t2419 - t2446;
+            jacobian[100][lane] = t2411 - t2445;
+            jacobian[101][lane] = t161
+                * (sin_joint1_track_rotation_y * t2500
+                    + cos_joint1_track_rotation_y * t2439)
+                - t162
+                    * (cos_joint1_track_rotation_z * t2441
+                        - sin_joint1_track_rotation_z * t2443);
+            jacobian[102][lane] = t167 * t2500 - t168 * t2439;
+            jacobian[103][lane] = t173 * t2441 - t174 * t2443;
+            jacobian[104][lane] = t2362 - t2447;
+            jacobian[105][lane] = t2380 - t2446;
+            jacobian[106][lane] = t2372 - t2445;
+            jacobian[107][lane] = t179
+                * (sin_joint2_track_rotation_y * t2482
+                    + cos_joint2_track_rotation_y * t2440)
+                - t180
+                    * (cos_joint2_track_rotation_z * t2442
+                        - sin_joint2_track_rotation_z * t2444);
+            jacobian[108][lane] = t185 * t2482 - t186 * t2440;
+            jacobian[109][lane] = t191 * t2442 - t192 * t2444;
+            jacobian[110][lane] = t2323 - t2447;
+            jacobian[111][lane] = t2341 - t2446;
+            jacobian[112][lane] = t2333 - t2445;
+            jacobian[113][lane] = t197
+                * (sin_joint3_track_rotation_y * t2464
+                    + cos_joint3_track_rotation_y * t2436)
+                - t198
+                    * (cos_joint3_track_rotation_z * t2437
+                        - sin_joint3_track_rotation_z * t2438);
+            jacobian[114][lane] = t203 * t2464 - t204 * t2436;
+            jacobian[115][lane] = t209 * t2437 - t210 * t2438;
+            jacobian[116][lane] = t123 * t973 + t91 * t974 + t276 * t937 + t107 * t938
+                - t290 * t901 - t113 * t902;
+            jacobian[117][lane] = t92 * t979 + prepared_15 * t980 + t108 * t943
+                - prepared_22 * t944 - t114 * t907 + prepared_23 * t908;
+            jacobian[118][lane] = prepared_14 * t914 - prepared_11 * t986
+                - prepared_13 * t950;
+            jacobian[119][lane] = cos_target_rotation_x
+                * (sin_target_rotation_y * t2179 + sin_target_rotation_z * t2111
+                    - cos_target_rotation_z * t2114 + cos_target_rotation_y * t2134)
+                - sin_target_rotation_x
+                    * (sin_target_rotation_y * t2168 + cos_target_rotation_y * t2117
+                        + cos_target_rotation_z * t2131 - sin_target_rotation_z * t2128);
+            jacobian[120][lane] = cos_target_rotation_y
+                * (sin_target_rotation_x * t2179 + cos_target_rotation_x * t2168
+                    - t291 * t839 + t295 + t294 * t833)
+                - sin_target_rotation_y
+                    * (cos_target_rotation_x * t2117 + sin_target_rotation_x * t2134
+                        + sin_target_rotation_z * t2160 + cos_target_rotation_z * t2157);
+            jacobian[121][lane] = t221 * t2114 - t222 * t2111 + t215 * t2131
+                - t216 * t2128
+                + cos_target_rotation_y
+                    * (cos_target_rotation_z * t2160 - sin_target_rotation_z * t2157);
+            jacobian[122][lane] = t2811 - t2857;
+            jacobian[123][lane] = t2829 - t2856;
+            jacobian[124][lane] = t2821 - t2855;
+            jacobian[125][lane] = t161
+                * (sin_joint1_track_rotation_y * t2910
+                    + cos_joint1_track_rotation_y * t2849)
+                - t162
+                    * (cos_joint1_track_rotation_z * t2851
+                        - sin_joint1_track_rotation_z * t2853);
+            jacobian[126][lane] = t167 * t2910 - t168 * t2849;
+            jacobian[127][lane] = t173 * t2851 - t174 * t2853;
+            jacobian[128][lane] = t2772 - t2857;
+            jacobian[129][lane] = t2790 - t2856;
+            jacobian[130][lane] = t2782 - t2855;
+            jacobian[131][lane] = t179
+                * (sin_joint2_track_rotation_y * t2892
+                    + cos_joint2_track_rotation_y * t2850)
+                - t180
+                    * (cos_joint2_track_rotation_z * t2852
+                        - sin_joint2_track_rotation_z * t2854);
+            jacobian[132][lane] = t185 * t2892 - t186 * t2850;
+            jacobian[133][lane] = t191 * t2852 - t192 * t2854;
+            jacobian[134][lane] = t2733 - t2857;
+            jacobian[135][lane] = t2751 - t2856;
+            jacobian[136][lane] = t2743 - t2855;
+            jacobian[137][lane] = t197
+                * (sin_joint3_track_rotation_y * t2874
+                    + cos_joint3_track_rotation_y * t2846)
+                - t198
+                    * (cos_joint3_track_rotation_z * t2847
+                        - sin_joint3_track_rotation_z * t2848);
+            jacobian[138][lane] = t203 * t2874 - t204 * t2846;
+            jacobian[139][lane] = t209 * t2847 - t210 * t2848;
+            jacobian[140][lane] = t147 * t973 - t146 * t974 - t327 * t937 - t326 * t938
+                + t347 * t901 - t346 * t902;
+            jacobian[141][lane] = t145 * t979 - t325 * t943 + t345 * t907;
+            jacobian[142][lane] = prepared_15 * t985 + prepared_12 * t986
+                - prepared_22 * t949 + prepared_20 * t950 + prepared_23 * t913
+                + prepared_21 * t914;
+            jacobian[143][lane] = cos_target_rotation_x
+                * (sin_target_rotation_y * t2589 + sin_target_rotation_z * t2521
+                    - cos_target_rotation_z * t2524 - cos_target_rotation_y * t2544)
+                - sin_target_rotation_x
+                    * (sin_target_rotation_y * t2578 + cos_target_rotation_y * t2527
+                        + cos_target_rotation_z * t2541 - sin_target_rotation_z * t2538);
+            jacobian[144][lane] = cos_target_rotation_y
+                * (sin_target_rotation_x * t2589 + cos_target_rotation_x * t2578
+                    - t348 * t839 - t354 + t353 * t833)
+                - sin_target_rotation_y
+                    * (cos_target_rotation_x * t2527 - sin_target_rotation_x * t2544
+                        + sin_target_rotation_z * t2570 + cos_target_rotation_z * t2567);
+            jacobian[145][lane] = t221 * t2524 - t222 * t2521 + t215 * t2541
+                - t216 * t2538
+                + cos_target_rotation_y
+                    * (cos_target_rotation_z * t2570 - sin_target_rotation_z * t2567);
         }
     }
     /// `F·(C(q) + A(q)·m) + t − x`
@@ -12067,26 +12293,23 @@ pub mod full_piecewise {
     /// With the Jacobian: 472 operations (191 additions, 249 multiplications, 12 divisions, 2 negations, 18 functions).
     #[derive(Debug, Clone, Copy)]
     pub struct CartPositionTwo;
-    impl ResidualFamily for CartPositionTwo {
-        fn shape(&self) -> Shape {
-            Shape {
-                data: 12,
-                prepared: 6,
-                parameters: 21,
-                residuals: 3,
-            }
-        }
-        fn pattern(&self) -> Pattern<'_> {
-            Pattern {
-                row_starts: &[0, 19, 38, 56],
-                columns: &[
-                    0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 15, 16, 17, 18, 19, 20, 0,
-                    1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 13, 15, 16, 17, 18, 19, 20, 0, 1,
-                    2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 14, 15, 16, 18, 19, 20,
-                ],
-            }
-        }
-        fn prepare(&self, data: &[f64], prepared: &mut [f64]) {
+    impl Formulas for CartPositionTwo {
+        const SHAPE: Shape = Shape {
+            data: 12,
+            prepared: 6,
+            parameters: 21,
+            residuals: 3,
+        };
+        const PATTERN: Pattern<'static> = Pattern {
+            row_starts: &[0, 19, 38, 56],
+            columns: &[
+                0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 15, 16, 17, 18, 19, 20, 0, 1,
+                2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 13, 15, 16, 17, 18, 19, 20, 0, 1, 2, 3,
+                4, 5, 6, 7, 8, 9, 10, 11, 14, 15, 16, 18, 19, 20,
+            ],
+        };
+        #[inline(always)]
+        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
             let &[q, x, y, z, segment_start_x, segment_start_y, segment_start_z,
             segment_end_x, segment_end_y, segment_end_z, segment_start_q, segment_end_q,
             ] = data else { panic!("`data` must hold 12 numbers") };
@@ -12098,12 +12321,26 @@ pub mod full_piecewise {
             let point_x = segment_start_x + t2 * slope_x;
             let point_y = segment_start_y + t2 * slope_y;
             let point_z = segment_start_z + t2 * slope_z;
-            prepared.copy_from_slice(&[point_x, point_y, point_z, x, y, z]);
+            prepared[0][lane] = point_x;
+            prepared[1][lane] = point_y;
+            prepared[2][lane] = point_z;
+            prepared[3][lane] = x;
+            prepared[4][lane] = y;
+            prepared[5][lane] = z;
         }
-        fn value(&self, prepared: &[f64], parameters: &[f64], residuals: &mut [f64]) {
-            let &[point_x, point_y, point_z, x, y, z] = prepared else {
-                panic!("`prepared` must hold 6 numbers")
-            };
+        #[inline(always)]
+        fn value<S: Samples>(
+            lane: usize,
+            prepared: &[S],
+            parameters: &[f64],
+            residuals: &mut [S],
+        ) {
+            let point_x = prepared[0][lane];
+            let point_y = prepared[1][lane];
+            let point_z = prepared[2][lane];
+            let x = prepared[3][lane];
+            let y = prepared[4][lane];
+            let z = prepared[5][lane];
             let &[joint1_track_offset_x, joint1_track_offset_y, joint1_track_offset_z,
             joint1_track_rotation_x, joint1_track_rotation_y, joint1_track_rotation_z,
             joint2_track_offset_x, joint2_track_offset_y, joint2_track_offset_z,
@@ -12186,28 +12423,27 @@ pub mod full_piecewise {
             let t109 = cos_frame_rotation_x * t101 - sin_frame_rotation_x * t104;
             let t110 = sin_frame_rotation_x * t101 + cos_frame_rotation_x * t104;
             let t115 = sin_frame_rotation_y * t110 + cos_frame_rotation_y * t98;
-            residuals
-                .copy_from_slice(
-                    &[
-                        cos_frame_rotation_z * t115 - sin_frame_rotation_z * t109
-                            + frame_translation_x - x,
-                        sin_frame_rotation_z * t115 + cos_frame_rotation_z * t109
-                            + frame_translation_y - y,
-                        cos_frame_rotation_y * t110 - sin_frame_rotation_y * t98
-                            + frame_translation_z - z,
-                    ],
-                );
+            residuals[0][lane] = cos_frame_rotation_z * t115
+                - sin_frame_rotation_z * t109 + frame_translation_x - x;
+            residuals[1][lane] = sin_frame_rotation_z * t115
+                + cos_frame_rotation_z * t109 + frame_translation_y - y;
+            residuals[2][lane] = cos_frame_rotation_y * t110 - sin_frame_rotation_y * t98
+                + frame_translation_z - z;
         }
-        fn linearize(
-            &self,
-            prepared: &[f64],
+        #[inline(always)]
+        fn linearize<S: Samples>(
+            lane: usize,
+            prepared: &[S],
             parameters: &[f64],
-            residuals: &mut [f64],
-            jacobian: &mut [f64],
+            residuals: &mut [S],
+            jacobian: &mut [S],
         ) {
-            let &[point_x, point_y, point_z, x, y, z] = prepared else {
-                panic!("`prepared` must hold 6 numbers")
-            };
+            let point_x = prepared[0][lane];
+            let point_y = prepared[1][lane];
+            let point_z = prepared[2][lane];
+            let x = prepared[3][lane];
+            let y = prepared[4][lane];
+            let z = prepared[5][lane];
             let &[joint1_track_offset_x, joint1_track_offset_y, joint1_track_offset_z,
             joint1_track_rotation_x, joint1_track_rotation_y, joint1_track_rotation_z,
             joint2_track_offset_x, joint2_track_offset_y, joint2_track_offset_z,
@@ -12381,105 +12617,95 @@ pub mod full_piecewise {
             let t439 = t316 * t431 + t116 * t201 + t117 * t202;
             let t443 = t312 * t431 - t115 * t202 - t116 * t203;
             let t446 = t314 * t431 - t115 * t201 + t117 * t203;
-            residuals
-                .copy_from_slice(
-                    &[
-                        t283 + frame_translation_x - x,
-                        t284 + frame_translation_y - y,
-                        t277 + frame_translation_z - z,
-                    ],
-                );
-            jacobian
-                .copy_from_slice(
-                    &[
-                        t32 + t322,
-                        t31 + t329,
-                        t30 + t326,
-                        t83
-                            * (sin_joint1_track_rotation_y * t160
-                                + cos_joint1_track_rotation_y * t153)
-                            - t84
-                                * (cos_joint1_track_rotation_z * t154
-                                    - sin_joint1_track_rotation_z * t155),
-                        t89 * t160 - t90 * t153,
-                        t95 * t154 - t96 * t155,
-                        t32 - t322,
-                        t31 - t329,
-                        t30 - t326,
-                        t101
-                            * (sin_joint2_track_rotation_y * t148
-                                + cos_joint2_track_rotation_y * t141)
-                            - t102
-                                * (cos_joint2_track_rotation_z * t142
-                                    - sin_joint2_track_rotation_z * t143),
-                        t107 * t148 - t108 * t141,
-                        t113 * t142 - t114 * t143,
-                        1.0,
-                        t11 * t271 + sin_frame_rotation_z * t272,
-                        cos_frame_rotation_z * t277,
-                        -t284,
-                        t12 - t20 * t250 + t19 * t251,
-                        t19 + t20 * t249 - t12 * t251,
-                        t20 - t19 * t249 + t12 * t250,
-                        t64 + t382,
-                        t63 + t389,
-                        t62 + t386,
-                        t83
-                            * (sin_joint1_track_rotation_y * t196
-                                + cos_joint1_track_rotation_y * t189)
-                            - t84
-                                * (cos_joint1_track_rotation_z * t190
-                                    - sin_joint1_track_rotation_z * t191),
-                        t89 * t196 - t90 * t189,
-                        t95 * t190 - t96 * t191,
-                        t64 - t382,
-                        t63 - t389,
-                        t62 - t386,
-                        t101
-                            * (sin_joint2_track_rotation_y * t184
-                                + cos_joint2_track_rotation_y * t177)
-                            - t102
-                                * (cos_joint2_track_rotation_z * t178
-                                    - sin_joint2_track_rotation_z * t179),
-                        t107 * t184 - t108 * t177,
-                        t113 * t178 - t114 * t179,
-                        1.0,
-                        t45 * t271 - cos_frame_rotation_z * t272,
-                        sin_frame_rotation_z * t277,
-                        t283,
-                        t46 - t52 * t250 + t51 * t251,
-                        t51 + t52 * t249 - t46 * t251,
-                        t52 - t51 * t249 + t46 * t250,
-                        t78 + t439,
-                        t77 + t446,
-                        t76 + t443,
-                        t83
-                            * (sin_joint1_track_rotation_y * t232
-                                + cos_joint1_track_rotation_y * t225)
-                            - t84
-                                * (cos_joint1_track_rotation_z * t226
-                                    + sin_joint1_track_rotation_z * t227),
-                        t89 * t232 - t90 * t225,
-                        t95 * t226 + t96 * t227,
-                        t78 - t439,
-                        t77 - t446,
-                        t76 - t443,
-                        t101
-                            * (sin_joint2_track_rotation_y * t220
-                                + cos_joint2_track_rotation_y * t213)
-                            - t102
-                                * (cos_joint2_track_rotation_z * t214
-                                    - sin_joint2_track_rotation_z * t215),
-                        t107 * t220 - t108 * t213,
-                        t113 * t214 - t114 * t215,
-                        1.0,
-                        cos_frame_rotation_y * t271,
-                        -t278,
-                        t65 * t251 - sin_frame_rotation_y - t66 * t250,
-                        t65 + t66 * t249 + sin_frame_rotation_y * t251,
-                        t66 - t65 * t249 - sin_frame_rotation_y * t250,
-                    ],
-                );
+            residuals[0][lane] = t283 + frame_translation_x - x;
+            residuals[1][lane] = t284 + frame_translation_y - y;
+            residuals[2][lane] = t277 + frame_translation_z - z;
+            jacobian[0][lane] = t32 + t322;
+            jacobian[1][lane] = t31 + t329;
+            jacobian[2][lane] = t30 + t326;
+            jacobian[3][lane] = t83
+                * (sin_joint1_track_rotation_y * t160
+                    + cos_joint1_track_rotation_y * t153)
+                - t84
+                    * (cos_joint1_track_rotation_z * t154
+                        - sin_joint1_track_rotation_z * t155);
+            jacobian[4][lane] = t89 * t160 - t90 * t153;
+            jacobian[5][lane] = t95 * t154 - t96 * t155;
+            jacobian[6][lane] = t32 - t322;
+            jacobian[7][lane] = t31 - t329;
+            jacobian[8][lane] = t30 - t326;
+            jacobian[9][lane] = t101
+                * (sin_joint2_track_rotation_y * t148
+                    + cos_joint2_track_rotation_y * t141)
+                - t102
+                    * (cos_joint2_track_rotation_z * t142
+                        - sin_joint2_track_rotation_z * t143);
+            jacobian[10][lane] = t107 * t148 - t108 * t141;
+            jacobian[11][lane] = t113 * t142 - t114 * t143;
+            jacobian[12][lane] = 1.0;
+            jacobian[13][lane] = t11 * t271 + sin_frame_rotation_z * t272;
+            jacobian[14][lane] = cos_frame_rotation_z * t277;
+            jacobian[15][lane] = -t284;
+            jacobian[16][lane] = t12 - t20 * t250 + t19 * t251;
+            jacobian[17][lane] = t19 + t20 * t249 - t12 * t251;
+            jacobian[18][lane] = t20 - t19 * t249 + t12 * t250;
+            jacobian[19][lane] = t64 + t382;
+            jacobian[20][lane] = t63 + t389;
+            jacobian[21][lane] = t62 + t386;
+            jacobian[22][lane] = t83
+                * (sin_joint1_track_rotation_y * t196
+                    + cos_joint1_track_rotation_y * t189)
+                - t84
+                    * (cos_joint1_track_rotation_z * t190
+                        - sin_joint1_track_rotation_z * t191);
+            jacobian[23][lane] = t89 * t196 - t90 * t189;
+            jacobian[24][lane] = t95 * t190 - t96 * t191;
+            jacobian[25][lane] = t64 - t382;
+            jacobian[26][lane] = t63 - t389;
+            jacobian[27][lane] = t62 - t386;
+            jacobian[28][lane] = t101
+                * (sin_joint2_track_rotation_y * t184
+                    + cos_joint2_track_rotation_y * t177)
+                - t102
+                    * (cos_joint2_track_rotation_z * t178
+                        - sin_joint2_track_rotation_z * t179);
+            jacobian[29][lane] = t107 * t184 - t108 * t177;
+            jacobian[30][lane] = t113 * t178 - t114 * t179;
+            jacobian[31][lane] = 1.0;
+            jacobian[32][lane] = t45 * t271 - cos_frame_rotation_z * t272;
+            jacobian[33][lane] = sin_frame_rotation_z * t277;
+            jacobian[34][lane] = t283;
+            jacobian[35][lane] = t46 - t52 * t250 + t51 * t251;
+            jacobian[36][lane] = t51 + t52 * t249 - t46 * t251;
+            jacobian[37][lane] = t52 - t51 * t249 + t46 * t250;
+            jacobian[38][lane] = t78 + t439;
+            jacobian[39][lane] = t77 + t446;
+            jacobian[40][lane] = t76 + t443;
+            jacobian[41][lane] = t83
+                * (sin_joint1_track_rotation_y * t232
+                    + cos_joint1_track_rotation_y * t225)
+                - t84
+                    * (cos_joint1_track_rotation_z * t226
+                        + sin_joint1_track_rotation_z * t227);
+            jacobian[42][lane] = t89 * t232 - t90 * t225;
+            jacobian[43][lane] = t95 * t226 + t96 * t227;
+            jacobian[44][lane] = t78 - t439;
+            jacobian[45][lane] = t77 - t446;
+            jacobian[46][lane] = t76 - t443;
+            jacobian[47][lane] = t101
+                * (sin_joint2_track_rotation_y * t220
+                    + cos_joint2_track_rotation_y * t213)
+                - t102
+                    * (cos_joint2_track_rotation_z * t214
+                        - sin_joint2_track_rotation_z * t215);
+            jacobian[48][lane] = t107 * t220 - t108 * t213;
+            jacobian[49][lane] = t113 * t214 - t114 * t215;
+            jacobian[50][lane] = 1.0;
+            jacobian[51][lane] = cos_frame_rotation_y * t271;
+            jacobian[52][lane] = -t278;
+            jacobian[53][lane] = t65 * t251 - sin_frame_rotation_y - t66 * t250;
+            jacobian[54][lane] = t65 + t66 * t249 + sin_frame_rotation_y * t251;
+            jacobian[55][lane] = t66 - t65 * t249 - sin_frame_rotation_y * t250;
         }
     }
     /// `F·(C(q) + A(q)·m) + t − x`
@@ -12493,27 +12719,24 @@ pub mod full_piecewise {
     /// With the Jacobian: 1323 operations (637 additions, 648 multiplications, 12 divisions, 2 negations, 24 functions).
     #[derive(Debug, Clone, Copy)]
     pub struct CartPositionThree;
-    impl ResidualFamily for CartPositionThree {
-        fn shape(&self) -> Shape {
-            Shape {
-                data: 12,
-                prepared: 6,
-                parameters: 27,
-                residuals: 3,
-            }
-        }
-        fn pattern(&self) -> Pattern<'_> {
-            Pattern {
-                row_starts: &[0, 25, 50, 74],
-                columns: &[
-                    0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18, 21,
-                    22, 23, 24, 25, 26, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14,
-                    15, 16, 17, 19, 21, 22, 23, 24, 25, 26, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9,
-                    10, 11, 12, 13, 14, 15, 16, 17, 20, 21, 22, 24, 25, 26,
-                ],
-            }
-        }
-        fn prepare(&self, data: &[f64], prepared: &mut [f64]) {
+    impl Formulas for CartPositionThree {
+        const SHAPE: Shape = Shape {
+            data: 12,
+            prepared: 6,
+            parameters: 27,
+            residuals: 3,
+        };
+        const PATTERN: Pattern<'static> = Pattern {
+            row_starts: &[0, 25, 50, 74],
+            columns: &[
+                0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18, 21, 22,
+                23, 24, 25, 26, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16,
+                17, 19, 21, 22, 23, 24, 25, 26, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12,
+                13, 14, 15, 16, 17, 20, 21, 22, 24, 25, 26,
+            ],
+        };
+        #[inline(always)]
+        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
             let &[q, x, y, z, segment_start_x, segment_start_y, segment_start_z,
             segment_end_x, segment_end_y, segment_end_z, segment_start_q, segment_end_q,
             ] = data else { panic!("`data` must hold 12 numbers") };
@@ -12525,12 +12748,26 @@ pub mod full_piecewise {
             let point_x = segment_start_x + t2 * slope_x;
             let point_y = segment_start_y + t2 * slope_y;
             let point_z = segment_start_z + t2 * slope_z;
-            prepared.copy_from_slice(&[point_x, point_y, point_z, x, y, z]);
+            prepared[0][lane] = point_x;
+            prepared[1][lane] = point_y;
+            prepared[2][lane] = point_z;
+            prepared[3][lane] = x;
+            prepared[4][lane] = y;
+            prepared[5][lane] = z;
         }
-        fn value(&self, prepared: &[f64], parameters: &[f64], residuals: &mut [f64]) {
-            let &[point_x, point_y, point_z, x, y, z] = prepared else {
-                panic!("`prepared` must hold 6 numbers")
-            };
+        #[inline(always)]
+        fn value<S: Samples>(
+            lane: usize,
+            prepared: &[S],
+            parameters: &[f64],
+            residuals: &mut [S],
+        ) {
+            let point_x = prepared[0][lane];
+            let point_y = prepared[1][lane];
+            let point_z = prepared[2][lane];
+            let x = prepared[3][lane];
+            let y = prepared[4][lane];
+            let z = prepared[5][lane];
             let &[joint1_track_offset_x, joint1_track_offset_y, joint1_track_offset_z,
             joint1_track_rotation_x, joint1_track_rotation_y, joint1_track_rotation_z,
             joint2_track_offset_x, joint2_track_offset_y, joint2_track_offset_z,
@@ -12696,28 +12933,27 @@ pub mod full_piecewise {
             let t271 = cos_frame_rotation_x * t263 - sin_frame_rotation_x * t266;
             let t272 = sin_frame_rotation_x * t263 + cos_frame_rotation_x * t266;
             let t277 = sin_frame_rotation_y * t272 + cos_frame_rotation_y * t260;
-            residuals
-                .copy_from_slice(
-                    &[
-                        cos_frame_rotation_z * t277 - sin_frame_rotation_z * t271
-                            + frame_translation_x - x,
-                        sin_frame_rotation_z * t277 + cos_frame_rotation_z * t271
-                            + frame_translation_y - y,
-                        cos_frame_rotation_y * t272 - sin_frame_rotation_y * t260
-                            + frame_translation_z - z,
-                    ],
-                );
+            residuals[0][lane] = cos_frame_rotation_z * t277
+                - sin_frame_rotation_z * t271 + frame_translation_x - x;
+            residuals[1][lane] = sin_frame_rotation_z * t277
+                + cos_frame_rotation_z * t271 + frame_translation_y - y;
+            residuals[2][lane] = cos_frame_rotation_y * t272
+                - sin_frame_rotation_y * t260 + frame_translation_z - z;
         }
-        fn linearize(
-            &self,
-            prepared: &[f64],
+        #[inline(always)]
+        fn linearize<S: Samples>(
+            lane: usize,
+            prepared: &[S],
             parameters: &[f64],
-            residuals: &mut [f64],
-            jacobian: &mut [f64],
+            residuals: &mut [S],
+            jacobian: &mut [S],
         ) {
-            let &[point_x, point_y, point_z, x, y, z] = prepared else {
-                panic!("`prepared` must hold 6 numbers")
-            };
+            let point_x = prepared[0][lane];
+            let point_y = prepared[1][lane];
+            let point_z = prepared[2][lane];
+            let x = prepared[3][lane];
+            let y = prepared[4][lane];
+            let z = prepared[5][lane];
             let &[joint1_track_offset_x, joint1_track_offset_y, joint1_track_offset_z,
             joint1_track_rotation_x, joint1_track_rotation_y, joint1_track_rotation_z,
             joint2_track_offset_x, joint2_track_offset_y, joint2_track_offset_z,
@@ -13166,138 +13402,128 @@ pub mod full_piecewise {
             let t1280 = 0.3333333333333333 * (t1198 + t1228 + t1258);
             let t1281 = t76 - 0.3333333333333333 * (t1205 + t1235 + t1265);
             let t1283 = t77 - 0.3333333333333333 * (t1211 + t1241 + t1271);
-            residuals
-                .copy_from_slice(
-                    &[
-                        t634 + frame_translation_x - x,
-                        t635 + frame_translation_y - y,
-                        t628 + frame_translation_z - z,
-                    ],
-                );
-            jacobian
-                .copy_from_slice(
-                    &[
-                        t834 + t807,
-                        t832 + t820,
-                        t830 + t814,
-                        t83
-                            * (sin_joint1_track_rotation_y * t313
-                                + cos_joint1_track_rotation_y * t304)
-                            - t84
-                                * (cos_joint1_track_rotation_z * t306
-                                    - sin_joint1_track_rotation_z * t308),
-                        t89 * t313 - t90 * t304,
-                        t95 * t306 - t96 * t308,
-                        t834 + t777,
-                        t832 + t790,
-                        t830 + t784,
-                        t101
-                            * (sin_joint2_track_rotation_y * t298
-                                + cos_joint2_track_rotation_y * t289)
-                            - t102
-                                * (cos_joint2_track_rotation_z * t291
-                                    - sin_joint2_track_rotation_z * t293),
-                        t107 * t298 - t108 * t289,
-                        t113 * t291 - t114 * t293,
-                        t834 + t747,
-                        t832 + t760,
-                        t830 + t754,
-                        t119
-                            * (sin_joint3_track_rotation_y * t283
-                                + cos_joint3_track_rotation_y * t274)
-                            - t120
-                                * (cos_joint3_track_rotation_z * t276
-                                    - sin_joint3_track_rotation_z * t278),
-                        t125 * t283 - t126 * t274,
-                        t131 * t276 - t132 * t278,
-                        1.0,
-                        t5 * t622 + sin_frame_rotation_z * t623,
-                        cos_frame_rotation_z * t628,
-                        -t635,
-                        t6 - t14 * t596 + t13 * t602,
-                        t13 + t14 * t590 - t6 * t602,
-                        t14 - t13 * t590 + t6 * t596,
-                        t1061 + t1034,
-                        t1059 + t1047,
-                        t1057 + t1041,
-                        t83
-                            * (sin_joint1_track_rotation_y * t412
-                                + cos_joint1_track_rotation_y * t403)
-                            - t84
-                                * (cos_joint1_track_rotation_z * t405
-                                    - sin_joint1_track_rotation_z * t407),
-                        t89 * t412 - t90 * t403,
-                        t95 * t405 - t96 * t407,
-                        t1061 + t1004,
-                        t1059 + t1017,
-                        t1057 + t1011,
-                        t101
-                            * (sin_joint2_track_rotation_y * t397
-                                + cos_joint2_track_rotation_y * t388)
-                            - t102
-                                * (cos_joint2_track_rotation_z * t390
-                                    - sin_joint2_track_rotation_z * t392),
-                        t107 * t397 - t108 * t388,
-                        t113 * t390 - t114 * t392,
-                        t1061 + t974,
-                        t1059 + t987,
-                        t1057 + t981,
-                        t119
-                            * (sin_joint3_track_rotation_y * t382
-                                + cos_joint3_track_rotation_y * t373)
-                            - t120
-                                * (cos_joint3_track_rotation_z * t375
-                                    - sin_joint3_track_rotation_z * t377),
-                        t125 * t382 - t126 * t373,
-                        t131 * t375 - t132 * t377,
-                        1.0,
-                        t45 * t622 - cos_frame_rotation_z * t623,
-                        sin_frame_rotation_z * t628,
-                        t634,
-                        t46 - t52 * t596 + t51 * t602,
-                        t51 + t52 * t590 - t46 * t602,
-                        t52 - t51 * t590 + t46 * t596,
-                        t1258 - t1280 - t78,
-                        t1283 + t1271,
-                        t1281 + t1265,
-                        t83
-                            * (sin_joint1_track_rotation_y * t511
-                                + cos_joint1_track_rotation_y * t502)
-                            - t84
-                                * (cos_joint1_track_rotation_z * t504
-                                    - sin_joint1_track_rotation_z * t506),
-                        t89 * t511 - t90 * t502,
-                        t95 * t504 - t96 * t506,
-                        t1228 - t1280 - t78,
-                        t1283 + t1241,
-                        t1281 + t1235,
-                        t101
-                            * (sin_joint2_track_rotation_y * t496
-                                + cos_joint2_track_rotation_y * t487)
-                            - t102
-                                * (cos_joint2_track_rotation_z * t489
-                                    - sin_joint2_track_rotation_z * t491),
-                        t107 * t496 - t108 * t487,
-                        t113 * t489 - t114 * t491,
-                        t1198 - t1280 - t78,
-                        t1283 + t1211,
-                        t1281 + t1205,
-                        t119
-                            * (sin_joint3_track_rotation_y * t481
-                                + cos_joint3_track_rotation_y * t472)
-                            - t120
-                                * (cos_joint3_track_rotation_z * t474
-                                    - sin_joint3_track_rotation_z * t476),
-                        t125 * t481 - t126 * t472,
-                        t131 * t474 - t132 * t476,
-                        1.0,
-                        cos_frame_rotation_y * t622,
-                        -t629,
-                        t65 * t602 - sin_frame_rotation_y - t66 * t596,
-                        t65 + t66 * t590 + sin_frame_rotation_y * t602,
-                        t66 - t65 * t590 - sin_frame_rotation_y * t596,
-                    ],
-                );
+            residuals[0][lane] = t634 + frame_translation_x - x;
+            residuals[1][lane] = t635 + frame_translation_y - y;
+            residuals[2][lane] = t628 + frame_translation_z - z;
+            jacobian[0][lane] = t834 + t807;
+            jacobian[1][lane] = t832 + t820;
+            jacobian[2][lane] = t830 + t814;
+            jacobian[3][lane] = t83
+                * (sin_joint1_track_rotation_y * t313
+                    + cos_joint1_track_rotation_y * t304)
+                - t84
+                    * (cos_joint1_track_rotation_z * t306
+                        - sin_joint1_track_rotation_z * t308);
+            jacobian[4][lane] = t89 * t313 - t90 * t304;
+            jacobian[5][lane] = t95 * t306 - t96 * t308;
+            jacobian[6][lane] = t834 + t777;
+            jacobian[7][lane] = t832 + t790;
+            jacobian[8][lane] = t830 + t784;
+            jacobian[9][lane] = t101
+                * (sin_joint2_track_rotation_y * t298
+                    + cos_joint2_track_rotation_y * t289)
+                - t102
+                    * (cos_joint2_track_rotation_z * t291
+                        - sin_joint2_track_rotation_z * t293);
+            jacobian[10][lane] = t107 * t298 - t108 * t289;
+            jacobian[11][lane] = t113 * t291 - t114 * t293;
+            jacobian[12][lane] = t834 + t747;
+            jacobian[13][lane] = t832 + t760;
+            jacobian[14][lane] = t830 + t754;
+            jacobian[15][lane] = t119
+                * (sin_joint3_track_rotation_y * t283
+                    + cos_joint3_track_rotation_y * t274)
+                - t120
+                    * (cos_joint3_track_rotation_z * t276
+                        - sin_joint3_track_rotation_z * t278);
+            jacobian[16][lane] = t125 * t283 - t126 * t274;
+            jacobian[17][lane] = t131 * t276 - t132 * t278;
+            jacobian[18][lane] = 1.0;
+            jacobian[19][lane] = t5 * t622 + sin_frame_rotation_z * t623;
+            jacobian[20][lane] = cos_frame_rotation_z * t628;
+            jacobian[21][lane] = -t635;
+            jacobian[22][lane] = t6 - t14 * t596 + t13 * t602;
+            jacobian[23][lane] = t13 + t14 * t590 - t6 * t602;
+            jacobian[24][lane] = t14 - t13 * t590 + t6 * t596;
+            jacobian[25][lane] = t1061 + t1034;
+            jacobian[26][lane] = t1059 + t1047;
+            jacobian[27][lane] = t1057 + t1041;
+            jacobian[28][lane] = t83
+                * (sin_joint1_track_rotation_y * t412
+                    + cos_joint1_track_rotation_y * t403)
+                - t84
+                    * (cos_joint1_track_rotation_z * t405
+                        - sin_joint1_track_rotation_z * t407);
+            jacobian[29][lane] = t89 * t412 - t90 * t403;
+            jacobian[30][lane] = t95 * t405 - t96 * t407;
+            jacobian[31][lane] = t1061 + t1004;
+            jacobian[32][lane] = t1059 + t1017;
+            jacobian[33][lane] = t1057 + t1011;
+            jacobian[34][lane] = t101
+                * (sin_joint2_track_rotation_y * t397
+                    + cos_joint2_track_rotation_y * t388)
+                - t102
+                    * (cos_joint2_track_rotation_z * t390
+                        - sin_joint2_track_rotation_z * t392);
+            jacobian[35][lane] = t107 * t397 - t108 * t388;
+            jacobian[36][lane] = t113 * t390 - t114 * t392;
+            jacobian[37][lane] = t1061 + t974;
+            jacobian[38][lane] = t1059 + t987;
+            jacobian[39][lane] = t1057 + t981;
+            jacobian[40][lane] = t119
+                * (sin_joint3_track_rotation_y * t382
+                    + cos_joint3_track_rotation_y * t373)
+                - t120
+                    * (cos_joint3_track_rotation_z * t375
+                        - sin_joint3_track_rotation_z * t377);
+            jacobian[41][lane] = t125 * t382 - t126 * t373;
+            jacobian[42][lane] = t131 * t375 - t132 * t377;
+            jacobian[43][lane] = 1.0;
+            jacobian[44][lane] = t45 * t622 - cos_frame_rotation_z * t623;
+            jacobian[45][lane] = sin_frame_rotation_z * t628;
+            jacobian[46][lane] = t634;
+            jacobian[47][lane] = t46 - t52 * t596 + t51 * t602;
+            jacobian[48][lane] = t51 + t52 * t590 - t46 * t602;
+            jacobian[49][lane] = t52 - t51 * t590 + t46 * t596;
+            jacobian[50][lane] = t1258 - t1280 - t78;
+            jacobian[51][lane] = t1283 + t1271;
+            jacobian[52][lane] = t1281 + t1265;
+            jacobian[53][lane] = t83
+                * (sin_joint1_track_rotation_y * t511
+                    + cos_joint1_track_rotation_y * t502)
+                - t84
+                    * (cos_joint1_track_rotation_z * t504
+                        - sin_joint1_track_rotation_z * t506);
+            jacobian[54][lane] = t89 * t511 - t90 * t502;
+            jacobian[55][lane] = t95 * t504 - t96 * t506;
+            jacobian[56][lane] = t1228 - t1280 - t78;
+            jacobian[57][lane] = t1283 + t1241;
+            jacobian[58][lane] = t1281 + t1235;
+            jacobian[59][lane] = t101
+                * (sin_joint2_track_rotation_y * t496
+                    + cos_joint2_track_rotation_y * t487)
+                - t102
+                    * (cos_joint2_track_rotation_z * t489
+                        - sin_joint2_track_rotation_z * t491);
+            jacobian[60][lane] = t107 * t496 - t108 * t487;
+            jacobian[61][lane] = t113 * t489 - t114 * t491;
+            jacobian[62][lane] = t1198 - t1280 - t78;
+            jacobian[63][lane] = t1283 + t1211;
+            jacobian[64][lane] = t1281 + t1205;
+            jacobian[65][lane] = t119
+                * (sin_joint3_track_rotation_y * t481
+                    + cos_joint3_track_rotation_y * t472)
+                - t120
+                    * (cos_joint3_track_rotation_z * t474
+                        - sin_joint3_track_rotation_z * t476);
+            jacobian[66][lane] = t125 * t481 - t126 * t472;
+            jacobian[67][lane] = t131 * t474 - t132 * t476;
+            jacobian[68][lane] = 1.0;
+            jacobian[69][lane] = cos_frame_rotation_y * t622;
+            jacobian[70][lane] = -t629;
+            jacobian[71][lane] = t65 * t602 - sin_frame_rotation_y - t66 * t596;
+            jacobian[72][lane] = t65 + t66 * t590 + sin_frame_rotation_y * t602;
+            jacobian[73][lane] = t66 - t65 * t590 - sin_frame_rotation_y * t596;
         }
     }
 }
@@ -13306,8 +13532,9 @@ pub mod full_piecewise {
 pub mod best_per_link {
     #[allow(unused_imports, reason = "one list for all modules")]
     use ::tau_runtime::{
-        Arm, Cluster, EffectUse, Input, Instance, Link, Owner, Parameter, Pattern,
-        ResidualFamily, ResidualKind, Robot, Shape, TrackModel, TrackShape, Variant, math,
+        Arm, Cluster, EffectUse, Formulas, Input, Instance, Link, Owner, Parameter,
+        Pattern, ResidualKind, Robot, Samples, Shape, TrackModel, TrackShape, Variant,
+        math,
     };
     /// Tables of the variant `BestPerLink` of `GantryTau`.
     pub const VARIANT: Variant = Variant {
@@ -14327,8 +14554,9 @@ pub mod best_per_link {
 pub mod full_rack {
     #[allow(unused_imports, reason = "one list for all modules")]
     use ::tau_runtime::{
-        Arm, Cluster, EffectUse, Input, Instance, Link, Owner, Parameter, Pattern,
-        ResidualFamily, ResidualKind, Robot, Shape, TrackModel, TrackShape, Variant, math,
+        Arm, Cluster, EffectUse, Formulas, Input, Instance, Link, Owner, Parameter,
+        Pattern, ResidualKind, Robot, Samples, Shape, TrackModel, TrackShape, Variant,
+        math,
     };
     /// Tables of the variant `FullRack` of `GantryTau`.
     pub const VARIANT: Variant = Variant {
@@ -15219,22 +15447,19 @@ pub mod full_rack {
     /// With the Jacobian: 118 operations (44 additions, 67 multiplications, 4 divisions, 3 functions).
     #[derive(Debug, Clone, Copy)]
     pub struct ClosureL2a;
-    impl ResidualFamily for ClosureL2a {
-        fn shape(&self) -> Shape {
-            Shape {
-                data: 7,
-                prepared: 14,
-                parameters: 13,
-                residuals: 1,
-            }
-        }
-        fn pattern(&self) -> Pattern<'_> {
-            Pattern {
-                row_starts: &[0, 13],
-                columns: &[0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12],
-            }
-        }
-        fn prepare(&self, data: &[f64], prepared: &mut [f64]) {
+    impl Formulas for ClosureL2a {
+        const SHAPE: Shape = Shape {
+            data: 7,
+            prepared: 14,
+            parameters: 13,
+            residuals: 1,
+        };
+        const PATTERN: Pattern<'static> = Pattern {
+            row_starts: &[0, 13],
+            columns: &[0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12],
+        };
+        #[inline(always)]
+        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
             let &[q, x, y, z, alpha, beta, gamma] = data else {
                 panic!("`data` must hold 7 numbers")
             };
@@ -15253,19 +15478,42 @@ pub mod full_rack {
             let prepared_12 = t9 * cos_alpha + cos_gamma * sin_alpha;
             let r_yy = cos_gamma * cos_alpha - t9 * sin_alpha;
             let r_zz_2 = -r_zz;
-            prepared
-                .copy_from_slice(
-                    &[
-                        x, y, z, q, prepared_4, r_zz_2, prepared_6, r_zy, r_xz, r_yz, r_xx, r_yx,
-                        prepared_12, r_yy,
-                    ],
-                );
+            prepared[0][lane] = x;
+            prepared[1][lane] = y;
+            prepared[2][lane] = z;
+            prepared[3][lane] = q;
+            prepared[4][lane] = prepared_4;
+            prepared[5][lane] = r_zz_2;
+            prepared[6][lane] = prepared_6;
+            prepared[7][lane] = r_zy;
+            prepared[8][lane] = r_xz;
+            prepared[9][lane] = r_yz;
+            prepared[10][lane] = r_xx;
+            prepared[11][lane] = r_yx;
+            prepared[12][lane] = prepared_12;
+            prepared[13][lane] = r_yy;
         }
-        fn value(&self, prepared: &[f64], parameters: &[f64], residuals: &mut [f64]) {
-            let &[x, y, z, q, prepared_4, r_zz, prepared_6, r_zy, r_xz, r_yz, r_xx, r_yx,
-            prepared_12, r_yy] = prepared else {
-                panic!("`prepared` must hold 14 numbers")
-            };
+        #[inline(always)]
+        fn value<S: Samples>(
+            lane: usize,
+            prepared: &[S],
+            parameters: &[f64],
+            residuals: &mut [S],
+        ) {
+            let x = prepared[0][lane];
+            let y = prepared[1][lane];
+            let z = prepared[2][lane];
+            let q = prepared[3][lane];
+            let prepared_4 = prepared[4][lane];
+            let r_zz = prepared[5][lane];
+            let prepared_6 = prepared[6][lane];
+            let r_zy = prepared[7][lane];
+            let r_xz = prepared[8][lane];
+            let r_yz = prepared[9][lane];
+            let r_xx = prepared[10][lane];
+            let r_yx = prepared[11][lane];
+            let prepared_12 = prepared[12][lane];
+            let r_yy = prepared[13][lane];
             let &[length, plate_joint_x, plate_joint_y, plate_joint_z, track_offset_x,
             track_offset_y, track_offset_z, track_direction_x, track_direction_y,
             track_direction_z, rack_pitch_sine, rack_pitch_cosine, rack_pitch_period] = parameters
@@ -15290,19 +15538,30 @@ pub mod full_rack {
                 - t9 * (track_direction_y * t26);
             let residual = length * length - rod_z * rod_z - rod_x * rod_x
                 - rod_y * rod_y;
-            residuals.copy_from_slice(&[residual]);
+            residuals[0][lane] = residual;
         }
-        fn linearize(
-            &self,
-            prepared: &[f64],
+        #[inline(always)]
+        fn linearize<S: Samples>(
+            lane: usize,
+            prepared: &[S],
             parameters: &[f64],
-            residuals: &mut [f64],
-            jacobian: &mut [f64],
+            residuals: &mut [S],
+            jacobian: &mut [S],
         ) {
-            let &[x, y, z, q, prepared_4, r_zz, prepared_6, r_zy, r_xz, r_yz, r_xx, r_yx,
-            prepared_12, r_yy] = prepared else {
-                panic!("`prepared` must hold 14 numbers")
-            };
+            let x = prepared[0][lane];
+            let y = prepared[1][lane];
+            let z = prepared[2][lane];
+            let q = prepared[3][lane];
+            let prepared_4 = prepared[4][lane];
+            let r_zz = prepared[5][lane];
+            let prepared_6 = prepared[6][lane];
+            let r_zy = prepared[7][lane];
+            let r_xz = prepared[8][lane];
+            let r_yz = prepared[9][lane];
+            let r_xx = prepared[10][lane];
+            let r_yx = prepared[11][lane];
+            let prepared_12 = prepared[12][lane];
+            let r_yy = prepared[13][lane];
             let &[length, plate_joint_x, plate_joint_y, plate_joint_z, track_offset_x,
             track_offset_y, track_offset_z, track_direction_x, track_direction_y,
             track_direction_z, rack_pitch_sine, rack_pitch_cosine, rack_pitch_period] = parameters
@@ -15342,25 +15601,22 @@ pub mod full_rack {
             let t97 = track_direction_z * t96;
             let t98 = track_direction_y * t96;
             let t99 = track_direction_x * t96;
-            residuals.copy_from_slice(&[residual]);
-            jacobian
-                .copy_from_slice(
-                    &[
-                        length * 2.0,
-                        prepared_6 * t41 - r_yx * t68 - r_xx * t69,
-                        prepared_12 * t69 - r_zy * t41 - r_yy * t68,
-                        r_zz * t41 - r_yz * t68 - r_xz * t69,
-                        t69, t68, t41,
-                        t27 * t85 - t99 - t99 + q * t69,
-                        t27 * t83 - t98 - t98 + q * t68,
-                        t27 * t46 - t97 + q * t41 - t97,
-                        t5 * t87,
-                        t7 * t87,
-                        t4
-                            * (t87 * (t5 * rack_pitch_cosine - rack_pitch_sine * t7)
-                                / rack_pitch_period),
-                    ],
-                );
+            residuals[0][lane] = residual;
+            jacobian[0][lane] = length * 2.0;
+            jacobian[1][lane] = prepared_6 * t41 - r_yx * t68 - r_xx * t69;
+            jacobian[2][lane] = prepared_12 * t69 - r_zy * t41 - r_yy * t68;
+            jacobian[3][lane] = r_zz * t41 - r_yz * t68 - r_xz * t69;
+            jacobian[4][lane] = t69;
+            jacobian[5][lane] = t68;
+            jacobian[6][lane] = t41;
+            jacobian[7][lane] = t27 * t85 - t99 - t99 + q * t69;
+            jacobian[8][lane] = t27 * t83 - t98 - t98 + q * t68;
+            jacobian[9][lane] = t27 * t46 - t97 + q * t41 - t97;
+            jacobian[10][lane] = t5 * t87;
+            jacobian[11][lane] = t7 * t87;
+            jacobian[12][lane] = t4
+                * (t87 * (t5 * rack_pitch_cosine - rack_pitch_sine * t7)
+                    / rack_pitch_period);
         }
     }
     /// `L² − ‖T + R·P − C(q)‖², R = Rz(alpha)·Ry(beta)·Rz(gamma)`
@@ -15374,27 +15630,26 @@ pub mod full_rack {
     /// With the Jacobian: 96 operations (33 additions, 50 multiplications, 3 divisions, 1 negation, 9 functions).
     #[derive(Debug, Clone, Copy)]
     pub struct ClosureByPoseL2a;
-    impl ResidualFamily for ClosureByPoseL2a {
-        fn shape(&self) -> Shape {
-            Shape {
-                data: 0,
-                prepared: 0,
-                parameters: 22,
-                residuals: 1,
-            }
-        }
-        fn pattern(&self) -> Pattern<'_> {
-            Pattern {
-                row_starts: &[0, 7],
-                columns: &[0, 1, 2, 3, 4, 5, 7],
-            }
-        }
-        fn prepare(&self, data: &[f64], prepared: &mut [f64]) {
-            assert!(data.len() == 0, "`data` must hold 0 numbers");
-            prepared.copy_from_slice(&[]);
-        }
-        fn value(&self, prepared: &[f64], parameters: &[f64], residuals: &mut [f64]) {
-            assert!(prepared.len() == 0, "`prepared` must hold 0 numbers");
+    impl Formulas for ClosureByPoseL2a {
+        const SHAPE: Shape = Shape {
+            data: 0,
+            prepared: 0,
+            parameters: 22,
+            residuals: 1,
+        };
+        const PATTERN: Pattern<'static> = Pattern {
+            row_starts: &[0, 7],
+            columns: &[0, 1, 2, 3, 4, 5, 7],
+        };
+        #[inline(always)]
+        fn prepare<S: Samples>(_lane: usize, _data: &[f64], _prepared: &mut [S]) {}
+        #[inline(always)]
+        fn value<S: Samples>(
+            lane: usize,
+            _prepared: &[S],
+            parameters: &[f64],
+            residuals: &mut [S],
+        ) {
             let &[x, y, z, alpha, beta, gamma, _, q2, _, length, plate_joint_x,
             plate_joint_y, plate_joint_z, track_offset_x, track_offset_y, track_offset_z,
             track_direction_x, track_direction_y, track_direction_z, rack_pitch_sine,
@@ -15424,16 +15679,16 @@ pub mod full_rack {
                 - q2 * track_direction_z - t10 * (track_direction_z * t39);
             let residual = length * length - rod_z * rod_z - rod_x * rod_x
                 - rod_y * rod_y;
-            residuals.copy_from_slice(&[residual]);
+            residuals[0][lane] = residual;
         }
-        fn linearize(
-            &self,
-            prepared: &[f64],
+        #[inline(always)]
+        fn linearize<S: Samples>(
+            lane: usize,
+            _prepared: &[S],
             parameters: &[f64],
-            residuals: &mut [f64],
-            jacobian: &mut [f64],
+            residuals: &mut [S],
+            jacobian: &mut [S],
         ) {
-            assert!(prepared.len() == 0, "`prepared` must hold 0 numbers");
             let &[x, y, z, alpha, beta, gamma, _, q2, _, length, plate_joint_x,
             plate_joint_y, plate_joint_z, track_offset_x, track_offset_y, track_offset_z,
             track_direction_x, track_direction_y, track_direction_z, rack_pitch_sine,
@@ -15474,17 +15729,14 @@ pub mod full_rack {
                     * (rack_pitch_sine * t8 - t6 * rack_pitch_cosine)
                     / rack_pitch_period) - track_direction_z * t67
                 - track_direction_y * t68 + track_direction_x * t69;
-            residuals.copy_from_slice(&[residual]);
-            jacobian
-                .copy_from_slice(
-                    &[
-                        -t69, t68, t67,
-                        t38 * t67 + t29 * t68,
-                        t37 * t67 + t29 * t69,
-                        t38 * t69 - t37 * t68,
-                        t95,
-                    ],
-                );
+            residuals[0][lane] = residual;
+            jacobian[0][lane] = -t69;
+            jacobian[1][lane] = t68;
+            jacobian[2][lane] = t67;
+            jacobian[3][lane] = t38 * t67 + t29 * t68;
+            jacobian[4][lane] = t37 * t67 + t29 * t69;
+            jacobian[5][lane] = t38 * t69 - t37 * t68;
+            jacobian[6][lane] = t95;
         }
     }
     /// `F·(C(q) + A(q)·m) + t − x; axial vector of F·A(q)·M·Rᵀ`
@@ -15498,29 +15750,26 @@ pub mod full_rack {
     /// With the Jacobian: 1325 operations (520 additions, 740 multiplications, 29 divisions, 21 negations, 15 functions).
     #[derive(Debug, Clone, Copy)]
     pub struct CartPoseTwo;
-    impl ResidualFamily for CartPoseTwo {
-        fn shape(&self) -> Shape {
-            Shape {
-                data: 7,
-                prepared: 23,
-                parameters: 27,
-                residuals: 6,
-            }
-        }
-        fn pattern(&self) -> Pattern<'_> {
-            Pattern {
-                row_starts: &[0, 22, 44, 65, 83, 101, 119],
-                columns: &[
-                    0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 18, 19, 20, 21,
-                    22, 23, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 16, 18, 19,
-                    20, 21, 22, 23, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 17,
-                    18, 19, 21, 22, 23, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 18, 19, 20,
-                    24, 25, 26, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 18, 19, 20, 24, 25,
-                    26, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 18, 19, 20, 24, 25, 26,
-                ],
-            }
-        }
-        fn prepare(&self, data: &[f64], prepared: &mut [f64]) {
+    impl Formulas for CartPoseTwo {
+        const SHAPE: Shape = Shape {
+            data: 7,
+            prepared: 23,
+            parameters: 27,
+            residuals: 6,
+        };
+        const PATTERN: Pattern<'static> = Pattern {
+            row_starts: &[0, 22, 44, 65, 83, 101, 119],
+            columns: &[
+                0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 18, 19, 20, 21, 22,
+                23, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 16, 18, 19, 20, 21,
+                22, 23, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 17, 18, 19, 21,
+                22, 23, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 18, 19, 20, 24, 25, 26, 0,
+                1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 18, 19, 20, 24, 25, 26, 0, 1, 2, 3, 4,
+                5, 6, 7, 8, 9, 10, 11, 18, 19, 20, 24, 25, 26,
+            ],
+        };
+        #[inline(always)]
+        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
             let &[q, x, y, z, alpha, beta, gamma] = data else {
                 panic!("`data` must hold 7 numbers")
             };
@@ -15547,22 +15796,51 @@ pub mod full_rack {
             let prepared_20 = 0.5 * prepared_16;
             let prepared_21 = 0.5 * prepared_17;
             let prepared_22 = 0.5 * prepared_15;
-            prepared
-                .copy_from_slice(
-                    &[
-                        q, prepared_1, x, y, z, prepared_5, prepared_6, prepared_7, prepared_8,
-                        prepared_9, prepared_10, prepared_11, prepared_12, prepared_13, prepared_14,
-                        prepared_15, prepared_16, prepared_17, prepared_18, prepared_19,
-                        prepared_20, prepared_21, prepared_22,
-                    ],
-                );
+            prepared[0][lane] = q;
+            prepared[1][lane] = prepared_1;
+            prepared[2][lane] = x;
+            prepared[3][lane] = y;
+            prepared[4][lane] = z;
+            prepared[5][lane] = prepared_5;
+            prepared[6][lane] = prepared_6;
+            prepared[7][lane] = prepared_7;
+            prepared[8][lane] = prepared_8;
+            prepared[9][lane] = prepared_9;
+            prepared[10][lane] = prepared_10;
+            prepared[11][lane] = prepared_11;
+            prepared[12][lane] = prepared_12;
+            prepared[13][lane] = prepared_13;
+            prepared[14][lane] = prepared_14;
+            prepared[15][lane] = prepared_15;
+            prepared[16][lane] = prepared_16;
+            prepared[17][lane] = prepared_17;
+            prepared[18][lane] = prepared_18;
+            prepared[19][lane] = prepared_19;
+            prepared[20][lane] = prepared_20;
+            prepared[21][lane] = prepared_21;
+            prepared[22][lane] = prepared_22;
         }
-        fn value(&self, prepared: &[f64], parameters: &[f64], residuals: &mut [f64]) {
-            let &[q, prepared_1, x, y, z, prepared_5, prepared_6, prepared_7, prepared_8,
-            prepared_9, _, _, _, _, _, prepared_15, prepared_16, prepared_17,
-            prepared_18, _, _, _, _] = prepared else {
-                panic!("`prepared` must hold 23 numbers")
-            };
+        #[inline(always)]
+        fn value<S: Samples>(
+            lane: usize,
+            prepared: &[S],
+            parameters: &[f64],
+            residuals: &mut [S],
+        ) {
+            let q = prepared[0][lane];
+            let prepared_1 = prepared[1][lane];
+            let x = prepared[2][lane];
+            let y = prepared[3][lane];
+            let z = prepared[4][lane];
+            let prepared_5 = prepared[5][lane];
+            let prepared_6 = prepared[6][lane];
+            let prepared_7 = prepared[7][lane];
+            let prepared_8 = prepared[8][lane];
+            let prepared_9 = prepared[9][lane];
+            let prepared_15 = prepared[15][lane];
+            let prepared_16 = prepared[16][lane];
+            let prepared_17 = prepared[17][lane];
+            let prepared_18 = prepared[18][lane];
             let &[joint1_track_offset_x, joint1_track_offset_y, joint1_track_offset_z,
             joint1_track_direction_x, joint1_track_direction_y, joint1_track_direction_z,
             joint2_track_offset_x, joint2_track_offset_y, joint2_track_offset_z,
@@ -15670,43 +15948,53 @@ pub mod full_rack {
             let t235 = sin_frame_rotation_y * t229 + cos_frame_rotation_y * t219;
             let t240 = cos_frame_rotation_z * t235 - sin_frame_rotation_z * t228;
             let t241 = sin_frame_rotation_z * t235 + cos_frame_rotation_z * t228;
-            residuals
-                .copy_from_slice(
-                    &[
-                        cos_frame_rotation_z * t142 - sin_frame_rotation_z * t136
-                            + frame_translation_x - x,
-                        sin_frame_rotation_z * t142 + cos_frame_rotation_z * t136
-                            + frame_translation_y - y,
-                        cos_frame_rotation_y * t137 - sin_frame_rotation_y * t107
-                            + frame_translation_z - z,
-                        0.5
-                            * (prepared_16 * t166 - prepared_5 * t241 - prepared_7 * t207
-                                + prepared_6 * t173 + prepared_18 * t200
-                                + prepared_9 * t234),
-                        0.5
-                            * (prepared_17 * t200 - prepared_8 * t234 - prepared_6 * t172
-                                - prepared_15 * t166 + prepared_7 * t206
-                                + prepared_5 * t240),
-                        0.5
-                            * (prepared_15 * t173 - prepared_9 * t240
-                                - prepared_16 * t172 - prepared_17 * t207
-                                - prepared_18 * t206 + prepared_8 * t241),
-                    ],
-                );
+            residuals[0][lane] = cos_frame_rotation_z * t142
+                - sin_frame_rotation_z * t136 + frame_translation_x - x;
+            residuals[1][lane] = sin_frame_rotation_z * t142
+                + cos_frame_rotation_z * t136 + frame_translation_y - y;
+            residuals[2][lane] = cos_frame_rotation_y * t137
+                - sin_frame_rotation_y * t107 + frame_translation_z - z;
+            residuals[3][lane] = 0.5
+                * (prepared_16 * t166 - prepared_5 * t241 - prepared_7 * t207
+                    + prepared_6 * t173 + prepared_18 * t200 + prepared_9 * t234);
+            residuals[4][lane] = 0.5
+                * (prepared_17 * t200 - prepared_8 * t234 - prepared_6 * t172
+                    - prepared_15 * t166 + prepared_7 * t206 + prepared_5 * t240);
+            residuals[5][lane] = 0.5
+                * (prepared_15 * t173 - prepared_9 * t240 - prepared_16 * t172
+                    - prepared_17 * t207 - prepared_18 * t206 + prepared_8 * t241);
         }
-        fn linearize(
-            &self,
-            prepared: &[f64],
+        #[inline(always)]
+        fn linearize<S: Samples>(
+            lane: usize,
+            prepared: &[S],
             parameters: &[f64],
-            residuals: &mut [f64],
-            jacobian: &mut [f64],
+            residuals: &mut [S],
+            jacobian: &mut [S],
         ) {
-            let &[q, prepared_1, x, y, z, prepared_5, prepared_6, prepared_7, prepared_8,
-            prepared_9, prepared_10, prepared_11, prepared_12, prepared_13, prepared_14,
-            prepared_15, prepared_16, prepared_17, prepared_18, prepared_19, prepared_20,
-            prepared_21, prepared_22] = prepared else {
-                panic!("`prepared` must hold 23 numbers")
-            };
+            let q = prepared[0][lane];
+            let prepared_1 = prepared[1][lane];
+            let x = prepared[2][lane];
+            let y = prepared[3][lane];
+            let z = prepared[4][lane];
+            let prepared_5 = prepared[5][lane];
+            let prepared_6 = prepared[6][lane];
+            let prepared_7 = prepared[7][lane];
+            let prepared_8 = prepared[8][lane];
+            let prepared_9 = prepared[9][lane];
+            let prepared_10 = prepared[10][lane];
+            let prepared_11 = prepared[11][lane];
+            let prepared_12 = prepared[12][lane];
+            let prepared_13 = prepared[13][lane];
+            let prepared_14 = prepared[14][lane];
+            let prepared_15 = prepared[15][lane];
+            let prepared_16 = prepared[16][lane];
+            let prepared_17 = prepared[17][lane];
+            let prepared_18 = prepared[18][lane];
+            let prepared_19 = prepared[19][lane];
+            let prepared_20 = prepared[20][lane];
+            let prepared_21 = prepared[21][lane];
+            let prepared_22 = prepared[22][lane];
             let &[joint1_track_offset_x, joint1_track_offset_y, joint1_track_offset_z,
             joint1_track_direction_x, joint1_track_direction_y, joint1_track_direction_z,
             joint2_track_offset_x, joint2_track_offset_y, joint2_track_offset_z,
@@ -16039,184 +16327,182 @@ pub mod full_rack {
             let t1303 = q * (t15 * t1275 - t14 * t1273);
             let t1304 = q * (t14 * t1271 - t16 * t1275);
             let t1305 = q * (t16 * t1273 - t15 * t1271);
-            residuals
-                .copy_from_slice(
-                    &[
-                        t801 + frame_translation_x - x,
-                        t802 + frame_translation_y - y,
-                        t795 + frame_translation_z - z,
-                        0.5
-                            * (prepared_16 * t819 - prepared_5 * t894 - prepared_7 * t860
-                                + prepared_6 * t826 + prepared_18 * t853
-                                + prepared_9 * t887),
-                        0.5
-                            * (prepared_17 * t853 - prepared_8 * t887 - prepared_6 * t825
-                                - prepared_15 * t819 + prepared_7 * t859
-                                + prepared_5 * t893),
-                        0.5
-                            * (prepared_15 * t826 - prepared_9 * t893
-                                - prepared_16 * t825 - prepared_17 * t860
-                                - prepared_18 * t859 + prepared_8 * t894),
-                    ],
-                );
-            jacobian
-                .copy_from_slice(
-                    &[
-                        t86 + t486,
-                        t85 + t498,
-                        t84 + t493,
-                        t464 + q * (t86 + t489),
-                        t463 + q * (t85 + t494),
-                        t462 + q * (t84 + t499),
-                        t86 - t486,
-                        t85 - t498,
-                        t84 - t493,
-                        t464 + q * (t86 - t489),
-                        t463 + q * (t85 - t494),
-                        t462 + q * (t84 - t499),
-                        t9 * t445,
-                        t11 * t445,
-                        t7 * (t445 * t504 / rack_pitch_period),
-                        1.0,
-                        t57 * t789 + sin_frame_rotation_z * t790,
-                        cos_frame_rotation_z * t795,
-                        -t802,
-                        t58 - t66 * t383 + t65 * t384,
-                        t65 + t66 * t382 - t58 * t384,
-                        t66 - t65 * t382 + t58 * t383,
-                        t114 + t584,
-                        t113 + t596,
-                        t112 + t591,
-                        t565 + q * (t114 + t587),
-                        t564 + q * (t113 + t592),
-                        t563 + q * (t112 + t597),
-                        t114 - t584,
-                        t113 - t596,
-                        t112 - t591,
-                        t565 + q * (t114 - t587),
-                        t564 + q * (t113 - t592),
-                        t563 + q * (t112 - t597),
-                        t9 * t548,
-                        t11 * t548,
-                        t7 * (t504 * t548 / rack_pitch_period),
-                        1.0,
-                        t87 * t789 - cos_frame_rotation_z * t790,
-                        sin_frame_rotation_z * t795,
-                        t801,
-                        t88 - t94 * t383 + t93 * t384,
-                        t93 + t94 * t382 - t88 * t384,
-                        t94 - t93 * t382 + t88 * t383,
-                        t136 + t679,
-                        t135 + t691,
-                        t134 + t686,
-                        t660 - q * (t682 - t136),
-                        t659 + q * (t135 + t687),
-                        t658 + q * (t134 + t692),
-                        t136 - t679,
-                        t135 - t691,
-                        t134 - t686,
-                        t660 + q * (t136 + t682),
-                        t659 + q * (t135 - t687),
-                        t658 + q * (t134 - t692),
-                        t9 * t643,
-                        t11 * t643,
-                        t7 * (t504 * t643 / rack_pitch_period),
-                        1.0,
-                        cos_frame_rotation_y * t789,
-                        -t796,
-                        t115 * t384 - sin_frame_rotation_y - t116 * t383,
-                        t115 + t116 * t382 + sin_frame_rotation_y * t384,
-                        t116 - t115 * t382 - sin_frame_rotation_y * t383,
-                        t1037, t1049, t1044, -t1053, t1052, t1051, -t1037, -t1049, -t1044, t1053,
-                        -t1052, -t1051,
-                        t143 * t881 + t138 * t882 + t221 * t847 + t154 * t848
-                            + t235 * t813 - t160 * t814,
-                        t159 * t819 - t137 * t887 - prepared_11 * t888 - t153 * t853
-                            - prepared_19 * t854 - prepared_20 * t820,
-                        prepared_13 * t825 - prepared_10 * t893 - prepared_12 * t859,
-                        cos_target_rotation_x
-                            * (sin_target_rotation_y * t985
-                                + sin_target_rotation_z * t727
-                                - cos_target_rotation_z * t730
-                                + cos_target_rotation_y * t949)
-                            - sin_target_rotation_x
-                                * (sin_target_rotation_y * t738
-                                    + cos_target_rotation_y * t733
-                                    + cos_target_rotation_z * t946
-                                    - sin_target_rotation_z * t943),
-                        cos_target_rotation_y
-                            * (sin_target_rotation_x * t985 - t236 * t383 + t239 * t382
-                                - t240 + cos_target_rotation_x * t738)
-                            - sin_target_rotation_y
-                                * (cos_target_rotation_x * t733
-                                    + sin_target_rotation_x * t949
-                                    + sin_target_rotation_z * t975
-                                    + cos_target_rotation_z * t972),
-                        t213 * t730 - t214 * t727 + t207 * t946 - t208 * t943
-                            + cos_target_rotation_y
-                                * (cos_target_rotation_z * t975
-                                    - sin_target_rotation_z * t972),
-                        t1163, t1175, t1170, t1179, t1178, t1177, -t1163, -t1175, -t1170, -t1179,
-                        -t1178, -t1177,
-                        t169 * t881 + t137 * t882 + t268 * t847 + t153 * t848
-                            - t282 * t813 - t159 * t814,
-                        t138 * t887 + prepared_14 * t888 + t154 * t853
-                            - prepared_21 * t854 - t160 * t819 + prepared_22 * t820,
-                        prepared_13 * t826 - prepared_10 * t894 - prepared_12 * t860,
-                        cos_target_rotation_x
-                            * (sin_target_rotation_y * t1111
-                                + sin_target_rotation_z * t748
-                                - cos_target_rotation_z * t751
-                                + cos_target_rotation_y * t1075)
-                            - sin_target_rotation_x
-                                * (sin_target_rotation_y * t759
-                                    + cos_target_rotation_y * t754
-                                    + cos_target_rotation_z * t1072
-                                    - sin_target_rotation_z * t1069),
-                        cos_target_rotation_y
-                            * (sin_target_rotation_x * t1111 - t283 * t383 + t286 * t382
-                                + t287 + cos_target_rotation_x * t759)
-                            - sin_target_rotation_y
-                                * (cos_target_rotation_x * t754
-                                    + sin_target_rotation_x * t1075
-                                    + sin_target_rotation_z * t1101
-                                    + cos_target_rotation_z * t1098),
-                        t213 * t751 - t214 * t748 + t207 * t1072 - t208 * t1069
-                            + cos_target_rotation_y
-                                * (cos_target_rotation_z * t1101
-                                    - sin_target_rotation_z * t1098),
-                        t1289, t1301, t1296, t1305, t1304, t1303, -t1289, -t1301, -t1296, -t1305,
-                        -t1304, -t1303,
-                        t193 * t881 - t192 * t882 - t319 * t847 - t318 * t848
-                            + t339 * t813 - t338 * t814,
-                        t191 * t887 - t317 * t853 + t337 * t819,
-                        prepared_14 * t893 + prepared_11 * t894 - prepared_21 * t859
-                            + prepared_19 * t860 + prepared_22 * t825
-                            + prepared_20 * t826,
-                        cos_target_rotation_x
-                            * (sin_target_rotation_y * t1237
-                                + sin_target_rotation_z * t769
-                                - cos_target_rotation_z * t772
-                                - cos_target_rotation_y * t1201)
-                            - sin_target_rotation_x
-                                * (sin_target_rotation_y * t780
-                                    + cos_target_rotation_y * t775
-                                    + cos_target_rotation_z * t1198
-                                    - sin_target_rotation_z * t1195),
-                        cos_target_rotation_y
-                            * (sin_target_rotation_x * t1237 - t340 * t383 + t345 * t382
-                                - t346 + cos_target_rotation_x * t780)
-                            - sin_target_rotation_y
-                                * (cos_target_rotation_x * t775
-                                    - sin_target_rotation_x * t1201
-                                    + sin_target_rotation_z * t1227
-                                    + cos_target_rotation_z * t1224),
-                        t213 * t772 - t214 * t769 + t207 * t1198 - t208 * t1195
-                            + cos_target_rotation_y
-                                * (cos_target_rotation_z * t1227
-                                    - sin_target_rotation_z * t1224),
-                    ],
-                );
+            residuals[0][lane] = t801 + frame_translation_x - x;
+            residuals[1][lane] = t802 + frame_translation_y - y;
+            residuals[2][lane] = t795 + frame_translation_z - z;
+            residuals[3][lane] = 0.5
+                * (prepared_16 * t819 - prepared_5 * t894 - prepared_7 * t860
+                    + prepared_6 * t826 + prepared_18 * t853 + prepared_9 * t887);
+            residuals[4][lane] = 0.5
+                * (prepared_17 * t853 - prepared_8 * t887 - prepared_6 * t825
+                    - prepared_15 * t819 + prepared_7 * t859 + prepared_5 * t893);
+            residuals[5][lane] = 0.5
+                * (prepared_15 * t826 - prepared_9 * t893 - prepared_16 * t825
+                    - prepared_17 * t860 - prepared_18 * t859 + prepared_8 * t894);
+            jacobian[0][lane] = t86 + t486;
+            jacobian[1][lane] = t85 + t498;
+            jacobian[2][lane] = t84 + t493;
+            jacobian[3][lane] = t464 + q * (t86 + t489);
+            jacobian[4][lane] = t463 + q * (t85 + t494);
+            jacobian[5][lane] = t462 + q * (t84 + t499);
+            jacobian[6][lane] = t86 - t486;
+            jacobian[7][lane] = t85 - t498;
+            jacobian[8][lane] = t84 - t493;
+            jacobian[9][lane] = t464 + q * (t86 - t489);
+            jacobian[10][lane] = t463 + q * (t85 - t494);
+            jacobian[11][lane] = t462 + q * (t84 - t499);
+            jacobian[12][lane] = t9 * t445;
+            jacobian[13][lane] = t11 * t445;
+            jacobian[14][lane] = t7 * (t445 * t504 / rack_pitch_period);
+            jacobian[15][lane] = 1.0;
+            jacobian[16][lane] = t57 * t789 + sin_frame_rotation_z * t790;
+            jacobian[17][lane] = cos_frame_rotation_z * t795;
+            jacobian[18][lane] = -t802;
+            jacobian[19][lane] = t58 - t66 * t383 + t65 * t384;
+            jacobian[20][lane] = t65 + t66 * t382 - t58 * t384;
+            jacobian[21][lane] = t66 - t65 * t382 + t58 * t383;
+            jacobian[22][lane] = t114 + t584;
+            jacobian[23][lane] = t113 + t596;
+            jacobian[24][lane] = t112 + t591;
+            jacobian[25][lane] = t565 + q * (t114 + t587);
+            jacobian[26][lane] = t564 + q * (t113 + t592);
+            jacobian[27][lane] = t563 + q * (t112 + t597);
+            jacobian[28][lane] = t114 - t584;
+            jacobian[29][lane] = t113 - t596;
+            jacobian[30][lane] = t112 - t591;
+            jacobian[31][lane] = t565 + q * (t114 - t587);
+            jacobian[32][lane] = t564 + q * (t113 - t592);
+            jacobian[33][lane] = t563 + q * (t112 - t597);
+            jacobian[34][lane] = t9 * t548;
+            jacobian[35][lane] = t11 * t548;
+            jacobian[36][lane] = t7 * (t504 * t548 / rack_pitch_period);
+            jacobian[37][lane] = 1.0;
+            jacobian[38][lane] = t87 * t789 - cos_frame_rotation_z * t790;
+            jacobian[39][lane] = sin_frame_rotation_z * t795;
+            jacobian[40][lane] = t801;
+            jacobian[41][lane] = t88 - t94 * t383 + t93 * t384;
+            jacobian[42][lane] = t93 + t94 * t382 - t88 * t384;
+            jacobian[43][lane] = t94 - t93 * t382 + t88 * t383;
+            jacobian[44][lane] = t136 + t679;
+            jacobian[45][lane] = t135 + t691;
+            jacobian[46][lane] = t134 + t686;
+            jacobian[47][lane] = t660 - q * (t682 - t136);
+            jacobian[48][lane] = t659 + q * (t135 + t687);
+            jacobian[49][lane] = t658 + q * (t134 + t692);
+            jacobian[50][lane] = t136 - t679;
+            jacobian[51][lane] = t135 - t691;
+            jacobian[52][lane] = t134 - t686;
+            jacobian[53][lane] = t660 + q * (t136 + t682);
+            jacobian[54][lane] = t659 + q * (t135 - t687);
+            jacobian[55][lane] = t658 + q * (t134 - t692);
+            jacobian[56][lane] = t9 * t643;
+            jacobian[57][lane] = t11 * t643;
+            jacobian[58][lane] = t7 * (t504 * t643 / rack_pitch_period);
+            jacobian[59][lane] = 1.0;
+            jacobian[60][lane] = cos_frame_rotation_y * t789;
+            jacobian[61][lane] = -t796;
+            jacobian[62][lane] = t115 * t384 - sin_frame_rotation_y - t116 * t383;
+            jacobian[63][lane] = t115 + t116 * t382 + sin_frame_rotation_y * t384;
+            jacobian[64][lane] = t116 - t115 * t382 - sin_frame_rotation_y * t383;
+            jacobian[65][lane] = t1037;
+            jacobian[66][lane] = t1049;
+            jacobian[67][lane] = t1044;
+            jacobian[68][lane] = -t1053;
+            jacobian[69][lane] = t1052;
+            jacobian[70][lane] = t1051;
+            jacobian[71][lane] = -t1037;
+            jacobian[72][lane] = -t1049;
+            jacobian[73][lane] = -t1044;
+            jacobian[74][lane] = t1053;
+            jacobian[75][lane] = -t1052;
+            jacobian[76][lane] = -t1051;
+            jacobian[77][lane] = t143 * t881 + t138 * t882 + t221 * t847 + t154 * t848
+                + t235 * t813 - t160 * t814;
+            jacobian[78][lane] = t159 * t819 - t137 * t887 - prepared_11 * t888
+                - t153 * t853 - prepared_19 * t854 - prepared_20 * t820;
+            jacobian[79][lane] = prepared_13 * t825 - prepared_10 * t893
+                - prepared_12 * t859;
+            jacobian[80][lane] = cos_target_rotation_x
+                * (sin_target_rotation_y * t985 + sin_target_rotation_z * t727
+                    - cos_target_rotation_z * t730 + cos_target_rotation_y * t949)
+                - sin_target_rotation_x
+                    * (sin_target_rotation_y * t738 + cos_target_rotation_y * t733
+                        + cos_target_rotation_z * t946 - sin_target_rotation_z * t943);
+            jacobian[81][lane] = cos_target_rotation_y
+                * (sin_target_rotation_x * t985 - t236 * t383 + t239 * t382 - t240
+                    + cos_target_rotation_x * t738)
+                - sin_target_rotation_y
+                    * (cos_target_rotation_x * t733 + sin_target_rotation_x * t949
+                        + sin_target_rotation_z * t975 + cos_target_rotation_z * t972);
+            jacobian[82][lane] = t213 * t730 - t214 * t727 + t207 * t946 - t208 * t943
+                + cos_target_rotation_y
+                    * (cos_target_rotation_z * t975 - sin_target_rotation_z * t972);
+            jacobian[83][lane] = t1163;
+            jacobian[84][lane] = t1175;
+            jacobian[85][lane] = t1170;
+            jacobian[86][lane] = t1179;
+            jacobian[87][lane] = t1178;
+            jacobian[88][lane] = t1177;
+            jacobian[89][lane] = -t1163;
+            jacobian[90][lane] = -t1175;
+            jacobian[91][lane] = -t1170;
+            jacobian[92][lane] = -t1179;
+            jacobian[93][lane] = -t1178;
+            jacobian[94][lane] = -t1177;
+            jacobian[95][lane] = t169 * t881 + t137 * t882 + t268 * t847 + t153 * t848
+                - t282 * t813 - t159 * t814;
+            jacobian[96][lane] = t138 * t887 + prepared_14 * t888 + t154 * t853
+                - prepared_21 * t854 - t160 * t819 + prepared_22 * t820;
+            jacobian[97][lane] = prepared_13 * t826 - prepared_10 * t894
+                - prepared_12 * t860;
+            jacobian[98][lane] = cos_target_rotation_x
+                * (sin_target_rotation_y * t1111 + sin_target_rotation_z * t748
+                    - cos_target_rotation_z * t751 + cos_target_rotation_y * t1075)
+                - sin_target_rotation_x
+                    * (sin_target_rotation_y * t759 + cos_target_rotation_y * t754
+                        + cos_target_rotation_z * t1072 - sin_target_rotation_z * t1069);
+            jacobian[99][lane] = cos_target_rotation_y
+                * (sin_target_rotation_x * t1111 - t283 * t383 + t286 * t382 + t287
+                    + cos_target_rotation_x * t759)
+                - sin_target_rotation_y
+                    * (cos_target_rotation_x * t754 + sin_target_rotation_x * t1075
+                        + sin_target_rotation_z * t1101 + cos_target_rotation_z * t1098);
+            jacobian[100][lane] = t213 * t751 - t214 * t748 + t207 * t1072 - t208 * t1069
+                + cos_target_rotation_y
+                    * (cos_target_rotation_z * t1101 - sin_target_rotation_z * t1098);
+            jacobian[101][lane] = t1289;
+            jacobian[102][lane] = t1301;
+            jacobian[103][lane] = t1296;
+            jacobian[104][lane] = t1305;
+            jacobian[105][lane] = t1304;
+            jacobian[106][lane] = t1303;
+            jacobian[107][lane] = -t1289;
+            jacobian[108][lane] = -t1301;
+            jacobian[109][lane] = -t1296;
+            jacobian[110][lane] = -t1305;
+            jacobian[111][lane] = -t1304;
+            jacobian[112][lane] = -t1303;
+            jacobian[113][lane] = t193 * t881 - t192 * t882 - t319 * t847 - t318 * t848
+                + t339 * t813 - t338 * t814;
+            jacobian[114][lane] = t191 * t887 - t317 * t853 + t337 * t819;
+            jacobian[115][lane] = prepared_14 * t893 + prepared_11 * t894
+                - prepared_21 * t859 + prepared_19 * t860 + prepared_22 * t825
+                + prepared_20 * t826;
+            jacobian[116][lane] = cos_target_rotation_x
+                * (sin_target_rotation_y * t1237 + sin_target_rotation_z * t769
+                    - cos_target_rotation_z * t772 - cos_target_rotation_y * t1201)
+                - sin_target_rotation_x
+                    * (sin_target_rotation_y * t780 + cos_target_rotation_y * t775
+                        + cos_target_rotation_z * t1198 - sin_target_rotation_z * t1195);
+            jacobian[117][lane] = cos_target_rotation_y
+                * (sin_target_rotation_x * t1237 - t340 * t383 + t345 * t382 - t346
+                    + cos_target_rotation_x * t780)
+                - sin_target_rotation_y
+                    * (cos_target_rotation_x * t775 - sin_target_rotation_x * t1201
+                        + sin_target_rotation_z * t1227 + cos_target_rotation_z * t1224);
+            jacobian[118][lane] = t213 * t772 - t214 * t769 + t207 * t1198 - t208 * t1195
+                + cos_target_rotation_y
+                    * (cos_target_rotation_z * t1227 - sin_target_rotation_z * t1224);
         }
     }
     /// `F·(C(q) + A(q)·m) + t − x`
@@ -16230,35 +16516,44 @@ pub mod full_rack {
     /// With the Jacobian: 497 operations (201 additions, 264 multiplications, 20 divisions, 3 negations, 9 functions).
     #[derive(Debug, Clone, Copy)]
     pub struct CartPositionTwo;
-    impl ResidualFamily for CartPositionTwo {
-        fn shape(&self) -> Shape {
-            Shape {
-                data: 4,
-                prepared: 5,
-                parameters: 24,
-                residuals: 3,
-            }
-        }
-        fn pattern(&self) -> Pattern<'_> {
-            Pattern {
-                row_starts: &[0, 22, 44, 65],
-                columns: &[
-                    0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 18, 19, 20, 21,
-                    22, 23, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 16, 18, 19,
-                    20, 21, 22, 23, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 17,
-                    18, 19, 21, 22, 23,
-                ],
-            }
-        }
-        fn prepare(&self, data: &[f64], prepared: &mut [f64]) {
+    impl Formulas for CartPositionTwo {
+        const SHAPE: Shape = Shape {
+            data: 4,
+            prepared: 5,
+            parameters: 24,
+            residuals: 3,
+        };
+        const PATTERN: Pattern<'static> = Pattern {
+            row_starts: &[0, 22, 44, 65],
+            columns: &[
+                0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 18, 19, 20, 21, 22,
+                23, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 16, 18, 19, 20, 21,
+                22, 23, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 17, 18, 19, 21,
+                22, 23,
+            ],
+        };
+        #[inline(always)]
+        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
             let &[q, x, y, z] = data else { panic!("`data` must hold 4 numbers") };
             let prepared_1 = q * -6.283185307179586;
-            prepared.copy_from_slice(&[q, prepared_1, x, y, z]);
+            prepared[0][lane] = q;
+            prepared[1][lane] = prepared_1;
+            prepared[2][lane] = x;
+            prepared[3][lane] = y;
+            prepared[4][lane] = z;
         }
-        fn value(&self, prepared: &[f64], parameters: &[f64], residuals: &mut [f64]) {
-            let &[q, prepared_1, x, y, z] = prepared else {
-                panic!("`prepared` must hold 5 numbers")
-            };
+        #[inline(always)]
+        fn value<S: Samples>(
+            lane: usize,
+            prepared: &[S],
+            parameters: &[f64],
+            residuals: &mut [S],
+        ) {
+            let q = prepared[0][lane];
+            let prepared_1 = prepared[1][lane];
+            let x = prepared[2][lane];
+            let y = prepared[3][lane];
+            let z = prepared[4][lane];
             let &[joint1_track_offset_x, joint1_track_offset_y, joint1_track_offset_z,
             joint1_track_direction_x, joint1_track_direction_y, joint1_track_direction_z,
             joint2_track_offset_x, joint2_track_offset_y, joint2_track_offset_z,
@@ -16314,28 +16609,26 @@ pub mod full_rack {
             let t96 = cos_frame_rotation_x * t87 - sin_frame_rotation_x * t91;
             let t97 = sin_frame_rotation_x * t87 + cos_frame_rotation_x * t91;
             let t102 = sin_frame_rotation_y * t97 + cos_frame_rotation_y * t83;
-            residuals
-                .copy_from_slice(
-                    &[
-                        cos_frame_rotation_z * t102 - sin_frame_rotation_z * t96
-                            + frame_translation_x - x,
-                        sin_frame_rotation_z * t102 + cos_frame_rotation_z * t96
-                            + frame_translation_y - y,
-                        cos_frame_rotation_y * t97 - sin_frame_rotation_y * t83
-                            + frame_translation_z - z,
-                    ],
-                );
+            residuals[0][lane] = cos_frame_rotation_z * t102 - sin_frame_rotation_z * t96
+                + frame_translation_x - x;
+            residuals[1][lane] = sin_frame_rotation_z * t102 + cos_frame_rotation_z * t96
+                + frame_translation_y - y;
+            residuals[2][lane] = cos_frame_rotation_y * t97 - sin_frame_rotation_y * t83
+                + frame_translation_z - z;
         }
-        fn linearize(
-            &self,
-            prepared: &[f64],
+        #[inline(always)]
+        fn linearize<S: Samples>(
+            lane: usize,
+            prepared: &[S],
             parameters: &[f64],
-            residuals: &mut [f64],
-            jacobian: &mut [f64],
+            residuals: &mut [S],
+            jacobian: &mut [S],
         ) {
-            let &[q, prepared_1, x, y, z] = prepared else {
-                panic!("`prepared` must hold 5 numbers")
-            };
+            let q = prepared[0][lane];
+            let prepared_1 = prepared[1][lane];
+            let x = prepared[2][lane];
+            let y = prepared[3][lane];
+            let z = prepared[4][lane];
             let &[joint1_track_offset_x, joint1_track_offset_y, joint1_track_offset_z,
             joint1_track_direction_x, joint1_track_direction_y, joint1_track_direction_z,
             joint2_track_offset_x, joint2_track_offset_y, joint2_track_offset_z,
@@ -16493,84 +16786,74 @@ pub mod full_rack {
             let t474 = sin_frame_rotation_y * t468 + cos_frame_rotation_y * t161;
             let t479 = cos_frame_rotation_z * t474 - sin_frame_rotation_z * t467;
             let t480 = sin_frame_rotation_z * t474 + cos_frame_rotation_z * t467;
-            residuals
-                .copy_from_slice(
-                    &[
-                        t479 + frame_translation_x - x,
-                        t480 + frame_translation_y - y,
-                        t473 + frame_translation_z - z,
-                    ],
-                );
-            jacobian
-                .copy_from_slice(
-                    &[
-                        t74 + t227,
-                        t73 + t239,
-                        t72 + t234,
-                        t205 + q * (t74 + t230),
-                        t204 + q * (t73 + t235),
-                        t203 + q * (t72 + t240),
-                        t74 - t227,
-                        t73 - t239,
-                        t72 - t234,
-                        t205 + q * (t74 - t230),
-                        t204 + q * (t73 - t235),
-                        t203 + q * (t72 - t240),
-                        t9 * t186,
-                        t11 * t186,
-                        t7 * (t186 * t245 / rack_pitch_period),
-                        1.0,
-                        t45 * t467 + sin_frame_rotation_z * t468,
-                        cos_frame_rotation_z * t473,
-                        -t480,
-                        t46 - t54 * t140 + t53 * t141,
-                        t53 + t54 * t139 - t46 * t141,
-                        t54 - t53 * t139 + t46 * t140,
-                        t102 + t325,
-                        t101 + t337,
-                        t100 + t332,
-                        t306 + q * (t102 + t328),
-                        t305 + q * (t101 + t333),
-                        t304 + q * (t100 + t338),
-                        t102 - t325,
-                        t101 - t337,
-                        t100 - t332,
-                        t306 + q * (t102 - t328),
-                        t305 + q * (t101 - t333),
-                        t304 + q * (t100 - t338),
-                        t9 * t289,
-                        t11 * t289,
-                        t7 * (t245 * t289 / rack_pitch_period),
-                        1.0,
-                        t75 * t467 - cos_frame_rotation_z * t468,
-                        sin_frame_rotation_z * t473,
-                        t479,
-                        t76 - t82 * t140 + t81 * t141,
-                        t81 + t82 * t139 - t76 * t141,
-                        t82 - t81 * t139 + t76 * t140,
-                        t124 + t420,
-                        t123 + t432,
-                        t122 + t427,
-                        t401 - q * (t423 - t124),
-                        t400 + q * (t123 + t428),
-                        t399 + q * (t122 + t433),
-                        t124 - t420,
-                        t123 - t432,
-                        t122 - t427,
-                        t401 + q * (t124 + t423),
-                        t400 + q * (t123 - t428),
-                        t399 + q * (t122 - t433),
-                        t9 * t384,
-                        t11 * t384,
-                        t7 * (t245 * t384 / rack_pitch_period),
-                        1.0,
-                        cos_frame_rotation_y * t467,
-                        -t474,
-                        t103 * t141 - sin_frame_rotation_y - t104 * t140,
-                        t103 + t104 * t139 + sin_frame_rotation_y * t141,
-                        t104 - t103 * t139 - sin_frame_rotation_y * t140,
-                    ],
-                );
+            residuals[0][lane] = t479 + frame_translation_x - x;
+            residuals[1][lane] = t480 + frame_translation_y - y;
+            residuals[2][lane] = t473 + frame_translation_z - z;
+            jacobian[0][lane] = t74 + t227;
+            jacobian[1][lane] = t73 + t239;
+            jacobian[2][lane] = t72 + t234;
+            jacobian[3][lane] = t205 + q * (t74 + t230);
+            jacobian[4][lane] = t204 + q * (t73 + t235);
+            jacobian[5][lane] = t203 + q * (t72 + t240);
+            jacobian[6][lane] = t74 - t227;
+            jacobian[7][lane] = t73 - t239;
+            jacobian[8][lane] = t72 - t234;
+            jacobian[9][lane] = t205 + q * (t74 - t230);
+            jacobian[10][lane] = t204 + q * (t73 - t235);
+            jacobian[11][lane] = t203 + q * (t72 - t240);
+            jacobian[12][lane] = t9 * t186;
+            jacobian[13][lane] = t11 * t186;
+            jacobian[14][lane] = t7 * (t186 * t245 / rack_pitch_period);
+            jacobian[15][lane] = 1.0;
+            jacobian[16][lane] = t45 * t467 + sin_frame_rotation_z * t468;
+            jacobian[17][lane] = cos_frame_rotation_z * t473;
+            jacobian[18][lane] = -t480;
+            jacobian[19][lane] = t46 - t54 * t140 + t53 * t141;
+            jacobian[20][lane] = t53 + t54 * t139 - t46 * t141;
+            jacobian[21][lane] = t54 - t53 * t139 + t46 * t140;
+            jacobian[22][lane] = t102 + t325;
+            jacobian[23][lane] = t101 + t337;
+            jacobian[24][lane] = t100 + t332;
+            jacobian[25][lane] = t306 + q * (t102 + t328);
+            jacobian[26][lane] = t305 + q * (t101 + t333);
+            jacobian[27][lane] = t304 + q * (t100 + t338);
+            jacobian[28][lane] = t102 - t325;
+            jacobian[29][lane] = t101 - t337;
+            jacobian[30][lane] = t100 - t332;
+            jacobian[31][lane] = t306 + q * (t102 - t328);
+            jacobian[32][lane] = t305 + q * (t101 - t333);
+            jacobian[33][lane] = t304 + q * (t100 - t338);
+            jacobian[34][lane] = t9 * t289;
+            jacobian[35][lane] = t11 * t289;
+            jacobian[36][lane] = t7 * (t245 * t289 / rack_pitch_period);
+            jacobian[37][lane] = 1.0;
+            jacobian[38][lane] = t75 * t467 - cos_frame_rotation_z * t468;
+            jacobian[39][lane] = sin_frame_rotation_z * t473;
+            jacobian[40][lane] = t479;
+            jacobian[41][lane] = t76 - t82 * t140 + t81 * t141;
+            jacobian[42][lane] = t81 + t82 * t139 - t76 * t141;
+            jacobian[43][lane] = t82 - t81 * t139 + t76 * t140;
+            jacobian[44][lane] = t124 + t420;
+            jacobian[45][lane] = t123 + t432;
+            jacobian[46][lane] = t122 + t427;
+            jacobian[47][lane] = t401 - q * (t423 - t124);
+            jacobian[48][lane] = t400 + q * (t123 + t428);
+            jacobian[49][lane] = t399 + q * (t122 + t433);
+            jacobian[50][lane] = t124 - t420;
+            jacobian[51][lane] = t123 - t432;
+            jacobian[52][lane] = t122 - t427;
+            jacobian[53][lane] = t401 + q * (t124 + t423);
+            jacobian[54][lane] = t400 + q * (t123 - t428);
+            jacobian[55][lane] = t399 + q * (t122 - t433);
+            jacobian[56][lane] = t9 * t384;
+            jacobian[57][lane] = t11 * t384;
+            jacobian[58][lane] = t7 * (t245 * t384 / rack_pitch_period);
+            jacobian[59][lane] = 1.0;
+            jacobian[60][lane] = cos_frame_rotation_y * t467;
+            jacobian[61][lane] = -t474;
+            jacobian[62][lane] = t103 * t141 - sin_frame_rotation_y - t104 * t140;
+            jacobian[63][lane] = t103 + t104 * t139 + sin_frame_rotation_y * t141;
+            jacobian[64][lane] = t104 - t103 * t139 - sin_frame_rotation_y * t140;
         }
     }
 }

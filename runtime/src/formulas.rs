@@ -1,0 +1,183 @@
+//! What generated code consists of, and the residual family it makes.
+
+use core::marker::PhantomData;
+
+use crate::lanes::{Kernel, LANES, Lanes, Samples, blocks, vectorized};
+use crate::{BlockFamily, Pattern, ResidualFamily, Shape};
+
+/// The formulas of a residual family, written once for single samples and for blocks.
+///
+/// Every function computes the sample in `lane` and touches no other. The slices have the lengths that
+/// [`Self::SHAPE`] and [`Self::PATTERN`] give.
+pub trait Formulas: Send + Sync {
+    /// The sizes of all slices.
+    const SHAPE: Shape;
+    /// The structural non-zeros of the Jacobian.
+    const PATTERN: Pattern<'static>;
+
+    /// Writes what depends on the sample's data only; `data` are those of this sample.
+    fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]);
+
+    /// Writes the residuals.
+    fn value<S: Samples>(lane: usize, prepared: &[S], parameters: &[f64], residuals: &mut [S]);
+
+    /// Writes the residuals and the Jacobian's entries.
+    fn linearize<S: Samples>(
+        lane: usize,
+        prepared: &[S],
+        parameters: &[f64],
+        residuals: &mut [S],
+        jacobian: &mut [S],
+    );
+}
+
+/// Numbers of one sample.
+#[inline]
+fn single(numbers: &[f64]) -> &[[f64; 1]] {
+    numbers.as_chunks().0
+}
+
+#[inline]
+fn single_mut(numbers: &mut [f64]) -> &mut [[f64; 1]] {
+    numbers.as_chunks_mut().0
+}
+
+/// Refuses wrong lengths, once: the compiler then drops the checks of all accesses behind.
+macro_rules! check_lengths {
+    ($($slice:ident: $length:expr),* $(,)?) => {
+        $(assert!($slice.len() == $length, concat!("wrong length of `", stringify!($slice), "`"));)*
+    };
+}
+
+impl<F: Formulas> ResidualFamily for F {
+    fn shape(&self) -> Shape {
+        F::SHAPE
+    }
+
+    fn pattern(&self) -> Pattern<'_> {
+        F::PATTERN
+    }
+
+    fn prepare(&self, data: &[f64], prepared: &mut [f64]) {
+        check_lengths!(data: F::SHAPE.data, prepared: F::SHAPE.prepared);
+        F::prepare(0, data, single_mut(prepared));
+    }
+
+    fn value(&self, prepared: &[f64], parameters: &[f64], residuals: &mut [f64]) {
+        check_lengths!(
+            prepared: F::SHAPE.prepared,
+            parameters: F::SHAPE.parameters,
+            residuals: F::SHAPE.residuals,
+        );
+        F::value(0, single(prepared), parameters, single_mut(residuals));
+    }
+
+    fn linearize(
+        &self,
+        prepared: &[f64],
+        parameters: &[f64],
+        residuals: &mut [f64],
+        jacobian: &mut [f64],
+    ) {
+        check_lengths!(
+            prepared: F::SHAPE.prepared,
+            parameters: F::SHAPE.parameters,
+            residuals: F::SHAPE.residuals,
+            jacobian: F::PATTERN.len(),
+        );
+        F::linearize(
+            0,
+            single(prepared),
+            parameters,
+            single_mut(residuals),
+            single_mut(jacobian),
+        );
+    }
+
+    fn blocks(&self) -> Option<&dyn BlockFamily> {
+        Some(self)
+    }
+}
+
+impl<F: Formulas> BlockFamily for F {
+    fn prepare_blocks(&self, data: &[f64], prepared: &mut [Lanes]) {
+        let (width, entries) = (F::SHAPE.data, F::SHAPE.prepared);
+        if entries == 0 {
+            return;
+        }
+        let samples = data.len() / width;
+        check_lengths!(prepared: blocks(samples) * entries);
+        for (block, prepared) in prepared.chunks_exact_mut(entries).enumerate() {
+            for lane in 0..LANES {
+                // Lanes past the end repeat the last sample: no special values, no branches.
+                let sample = (block * LANES + lane).min(samples - 1);
+                F::prepare(lane, &data[sample * width..(sample + 1) * width], prepared);
+            }
+        }
+    }
+
+    fn value_blocks(&self, prepared: &[Lanes], parameters: &[f64], residuals: &mut [Lanes]) {
+        vectorized(
+            &Value::<F>(PhantomData),
+            prepared,
+            parameters,
+            residuals,
+            &mut [],
+        );
+    }
+
+    fn linearize_blocks(
+        &self,
+        prepared: &[Lanes],
+        parameters: &[f64],
+        residuals: &mut [Lanes],
+        jacobian: &mut [Lanes],
+    ) {
+        vectorized(
+            &Linearize::<F>(PhantomData),
+            prepared,
+            parameters,
+            residuals,
+            jacobian,
+        );
+    }
+}
+
+struct Value<F>(PhantomData<F>);
+
+impl<F: Formulas> Kernel for Value<F> {
+    #[inline(always)]
+    fn run(&self, prepared: &[Lanes], parameters: &[f64], residuals: &mut [Lanes], _: &mut [Lanes]) {
+        let width = F::SHAPE.prepared;
+        check_lengths!(parameters: F::SHAPE.parameters);
+        for (block, residuals) in residuals.chunks_exact_mut(F::SHAPE.residuals).enumerate() {
+            let prepared = &prepared[block * width..][..width];
+            for lane in 0..LANES {
+                F::value(lane, prepared, parameters, residuals);
+            }
+        }
+    }
+}
+
+struct Linearize<F>(PhantomData<F>);
+
+impl<F: Formulas> Kernel for Linearize<F> {
+    #[inline(always)]
+    fn run(
+        &self,
+        prepared: &[Lanes],
+        parameters: &[f64],
+        residuals: &mut [Lanes],
+        jacobian: &mut [Lanes],
+    ) {
+        let (width, entries) = (F::SHAPE.prepared, F::PATTERN.len());
+        check_lengths!(parameters: F::SHAPE.parameters);
+        for (block, residuals) in residuals.chunks_exact_mut(F::SHAPE.residuals).enumerate() {
+            let prepared = &prepared[block * width..][..width];
+            let jacobian = &mut jacobian[block * entries..][..entries];
+            for lane in 0..LANES {
+                F::linearize(lane, prepared, parameters, residuals, jacobian);
+            }
+        }
+    }
+}

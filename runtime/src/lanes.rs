@@ -1,0 +1,113 @@
+//! Blocks of samples, and the instruction set they are computed with.
+
+use core::ops::{Index, IndexMut};
+
+/// Samples per block.
+pub const LANES: usize = 8;
+
+/// One number of each sample of a block, side by side: a cache line.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[repr(C, align(64))]
+pub struct Lanes(pub [f64; LANES]);
+
+impl Lanes {
+    /// Zero in every lane.
+    pub const ZERO: Self = Self([0.0; LANES]);
+
+    /// The same number in every lane.
+    #[inline(always)]
+    #[allow(clippy::inline_always, reason = "must take on its caller's instruction set")]
+    pub const fn splat(value: f64) -> Self {
+        Self([value; LANES])
+    }
+
+    /// Sum over the lanes, in one order on every machine.
+    pub fn sum(&self) -> f64 {
+        let [a, b, c, d, e, f, g, h] = self.0;
+        ((a + e) + (c + g)) + ((b + f) + (d + h))
+    }
+}
+
+impl Index<usize> for Lanes {
+    type Output = f64;
+
+    #[inline(always)]
+    fn index(&self, lane: usize) -> &f64 {
+        &self.0[lane]
+    }
+}
+
+impl IndexMut<usize> for Lanes {
+    #[inline(always)]
+    fn index_mut(&mut self, lane: usize) -> &mut f64 {
+        &mut self.0[lane]
+    }
+}
+
+/// One number of one or more samples: `[f64; 1]` for a single sample, [`Lanes`] for a block.
+pub trait Samples: IndexMut<usize, Output = f64> {}
+
+impl Samples for [f64; 1] {}
+impl Samples for Lanes {}
+
+/// Blocks that hold so many samples; the last one may be partly filled.
+pub const fn blocks(samples: usize) -> usize {
+    samples.div_ceil(LANES)
+}
+
+/// Work over blocks that is worth a wider instruction set.
+///
+/// [`Self::run`] and all that it calls in its loops must be `#[inline(always)]`, so that
+/// [`vectorized`] can compile it for the instruction set it finds. What it reads and writes comes as
+/// arguments and not in `self`: of arguments alone the compiler knows that they do not overlap, and
+/// without that it vectorises no loop.
+pub trait Kernel {
+    /// Does the work.
+    fn run(
+        &self,
+        inputs: &[Lanes],
+        parameters: &[f64],
+        outputs: &mut [Lanes],
+        more_outputs: &mut [Lanes],
+    );
+}
+
+/// Runs a kernel with the widest instruction set that the machine has.
+///
+/// On x86-64 that is AVX2, asked for at run time, so that a build for any machine uses it. Lanes are
+/// independent and multiply-add is not fused: the results are the same bit for bit either way.
+#[inline]
+pub fn vectorized<K: Kernel>(
+    kernel: &K,
+    inputs: &[Lanes],
+    parameters: &[f64],
+    outputs: &mut [Lanes],
+    more_outputs: &mut [Lanes],
+) {
+    #[cfg(all(feature = "std", target_arch = "x86_64", not(target_feature = "avx2")))]
+    if std::is_x86_feature_detected!("avx2") {
+        // SAFETY: a function compiled for AVX2 is unsafe to call because a machine without it would meet
+        // an illegal instruction; this machine was just found to have it.
+        #[allow(
+            unsafe_code,
+            reason = "AVX2 takes a third off the time of a fit; see ARCHITECTURE.md"
+        )]
+        unsafe {
+            with_avx2(kernel, inputs, parameters, outputs, more_outputs);
+        }
+        return;
+    }
+    kernel.run(inputs, parameters, outputs, more_outputs);
+}
+
+#[cfg(all(feature = "std", target_arch = "x86_64", not(target_feature = "avx2")))]
+#[target_feature(enable = "avx2")]
+fn with_avx2<K: Kernel>(
+    kernel: &K,
+    inputs: &[Lanes],
+    parameters: &[f64],
+    outputs: &mut [Lanes],
+    more_outputs: &mut [Lanes],
+) {
+    kernel.run(inputs, parameters, outputs, more_outputs);
+}
