@@ -7,6 +7,7 @@ use tau::Robot;
 use tau::robot::{Input, Instance, ResidualKind, Variant};
 use tau_model_dsl::Model;
 
+use crate::blocks::check_blocks;
 use crate::reference::{By, Point, residuals};
 
 /// Random numbers that are the same everywhere.
@@ -184,6 +185,21 @@ fn check_instance(
     }
 }
 
+/// One block and a part of a second.
+fn check_variant_in_blocks(robot: &Robot, variant: &Variant, seed: u64) {
+    let points: Vec<Point> = (seed..seed + 11)
+        .map(|seed| random_point(robot, variant, seed))
+        .collect();
+    for instance in &variant.instances {
+        let samples: Vec<Vec<f64>> = points
+            .iter()
+            .map(|point| slices(robot, instance, point).0)
+            .collect();
+        let parameters = slices(robot, instance, &points[0]).1;
+        check_blocks(&variant.name, instance, &samples, &parameters);
+    }
+}
+
 pub(crate) fn check_robot(robot: &Robot, model: &Model, seeds: std::ops::Range<u64>) {
     for variant in &robot.variants {
         for seed in seeds.clone() {
@@ -192,6 +208,7 @@ pub(crate) fn check_robot(robot: &Robot, model: &Model, seeds: std::ops::Range<u
                 check_instance(robot, model, variant, instance, &point);
             }
         }
+        check_variant_in_blocks(robot, variant, seeds.start);
     }
 }
 
@@ -247,7 +264,7 @@ fn interpreter_agrees_with_generated_code_bit_for_bit() {
 }
 
 #[test]
-fn interpreter_blocks_equal_single_samples() {
+fn many_samples_equal_single_samples() {
     let robot = Robot::from_text(tau_generated::gantry_tau::ROBOT.description).unwrap();
     let variant = robot.variant("FullRack").unwrap();
     for instance in variant.instances_of(ResidualKind::CartPosition) {

@@ -1,6 +1,7 @@
 //! Whole-program, snapshot and property tests, one module a theme.
 
 mod bad_input;
+mod blocks;
 mod calibration;
 mod cli;
 mod codegen;

@@ -88,7 +88,7 @@ impl Family {
             self.shape,
             self.row_starts.clone(),
             self.columns.clone(),
-            self.programs.clone(),
+            &self.programs,
         ))
     }
 

@@ -1,18 +1,19 @@
 //! The interpreter: programs run without rustc.
 //!
-//! Each instruction runs over a block of samples before the next one is looked at, so that decoding is
-//! paid once per block. Operations and elementary functions are those of generated code, in the same
-//! order: results agree bit for bit.
+//! Each instruction runs over several blocks of samples before the next one is looked at, so that
+//! decoding is paid once for many samples, and what depends on parameters alone is computed once for all.
+//! Operations and elementary functions are those of generated code, in the same order: results agree bit
+//! for bit.
 
-use tau_runtime::{Pattern, ResidualFamily, Shape, math};
+mod code;
 
-use crate::graph::Elementary;
+use tau_runtime::{BlockFamily, LANES, Lanes, Pattern, ResidualFamily, Shape, blocks};
+
 use crate::lower::Programs;
-use crate::program::{Operand, Operation, Program};
+use code::Code;
 
-/// Samples per block.
-const LANES: usize = 16;
-type Lanes = [f64; LANES];
+/// Blocks that are converted at once where samples come one after the other.
+const BATCH: usize = 32;
 
 /// A residual family that is interpreted.
 #[derive(Debug, Clone)]
@@ -20,101 +21,79 @@ pub struct Interpreted {
     shape: Shape,
     row_starts: Vec<u32>,
     columns: Vec<u32>,
-    programs: Programs,
+    prepare: Code,
+    value: Code,
+    linearize: Code,
 }
 
 impl Interpreted {
     /// A family from its programs, sizes and sparsity.
-    pub fn new(shape: Shape, row_starts: Vec<u32>, columns: Vec<u32>, programs: Programs) -> Self {
+    pub fn new(shape: Shape, row_starts: Vec<u32>, columns: Vec<u32>, programs: &Programs) -> Self {
         Self {
             shape,
             row_starts,
             columns,
-            programs,
+            prepare: Code::new(&programs.prepare, shape.data, shape.prepared),
+            value: Code::new(&programs.value, shape.prepared, shape.residuals),
+            linearize: Code::new(&programs.linearize, shape.prepared, shape.residuals),
         }
     }
 }
 
-/// Runs a program over a block. `inputs` and `registers` hold one row of lanes each.
-fn run(program: &Program, inputs: &[Lanes], registers: &mut Vec<Lanes>) {
-    registers.clear();
-    for operation in &program.operations {
-        let read = |operand: Operand| match operand {
-            Operand::Constant(value) => [value; LANES],
-            Operand::Input(index) => inputs[index],
-            Operand::Temporary(index) => registers[index],
-        };
-        let result = match *operation {
-            Operation::Add(a, b) => zip(read(a), read(b), |x, y| x + y),
-            Operation::Subtract(a, b) => zip(read(a), read(b), |x, y| x - y),
-            Operation::Multiply(a, b) => zip(read(a), read(b), |x, y| x * y),
-            Operation::Divide(a, b) => zip(read(a), read(b), |x, y| x / y),
-            Operation::Negate(a) => read(a).map(|x| -x),
-            Operation::Apply(function, a) => read(a).map(elementary(function)),
-            Operation::Select([l, r, a, b]) => {
-                let (l, r, a, b) = (read(l), read(r), read(a), read(b));
-                std::array::from_fn(|i| if l[i] < r[i] { a[i] } else { b[i] })
-            }
-        };
-        registers.push(result);
-    }
-}
-
-fn zip(a: Lanes, b: Lanes, f: impl Fn(f64, f64) -> f64) -> Lanes {
-    std::array::from_fn(|i| f(a[i], b[i]))
-}
-
-fn elementary(function: Elementary) -> fn(f64) -> f64 {
-    match function {
-        Elementary::Sqrt => math::sqrt,
-        Elementary::Sin => math::sin,
-        Elementary::Cos => math::cos,
-        Elementary::Tan => math::tan,
-        Elementary::Atan => math::atan,
-        Elementary::Exp => math::exp,
-        Elementary::Ln => math::ln,
-        Elementary::Tanh => math::tanh,
-    }
-}
-
-/// Evaluates a program for many samples. `per_sample` holds `stride` numbers per sample, `shared`
-/// follows them in the program's inputs; `write` receives (sample, output, value).
-fn evaluate(
-    program: &Program,
-    per_sample: &[f64],
-    stride: usize,
-    shared: &[f64],
-    samples: usize,
-    mut write: impl FnMut(usize, usize, f64),
-) {
-    let mut inputs: Vec<Lanes> = vec![[0.0; LANES]; stride];
-    inputs.extend(shared.iter().map(|&value| [value; LANES]));
-    let mut registers = Vec::with_capacity(program.operations.len());
-    let mut first = 0;
-    while first < samples {
-        let count = LANES.min(samples - first);
+/// Puts samples side by side; lanes past the end repeat the last one.
+fn put_together(samples: &[f64], width: usize, blocks: &mut [Lanes]) {
+    let last = (samples.len() / width.max(1)).saturating_sub(1);
+    for (index, block) in blocks.chunks_exact_mut(width.max(1)).enumerate() {
         for lane in 0..LANES {
-            // Lanes past the end repeat the last sample: no special values, no branches.
-            let sample = first + lane.min(count - 1);
-            for (input, &value) in inputs
-                .iter_mut()
-                .zip(&per_sample[sample * stride..(sample + 1) * stride])
-            {
-                input[lane] = value;
+            let sample = (index * LANES + lane).min(last);
+            for (lanes, &number) in block.iter_mut().zip(&samples[sample * width..][..width]) {
+                lanes[lane] = number;
             }
         }
-        run(program, &inputs, &mut registers);
-        for (output, operand) in program.outputs.iter().enumerate() {
-            for lane in 0..count {
-                let value = match *operand {
-                    Operand::Constant(value) => value,
-                    Operand::Input(index) => inputs[index][lane],
-                    Operand::Temporary(index) => registers[index][lane],
-                };
-                write(first + lane, output, value);
-            }
+    }
+}
+
+/// Takes blocks apart into samples one after the other.
+fn take_apart(blocks: &[Lanes], width: usize, samples: &mut [f64]) {
+    for (index, sample) in samples.chunks_exact_mut(width.max(1)).enumerate() {
+        let block = &blocks[index / LANES * width..][..width];
+        for (number, lanes) in sample.iter_mut().zip(block) {
+            *number = lanes[index % LANES];
         }
-        first += count;
+    }
+}
+
+/// Runs code on samples that come one after the other. `outputs` and `more` have `widths` numbers per
+/// sample.
+fn in_batches(
+    code: &Code,
+    inputs: &[f64],
+    parameters: &[f64],
+    outputs: &mut [f64],
+    more: &mut [f64],
+    [input_width, width, more_width]: [usize; 3],
+) {
+    let samples = outputs.len().checked_div(width).unwrap_or(0);
+    let room = |width: usize| vec![Lanes::ZERO; blocks(samples).min(BATCH) * width];
+    let (mut first, mut second, mut third) = (room(input_width), room(width), room(more_width));
+    for start in (0..samples).step_by(BATCH * LANES) {
+        let end = samples.min(start + BATCH * LANES);
+        let count = blocks(end - start);
+        let first = &mut first[..count * input_width];
+        put_together(
+            &inputs[start * input_width..end * input_width],
+            input_width,
+            first,
+        );
+        let second = &mut second[..count * width];
+        let third = &mut third[..count * more_width];
+        code.run(first, parameters, second, third);
+        take_apart(second, width, &mut outputs[start * width..end * width]);
+        take_apart(
+            third,
+            more_width,
+            &mut more[start * more_width..end * more_width],
+        );
     }
 }
 
@@ -131,20 +110,12 @@ impl ResidualFamily for Interpreted {
     }
 
     fn prepare(&self, data: &[f64], prepared: &mut [f64]) {
-        evaluate(
-            &self.programs.prepare,
-            data,
-            self.shape.data,
-            &[],
-            1,
-            |_, output, value| {
-                prepared[output] = value;
-            },
-        );
+        self.prepare.run_single(data, &[], prepared, &mut []);
     }
 
     fn value(&self, prepared: &[f64], parameters: &[f64], residuals: &mut [f64]) {
-        self.value_all(prepared, parameters, residuals);
+        self.value
+            .run_single(prepared, parameters, residuals, &mut []);
     }
 
     fn linearize(
@@ -154,38 +125,28 @@ impl ResidualFamily for Interpreted {
         residuals: &mut [f64],
         jacobian: &mut [f64],
     ) {
-        self.linearize_all(prepared, parameters, residuals, jacobian);
+        self.linearize
+            .run_single(prepared, parameters, residuals, jacobian);
+    }
+
+    fn blocks(&self) -> Option<&dyn BlockFamily> {
+        Some(self)
     }
 
     fn prepare_all(&self, data: &[f64], prepared: &mut [f64]) {
-        let width = self.shape.prepared;
-        if width == 0 {
-            return;
-        }
-        let samples = prepared.len() / width;
-        let program = &self.programs.prepare;
-        evaluate(
-            program,
-            data,
-            self.shape.data,
-            &[],
-            samples,
-            |sample, output, value| {
-                prepared[sample * width + output] = value;
-            },
-        );
+        let widths = [self.shape.data, self.shape.prepared, 0];
+        in_batches(&self.prepare, data, &[], prepared, &mut [], widths);
     }
 
     fn value_all(&self, prepared: &[f64], parameters: &[f64], residuals: &mut [f64]) {
-        let width = self.shape.residuals;
-        let samples = residuals.len() / width;
-        evaluate(
-            &self.programs.value,
+        let widths = [self.shape.prepared, self.shape.residuals, 0];
+        in_batches(
+            &self.value,
             prepared,
-            self.shape.prepared,
             parameters,
-            samples,
-            |sample, output, value| residuals[sample * width + output] = value,
+            residuals,
+            &mut [],
+            widths,
         );
     }
 
@@ -196,21 +157,45 @@ impl ResidualFamily for Interpreted {
         residuals: &mut [f64],
         jacobian: &mut [f64],
     ) {
-        let (width, entries) = (self.shape.residuals, self.columns.len());
-        let samples = residuals.len() / width;
-        evaluate(
-            &self.programs.linearize,
-            prepared,
+        let widths = [
             self.shape.prepared,
+            self.shape.residuals,
+            self.columns.len(),
+        ];
+        in_batches(
+            &self.linearize,
+            prepared,
             parameters,
-            samples,
-            |sample, output, value| {
-                if output < width {
-                    residuals[sample * width + output] = value;
-                } else {
-                    jacobian[sample * entries + output - width] = value;
-                }
-            },
+            residuals,
+            jacobian,
+            widths,
         );
+    }
+}
+
+impl BlockFamily for Interpreted {
+    fn prepare_blocks(&self, data: &[f64], prepared: &mut [Lanes]) {
+        let (width, entries) = (self.shape.data, self.shape.prepared);
+        if entries == 0 {
+            return;
+        }
+        let mut inputs = vec![Lanes::ZERO; prepared.len() / entries * width];
+        put_together(data, width, &mut inputs);
+        self.prepare.run(&inputs, &[], prepared, &mut []);
+    }
+
+    fn value_blocks(&self, prepared: &[Lanes], parameters: &[f64], residuals: &mut [Lanes]) {
+        self.value.run(prepared, parameters, residuals, &mut []);
+    }
+
+    fn linearize_blocks(
+        &self,
+        prepared: &[Lanes],
+        parameters: &[f64],
+        residuals: &mut [Lanes],
+        jacobian: &mut [Lanes],
+    ) {
+        self.linearize
+            .run(prepared, parameters, residuals, jacobian);
     }
 }

@@ -118,7 +118,7 @@ impl<F: Formulas> BlockFamily for F {
 
     fn value_blocks(&self, prepared: &[Lanes], parameters: &[f64], residuals: &mut [Lanes]) {
         vectorized(
-            &Value::<F>(PhantomData),
+            Value::<F>(PhantomData),
             prepared,
             parameters,
             residuals,
@@ -134,7 +134,7 @@ impl<F: Formulas> BlockFamily for F {
         jacobian: &mut [Lanes],
     ) {
         vectorized(
-            &Linearize::<F>(PhantomData),
+            Linearize::<F>(PhantomData),
             prepared,
             parameters,
             residuals,
@@ -147,7 +147,7 @@ struct Value<F>(PhantomData<F>);
 
 impl<F: Formulas> Kernel for Value<F> {
     #[inline(always)]
-    fn run(&self, prepared: &[Lanes], parameters: &[f64], residuals: &mut [Lanes], _: &mut [Lanes]) {
+    fn run(self, prepared: &[Lanes], parameters: &[f64], residuals: &mut [Lanes], _: &mut [Lanes]) {
         let width = F::SHAPE.prepared;
         check_lengths!(parameters: F::SHAPE.parameters);
         for (block, residuals) in residuals.chunks_exact_mut(F::SHAPE.residuals).enumerate() {
@@ -164,7 +164,7 @@ struct Linearize<F>(PhantomData<F>);
 impl<F: Formulas> Kernel for Linearize<F> {
     #[inline(always)]
     fn run(
-        &self,
+        self,
         prepared: &[Lanes],
         parameters: &[f64],
         residuals: &mut [Lanes],

@@ -16,7 +16,10 @@ impl Lanes {
 
     /// The same number in every lane.
     #[inline(always)]
-    #[allow(clippy::inline_always, reason = "must take on its caller's instruction set")]
+    #[allow(
+        clippy::inline_always,
+        reason = "must take on its caller's instruction set"
+    )]
     pub const fn splat(value: f64) -> Self {
         Self([value; LANES])
     }
@@ -64,7 +67,7 @@ pub const fn blocks(samples: usize) -> usize {
 pub trait Kernel {
     /// Does the work.
     fn run(
-        &self,
+        self,
         inputs: &[Lanes],
         parameters: &[f64],
         outputs: &mut [Lanes],
@@ -78,7 +81,7 @@ pub trait Kernel {
 /// independent and multiply-add is not fused: the results are the same bit for bit either way.
 #[inline]
 pub fn vectorized<K: Kernel>(
-    kernel: &K,
+    kernel: K,
     inputs: &[Lanes],
     parameters: &[f64],
     outputs: &mut [Lanes],
@@ -103,7 +106,7 @@ pub fn vectorized<K: Kernel>(
 #[cfg(all(feature = "std", target_arch = "x86_64", not(target_feature = "avx2")))]
 #[target_feature(enable = "avx2")]
 fn with_avx2<K: Kernel>(
-    kernel: &K,
+    kernel: K,
     inputs: &[Lanes],
     parameters: &[f64],
     outputs: &mut [Lanes],

@@ -35,7 +35,10 @@ impl NormalEquations {
             parameters: shape.parameters,
             residuals: shape.residuals,
             entries: pattern.len(),
-            longest_row: rows.map(|row| (row[1] - row[0]) as usize).max().unwrap_or(0),
+            longest_row: rows
+                .map(|row| (row[1] - row[0]) as usize)
+                .max()
+                .unwrap_or(0),
         }
     }
 
@@ -92,7 +95,7 @@ impl NormalEquations {
                     residuals,
                     jacobian,
                 };
-                vectorized(&products, weights, &[], columns, sums);
+                vectorized(products, weights, &[], columns, sums);
             }
         }
     }
@@ -109,7 +112,7 @@ struct Products<'a> {
 
 impl Kernel for Products<'_> {
     #[inline(always)]
-    fn run(&self, weights: &[Lanes], _: &[f64], columns: &mut [Lanes], sums: &mut [Lanes]) {
+    fn run(self, weights: &[Lanes], _: &[f64], columns: &mut [Lanes], sums: &mut [Lanes]) {
         let NormalEquations {
             parameters,
             residuals,
@@ -157,7 +160,10 @@ type Strided<'a> = (&'a [Lanes], usize, usize);
 
 /// Writes weighted values block after block, and zero for missing blocks.
 #[inline(always)]
-#[allow(clippy::inline_always, reason = "must take on its caller's instruction set")]
+#[allow(
+    clippy::inline_always,
+    reason = "must take on its caller's instruction set"
+)]
 fn weigh(
     (values, first_value, value_step): Strided<'_>,
     (weights, first_weight, weight_step): Strided<'_>,
@@ -179,7 +185,10 @@ fn weigh(
 
 /// Lane by lane, the products of one column with several, summed over the chunk.
 #[inline(always)]
-#[allow(clippy::inline_always, reason = "must take on its caller's instruction set")]
+#[allow(
+    clippy::inline_always,
+    reason = "must take on its caller's instruction set"
+)]
 fn products<const N: usize>(left: &Column, rights: &[Column; N]) -> [Lanes; N] {
     let mut sums = [Lanes::ZERO; N];
     // The loop's length is kept from the compiler: unrolled, it runs out of registers.
@@ -194,7 +203,10 @@ fn products<const N: usize>(left: &Column, rights: &[Column; N]) -> [Lanes; N] {
 }
 
 #[inline(always)]
-#[allow(clippy::inline_always, reason = "must take on its caller's instruction set")]
+#[allow(
+    clippy::inline_always,
+    reason = "must take on its caller's instruction set"
+)]
 fn add(sum: &mut Lanes, term: &Lanes) {
     for lane in 0..LANES {
         sum[lane] += term[lane];

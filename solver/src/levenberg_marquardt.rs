@@ -4,7 +4,7 @@ use crate::jacobian::{dot, norm};
 use crate::linear::{LinearSolver, Method, new_solver};
 use crate::partition::{Part, partition};
 use crate::subproblem::Subproblem;
-use crate::system::{Content, NonFinite, System, constant_cost};
+use crate::system::{NonFinite, System, constant_cost};
 use crate::{Error, Iteration, Options, PartSummary, Problem, Solution, Termination};
 
 /// Share of the predicted decrease from which on a step is taken.
@@ -60,7 +60,7 @@ pub fn solve_observed(
             cost: minimizer.cost,
             iterations: minimizer.iterations,
             trials: minimizer.trials,
-            method: minimizer.method,
+            method: minimizer.method(),
             termination,
         });
     }
@@ -137,7 +137,7 @@ impl<'p> Minimizer<'p> {
         all: &[f64],
         options: &Options,
     ) -> Result<Self, Error> {
-        let mut system = System::new(problem, part, all, Content::Minimize);
+        let mut system = System::minimized(problem, part, all, options.method);
         let pick = |value: fn(&crate::Parameter) -> f64| -> Vec<f64> {
             part.parameters
                 .iter()
@@ -149,7 +149,7 @@ impl<'p> Minimizer<'p> {
         let (rows, columns) = (system.residuals.len(), x.len());
         let bounded = lower.iter().any(|l| l.is_finite()) || upper.iter().any(|u| u.is_finite());
         let (method, linear) = new_solver(options.method, &system.jacobian)?;
-        let mut costs = vec![0.0; rows];
+        let mut costs = vec![0.0; system.cost_count()];
         system
             .costs(&x, &mut costs)
             .map_err(|fault| fault.into_error(problem))?;
@@ -166,7 +166,7 @@ impl<'p> Minimizer<'p> {
             scale: vec![0.0; columns],
             norms: vec![0.0; columns],
             divisors: Vec::with_capacity(columns),
-            trial_costs: vec![0.0; rows],
+            trial_costs: vec![0.0; costs.len()],
             costs,
             cost,
             radius: 0.0,
@@ -350,6 +350,15 @@ impl<'p> Minimizer<'p> {
         self.divisors
             .extend(self.scale.iter().map(|&norm| column_scale(norm)));
         self.system.jacobian.divide_columns(&self.divisors);
+    }
+
+    /// The linear algebra that was used.
+    fn method(&self) -> Method {
+        if self.system.is_fused() {
+            Method::NormalEquations
+        } else {
+            self.method
+        }
     }
 
     /// Applies the step; false if it changes no parameter.

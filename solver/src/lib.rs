@@ -60,6 +60,7 @@
 
 mod covariance;
 mod error;
+mod fused;
 mod identifiability;
 mod jacobian;
 mod levenberg_marquardt;

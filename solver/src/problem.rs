@@ -1,5 +1,8 @@
 //! The problem: parameters and blocks of residuals.
 
+mod prepared;
+
+pub(crate) use prepared::Prepared;
 use tau_runtime::ResidualFamily;
 
 use crate::{Error, Loss};
@@ -114,7 +117,7 @@ pub struct Block<'a> {
     pub(crate) parameters: Vec<usize>,
     /// The same for the parameters that follow, each sample's own: samples × own, row-major.
     sample_parameters: Vec<usize>,
-    pub(crate) prepared: Vec<f64>,
+    pub(crate) prepared: Prepared<'a>,
     pub(crate) samples: usize,
     /// One per sample and residual; empty means one.
     pub(crate) weights: Vec<f64>,
@@ -137,8 +140,7 @@ impl<'a> Block<'a> {
     ) -> Self {
         let shape = family.shape();
         let samples = data.len().checked_div(shape.data).unwrap_or(1);
-        let mut prepared = vec![0.0; samples * shape.prepared];
-        family.prepare_all(data, &mut prepared);
+        let prepared = Prepared::new(family, samples, data);
         Self {
             label: label.into(),
             family,
@@ -158,6 +160,8 @@ impl<'a> Block<'a> {
     #[must_use]
     pub fn with_sample_parameters(mut self, indices: Vec<usize>) -> Self {
         self.sample_parameters = indices;
+        self.prepared
+            .separate(self.samples, self.family.shape().prepared);
         self
     }
 

@@ -1,14 +1,17 @@
 //! Residuals and Jacobian of one part as functions of its free parameters.
 
 use rayon::prelude::*;
+use tau_runtime::Lanes;
 
 use crate::Error;
+use crate::fused::Fused;
 use crate::jacobian::{Jacobian, JacobianPattern};
+use crate::linear::Method;
 use crate::partition::Part;
-use crate::problem::{Block, Prior, Problem};
+use crate::problem::{Block, Prepared, Prior, Problem};
 
 /// Position in a row of an entry that belongs to no free parameter.
-const DROPPED: usize = usize::MAX;
+pub(crate) const DROPPED: usize = usize::MAX;
 /// Samples that a family is asked for at once.
 const BATCH: usize = 64;
 /// From so many batches on, threads share them. Each writes to places of its own, so that nothing depends
@@ -18,11 +21,11 @@ const SHARED_BATCHES: usize = 8;
 /// Where a number that is not finite turned up.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct NonFinite {
-    block: usize,
-    sample: usize,
-    residual: usize,
+    pub(crate) block: usize,
+    pub(crate) sample: usize,
+    pub(crate) residual: usize,
     /// Problem index of the parameter, for derivatives.
-    parameter: Option<usize>,
+    pub(crate) parameter: Option<usize>,
 }
 
 impl NonFinite {
@@ -83,6 +86,7 @@ struct Scratch {
     parameters: Vec<f64>,
     residuals: Vec<f64>,
     derivatives: Vec<f64>,
+    lanes: Vec<Lanes>,
 }
 
 /// Residuals, Jacobian and cost of one part.
@@ -98,9 +102,47 @@ pub(crate) struct System<'p> {
     all: Vec<f64>,
     pub(crate) jacobian: Jacobian,
     pub(crate) residuals: Vec<f64>,
+    /// Where [`Self::jacobian`] is the triangular factor of the normal equations.
+    fused: Option<Box<Fused<'p>>>,
 }
 
 impl<'p> System<'p> {
+    /// Lays out a part for its minimisation, by way of the normal equations where `method` and the
+    /// residual families allow it.
+    pub(crate) fn minimized(
+        problem: &'p Problem<'p>,
+        part: &Part,
+        all: &[f64],
+        method: Method,
+    ) -> Self {
+        let Some(fused) = Fused::new(problem, part, method) else {
+            return Self::new(problem, part, all, Content::Minimize);
+        };
+        let jacobian = fused.pattern().into_jacobian();
+        Self {
+            problem,
+            parameters: part.parameters.clone(),
+            content: Content::Minimize,
+            pieces: Vec::new(),
+            priors: Vec::new(),
+            all: all.to_vec(),
+            residuals: vec![0.0; jacobian.row_count()],
+            jacobian,
+            fused: Some(Box::new(fused)),
+        }
+    }
+
+    /// Whether [`Self::jacobian`] comes from the normal equations.
+    pub(crate) fn is_fused(&self) -> bool {
+        self.fused.as_ref().is_some_and(|fused| !fused.is_stored())
+    }
+
+    /// Number of residuals, priors included.
+    pub(crate) fn cost_count(&self) -> usize {
+        let fused = self.fused.as_ref();
+        fused.map_or(self.residuals.len(), |fused| fused.rows)
+    }
+
     /// Lays out a part of a checked problem. `all` gives the fixed parameters.
     pub(crate) fn new(
         problem: &'p Problem<'p>,
@@ -163,12 +205,16 @@ impl<'p> System<'p> {
             priors,
             all: all.to_vec(),
             jacobian,
+            fused: None,
         }
     }
 
     /// Writes the cost of each residual, `½ρ`, at the free parameters `x`.
     pub(crate) fn costs(&mut self, x: &[f64], costs: &mut [f64]) -> Result<(), NonFinite> {
         self.scatter(x);
+        if let Some(fused) = &self.fused {
+            return fused.costs(&self.all, x, costs);
+        }
         for piece in &self.pieces {
             let block = &self.problem.blocks[piece.block];
             let shape = block.family.shape();
@@ -204,6 +250,9 @@ impl<'p> System<'p> {
     /// Fills [`Self::residuals`] and [`Self::jacobian`] at the free parameters `x`, weighted.
     pub(crate) fn linearize(&mut self, x: &[f64]) -> Result<(), NonFinite> {
         self.scatter(x);
+        if let Some(fused) = &mut self.fused {
+            return fused.linearize(&self.all, x, &mut self.jacobian, &mut self.residuals);
+        }
         for piece in &self.pieces {
             let block = &self.problem.blocks[piece.block];
             let rows = piece.samples * block.family.shape().residuals;
@@ -365,6 +414,7 @@ impl Scratch {
             parameters: vec![0.0; shape.parameters],
             residuals: vec![0.0; BATCH * shape.residuals],
             derivatives: vec![0.0; BATCH * block.family.pattern().len()],
+            lanes: Vec::new(),
         }
     }
 
@@ -375,25 +425,20 @@ impl Scratch {
         let (shared, own) = self.parameters.split_at_mut(block.parameters.len());
         gather(all, &block.parameters, shared);
         if own.is_empty() {
-            let samples = batch.first..batch.first + batch.samples;
-            let prepared =
-                &block.prepared[samples.start * shape.prepared..samples.end * shape.prepared];
             let residuals = &mut self.residuals[..batch.samples * shape.residuals];
-            if derivatives {
-                let derivatives = &mut self.derivatives[..batch.samples * entries];
-                block
-                    .family
-                    .linearize_all(prepared, shared, residuals, derivatives);
-            } else {
-                block.family.value_all(prepared, shared, residuals);
-            }
+            let derivatives = derivatives.then(|| &mut self.derivatives[..batch.samples * entries]);
+            let (first, lanes) = (batch.first, &mut self.lanes);
+            block.evaluate(first, batch.samples, shared, residuals, derivatives, lanes);
             return;
         }
+        let Prepared::Samples(prepared) = &block.prepared else {
+            unreachable!("samples with parameters of their own are prepared one by one");
+        };
         for k in 0..batch.samples {
             let sample = batch.first + k;
             let (_, own) = self.parameters.split_at_mut(block.parameters.len());
             gather(all, block.sample_parameters(sample), own);
-            let prepared = &block.prepared[sample * shape.prepared..(sample + 1) * shape.prepared];
+            let prepared = &prepared[sample * shape.prepared..(sample + 1) * shape.prepared];
             let residuals = &mut self.residuals[k * shape.residuals..(k + 1) * shape.residuals];
             if derivatives {
                 let derivatives = &mut self.derivatives[k * entries..(k + 1) * entries];

@@ -19,7 +19,7 @@ pub(crate) use schur_cholesky::SchurCholesky;
 pub(crate) use sparse::SparseCholesky;
 
 /// Up to this many parameters a dense QR is both fast enough and the most accurate.
-const DENSE_COLUMNS: usize = 160;
+pub(crate) const DENSE_COLUMNS: usize = 160;
 /// Most parameters that Schur elimination may leave to a dense QR.
 const REDUCED_COLUMNS: usize = 600;
 /// From so many rows on, elimination squares the condition number for speed.
@@ -31,13 +31,18 @@ const DENSE_ENTRIES: usize = 4_000_000;
 /// Linear algebra for the steps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Method {
-    /// By size and structure: dense QR where a part is small, else Schur elimination where most
+    /// By size and structure: dense QR where a part is small (by way of the normal
+    /// equations where those are safe), else Schur elimination where most
     /// parameters form small groups that share no residual (by normal equations where there are very
     /// many), else sparse Cholesky.
     #[default]
     Auto,
     /// Dense QR, column-pivoted: the most accurate, and sure of rank.
     DenseQr,
+    /// Dense Cholesky factor of the normal equations, which the residual families accumulate without
+    /// storing the Jacobian; dense QR where they don't offer that, where a loss is robust, or where the
+    /// problem is too ill-conditioned for it.
+    NormalEquations,
     /// Sparse Cholesky factorisation of the normal equations.
     SparseCholesky,
     /// Orthogonal elimination of small groups of parameters, dense QR of the rest.
@@ -104,7 +109,9 @@ pub(crate) fn new_solver(
             let elimination = elimination.unwrap_or_else(|| SchurCholesky::elimination(jacobian));
             Box::new(SchurCholesky::new(jacobian, &elimination))
         }
-        Method::Auto | Method::DenseQr => Box::new(DenseQr::new(rows, columns)),
+        Method::Auto | Method::DenseQr | Method::NormalEquations => {
+            Box::new(DenseQr::new(rows, columns))
+        }
     };
     Ok((method, solver))
 }

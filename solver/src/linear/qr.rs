@@ -219,3 +219,16 @@ pub(crate) fn triangle(jacobian: &Jacobian, factors: &[f64]) -> Mat<f64> {
     let reduced = reduction.reduce();
     Mat::from_fn(columns, columns, |row, column| reduced[(row, column)])
 }
+
+/// The triangular factor of `[J r]`.
+pub(crate) fn augmented_triangle(jacobian: &Jacobian, residuals: &[f64]) -> Mat<f64> {
+    let columns = jacobian.column_count + 1;
+    let mut reduction = RowReduction::new(jacobian.row_count(), columns);
+    for (row, &residual) in residuals.iter().enumerate() {
+        let (indices, values) = jacobian.row(row);
+        let entries = indices.iter().copied().zip(values.iter().copied());
+        reduction.push(entries.chain([(jacobian.column_count, residual)]));
+    }
+    let reduced = reduction.reduce();
+    Mat::from_fn(columns, columns, |row, column| reduced[(row, column)])
+}

@@ -1,0 +1,325 @@
+//! The linear model of a part from its normal equations, which residual families accumulate without
+//! storing a Jacobian.
+//!
+//! What the iteration sees is the Cholesky factor: with `[J r]ᵀ[J r] = [R c; 0 ρ]ᵀ[R c; 0 ρ]`, the small
+//! problem `½‖R y + c‖² + ½ρ²` is the same function of the step as `½‖J y + r‖²`, and nothing after it
+//! need know.
+//!
+//! Products square the condition number. So the factor is used only while rounding can't have touched
+//! more than a small share of any pivot; on the first pivot for which that fails, the part goes over to
+//! the stored Jacobian and its QR factor, which is the same triangle computed more accurately.
+
+use rayon::prelude::*;
+use tau_runtime::{BlockFamily, LANES, Lanes, NormalEquations, blocks};
+
+use crate::jacobian::{Jacobian, JacobianPattern};
+use crate::linear::{DENSE_COLUMNS, Method, qr};
+use crate::partition::Part;
+use crate::problem::{Prepared, Prior, Problem};
+use crate::system::{Content, DROPPED, NonFinite, System};
+use crate::{Block, Loss};
+
+/// Largest share of a pivot that may be rounding.
+const PIVOT_ERROR: f64 = 1e-6;
+/// Residuals per parameter from which on the triangle is much smaller than the Jacobian.
+const TALL: usize = 4;
+/// Blocks of samples that are summed up apart; the sums are added in their order, so that they do not
+/// depend on the number of threads.
+const RANGE: usize = 512;
+
+/// One block of residuals.
+struct Piece<'p> {
+    block: usize,
+    family: &'p dyn BlockFamily,
+    prepared: &'p [Lanes],
+    /// First residual.
+    row: usize,
+    sizes: NormalEquations,
+    /// Laid out as residuals are; zero past the last sample.
+    weights: Vec<Lanes>,
+    /// For each parameter of the family its column, and that of the residuals.
+    columns: Vec<usize>,
+}
+
+/// The normal equations of a part, and their triangular factor.
+pub(crate) struct Fused<'p> {
+    problem: &'p Problem<'p>,
+    part: Part,
+    pieces: Vec<Piece<'p>>,
+    priors: Vec<(usize, Prior)>,
+    /// Number of residuals.
+    pub(crate) rows: usize,
+    /// Upper triangle of `[J r]ᵀ[J r]`, row by row; then its factor.
+    matrix: Vec<f64>,
+    /// The whole Jacobian, once the normal equations have turned out ill-conditioned.
+    stored: Option<System<'p>>,
+}
+
+impl<'p> Fused<'p> {
+    /// The normal equations of a part; `None` where a family does not offer them, where a robust loss
+    /// needs each residual's own weight, or where a dense factor is not what `method` asks for or pays.
+    pub(crate) fn new(problem: &'p Problem<'p>, part: &Part, method: Method) -> Option<Self> {
+        let n = part.parameters.len();
+        let asked_for = method == Method::NormalEquations;
+        if n == 0 || !(asked_for || method == Method::Auto && n <= DENSE_COLUMNS) {
+            return None;
+        }
+        let mut column_of = vec![DROPPED; problem.parameters.len()];
+        for (column, &p) in part.parameters.iter().enumerate() {
+            column_of[p] = column;
+        }
+        let mut pieces = Vec::with_capacity(part.blocks.len());
+        let mut rows = 0;
+        for &b in &part.blocks {
+            let block = &problem.blocks[b];
+            let Prepared::Blocks(family, prepared) = &block.prepared else {
+                return None;
+            };
+            if block.loss != Loss::Squared {
+                return None;
+            }
+            let columns = block.parameters.iter().map(|&p| column_of[p]);
+            pieces.push(Piece {
+                block: b,
+                family: *family,
+                prepared,
+                row: rows,
+                sizes: NormalEquations::new(block.family.shape(), block.family.pattern()),
+                weights: weights(block),
+                columns: columns.chain([n]).collect(),
+            });
+            rows += block.samples * block.family.shape().residuals;
+        }
+        let prior = |(column, &p): (usize, &usize)| Some((column, problem.parameters[p].prior?));
+        let priors: Vec<_> = part
+            .parameters
+            .iter()
+            .enumerate()
+            .filter_map(prior)
+            .collect();
+        rows += priors.len();
+        (asked_for || rows >= TALL * n).then(|| Self {
+            problem,
+            part: part.clone(),
+            pieces,
+            priors,
+            rows,
+            matrix: vec![0.0; (n + 1) * (n + 1)],
+            stored: None,
+        })
+    }
+
+    /// Whether the normal equations were given up for the stored Jacobian.
+    pub(crate) fn is_stored(&self) -> bool {
+        self.stored.is_some()
+    }
+
+    /// The pattern of the triangle, and of the row of what no step removes.
+    pub(crate) fn pattern(&self) -> JacobianPattern {
+        let n = self.part.parameters.len();
+        let mut pattern = JacobianPattern::new(n);
+        for row in 0..=n {
+            let columns: Vec<usize> = (row..n).collect();
+            pattern.push_rows(&columns, &[columns.len()]);
+        }
+        pattern
+    }
+
+    /// As [`System::costs`]; `all` are the problem's parameters, `x` the part's.
+    pub(crate) fn costs(&self, all: &[f64], x: &[f64], costs: &mut [f64]) -> Result<(), NonFinite> {
+        for piece in &self.pieces {
+            let residuals = piece.family.shape().residuals;
+            let samples = self.problem.blocks[piece.block].samples;
+            let costs = &mut costs[piece.row..piece.row + samples * residuals];
+            let parameters = piece.parameters(self.problem, all);
+            let mut range = vec![Lanes::ZERO; blocks(samples).min(RANGE) * residuals];
+            for (index, costs) in costs.chunks_mut(RANGE * LANES * residuals).enumerate() {
+                piece.costs(index, &parameters, &mut range, costs)?;
+            }
+        }
+        let first_prior = costs.len() - self.priors.len();
+        for ((column, prior), cost) in self.priors.iter().zip(&mut costs[first_prior..]) {
+            let r = (x[*column] - prior.mean) / prior.sigma;
+            *cost = 0.5 * r * r;
+        }
+        Ok(())
+    }
+
+    /// Writes the triangle and its residuals at `x`.
+    pub(crate) fn linearize(
+        &mut self,
+        all: &[f64],
+        x: &[f64],
+        triangle: &mut Jacobian,
+        residuals: &mut [f64],
+    ) -> Result<(), NonFinite> {
+        let n = x.len();
+        if self.stored.is_none() {
+            self.accumulate(all, x);
+            if factor(&mut self.matrix, n) {
+                let mut values = triangle.values.iter_mut();
+                for row in 0..=n {
+                    let entries = &self.matrix[row * (n + 1) + row..(row + 1) * (n + 1)];
+                    values
+                        .by_ref()
+                        .zip(&entries[..n - row])
+                        .for_each(|(v, e)| *v = *e);
+                    residuals[row] = entries[n - row];
+                }
+                return Ok(());
+            }
+        }
+        let stored = self
+            .stored
+            .get_or_insert_with(|| System::new(self.problem, &self.part, all, Content::Minimize));
+        stored.linearize(x)?;
+        let factor = qr::augmented_triangle(&stored.jacobian, &stored.residuals);
+        let mut values = triangle.values.iter_mut();
+        for row in 0..=n {
+            for (value, column) in values.by_ref().zip(row..n) {
+                *value = factor[(row, column)];
+            }
+            residuals[row] = factor[(row, n)];
+        }
+        Ok(())
+    }
+
+    /// Fills [`Self::matrix`].
+    fn accumulate(&mut self, all: &[f64], x: &[f64]) {
+        let width = x.len() + 1;
+        self.matrix.fill(0.0);
+        for piece in &self.pieces {
+            let parameters = piece.parameters(self.problem, all);
+            let residuals = piece.family.shape().residuals;
+            let ranges = piece.weights.chunks(RANGE * residuals);
+            let range = |(index, weights)| piece.sums(index, weights, &parameters);
+            let sums: Vec<Vec<Lanes>> = if ranges.len() > 1 {
+                piece
+                    .weights
+                    .par_chunks(RANGE * residuals)
+                    .enumerate()
+                    .map(range)
+                    .collect()
+            } else {
+                ranges.enumerate().map(range).collect()
+            };
+            for (i, &a) in piece.columns.iter().enumerate() {
+                for (j, &b) in piece.columns.iter().enumerate().skip(i) {
+                    if a == DROPPED || b == DROPPED {
+                        continue;
+                    }
+                    let index = piece.sizes.index(i, j);
+                    let sum: f64 = sums.iter().map(|sums| sums[index].sum()).sum();
+                    // Two parameters of the family may be the same unknown.
+                    let twice = if a == b && i != j { 2.0 } else { 1.0 };
+                    self.matrix[a.min(b) * width + a.max(b)] += twice * sum;
+                }
+            }
+        }
+        for (column, prior) in &self.priors {
+            let (slope, r) = (1.0 / prior.sigma, (x[*column] - prior.mean) / prior.sigma);
+            self.matrix[column * width + column] += slope * slope;
+            self.matrix[column * width + width - 1] += slope * r;
+            self.matrix[width * width - 1] += r * r;
+        }
+    }
+}
+
+impl Piece<'_> {
+    fn parameters(&self, problem: &Problem, all: &[f64]) -> Vec<f64> {
+        let indices = &problem.blocks[self.block].parameters;
+        indices.iter().map(|&index| all[index]).collect()
+    }
+
+    /// Products of the columns over one range.
+    fn sums(&self, range: usize, weights: &[Lanes], parameters: &[f64]) -> Vec<Lanes> {
+        let width = self.family.shape().prepared;
+        let mut sums = vec![Lanes::ZERO; self.sizes.sums()];
+        let mut scratch = vec![Lanes::ZERO; self.sizes.scratch()];
+        let prepared = &self.prepared[range * RANGE * width..];
+        self.sizes.add(
+            self.family,
+            prepared,
+            parameters,
+            weights,
+            &mut scratch,
+            &mut sums,
+        );
+        sums
+    }
+
+    /// Costs of one range's residuals.
+    fn costs(
+        &self,
+        range: usize,
+        parameters: &[f64],
+        values: &mut [Lanes],
+        costs: &mut [f64],
+    ) -> Result<(), NonFinite> {
+        let shape = self.family.shape();
+        let count = costs.len().div_ceil(LANES * shape.residuals);
+        let values = &mut values[..count * shape.residuals];
+        let first = range * RANGE;
+        let prepared = &self.prepared[first * shape.prepared..(first + count) * shape.prepared];
+        self.family.value_blocks(prepared, parameters, values);
+        let weights = &self.weights[first * shape.residuals..];
+        for (index, cost) in costs.iter_mut().enumerate() {
+            let (sample, residual) = (index / shape.residuals, index % shape.residuals);
+            let at = sample / LANES * shape.residuals + residual;
+            let whitened = values[at][sample % LANES] * weights[at][sample % LANES];
+            if !whitened.is_finite() {
+                return Err(NonFinite {
+                    block: self.block,
+                    sample: first * LANES + sample,
+                    residual,
+                    parameter: None,
+                });
+            }
+            *cost = 0.5 * whitened * whitened;
+        }
+        Ok(())
+    }
+}
+
+/// Weights in the layout of residuals.
+fn weights(block: &Block) -> Vec<Lanes> {
+    let residuals = block.family.shape().residuals;
+    let mut lanes = vec![Lanes::ZERO; blocks(block.samples) * residuals];
+    for index in 0..block.samples * residuals {
+        let (sample, residual) = (index / residuals, index % residuals);
+        lanes[sample / LANES * residuals + residual][sample % LANES] =
+            block.weights.get(index).copied().unwrap_or(1.0);
+    }
+    lanes
+}
+
+/// Replaces the upper triangle of a matrix of n + 1 columns by its Cholesky factor; false where rounding
+/// may have touched more than a small share of one of the first n pivots.
+fn factor(matrix: &mut [f64], n: usize) -> bool {
+    let width = n + 1;
+    let least = n as f64 * f64::EPSILON / PIVOT_ERROR;
+    for row in 0..width {
+        let (above, rest) = matrix.split_at_mut(row * width);
+        let entries = &mut rest[row..width];
+        let whole = entries[0];
+        for above in above.chunks_exact(width) {
+            let factor = above[row];
+            for (entry, other) in entries.iter_mut().zip(&above[row..]) {
+                *entry -= factor * other;
+            }
+        }
+        let pivot = entries[0];
+        if row == n {
+            // What no step removes: zero where rounding leaves less.
+            entries[0] = pivot.max(0.0).sqrt();
+            return pivot.is_finite();
+        }
+        // Written so that it also fails where the pivot is no number.
+        if !(pivot > least * whole) || !pivot.is_finite() {
+            return false;
+        }
+        let root = pivot.sqrt();
+        entries.iter_mut().for_each(|entry| *entry /= root);
+    }
+    true
+}
