@@ -16,10 +16,6 @@ impl Lanes {
 
     /// The same number in every lane.
     #[inline(always)]
-    #[allow(
-        clippy::inline_always,
-        reason = "must take on its caller's instruction set"
-    )]
     pub const fn splat(value: f64) -> Self {
         Self([value; LANES])
     }

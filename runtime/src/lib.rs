@@ -1,11 +1,17 @@
 //! The contract between generated code, the interpreter and the solver.
 //!
-//! Generated code names nothing but this crate. It holds one trait, [`ResidualFamily`], the tables that
-//! describe a robot's variants ([`Robot`], [`Variant`], [`Instance`]), and the elementary functions
+//! Generated code names nothing but this crate. It holds the trait [`ResidualFamily`], the tables that
+//! describe a robot's variants ([`Robot`], [`Variant`], [`Instance`]), what turns generated [`Formulas`]
+//! into a family that computes single samples and blocks of them, and the elementary functions
 //! ([`math`]) that generated code and interpreter share, so that both round alike.
 //!
 //! The crate is `no_std`, allocates nothing and depends on nothing.
 #![no_std]
+#![allow(
+    clippy::inline_always,
+    reason = "inner loops must take on the instruction set of their caller"
+)]
+
 #[cfg(feature = "std")]
 extern crate std;
 

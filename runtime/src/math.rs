@@ -7,7 +7,6 @@ macro_rules! elementary {
         $(
             $(#[$doc])*
             #[inline(always)]
-            #[allow(clippy::inline_always, reason = "a call of one instruction")]
             pub fn $name(x: f64) -> f64 {
                 #[cfg(feature = "std")]
                 { x.$name() }
@@ -41,7 +40,6 @@ elementary! {
 
 /// Sine and cosine of an angle in radians.
 #[inline(always)]
-#[allow(clippy::inline_always, reason = "two calls, one name")]
 pub fn sin_cos(x: f64) -> (f64, f64) {
     (sin(x), cos(x))
 }

@@ -160,10 +160,6 @@ type Strided<'a> = (&'a [Lanes], usize, usize);
 
 /// Writes weighted values block after block, and zero for missing blocks.
 #[inline(always)]
-#[allow(
-    clippy::inline_always,
-    reason = "must take on its caller's instruction set"
-)]
 fn weigh(
     (values, first_value, value_step): Strided<'_>,
     (weights, first_weight, weight_step): Strided<'_>,
@@ -185,10 +181,6 @@ fn weigh(
 
 /// Lane by lane, the products of one column with several, summed over the chunk.
 #[inline(always)]
-#[allow(
-    clippy::inline_always,
-    reason = "must take on its caller's instruction set"
-)]
 fn products<const N: usize>(left: &Column, rights: &[Column; N]) -> [Lanes; N] {
     let mut sums = [Lanes::ZERO; N];
     // The loop's length is kept from the compiler: unrolled, it runs out of registers.
@@ -203,10 +195,6 @@ fn products<const N: usize>(left: &Column, rights: &[Column; N]) -> [Lanes; N] {
 }
 
 #[inline(always)]
-#[allow(
-    clippy::inline_always,
-    reason = "must take on its caller's instruction set"
-)]
 fn add(sum: &mut Lanes, term: &Lanes) {
     for lane in 0..LANES {
         sum[lane] += term[lane];

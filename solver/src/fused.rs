@@ -314,12 +314,13 @@ fn factor(matrix: &mut [f64], n: usize) -> bool {
             entries[0] = pivot.max(0.0).sqrt();
             return pivot.is_finite();
         }
-        // Written so that it also fails where the pivot is no number.
-        if !(pivot > least * whole) || !pivot.is_finite() {
+        if !pivot.is_finite() || pivot <= least * whole {
             return false;
         }
         let root = pivot.sqrt();
-        entries.iter_mut().for_each(|entry| *entry /= root);
+        for entry in entries {
+            *entry /= root;
+        }
     }
     true
 }
