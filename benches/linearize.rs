@@ -1,4 +1,5 @@
-//! Residual and ten derivatives of the closure equation: generated, interpreted, by hand, by dual numbers.
+//! Residual and ten derivatives of the closure equation: generated (for single samples, in blocks, fused into
+//! normal equations), interpreted, by hand, by dual numbers.
 //!
 //! `cargo bench -p tau-benches --bench linearize`. Every contender computes the same 2 000 samples in the
 //! same run, and agrees with the first before anything is timed: compare rows, not runs.
@@ -6,7 +7,7 @@
 use divan::{Bencher, counter::ItemsCount};
 use num_dual::{Dual64, DualNum};
 use tau_generated::gantry_tau::ROBOT;
-use tau_runtime::{ResidualFamily, ResidualKind};
+use tau_runtime::{LANES, Lanes, NormalEquations, ResidualFamily, ResidualKind, blocks};
 
 const SAMPLES: usize = 2000;
 const PARAMETERS: [f64; 10] = [
@@ -16,7 +17,12 @@ const PARAMETERS: [f64; 10] = [
 fn main() {
     let reference = sums(&linearized(generated()));
     for (name, other) in [
+        ("blocks", sums(&linearized_in_blocks(generated()))),
         ("interpreted", sums(&linearized(&*interpreted()))),
+        (
+            "interpreted blocks",
+            sums(&linearized_in_blocks(&*interpreted())),
+        ),
         ("by hand", sums(&by_hand(&data()))),
         ("dual numbers", sums(&by_dual_numbers(&data()))),
     ] {
@@ -103,6 +109,35 @@ fn linearized(family: &dyn ResidualFamily) -> Vec<f64> {
         &mut jacobian,
     );
     rows(&residuals, &jacobian)
+}
+
+fn blocks_of(width: usize) -> Vec<Lanes> {
+    vec![Lanes::ZERO; blocks(SAMPLES) * width]
+}
+
+fn prepared_blocks(family: &dyn ResidualFamily) -> Vec<Lanes> {
+    let mut prepared = blocks_of(family.shape().prepared);
+    let family = family.blocks().expect("blocks");
+    family.prepare_blocks(&data(), &mut prepared);
+    prepared
+}
+
+/// Rows of residual and ten derivatives, from blocks.
+fn linearized_in_blocks(family: &dyn ResidualFamily) -> Vec<f64> {
+    let prepared = prepared_blocks(family);
+    let (mut residuals, mut jacobian) = (blocks_of(1), blocks_of(10));
+    let family = family.blocks().expect("blocks");
+    family.linearize_blocks(&prepared, &PARAMETERS, &mut residuals, &mut jacobian);
+    (0..SAMPLES)
+        .flat_map(|sample| {
+            let (block, lane) = (sample / LANES, sample % LANES);
+            let derivatives = jacobian[block * 10..(block + 1) * 10].iter();
+            std::iter::once(&residuals[block])
+                .chain(derivatives)
+                .map(move |lanes| lanes[lane])
+                .collect::<Vec<_>>()
+        })
+        .collect()
 }
 
 fn rows(residuals: &[f64], jacobian: &[f64]) -> Vec<f64> {
@@ -193,19 +228,98 @@ fn family_bench(bencher: Bencher, family: &dyn ResidualFamily, prepare: bool) {
     });
 }
 
+fn blocks_bench(bencher: Bencher, family: &dyn ResidualFamily) {
+    let prepared = prepared_blocks(family);
+    let (mut residuals, mut jacobian) = (blocks_of(1), blocks_of(10));
+    let family = family.blocks().expect("blocks");
+    bencher.counter(ItemsCount::new(SAMPLES)).bench_local(|| {
+        family.linearize_blocks(&prepared, &PARAMETERS, &mut residuals, &mut jacobian);
+        jacobian[3]
+    });
+}
+
+fn values_bench(bencher: Bencher, family: &dyn ResidualFamily) {
+    let prepared = prepared_blocks(family);
+    let mut residuals = blocks_of(1);
+    let family = family.blocks().expect("blocks");
+    bencher.counter(ItemsCount::new(SAMPLES)).bench_local(|| {
+        family.value_blocks(&prepared, &PARAMETERS, &mut residuals);
+        residuals[3]
+    });
+}
+
+/// Residual, derivatives and their products, summed up.
+fn fused_bench(bencher: Bencher, family: &dyn ResidualFamily) {
+    let prepared = prepared_blocks(family);
+    let weights = vec![Lanes::splat(1.0); blocks(SAMPLES)];
+    let sizes = NormalEquations::new(family.shape(), family.pattern());
+    let mut scratch = vec![Lanes::ZERO; sizes.scratch()];
+    let family = family.blocks().expect("blocks");
+    bencher.counter(ItemsCount::new(SAMPLES)).bench_local(|| {
+        let mut sums = vec![Lanes::ZERO; sizes.sums()];
+        sizes.add(
+            family,
+            &prepared,
+            &PARAMETERS,
+            &weights,
+            &mut scratch,
+            &mut sums,
+        );
+        sums[3]
+    });
+}
+
+/// Preparation and linearisation, sample by sample: nothing staged.
 #[divan::bench]
 fn generated_with_preparation(bencher: Bencher) {
     family_bench(bencher, generated(), true);
 }
 
+/// Sample by sample, prepared before.
 #[divan::bench]
-fn generated_per_iteration(bencher: Bencher) {
+fn generated_staged(bencher: Bencher) {
     family_bench(bencher, generated(), false);
 }
 
 #[divan::bench]
-fn interpreted_per_iteration(bencher: Bencher) {
-    family_bench(bencher, &*interpreted(), false);
+fn generated_preparation_of_blocks(bencher: Bencher) {
+    let data = data();
+    let family = generated();
+    let mut prepared = blocks_of(family.shape().prepared);
+    let family = family.blocks().expect("blocks");
+    bencher
+        .counter(ItemsCount::new(SAMPLES))
+        .bench_local(|| family.prepare_blocks(&data, &mut prepared));
+}
+
+#[divan::bench]
+fn generated_blocks(bencher: Bencher) {
+    blocks_bench(bencher, generated());
+}
+
+#[divan::bench]
+fn generated_blocks_values_only(bencher: Bencher) {
+    values_bench(bencher, generated());
+}
+
+#[divan::bench]
+fn generated_normal_equations(bencher: Bencher) {
+    fused_bench(bencher, generated());
+}
+
+#[divan::bench]
+fn interpreted_blocks(bencher: Bencher) {
+    blocks_bench(bencher, &*interpreted());
+}
+
+#[divan::bench]
+fn interpreted_blocks_values_only(bencher: Bencher) {
+    values_bench(bencher, &*interpreted());
+}
+
+#[divan::bench]
+fn interpreted_normal_equations(bencher: Bencher) {
+    fused_bench(bencher, &*interpreted());
 }
 
 #[divan::bench]

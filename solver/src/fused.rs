@@ -6,7 +6,7 @@
 //! need know.
 //!
 //! Products square the condition number. So the factor is used only while rounding can't have touched
-//! more than a small share of any pivot; on the first pivot for which that fails, the part goes over to
+//! more than a tiny share of any pivot; on the first pivot for which that fails, the part goes over to
 //! the stored Jacobian and its QR factor, which is the same triangle computed more accurately.
 
 use rayon::prelude::*;
@@ -19,8 +19,9 @@ use crate::problem::{Prepared, Prior, Problem};
 use crate::system::{Content, DROPPED, NonFinite, System};
 use crate::{Block, Loss};
 
-/// Largest share of a pivot that may be rounding.
-const PIVOT_ERROR: f64 = 1e-6;
+/// Largest share of a pivot that may be rounding. What is lost of the pivots is lost of the last steps, and
+/// the iteration goes on until these are all rounding.
+const PIVOT_ERROR: f64 = 1e-10;
 /// Residuals per parameter from which on the triangle is much smaller than the Jacobian.
 const TALL: usize = 4;
 /// Blocks of samples that are summed up apart; the sums are added in their order, so that they do not
