@@ -83,7 +83,8 @@ fn hand_written_closures_lead_to_the_same_optimum() {
     for (variant, ..) in INDEPENDENT {
         let a = generated.calibrate(variant, &Options::default()).unwrap();
         let b = by_hand.calibrate(variant, &Options::default()).unwrap();
-        assert!((a.cost / b.cost - 1.0).abs() < 1e-12, "{variant}");
+        // Residuals of 10⁻⁴ m² are differences of numbers of 4 m²: eleven digits are beyond rounding.
+        assert!((a.cost / b.cost - 1.0).abs() < 1e-11, "{variant}");
         assert!(distance(&a, &b) < 1e-5, "{variant}: {}", distance(&a, &b));
     }
 }

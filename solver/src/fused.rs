@@ -158,15 +158,10 @@ impl<'p> Fused<'p> {
         if self.stored.is_none() {
             self.accumulate(all, x);
             if factor(&mut self.matrix, n) {
-                let mut values = triangle.values.iter_mut();
-                for row in 0..=n {
-                    let entries = &self.matrix[row * (n + 1) + row..(row + 1) * (n + 1)];
-                    values
-                        .by_ref()
-                        .zip(&entries[..n - row])
-                        .for_each(|(v, e)| *v = *e);
-                    residuals[row] = entries[n - row];
-                }
+                let matrix = &self.matrix;
+                write_triangle(triangle, residuals, |row, column| {
+                    matrix[row * (n + 1) + column]
+                });
                 return Ok(());
             }
         }
@@ -175,13 +170,7 @@ impl<'p> Fused<'p> {
             .get_or_insert_with(|| System::new(self.problem, &self.part, all, Content::Minimize));
         stored.linearize(x)?;
         let factor = qr::augmented_triangle(&stored.jacobian, &stored.residuals);
-        let mut values = triangle.values.iter_mut();
-        for row in 0..=n {
-            for (value, column) in values.by_ref().zip(row..n) {
-                *value = factor[(row, column)];
-            }
-            residuals[row] = factor[(row, n)];
-        }
+        write_triangle(triangle, residuals, |row, column| factor[(row, column)]);
         Ok(())
     }
 
@@ -279,6 +268,23 @@ impl Piece<'_> {
             *cost = 0.5 * whitened * whitened;
         }
         Ok(())
+    }
+}
+
+/// Writes the rows of an upper triangle `[R c]`.
+fn write_triangle(
+    triangle: &mut Jacobian,
+    residuals: &mut [f64],
+    entry: impl Fn(usize, usize) -> f64,
+) {
+    let n = triangle.column_count;
+    let mut place = 0;
+    for (row, residual) in residuals.iter_mut().enumerate() {
+        for column in row..n {
+            triangle.values[place] = entry(row, column);
+            place += 1;
+        }
+        *residual = entry(row, n);
     }
 }
 

@@ -97,6 +97,8 @@ pub(crate) fn new_solver(
                 Method::SparseCholesky
             }
         }
+        // Where normal equations serve, what is left to solve is their triangle; where not, all of it.
+        Method::NormalEquations => Method::DenseQr,
         chosen => chosen,
     };
     let solver: Box<dyn LinearSolver> = match method {

@@ -2,6 +2,7 @@
 
 mod bounds;
 mod family;
+mod fused;
 mod linear_model;
 mod more_garbow_hillstrom;
 mod nist;
