@@ -9,8 +9,8 @@ use crate::graph::Elementary;
 use crate::program::{Operand, Operation, Program};
 
 /// Blocks over which an instruction runs: enough to hide its decoding, few enough for the slots of a
-/// residual to stay in the first cache.
-const CHUNK: usize = 8;
+/// residual to stay in cache.
+const CHUNK: usize = 16;
 /// One value for the samples of a chunk.
 type Slot = [Lanes; CHUNK];
 
@@ -126,7 +126,7 @@ impl Code {
                     Some(output) => more[output] = value,
                 }
             } else {
-                instruction.run(slots);
+                instruction.run(slots, 1);
             }
         }
         NUMBERS.set(numbers);
@@ -139,7 +139,7 @@ impl Code {
         numbers.extend_from_slice(&self.constants);
         numbers.resize(self.shared_slots, 0.0);
         for instruction in &self.shared {
-            instruction.run(numbers);
+            instruction.run(numbers, 1);
         }
     }
 }
@@ -177,7 +177,7 @@ impl Kernel for Run<'_> {
                         }
                     }
                 } else {
-                    instruction.run(slots);
+                    instruction.run(slots, count);
                 }
             }
         }
@@ -186,28 +186,35 @@ impl Kernel for Run<'_> {
 
 /// What a slot holds: a number, or those of a chunk.
 trait Value: Copy {
-    /// Applies a function of up to three numbers, lane by lane.
-    fn map(&mut self, a: &Self, b: &Self, c: &Self, f: impl Fn(f64, f64, f64) -> f64);
+    /// Applies a function of up to three numbers, lane by lane, in the first `count` blocks.
+    fn map(&mut self, count: usize, a: &Self, b: &Self, c: &Self, f: impl Fn(f64, f64, f64) -> f64);
     /// `if a < b { c } else { d }`, lane by lane.
-    fn select(&mut self, operands: [&Self; 4]);
+    fn select(&mut self, count: usize, operands: [&Self; 4]);
 }
 
 impl Value for f64 {
     #[inline(always)]
-    fn map(&mut self, a: &Self, b: &Self, c: &Self, f: impl Fn(f64, f64, f64) -> f64) {
+    fn map(&mut self, _: usize, a: &Self, b: &Self, c: &Self, f: impl Fn(f64, f64, f64) -> f64) {
         *self = f(*a, *b, *c);
     }
 
     #[inline(always)]
-    fn select(&mut self, [a, b, c, d]: [&Self; 4]) {
+    fn select(&mut self, _: usize, [a, b, c, d]: [&Self; 4]) {
         *self = if a < b { *c } else { *d };
     }
 }
 
 impl Value for Slot {
     #[inline(always)]
-    fn map(&mut self, a: &Self, b: &Self, c: &Self, f: impl Fn(f64, f64, f64) -> f64) {
-        for block in 0..CHUNK {
+    fn map(
+        &mut self,
+        count: usize,
+        a: &Self,
+        b: &Self,
+        c: &Self,
+        f: impl Fn(f64, f64, f64) -> f64,
+    ) {
+        for block in 0..count.min(CHUNK) {
             // Copies tell the compiler that the result overlaps no operand.
             let (a, b, c) = (a[block], b[block], c[block]);
             let mut result = Lanes::ZERO;
@@ -219,8 +226,8 @@ impl Value for Slot {
     }
 
     #[inline(always)]
-    fn select(&mut self, [a, b, c, d]: [&Self; 4]) {
-        for block in 0..CHUNK {
+    fn select(&mut self, count: usize, [a, b, c, d]: [&Self; 4]) {
+        for block in 0..count.min(CHUNK) {
             let (a, b, c, d) = (a[block], b[block], c[block], d[block]);
             let mut result = Lanes::ZERO;
             for lane in 0..LANES {
@@ -233,7 +240,7 @@ impl Value for Slot {
 
 impl Instruction {
     #[inline(always)]
-    fn run<V: Value>(&self, slots: &mut [V]) {
+    fn run<V: Value>(&self, slots: &mut [V], count: usize) {
         let (below, rest) = slots.split_at_mut(self.result);
         let Some((result, above)) = rest.split_first_mut() else {
             return;
@@ -247,18 +254,18 @@ impl Instruction {
             }
         });
         match self.action {
-            Action::Add => result.map(a, b, b, |a, b, _| a + b),
-            Action::Subtract => result.map(a, b, b, |a, b, _| a - b),
-            Action::Multiply => result.map(a, b, b, |a, b, _| a * b),
-            Action::Divide => result.map(a, b, b, |a, b, _| a / b),
-            Action::Negate => result.map(a, a, a, |a, _, _| -a),
-            Action::MultiplyAdd => result.map(a, b, c, |a, b, c| a * b + c),
-            Action::MultiplySubtract => result.map(a, b, c, |a, b, c| a * b - c),
-            Action::SubtractProduct => result.map(a, b, c, |a, b, c| c - a * b),
-            Action::Select => result.select([a, b, c, d]),
+            Action::Add => result.map(count, a, b, b, |a, b, _| a + b),
+            Action::Subtract => result.map(count, a, b, b, |a, b, _| a - b),
+            Action::Multiply => result.map(count, a, b, b, |a, b, _| a * b),
+            Action::Divide => result.map(count, a, b, b, |a, b, _| a / b),
+            Action::Negate => result.map(count, a, a, a, |a, _, _| -a),
+            Action::MultiplyAdd => result.map(count, a, b, c, |a, b, c| a * b + c),
+            Action::MultiplySubtract => result.map(count, a, b, c, |a, b, c| a * b - c),
+            Action::SubtractProduct => result.map(count, a, b, c, |a, b, c| c - a * b),
+            Action::Select => result.select(count, [a, b, c, d]),
             Action::Apply(function) => {
                 let function = elementary(function);
-                result.map(a, a, a, |a, _, _| function(a));
+                result.map(count, a, a, a, |a, _, _| function(a));
             }
             Action::Store(_) => {}
         }
