@@ -1,9 +1,13 @@
-//! A whole fit of one link: 2 000 samples, ten parameters, from a start millimetres away.
+//! A whole fit of one link (2 000 samples, ten parameters, from a start millimetres away), and the calibration
+//! of the paper's five variants on its data.
 //!
-//! `cargo bench -p tau-benches --bench fit`. Rows differ in what the solver is offered: the same family
+//! `cargo bench -p tau-benches --bench fit`. Rows of the fit differ in what the solver is offered: the same family
 //! with its blocks, by way of the normal equations or of the stored Jacobian, and without blocks.
 
 use divan::Bencher;
+use tau::measurements::Split;
+use tau::study::Poses;
+use tau::{Robot, calibration};
 use tau_generated::gantry_tau::ROBOT;
 use tau_runtime::{Pattern, ResidualFamily, ResidualKind, Shape};
 use tau_solver::{Block, Method, Options, Parameter, Problem, Solution, solve};
@@ -149,4 +153,29 @@ fn blocks_stored(bencher: Bencher) {
 fn single_samples(bencher: Bencher) {
     let data = data();
     bencher.bench_local(|| fit(&Single(family()), &data, Method::DenseQr));
+}
+
+/// The five variants one after the other, from nominal values, with covariances and identifiability.
+#[divan::bench]
+fn calibration_of_five_variants(bencher: Bencher) {
+    let robot = Robot::from(&ROBOT);
+    let folder = tau::prototype::folder().expect("a folder");
+    let file = tau::prototype::robot_file().expect("a robot");
+    let poses = Poses::select(&robot, &file, &folder, Split::Alternate).expect("poses");
+    let calibrate_all = || {
+        for name in [
+            "Nominal",
+            "Piecewise",
+            "Full",
+            "FullPiecewise",
+            "BestPerLink",
+        ] {
+            let variant = robot.variant(name).expect("a variant");
+            let poses = &poses.division.calibration;
+            let options = calibration::Options::default();
+            let done = calibration::calibrate(&robot, variant, &file, &folder, poses, &options);
+            divan::black_box(done.expect("a calibration"));
+        }
+    };
+    bencher.bench_local(calibrate_all);
 }
