@@ -50,7 +50,9 @@ pub(crate) struct Verdict {
 }
 
 impl Verdict {
-    pub(crate) fn of(truth: &[True], found: &Found) -> Self {
+    /// `is_listed` says whether the catalogue had the hidden effects; where it had not, any rival keeps a
+    /// name from being confident, since none can be right.
+    pub(crate) fn of(truth: &[True], found: &Found, is_listed: bool) -> Self {
         let hidden: BTreeSet<(&str, &str)> = truth
             .iter()
             .map(|own| (own.name.as_str(), own.place.as_str()))
@@ -72,7 +74,13 @@ impl Verdict {
             .chain(found.named.iter().flat_map(rivals))
             .collect();
         let wrong: Vec<&Named> = found.named.iter().filter(|named| !key(named)).collect();
-        let astray = wrong.iter().any(|named| rivals(named).is_empty());
+        let astray = wrong.iter().any(|named| {
+            if is_listed {
+                rivals(named).is_empty()
+            } else {
+                named.rivals.is_empty()
+            }
+        });
         let period = truth.first().and_then(|own| {
             let (period, named) = (own.period_m?, found.named.iter().find(|named| key(named))?);
             let estimate = named.period_m?;

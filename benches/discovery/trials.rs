@@ -266,7 +266,11 @@ impl Laboratory {
             let power = oracle_power(own.noncentrality, own.amplitudes, found.candidates);
             found.oracle_power = Some(power);
         }
-        record.verdict = Some(Verdict::of(&record.truth, &found));
+        record.verdict = Some(Verdict::of(
+            &record.truth,
+            &found,
+            case.section != Section::Withheld,
+        ));
         record.found = Some(found);
         Ok(())
     }

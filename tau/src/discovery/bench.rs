@@ -222,6 +222,25 @@ impl Bench {
         self.scans.get(place).or_else(families)
     }
 
+    /// Unnamed families with a search.
+    pub(super) fn searched_families(&self) -> &[usize] {
+        &self.searched_families
+    }
+
+    /// Indices of the probes that a candidate displaces.
+    pub(super) fn displaces(&self, candidate: usize) -> BTreeSet<usize> {
+        if let Some((_, range)) = self.places.iter().find(|place| place.0 == candidate) {
+            return self.columns.probes_of(range.clone());
+        }
+        let described = &self.candidates[candidate];
+        let mut values = described.nominal();
+        if let Some((place, (low, high))) = described.search {
+            values[place] = f64::midpoint(low, high);
+        }
+        let entries = self.entries(candidate, &values).unwrap_or_default();
+        entries.iter().map(|entry| entry.probe).collect()
+    }
+
     /// The scans of unnamed families, which are built when first wanted.
     fn family_scans(&self) -> &[(usize, Scan)] {
         self.family_scans.get_or_init(|| {

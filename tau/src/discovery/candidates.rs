@@ -5,7 +5,7 @@ use tau_codegen::equations;
 use tau_codegen::language::model::{Effect, Model, Place, Readable, Target, Term};
 
 use super::formula::{Formulas, Series};
-use super::generic::{self, Family};
+use super::generic::{self, Family, Stands};
 use super::probes::Probes;
 use super::samples::Sample;
 use crate::effects;
@@ -77,7 +77,8 @@ pub(super) fn all(model: &Model, base: &Variant, families: &[Family]) -> Vec<Can
             .iter()
             .find(|family| family.name == effect.name)
             .cloned();
-        if let Some(family) = family.as_ref().filter(|family| family.is_of_all) {
+        let stands = family.as_ref().map(|family| family.stands);
+        if let (Some(family), Some(Stands::AtAll)) = (&family, stands) {
             let each: Vec<Place> = effects::places(model, effect)
                 .into_iter()
                 .filter(|place| !matches!(place, Place::AllCarts | Place::AllLinks))
@@ -96,7 +97,12 @@ pub(super) fn all(model: &Model, base: &Variant, families: &[Family]) -> Vec<Can
                 .parameters
                 .iter()
                 .any(|parameter| parameter.search.is_some());
-            if ((family.is_some() || is_searched) && is_common)
+            let is_wanted = match stands {
+                Some(Stands::Common) => is_common,
+                Some(_) => !is_common,
+                None => !(is_searched && is_common),
+            };
+            if !is_wanted
                 || (base.arm == Arm::Reduced && effects::needs_full_arm(model, effect, place))
             {
                 continue;

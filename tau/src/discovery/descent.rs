@@ -88,7 +88,7 @@ impl Descent {
     pub(super) fn without_outliers(self, samples: &[Sample]) -> Result<Self, Error> {
         let mut kept = vec![1.0; samples.len()];
         let beyond = outliers::beyond(&self.deviations(samples), samples);
-        for sample in beyond {
+        for sample in outliers::split(&beyond, samples).outliers {
             kept[sample] = 0.0;
         }
         if kept == self.weights {

@@ -15,8 +15,18 @@ pub(super) struct Family {
     pub(super) direction: String,
     /// `q`, `time`, `load`, …
     pub(super) against: &'static str,
-    /// Whether it stands at all its places at once, with amplitudes of their own.
-    pub(super) is_of_all: bool,
+    pub(super) stands: Stands,
+}
+
+/// Where a family stands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Stands {
+    /// At one place.
+    Alone,
+    /// At all places at once, with amplitudes of their own.
+    AtAll,
+    /// At all places at once, with the same amplitudes.
+    Common,
 }
 
 /// Periods of what repeats along a track.
@@ -136,6 +146,9 @@ pub(super) fn families(model: &Model, (low_m, high_m): (f64, f64)) -> (String, V
     families.bundle("tcp", "vector", &axes, "time", &TIME);
     families.bundle("tcp", "vector", &axes, "temperature", &TEMPERATURE);
     families.bundle("tcp", "vector", &axes, "position", &PLACE[..3]);
+    families.scale();
+    families.common("link", "length", "temperature", &TEMPERATURE);
+    families.common("link", "length", "tension", &TENSION[..1]);
     (families.text, families.list)
 }
 
@@ -163,8 +176,28 @@ impl Families {
             name,
             direction: "along".into(),
             against: "q",
-            is_of_all: false,
+            stands: Stands::Alone,
         });
+    }
+
+    /// What grows with the distance from the origin.
+    fn scale(&mut self) {
+        let name = format!("{PREFIX}tcp_scale_position");
+        let _ = writeln!(
+            self.text,
+            "effect {name} on tcp {{ param c: length; position += c * (x/(1 m), y/(1 m), z/(1 m)); }}"
+        );
+        self.list.push(Family {
+            name,
+            direction: "position".into(),
+            against: "position",
+            stands: Stands::Alone,
+        });
+    }
+
+    /// The same everywhere.
+    fn common(&mut self, subject: &str, axis: &str, against: &'static str, basis: &[&str]) {
+        self.bundle(&format!("{subject}_common"), axis, &[axis], against, basis);
     }
 
     /// The same at all places at once.
@@ -182,8 +215,11 @@ impl Families {
         basis: &[&str],
     ) {
         let name = format!("{PREFIX}{subject}_{direction}_{against}");
-        let is_of_all = subject.ends_with("_all");
-        let subject = subject.trim_end_matches("_all");
+        let (subject, stands) = match subject.split_once('_') {
+            Some((subject, "all")) => (subject, Stands::AtAll),
+            Some((subject, _)) => (subject, Stands::Common),
+            None => (subject, Stands::Alone),
+        };
         let (mut parameters, mut terms) = (String::new(), String::new());
         for (k, axis) in axes.iter().enumerate() {
             let coefficients: Vec<String> =
@@ -222,7 +258,7 @@ impl Families {
             name,
             direction,
             against: if against == "stretch" { "q" } else { against },
-            is_of_all,
+            stands,
         });
     }
 }

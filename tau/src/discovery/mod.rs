@@ -399,18 +399,20 @@ fn finish(
         .collect();
     let catalogues: Vec<&str> = options.catalogues.iter().map(String::as_str).collect();
     let model_text = text::description(robot, &catalogues, &names, &line)?;
-    let status = match (search.accepted.is_empty(), search.is_left) {
+    let view = View::of(fit);
+    let mut unnamed: Vec<results::Unnamed> = search
+        .unnamed
+        .iter()
+        .flat_map(|&(family, searched)| structure::unnamed(bench, &view, family, searched))
+        .collect();
+    unnamed.extend(structure::crowds(fit, bench, file.noise));
+    let is_left = search.is_left || !unnamed.is_empty();
+    let status = match (search.accepted.is_empty(), is_left) {
         (true, false) => Status::NothingMissing,
         (true, true) => Status::UnnamedStructure,
         (false, false) => Status::Explained,
         (false, true) => Status::PartlyExplained,
     };
-    let view = View::of(fit);
-    let unnamed = search
-        .unnamed
-        .iter()
-        .flat_map(|&(family, searched)| structure::unnamed(bench, &view, family, searched))
-        .collect();
     let left_out: Vec<LeftOut> = (0..bench.samples.len())
         .filter(|&s| fit.weights[s] == 0.0)
         .map(|s| {

@@ -12,6 +12,10 @@ use crate::calibration::Line;
 const HUBER: f64 = 2.0;
 /// Chance that the largest of all residuals is taken for an outlier though it is none.
 const LEVEL: f64 = 0.01;
+/// Fewest samples that make a crowd.
+const LEAST_CROWD: usize = 3;
+/// Chance at which outliers crowd along a track more than by accident.
+const CROWDED: f64 = 1e-3;
 /// Rounds in which lines through a cart's points are freed of outliers.
 const ROUNDS: usize = 4;
 
@@ -71,6 +75,86 @@ pub(super) fn beyond(deviations: &[(f64, f64)], samples: &[Sample]) -> Vec<usize
         .collect()
 }
 
+/// Samples that lie far off: outliers, and crowds of them along a command.
+#[derive(Debug, Default)]
+pub(super) struct Split {
+    pub(super) outliers: Vec<usize>,
+    /// Index of the command, and samples.
+    pub(super) crowds: Vec<(usize, Vec<usize>)>,
+}
+
+/// Tells outliers from what crowds along a track: mistakes know nothing of where they are made, so what
+/// lies off in one stretch alone is structure.
+pub(super) fn split(beyond: &[usize], samples: &[Sample]) -> Split {
+    let mut split = Split::default();
+    let mut groups: BTreeMap<(u8, Option<usize>), Vec<usize>> = BTreeMap::new();
+    for &s in beyond {
+        groups
+            .entry((samples[s].set, samples[s].track))
+            .or_default()
+            .push(s);
+    }
+    for (&(set, track), own) in &mut groups {
+        let all: Vec<&Sample> = samples
+            .iter()
+            .filter(|sample| (sample.set, sample.track) == (set, track))
+            .collect();
+        let commands = match track {
+            Some(track) => track..track + 1,
+            None => 0..all.first().map_or(0, |sample| sample.commands_m.len()),
+        };
+        let tested = commands.len() as f64;
+        for command in commands {
+            while let Some((chance, crowd)) = densest(own, samples, &all, command)
+                && tested * chance < CROWDED
+            {
+                own.retain(|s| !crowd.contains(s));
+                split.crowds.push((command, crowd));
+            }
+        }
+    }
+    split.outliers = groups.into_values().flatten().collect();
+    split
+}
+
+/// The crowd that is least likely among samples along a command, and a bound of its chance: that `m` of
+/// `k` drawn by lot from `n` stand within `w` neighbours, `n (k choose m) (w−1 choose m−1) / (n choose m)`.
+fn densest(
+    own: &[usize],
+    samples: &[Sample],
+    all: &[&Sample],
+    command: usize,
+) -> Option<(f64, Vec<usize>)> {
+    let at = |sample: &Sample| sample.commands_m.get(command).copied().unwrap_or(0.0);
+    let mut sorted = own.to_vec();
+    sorted.sort_by(|&a, &b| at(&samples[a]).total_cmp(&at(&samples[b])));
+    let mut best: Option<(f64, Vec<usize>)> = None;
+    for first in 0..sorted.len() {
+        for last in first + LEAST_CROWD - 1..sorted.len() {
+            let span = at(&samples[sorted[first]])..=at(&samples[sorted[last]]);
+            let within = all
+                .iter()
+                .filter(|sample| span.contains(&at(sample)))
+                .count();
+            let crowd = last - first + 1;
+            let chance =
+                choose(sorted.len(), crowd) * all.len() as f64 * choose(within - 1, crowd - 1)
+                    / choose(all.len(), crowd);
+            if best.as_ref().is_none_or(|(least, _)| chance < *least) {
+                best = Some((chance, sorted[first..=last].to_vec()));
+            }
+        }
+    }
+    best
+}
+
+/// Number of ways to choose so many of all.
+fn choose(all: usize, chosen: usize) -> f64 {
+    (1..=chosen)
+        .map(|i| (all + i).saturating_sub(chosen) as f64 / i as f64)
+        .product()
+}
+
 /// Sums of squares of the samples of sets 2 and 3 about straight lines along their tracks, which know
 /// nothing of the model: enough to hold back gross mistakes before it is fitted.
 pub(super) fn about_lines(samples: &[Sample]) -> Vec<(f64, f64)> {
@@ -105,4 +189,15 @@ pub(super) fn about_lines(samples: &[Sample]) -> Vec<(f64, f64)> {
         }
     }
     sums
+}
+
+#[cfg(test)]
+mod tests {
+    use super::choose;
+
+    #[test]
+    fn choices_are_binomial_coefficients() {
+        assert_eq!(choose(61, 5), 5_949_147.0);
+        assert_eq!((choose(4, 4), choose(4, 0), choose(3, 4)), (1.0, 1.0, 0.0));
+    }
 }

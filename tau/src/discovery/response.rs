@@ -214,13 +214,18 @@ impl Displacements {
         self.members.len()
     }
 
-    /// Pairs of probes of which [`Self::gram`] over ranges of so many columns takes products.
-    pub(super) fn pairs(&self, range: Range<usize>, pairs: &mut BTreeSet<(usize, usize)>) {
-        let probes: BTreeSet<usize> = self.members[range]
+    /// Probes that some columns displace.
+    pub(super) fn probes_of(&self, range: Range<usize>) -> BTreeSet<usize> {
+        self.members[range]
             .iter()
             .flatten()
             .map(|&(part, _)| self.parts[part].probe)
-            .collect();
+            .collect()
+    }
+
+    /// Pairs of probes of which [`Self::gram`] over ranges of so many columns takes products.
+    pub(super) fn pairs(&self, range: Range<usize>, pairs: &mut BTreeSet<(usize, usize)>) {
+        let probes = self.probes_of(range);
         for &left in &probes {
             pairs.extend(probes.range(left..).map(|&right| (left, right)));
         }

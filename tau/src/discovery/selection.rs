@@ -32,6 +32,10 @@ const ENCOMPASSES: f64 = 0.005;
 /// A candidate with a p-value above this beside another adds nothing to it.
 const NOTHING: f64 = 0.05;
 const MAX_EFFECTS: usize = 10;
+/// Cosine from which two signals are the same.
+const SAME: f64 = 0.995;
+/// Harmonics of a found period that are looked at.
+const HARMONICS: std::ops::RangeInclusive<u32> = 2..=4;
 /// Stands in for p-values that are too small to be told from zero.
 const LEAST: f64 = 1e-290;
 
@@ -137,6 +141,7 @@ impl Search<'_> {
         }
         self.name_unnamed()?;
         self.review()?;
+        self.guard();
         self.is_left = !self.unnamed.is_empty();
         Ok(())
     }
@@ -616,23 +621,93 @@ impl Search<'_> {
             }
             // What is about as likely, or leaves nothing to the effect.
             let pairs = self.bench.pairs_with(&view, &table, &of_own, &names);
-            self.accepted[effect].rivals = names
-                .iter()
-                .zip(pairs)
-                .filter(|(score, pair)| {
-                    score.bic > own.bic - AS_GOOD || pair.beside_other > NOTHING
-                })
-                .filter_map(|(score, _)| {
-                    Some(FoundRival {
+            let named = names.iter().zip(pairs).filter(|(score, pair)| {
+                score.bic > own.bic - AS_GOOD || pair.beside_other > NOTHING
+            });
+            // What has no name is a rival only where it is something else.
+            let pairs = self.bench.pairs_with(&view, &table, &of_own, &families);
+            let unnamed = families.iter().zip(pairs).filter(|(score, pair)| {
+                score.bic > own.bic - AS_GOOD && pair.beside_other > NOTHING
+            });
+            let rivals: Vec<FoundRival> = named
+                .map(|(score, _)| (score, true))
+                .chain(unnamed.map(|(score, _)| (score, false)))
+                .filter_map(|(score, is_named)| {
+                    let rival = self.subspace(&view, score)?;
+                    let cosine = cosine(&view, &of_own, &rival);
+                    (is_named || cosine < SAME).then(|| FoundRival {
                         candidate: score.candidate,
-                        cosine: cosine(&view, &of_own, &self.subspace(&view, score)?),
+                        cosine,
                         separate_by: self.separate_by(effect, score),
                     })
                 })
                 .collect();
+            self.accepted[effect].rivals = rivals;
             effect += 1;
         }
         Ok(())
+    }
+
+    /// Looks for significant structure that the model leaves where its effects act: there are few
+    /// candidates, so less is needed to see it than anywhere.
+    fn guard(&mut self) {
+        if self.accepted.is_empty() {
+            return;
+        }
+        let view = self.view();
+        let table = self.bench.table(&view);
+        for effect in 0..self.accepted.len() {
+            let acts_on = self.bench.displaces(self.accepted[effect].candidate);
+            let mut there: Vec<(usize, Option<f64>, f64)> = table
+                .scores
+                .iter()
+                .filter(|score| !self.is_named(score) && self.is_open(score.candidate))
+                .filter(|score| self.bench.displaces(score.candidate).is_subset(&acts_on))
+                .map(|score| (score.candidate, None, score.p_value))
+                .collect();
+            there.extend(self.harmonics(&view, effect, &acts_on));
+            let level = FURTHER / there.len() as f64;
+            let left = there
+                .into_iter()
+                .filter(|(.., p_value)| *p_value <= level)
+                .min_by(|a, b| a.2.total_cmp(&b.2));
+            if let Some((candidate, searched, _)) = left {
+                self.unnamed.push((candidate, searched));
+            }
+        }
+    }
+
+    /// Harmonics of a found period, as an unnamed family on the same displacement.
+    fn harmonics(
+        &self,
+        view: &View,
+        effect: usize,
+        acts_on: &BTreeSet<usize>,
+    ) -> Vec<(usize, Option<f64>, f64)> {
+        let described = &self.bench.candidates[self.accepted[effect].candidate];
+        let columns = self.columns_of(effect);
+        let period = described
+            .search
+            .and_then(|(place, _)| Some(self.fit.fitted[*columns.get(place)?]));
+        let family = self
+            .bench
+            .searched_families()
+            .iter()
+            .copied()
+            .find(|&family| self.bench.displaces(family) == *acts_on);
+        let (Some(period), Some(family)) = (period, family) else {
+            return vec![];
+        };
+        HARMONICS
+            .filter_map(|order| {
+                let value = period / f64::from(order);
+                let (_, subspace) = self.bench.subspace(view, family, Some(value))?;
+                let rank = subspace.rank() as f64;
+                let statistic = subspace.statistic(&view.residuals);
+                let (_, p_value) = f_form(statistic, rank, view.total(), view.degrees);
+                Some((family, Some(value), p_value))
+            })
+            .collect()
     }
 
     /// The measurement that would tell an effect from a rival, in words.
@@ -674,6 +749,10 @@ impl Search<'_> {
     }
 }
 
+#[expect(
+    clippy::trivially_copy_pass_by_ref,
+    reason = "the signature that `max_by` takes"
+)]
 fn by_bic(a: &&Score, b: &&Score) -> std::cmp::Ordering {
     a.bic.total_cmp(&b.bic)
 }

@@ -15,9 +15,11 @@ const STRONGEST: f64 = 0.95;
 
 /// By how much the statistic of a signal is too large because the noise is serial, at least 1.
 ///
-/// Residuals of one kind follow each other in the order in which they were measured; what the candidate
-/// leaves of them shows their correlation ρ from one to the next, and with it a signal s has the variance
-/// `Σ sᵢ sⱼ ρ^|i−j|` in place of `Σ sᵢ²` (Bartlett, J. R. Stat. Soc. 98, 1935).
+/// Residuals of one kind follow each other in the order in which they were measured. Their correlation ρ
+/// from one to the next is told from their differences, in which smooth structure hardly shows: of a
+/// first-order process the differences correlate by −(1 − ρ)/2, and of independent residuals with the
+/// standard deviation √(½/n). With it a signal s has the variance `Σ sᵢ sⱼ ρ^|i−j|` in place of `Σ sᵢ²`
+/// (Bartlett, J. R. Stat. Soc. 98, 1935).
 pub(super) fn inflation(view: &View, subspace: &Subspace, samples: &[Sample]) -> f64 {
     let signal = &subspace.u * subspace.u.tr_mul(&view.residuals);
     let left = &view.residuals - &signal;
@@ -25,16 +27,20 @@ pub(super) fn inflation(view: &View, subspace: &Subspace, samples: &[Sample]) ->
     let mut correlations: BTreeMap<Component, f64> = BTreeMap::new();
     for component in Component::ALL {
         let own = chains.iter().filter(|chain| chain.component == component);
-        let (mut products, mut squares, mut pairs) = (0.0, 0.0, 0.0_f64);
+        let (mut products, mut squares, mut triples) = (0.0, 0.0, 0.0_f64);
         for chain in own {
-            for pair in chain.rows.windows(2) {
-                products += left[pair[0]] * left[pair[1]];
-                squares += 0.5 * (left[pair[0]].powi(2) + left[pair[1]].powi(2));
-                pairs += 1.0;
+            for three in chain.rows.windows(3) {
+                let (first, second) = (
+                    left[three[1]] - left[three[0]],
+                    left[three[2]] - left[three[1]],
+                );
+                products += first * second;
+                squares += 0.5 * (first.powi(2) + second.powi(2));
+                triples += 1.0;
             }
         }
-        let correlation = products / f64::max(squares, 1e-300);
-        if correlation * pairs.sqrt() > SIGNIFICANT {
+        let correlation = 1.0 + 2.0 * products / f64::max(squares, 1e-300);
+        if correlation * (0.5 * triples).sqrt() > SIGNIFICANT {
             correlations.insert(component, correlation.min(STRONGEST));
         }
     }

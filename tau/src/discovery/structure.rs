@@ -3,14 +3,47 @@
 use std::collections::BTreeMap;
 
 use super::bench::Bench;
+use super::fit::Fit;
+use super::outliers;
 use super::results::Unnamed;
 use super::samples::Sample;
 use super::view::View;
 use crate::kinematics::Surroundings;
 use crate::robot::Input;
+use crate::robot_file::Noise;
 
 /// A displacement that carries less than this share of what its family explains is not reported.
 const LEAST_SHARE: f64 = 0.1;
+
+/// Crowds of samples that lie far off in one stretch of a track.
+pub(super) fn crowds(fit: &Fit, bench: &Bench, noise: Noise) -> Vec<Unnamed> {
+    let deviations = fit.deviations(&bench.samples);
+    let beyond = outliers::beyond(&deviations, &bench.samples);
+    outliers::split(&beyond, &bench.samples)
+        .crowds
+        .into_iter()
+        .map(|(command, crowd)| {
+            // A residual in units of its noise, as a position.
+            let size = |s: usize| {
+                let (sum, count) = deviations[s];
+                (sum / count.max(1.0)).sqrt() * noise.position_m
+            };
+            let square: f64 = crowd.iter().map(|&s| size(s).powi(2)).sum();
+            let name = bench.model.tracks.get(command);
+            let place = name.map_or_else(|| format!("command {}", command + 1), |t| t.name.clone());
+            Unnamed {
+                direction: "in one stretch".into(),
+                against: "q".into(),
+                rms_um: (square / crowd.len().max(1) as f64).sqrt() * 1e6,
+                curve: crowd
+                    .iter()
+                    .map(|&s| [bench.samples[s].commands_m[command], size(s)])
+                    .collect(),
+                place,
+            }
+        })
+        .collect()
+}
 
 /// What an unnamed family explains beside a model, displacement by displacement.
 pub(super) fn unnamed(
