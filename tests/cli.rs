@@ -92,7 +92,7 @@ fn the_study_prints_the_tables_and_writes_the_report() {
     let folder = tempfile::tempdir().unwrap();
     let ran = tau_in(
         folder.path(),
-        "tau study --out DIR/new/study --json DIR/json/study.json",
+        "tau study --no-discover --out DIR/new/study --json DIR/json/study.json",
     );
     assert_eq!(ran.err, "");
     let out = ran.done();
@@ -129,11 +129,7 @@ fn the_study_prints_the_tables_and_writes_the_report() {
 #[test]
 fn the_json_of_a_study_has_the_fields_of_the_design() {
     let folder = tempfile::tempdir().unwrap();
-    let study = tau_in(
-        folder.path(),
-        "tau study DATA --discover --out DIR/study --json -",
-    )
-    .json();
+    let study = tau_in(folder.path(), "tau study DATA --out DIR/study --json -").json();
     fields(&study, ["variants", "poses", "discovery"]);
     assert_eq!(study["discovery"]["base"], "Full");
     let poses =

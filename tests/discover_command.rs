@@ -26,7 +26,7 @@ fn discovered() -> &'static (TempDir, String) {
     static DISCOVERED: OnceLock<(TempDir, String)> = OnceLock::new();
     DISCOVERED.get_or_init(|| {
         let folder = tempfile::tempdir().unwrap();
-        let line = "tau discover --flips 39 --out DIR/out --json DIR/json/found.json";
+        let line = "tau discover --flips 99 --out DIR/out --json DIR/json/found.json";
         let (code, out, err) = tau_in(folder.path(), line);
         assert_eq!(code, 0, "{err}");
         (folder, out)

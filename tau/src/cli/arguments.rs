@@ -6,6 +6,8 @@ use std::str::FromStr;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use clap_complete::Shell;
 
+use crate::discovery::LEAST_FLIPS;
+
 /// Calibrates parallel robots from a declarative description.
 #[derive(Debug, Parser)]
 #[command(
@@ -59,8 +61,8 @@ pub(super) enum Command {
 ///
 /// Checks what the models assume, calibrates every variant without effects on one part of the poses,
 /// compares them on the other part, and computes how much each parameter matters. Prints Tables I, II and
-/// III; writes an HTML report, the figures (SVG) and the numbers (JSON). With --discover it ends with the
-/// search for the physical effects that `Full` lacks.
+/// III, and searches for the physical effects that `Full` lacks, as `tau discover` does. Writes an HTML
+/// report, the figures (SVG) and the numbers (JSON).
 #[derive(Debug, Default, Args)]
 #[command(after_help = "\
 Examples:
@@ -74,9 +76,9 @@ pub(super) struct Study {
     /// Folder for report.html, study.json and the figures
     #[arg(long, value_name = "DIR", default_value = Study::OUT)]
     pub(super) out: Option<PathBuf>,
-    /// Also search for what the model lacks, as `tau discover` does: takes some seconds
+    /// Leave out the search for what the model lacks, which takes longer than all the rest
     #[arg(long)]
-    pub(super) discover: bool,
+    pub(super) no_discover: bool,
     #[command(flatten)]
     pub(super) json: Json,
 }
@@ -201,7 +203,7 @@ pub(super) struct Discover {
     #[arg(long = "effects", value_name = "F.tau")]
     pub(super) effects: Vec<PathBuf>,
     /// Number of sign flips that every significance must survive
-    #[arg(long, value_name = "N", default_value_t = 199, value_parser = clap::value_parser!(u32).range(19..=100_000))]
+    #[arg(long, value_name = "N", default_value_t = 199, value_parser = clap::value_parser!(u32).range(i64::from(LEAST_FLIPS)..=100_000))]
     pub(super) flips: u32,
     /// Folder for the files
     #[arg(long, value_name = "DIR", default_value = "tau-discovery")]

@@ -26,7 +26,7 @@ pub(super) fn run(arguments: &arguments::Study, console: &Console<'_>) -> Result
         &mut |progress| bar.show(progress),
     )?;
     drop(bar);
-    if arguments.discover {
+    if !arguments.no_discover {
         let spinner = Spinner::new(console);
         study::search(
             &mut results,

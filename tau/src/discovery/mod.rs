@@ -73,6 +73,10 @@ use view::View;
 /// Chance in white noise below which residuals are said to follow each other.
 const SERIAL: f64 = 0.01;
 
+/// Fewest sign flips that can show a level of 1 %: of so many and the measurements themselves, these are
+/// the strongest by chance once in a hundred.
+pub const LEAST_FLIPS: u32 = 99;
+
 /// How to search.
 #[derive(Debug, Clone)]
 pub struct Options {
@@ -80,7 +84,7 @@ pub struct Options {
     pub split: Split,
     /// Seed of the sign flips and resamples.
     pub seed: u64,
-    /// Number of sign flips.
+    /// Number of sign flips; with fewer than [`LEAST_FLIPS`] the search ends early.
     pub flips: usize,
     /// Catalogues of effects in the language; of effects of one name, the first counts.
     pub catalogues: Vec<String>,

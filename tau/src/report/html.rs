@@ -186,8 +186,8 @@ fn lacking(study: &Study, figures: &[Figure]) -> Markup {
             }
         } @else {
             p {
-                "Nothing is known of what the models lack: either it was not searched for, which " code { "tau study --discover" }
-                " does, or the search failed, and a remark says why."
+                "Nothing is known of what the models lack: either it was not searched for, because of " code { "--no-discover" }
+                ", or the search failed, and a remark says why."
             }
         }
     }

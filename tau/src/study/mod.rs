@@ -81,9 +81,8 @@ impl Poses {
     }
 }
 
-/// Runs the study: assumptions, calibration and evaluation of every variant without effects, the
-/// sensitivity of the last of them with a full arm, and the search for what the one of [`base`] lacks. A
-/// search that fails is told in a remark.
+/// Runs the study: assumptions, calibration and evaluation of every variant without effects, and the
+/// sensitivity of the last of them with a full arm. [`search`] adds what the one of [`base`] lacks.
 ///
 /// Variants with piecewise tracks are left out, with a remark, where the folder has no set 2.
 ///
@@ -168,7 +167,8 @@ pub(crate) fn dropped(counts: PoseCounts) -> Option<String> {
     })
 }
 
-/// Adds to a study what the variant of [`base`] lacks; why a search failed is remarked.
+/// Adds to a study what the variant of [`base`] lacks; why there is no search, or why it failed, is
+/// remarked.
 ///
 /// A step of its own, because it takes many times as long as all the rest.
 pub fn search(
@@ -179,7 +179,11 @@ pub fn search(
     split: Split,
     progress: &mut dyn FnMut(&str),
 ) {
-    let Some(base) = base(robot) else { return };
+    let Some(base) = base(robot) else {
+        let remark = "nothing was searched for: no variant has all links and no effects";
+        study.remarks.push(remark.to_owned());
+        return;
+    };
     let options = discovery::Options {
         split,
         ..discovery::Options::default()
