@@ -8,6 +8,10 @@ use crate::discovery::{Discovery, Status};
 use crate::report::figures::typographic;
 use crate::report::number::{fixed, general, with_sigma};
 
+/// Noise over the stated one from which on it may be more than noise: trackers and repeatability are known
+/// better than by a factor of two.
+const INCREDIBLE: f64 = 2.0;
+
 /// The verdict.
 pub(in crate::report) fn verdict(found: &Discovery) -> String {
     let base = &found.base;
@@ -17,9 +21,15 @@ pub(in crate::report) fn verdict(found: &Discovery) -> String {
         _ => format!("{} physical effects", count_word(count)),
     };
     match found.status {
-        Status::NothingMissing => {
-            format!("{base} explains the measurements: nothing significant is missing.")
-        }
+        Status::NothingMissing => match noisiest(found) {
+            Some(factor) => format!(
+                "Of what is missing from {base} these measurements show nothing significant; yet their noise is {} \
+                 times the stated one. Either less was stated than there is, or something acts that follows nothing \
+                 that was recorded.",
+                general(factor, 2)
+            ),
+            None => format!("{base} explains the measurements: nothing significant is missing."),
+        },
         Status::Explained => format!(
             "{base} lacks {effects} of the machine. With {}, nothing significant is left.",
             if count == 1 { "it" } else { "them" }
@@ -33,6 +43,14 @@ pub(in crate::report) fn verdict(found: &Discovery) -> String {
              without a name."
         ),
     }
+}
+
+/// The largest noise over the stated one, where it is not to be believed.
+fn noisiest(found: &Discovery) -> Option<f64> {
+    let factors = found.noise.iter().map(|noise| noise.factor);
+    factors
+        .filter(|&factor| factor > INCREDIBLE)
+        .max_by(f64::total_cmp)
 }
 
 /// How far the error at the tool falls, and how far it could.

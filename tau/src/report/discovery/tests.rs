@@ -2,8 +2,8 @@ use roxmltree::Document;
 
 use super::{chance, findings, readable, tables};
 use crate::discovery::results::{
-    Ambiguous, Bin, Discovery, Estimate, Evidence, FoundEffect, Gap, LeftOut, Pattern, Rival,
-    SerialCorrelation, Spectrum, Status, Step, Unnamed, Unseen, Validation, Whiteness,
+    Ambiguous, Bin, Discovery, Estimate, Evidence, FoundEffect, Gap, LeftOut, NoiseScale, Pattern,
+    Rival, SerialCorrelation, Spectrum, Status, Step, Unnamed, Unseen, Validation, Whiteness,
 };
 use crate::report::{figures, html, json, terminal};
 
@@ -227,6 +227,17 @@ fn a_verdict_claims_no_more_than_was_found() {
     found.status = Status::NothingMissing;
     assert!(findings::verdict(&found).contains("nothing significant is missing"));
     assert!(!findings::gap(&found).contains("falls"));
+    let noise = |factor| NoiseScale {
+        set: 1,
+        of: "closure",
+        factor,
+    };
+    found.noise = vec![noise(1.3)];
+    assert!(findings::verdict(&found).contains("explains the measurements"));
+    found.noise = vec![noise(0.9), noise(4.02)];
+    let verdict = findings::verdict(&found);
+    assert!(verdict.contains("4.0 times the stated one"), "{verdict}");
+    assert!(!verdict.contains("explains the measurements"), "{verdict}");
 }
 
 #[test]
