@@ -161,31 +161,6 @@ fn sets_that_are_missing_are_missed_in_words() {
     }
 }
 
-#[test]
-fn noise_stated_a_quarter_wrong_changes_no_verdict_and_is_reported() {
-    for (factor, name, expected) in [
-        (0.75, "01", vec![]),
-        (1.25, "03", vec!["backlash(one)".to_owned()]),
-    ] {
-        let (folder, mut file) = measured(name);
-        file.noise.position_m *= factor;
-        file.noise.rotation_rad *= factor;
-        let found = search(&folder, &file, &Options::default());
-        assert_eq!(names(&found), expected);
-        let reported = found
-            .noise
-            .iter()
-            .all(|noise| (noise.factor * factor - 1.0).abs() < 0.12);
-        assert!(reported, "{:?}", found.noise);
-        assert!(
-            found
-                .remarks
-                .iter()
-                .any(|remark| remark.contains("times the stated one"))
-        );
-    }
-}
-
 /// An effect that no catalogue lists, in a user's own words, on equal terms with those that ship.
 #[test]
 fn a_users_own_effect_is_found_and_written_down() {

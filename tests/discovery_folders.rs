@@ -1,0 +1,317 @@
+//! `tau discover` on folders that lack something, or hold what is wrong; and with effects of one's own.
+
+use std::f64::consts::TAU;
+use std::fs;
+use std::path::Path;
+use std::sync::Arc;
+
+use serde_json::Value;
+use tau::simulation::{Effect, LinkError, Physics, Simulation, simulate};
+use tau_model_dsl::model::Place;
+use tempfile::TempDir;
+
+use crate::support::{gantry_tau, prototype};
+
+/// Exit code and standard error of a command line in which `DIR` stands for a folder.
+fn tau_in(folder: &TempDir, line: &str) -> (u8, String) {
+    let path = folder.path().display().to_string();
+    let words = line.split_whitespace();
+    let words = words.map(|word| word.replace("DIR", &path).into());
+    let (mut out, mut err) = (Vec::new(), Vec::new());
+    let code = tau::cli::run(words, &mut out, &mut err);
+    (code, String::from_utf8(err).unwrap())
+}
+
+/// A trial's measurements in a folder of their own, without what was hidden in them.
+fn trial(name: &str) -> TempDir {
+    let trials = Path::new(env!("CARGO_MANIFEST_DIR")).join("../data/trials");
+    let folder = tempfile::tempdir().unwrap();
+    let files = ["tcp_poses.csv", "cart_poses.csv", "cart_positions.csv"];
+    for file in files.iter().chain(&["robot.toml"]) {
+        fs::copy(trials.join(name).join(file), folder.path().join(file)).unwrap();
+    }
+    folder
+}
+
+/// Columns of a table, rewritten.
+fn change(folder: &TempDir, file: &str, columns: &[&str], change: impl Fn(&mut [Vec<String>])) {
+    let path = folder.path().join(file);
+    let text = fs::read_to_string(&path).unwrap();
+    let rows = |text: &str| -> Vec<Vec<String>> {
+        let lines = text.lines();
+        lines
+            .map(|line| line.split(',').map(str::to_owned).collect())
+            .collect()
+    };
+    let mut rows = rows(&text);
+    for column in columns {
+        let index = rows[0].iter().position(|name| name == column).unwrap();
+        let mut cells: Vec<Vec<String>> = rows[1..]
+            .iter()
+            .map(|row| vec![row[index].clone()])
+            .collect();
+        change(&mut cells);
+        for (row, cell) in rows[1..].iter_mut().zip(cells) {
+            row[index].clone_from(&cell[0]);
+        }
+    }
+    let lines: Vec<String> = rows.iter().map(|row| row.join(",")).collect();
+    fs::write(path, lines.join("\n") + "\n").unwrap();
+}
+
+/// What `tau discover` finds in a folder.
+fn found(folder: &TempDir, options: &str) -> Value {
+    let line = format!("tau discover DIR --out DIR/out --json DIR/found.json {options}");
+    let (code, err) = tau_in(folder, &line);
+    assert_eq!(code, 0, "{err}");
+    serde_json::from_slice(&fs::read(folder.path().join("found.json")).unwrap()).unwrap()
+}
+
+fn list<'a>(found: &'a Value, name: &str) -> &'a [Value] {
+    found[name].as_array().unwrap()
+}
+
+/// Effects with their places, sorted.
+fn effects(found: &Value) -> Vec<String> {
+    let mut effects: Vec<String> = list(found, "effects")
+        .iter()
+        .map(|effect| {
+            let text = |key: &str| effect[key].as_str().unwrap();
+            format!("{}({})", text("name"), text("place"))
+        })
+        .collect();
+    effects.sort();
+    effects
+}
+
+/// Nothing is written when a command fails.
+#[track_caller]
+fn refused(folder: &TempDir, code: u8, expected: &[&str]) {
+    let files = || fs::read_dir(folder.path()).unwrap().count();
+    let before = files();
+    let ran = tau_in(
+        folder,
+        "tau discover DIR --out DIR/out --json DIR/found.json",
+    );
+    assert_eq!(ran.0, code, "{}", ran.1);
+    for expected in expected {
+        assert!(ran.1.contains(expected), "{expected} in {}", ran.1);
+    }
+    assert_eq!(files(), before);
+}
+
+#[test]
+fn a_folder_without_set_1_is_refused() {
+    let folder = trial("01");
+    fs::remove_file(folder.path().join("tcp_poses.csv")).unwrap();
+    refused(&folder, 2, &["tcp_poses.csv", "set 1"]);
+}
+
+#[test]
+fn a_base_that_does_not_fit_ends_the_search() {
+    let folder = trial("01");
+    // Poses out of step with their commands: each row holds the pose of the next.
+    let pose = ["x_m", "y_m", "z_m", "alpha_rad", "beta_rad", "gamma_rad"];
+    change(&folder, "tcp_poses.csv", &pose, |cells| {
+        cells.rotate_left(1);
+    });
+    refused(
+        &folder,
+        1,
+        &["`Full` did not converge: the number of iterations"],
+    );
+}
+
+#[test]
+fn carts_numbered_wrongly_are_named() {
+    for file in ["cart_poses.csv", "cart_positions.csv"] {
+        let folder = trial("01");
+        change(&folder, file, &["cart"], |cells| {
+            for cell in cells {
+                let other = match cell[0].as_str() {
+                    "2" => "3",
+                    "3" => "2",
+                    other => other,
+                };
+                cell[0] = other.to_owned();
+            }
+        });
+        refused(&folder, 2, &[file, "cart 3 on `two`, cart 2 on `three`"]);
+    }
+}
+
+#[test]
+fn what_was_never_varied_cannot_be_seen() {
+    let folder = trial("03");
+    let constant = |file: &str, column: &str, value: &str| {
+        change(&folder, file, &[column], |cells| {
+            cells.fill(vec![value.to_owned()]);
+        });
+    };
+    for cart in ["dir1", "dir2", "dir3"] {
+        constant("tcp_poses.csv", cart, "-1");
+    }
+    for file in ["cart_poses.csv", "cart_positions.csv"] {
+        constant(file, "dir", "-1");
+    }
+    for file in ["tcp_poses.csv", "cart_poses.csv", "cart_positions.csv"] {
+        constant(file, "temperature_c", "23.5");
+    }
+    let found = found(&folder, "");
+    for (name, places, why) in [
+        ("backlash", 4, "the side of approach hardly changes"),
+        ("link_thermal", 7, "the temperature hardly changes"),
+        ("track_thermal", 4, "the temperature hardly changes"),
+    ] {
+        let unseen = list(&found, "cannot_see").iter();
+        let unseen: Vec<&Value> = unseen.filter(|unseen| unseen["name"] == name).collect();
+        assert_eq!(unseen.len(), places, "{name}");
+        let all = |unseen: &&Value| unseen["why"].as_str().unwrap().contains(why);
+        assert!(unseen.iter().all(all), "{unseen:?}");
+        for seen in ["detectable", "considered", "effects"] {
+            assert!(list(&found, seen).iter().all(|seen| seen["name"] != name));
+        }
+    }
+}
+
+/// Which files there are, and what is said of those that are not.
+#[test]
+fn any_sets_beside_set_1_will_do_and_the_others_are_missed() {
+    let sets = ["cart_poses.csv", "cart_positions.csv"];
+    let would_show = [
+        "straightness and rotation of the carts",
+        "the carts under load",
+    ];
+    for (name, expected) in [
+        ("01", &[][..]),
+        ("09", &["backlash(three)", "rack_pitch(one)"]),
+    ] {
+        for missing in [&[0, 1][..], &[1], &[0]] {
+            let folder = trial(name);
+            for &set in missing {
+                fs::remove_file(folder.path().join(sets[set])).unwrap();
+            }
+            let found = found(&folder, "");
+            assert_eq!(effects(&found), expected, "{name} without {missing:?}");
+            let is_nothing = found["status"] == "nothing_missing";
+            assert_eq!(is_nothing, expected.is_empty(), "{name}");
+            for set in 0..2 {
+                let is_said = list(&found, "remarks").iter().any(|remark| {
+                    let remark = remark.as_str().unwrap();
+                    remark.contains(sets[set]) && remark.contains(would_show[set])
+                });
+                assert_eq!(is_said, missing.contains(&set), "{name}: {}", sets[set]);
+            }
+        }
+    }
+}
+
+#[test]
+fn noise_stated_a_quarter_wrong_changes_no_verdict_and_is_reported() {
+    for (name, expected) in [
+        ("01", &[][..]),
+        ("02", &["rack_pitch(two)"]),
+        ("06", &["link_thermal(all)"]),
+    ] {
+        for factor in [0.75, 1.25] {
+            let folder = trial(name);
+            let path = folder.path().join("robot.toml");
+            let text = fs::read_to_string(&path).unwrap();
+            let stated = [
+                ("position_m = ", 1e-5 * factor),
+                ("rotation_rad = ", 4e-5 * factor),
+            ];
+            let lines: Vec<String> = text
+                .lines()
+                .map(|line| {
+                    let stated = stated.iter().find(|(key, _)| line.starts_with(key));
+                    stated.map_or(line.to_owned(), |(key, value)| format!("{key}{value:e}"))
+                })
+                .collect();
+            fs::write(&path, lines.join("\n")).unwrap();
+            let found = found(&folder, "");
+            assert_eq!(effects(&found), expected, "{name}, {factor}");
+            let status = if expected.is_empty() {
+                "nothing_missing"
+            } else {
+                "explained"
+            };
+            assert_eq!(found["status"], status, "{name}, {factor}");
+            for noise in list(&found, "noise") {
+                // A hundred residuals and more: a standard deviation is known to 7 % and better.
+                let of_true = noise["factor"].as_f64().unwrap() * factor;
+                assert!((of_true - 1.0).abs() < 0.15, "{name}, {factor}: {noise}");
+            }
+            let remarks = list(&found, "remarks").iter();
+            let said = remarks
+                .filter(|remark| remark.as_str().unwrap().contains("times the stated one"))
+                .count();
+            assert!(said >= 3, "{name}, {factor}: {said}");
+        }
+    }
+}
+
+/// A link that rolls over something as its cart goes, of which the catalogue knows nothing.
+const RIPPLE: &str = "/// A link's length ripples as its cart goes.
+effect link_ripple on link {
+    param sine, cosine: length tol 50 um;
+    search period: length in 100 mm ..= 600 mm;
+    length += sine * sin(2*pi*q/period) + cosine * cos(2*pi*q/period);
+}
+";
+
+#[test]
+fn an_effect_of_ones_own_is_found_by_its_name() {
+    let (robot, file) = (gantry_tau(), prototype().1);
+    let link = robot
+        .links
+        .iter()
+        .position(|link| link.name == "l3b")
+        .unwrap();
+    let ripple = |at: &tau::simulation::LinkReading| LinkError {
+        length_m: 6e-5 * (TAU * at.q_m / 0.27 + 0.4).sin(),
+        joint_m: [0.0; 3],
+    };
+    let hidden = Effect::unlisted("ripple", Place::Link(link), Physics::Link(Arc::new(ripple)));
+    let simulated = simulate(&Simulation {
+        effects: vec![hidden],
+        ..Simulation::new(robot, file)
+    })
+    .unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    simulated.write(folder.path()).unwrap();
+    fs::write(folder.path().join("ripple.tau"), RIPPLE).unwrap();
+
+    let with = found(&folder, "--effects DIR/ripple.tau");
+    assert_eq!(effects(&with), ["link_ripple(l3b)"]);
+    assert_eq!(with["status"], "explained");
+    let parameter = |name: &str| {
+        let parameter = &with["effects"][0]["parameters"][name];
+        [&parameter["value"], &parameter["sigma"]].map(|number| number.as_f64().unwrap())
+    };
+    for (name, hidden) in [
+        ("period", 0.27),
+        ("sine", 6e-5 * 0.4_f64.cos()),
+        ("cosine", 6e-5 * 0.4_f64.sin()),
+    ] {
+        let [value, sigma] = parameter(name);
+        assert!(
+            (value - hidden).abs() < 4.0 * sigma,
+            "{name} = {value} ± {sigma}"
+        );
+        assert!(sigma < 0.1 * hidden, "{name} = {value} ± {sigma}");
+    }
+    let text = with["model_text"].as_str().unwrap();
+    assert!(text.contains(RIPPLE.trim()), "{text}");
+    assert!(text.contains("variant Discovered = Full + link_ripple(l3b);"));
+
+    let without = found(&folder, "");
+    let is_certain = without["status"] == "explained" && !effects(&without).is_empty();
+    assert!(!is_certain, "{:?}", effects(&without));
+    let mut remarks = list(&without, "remarks").iter();
+    let says_so = |remark: &Value| {
+        let remark = remark.as_str().unwrap();
+        remark.starts_with("the noise of set 1") && remark.contains("times the stated one")
+    };
+    assert!(remarks.any(says_so) || !list(&without, "unnamed").is_empty());
+}
