@@ -69,6 +69,19 @@ pub(super) struct Entry {
     pub(super) slopes: Vec<Option<Vec<f64>>>,
 }
 
+impl Entry {
+    /// What moves one probe, apart from any effect.
+    pub(super) fn plain(probe: usize, slopes: Vec<Option<Vec<f64>>>) -> Self {
+        Self {
+            term: 0,
+            component: 0,
+            scope: Scope::NOWHERE,
+            probe,
+            slopes,
+        }
+    }
+}
+
 /// All candidates for a variant: effects at every place that a name can have.
 pub(super) fn all(model: &Model, base: &Variant, families: &[Family]) -> Vec<Candidate> {
     let mut candidates = Vec::new();
@@ -249,13 +262,7 @@ impl Candidate {
 
 /// Where a term of an effect acts at a place.
 fn actions(place: Place, model: &Model, term: &Term, probes: &Probes) -> Vec<Action> {
-    let none = Scope {
-        command: None,
-        track: None,
-        source: None,
-        link: None,
-        length: None,
-    };
+    let none = Scope::NOWHERE;
     let on_cart = |track: usize, source: Option<usize>, component: usize| Action {
         probes: vec![probes.carts[track][component]],
         scope: Scope {
@@ -310,6 +317,14 @@ fn actions(place: Place, model: &Model, term: &Term, probes: &Probes) -> Vec<Act
 }
 
 impl Scope {
+    const NOWHERE: Self = Self {
+        command: None,
+        track: None,
+        source: None,
+        link: None,
+        length: None,
+    };
+
     /// Whether there is a cart whose command `q` is.
     pub(super) fn has_command(&self) -> bool {
         self.command.is_some()

@@ -32,6 +32,7 @@ mod selection;
 mod separation;
 mod serial;
 mod sight;
+mod structural;
 mod structure;
 mod text;
 pub(crate) mod variant;
@@ -54,7 +55,7 @@ use crate::evaluation::evaluate;
 use crate::input_error::InputError;
 use crate::kinematics::{self, Machine, Pose, Statics};
 use crate::measurements::{Division, Folder, Shape, Split};
-use crate::robot::{Robot, Variant};
+use crate::robot::{Arm, Robot, Variant};
 use crate::robot_file::RobotFile;
 use bench::Bench;
 use evidence::whiteness::Series;
@@ -206,6 +207,60 @@ pub fn discover(
         options,
     };
 
+    let searched =
+        |input: &Input<'_>, progress: &mut dyn FnMut(&str)| search_from(input, started, progress);
+    if variant.arm == Arm::Full {
+        return searched(&input, progress);
+    }
+    progress("comparing the reduced arm with a full one");
+    let (fuller, name) = structural::with_full_arm(robot, variant)?;
+    let with_full_arm = Input {
+        robot: &fuller,
+        base: &name,
+        ..input
+    };
+    let full_arm = compared(&input, &with_full_arm)?;
+    if full_arm.is_significant() {
+        let mut outcome = searched(&with_full_arm, progress)?;
+        full_arm.precede(base, &mut outcome.discovery);
+        Ok(outcome)
+    } else {
+        let mut outcome = searched(&input, progress)?;
+        full_arm.dismissed(&mut outcome.discovery);
+        Ok(outcome)
+    }
+}
+
+/// A base with a reduced arm beside one with the full one.
+fn compared(reduced: &Input<'_>, full: &Input<'_>) -> Result<structural::FullArm, Error> {
+    let fit = |input: &Input<'_>| {
+        let (model, index, _) = model_of(input)?;
+        base_fit(input, &model, index, &input.robot.variants[index])
+    };
+    let ((of_reduced, samples), (of_full, _)) = (fit(reduced)?, fit(full)?);
+    let machine = of_reduced
+        .joint
+        .machine
+        .with_values(of_reduced.joint.values(&of_reduced.fitted));
+    let gap = evaluate(&machine, reduced.folder, &reduced.division.validation)?.position_um;
+    let misfit = misfit::misfits(&of_reduced, &samples, reduced.file.noise);
+    Ok(structural::FullArm::of(
+        &of_reduced,
+        &of_full,
+        misfit,
+        gap.into(),
+    ))
+}
+
+/// The model with all that may be added to it, the index of the base, and the unnamed families.
+fn model_of(input: &Input<'_>) -> Result<(Model, usize, Vec<generic::Family>), Error> {
+    let Input {
+        robot,
+        folder,
+        division,
+        options,
+        ..
+    } = *input;
     let commands = division
         .calibration
         .iter()
@@ -217,12 +272,30 @@ pub fn discover(
     let index = model
         .variants
         .iter()
-        .position(|v| v.name == base)
+        .position(|v| v.name == input.base)
         .unwrap_or_default();
+    Ok((model, index, families))
+}
+
+/// Searches from a base as it is.
+fn search_from(
+    input: &Input<'_>,
+    started: Instant,
+    progress: &mut dyn FnMut(&str),
+) -> Result<Outcome, Error> {
+    let Input {
+        robot,
+        file,
+        folder,
+        division,
+        ..
+    } = *input;
+    let (model, index, families) = model_of(input)?;
+    let variant = &robot.variants[index];
     progress("fitting the base to all sets");
     let (fitted, compiled) = std::thread::scope(|scope| {
         let compiled = scope.spawn(|| probes::compiled(&model, index));
-        (base_fit(&input, &model, index, variant), compiled.join())
+        (base_fit(input, &model, index, variant), compiled.join())
     });
     let (fit, samples) = fitted?;
     let compiled = compiled.unwrap_or_else(|_| probes::compiled(&model, index));
@@ -252,7 +325,7 @@ pub fn discover(
         view,
     };
     let mut search = Search {
-        input: &input,
+        input,
         bench,
         variant: index,
         own_effects,
@@ -267,7 +340,7 @@ pub fn discover(
         is_left: false,
     };
     search.run(progress)?;
-    finish(&input, &search, beforehand, started)
+    finish(input, &search, beforehand, started)
 }
 
 /// What was known before the search: of the experiment, and of the base.
@@ -465,7 +538,15 @@ fn finish(
         misfit: beforehand.misfit,
         noise: misfit::noise_scales(fit),
         effects: effects(search),
-        considered: considered(search),
+        considered: considered(search)
+            .into_iter()
+            .chain(structural::piecewise_tracks(
+                input,
+                bench,
+                &View::of(fit),
+                &robot.variants[search.variant],
+            ))
+            .collect(),
         cannot_see: beforehand.cannot_see,
         detectable: beforehand.detectable,
         ambiguous: beforehand.ambiguous,

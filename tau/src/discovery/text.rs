@@ -28,8 +28,6 @@ pub(super) fn description(
     line: &str,
 ) -> Result<String, Error> {
     let own = &robot.description;
-    let end = robot_end(own)
-        .ok_or_else(|| InputError::whole(&robot.name, "the description has no `robot { … }`"))?;
     let mut text = String::new();
     let mut added: Vec<&str> = Vec::new();
     for &effect in effects {
@@ -45,16 +43,24 @@ pub(super) fn description(
             added.push(effect);
         }
     }
+    text.push_str(&with_lines(robot, "Found by discovery.", line)?);
+    check_text(&text).map_err(|errors| InputError::whole(&robot.name, errors.to_string()))?;
+    Ok(text)
+}
+
+/// The description with further lines at the end of the robot, which may use what it lacks.
+pub(super) fn with_lines(robot: &Robot, docs: &str, lines: &str) -> Result<String, Error> {
+    let own = &robot.description;
+    let end = robot_end(own)
+        .ok_or_else(|| InputError::whole(&robot.name, "the description has no `robot { … }`"))?;
     let (before, after) = own.split_at(end);
-    text.push_str(before.trim_end());
-    text.push_str("\n    /// Found by discovery.\n    ");
-    text.push_str(line);
-    text.push('\n');
-    text.push_str(after);
+    let mut text = format!(
+        "{}\n    /// {docs}\n    {lines}\n{after}",
+        before.trim_end()
+    );
     if !text.ends_with('\n') {
         text.push('\n');
     }
-    check_text(&text).map_err(|errors| InputError::whole(&robot.name, errors.to_string()))?;
     Ok(text)
 }
 

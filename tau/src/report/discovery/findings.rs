@@ -121,12 +121,22 @@ pub(in crate::report) fn effect(effect: &FoundEffect) -> String {
         if change < 0.0 { "raises" } else { "lowers" },
         general(change.abs(), 2)
     );
+    let sizes = match sizes.as_slice() {
+        [] => String::new(),
+        sizes => format!("{}. ", sizes.join(", ")),
+    };
+    // A structural candidate has no columns whose score flips could test.
+    let flips = if effect.flip_p_value.is_finite() {
+        format!(
+            "; among random flips of the residuals' signs it is at most {}",
+            typographic(&chance(effect.flip_p_value))
+        )
+    } else {
+        String::new()
+    };
     format!(
-        "{}. {matters} The chance of so strong a sign without it is {} by formula; among random flips of the residuals' \
-         signs it is at most {}.",
-        sizes.join(", "),
+        "{sizes}{matters} The chance of so strong a sign without it is {} by formula{flips}.",
         typographic(&chance(effect.p_value)),
-        typographic(&chance(effect.flip_p_value)),
     )
 }
 
