@@ -115,7 +115,9 @@ impl Search<'_> {
             let gain = held_out_gain(&view, &subspace, samples, self.input.options.seed);
             let is_serial = self.is_serial(&view, &table, &winner, &subspace);
             self.first.get_or_insert(table);
-            if flip_p_value > self.level() {
+            // So few flips may be made that none can be rarer.
+            let rarest = 1.0 / (1.0 + self.input.options.flips as f64);
+            if flip_p_value > self.level().max(rarest) {
                 // The best does no better than chance, so nothing does.
                 self.refused.insert(winner.candidate);
                 break;
@@ -243,7 +245,21 @@ impl Search<'_> {
             name = better.clone();
         }
         let own = self.subspace(view, &name)?;
-        let above = self.encompassing(view, table, &own, &families);
+        // A family that is better by far counts as well, whatever the name has beside it.
+        let far_better: Vec<&Score> = families
+            .iter()
+            .copied()
+            .filter(|family| family.bic > name.bic + AS_GOOD)
+            .collect();
+        let pairs = self.bench.pairs_with(view, table, &own, &far_better);
+        let level = ENCOMPASSES / families.len().max(1) as f64;
+        let above: Vec<&Score> = far_better
+            .into_iter()
+            .zip(pairs)
+            .filter(|(_, pair)| pair.other_beside <= level)
+            .map(|(family, _)| family)
+            .chain(self.encompassing(view, table, &own, &families))
+            .collect();
         match best(&above) {
             Some(family) if !self.is_accounted_for(view, (&own, name.bic), &family) => Some(family),
             _ => Some(name),
@@ -554,7 +570,7 @@ impl Search<'_> {
                 Some(name) => {
                     let flip = self.flip_p(&view, &table, &name);
                     let aliases = self.bench.aliases(&table, &name);
-                    flip <= self.level() && self.accept(&name, flip, aliases)?
+                    flip <= LEVEL && self.accept(&name, flip, aliases)?
                 }
                 None => false,
             };
