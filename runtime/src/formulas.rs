@@ -97,6 +97,33 @@ impl<F: Formulas> ResidualFamily for F {
     fn blocks(&self) -> Option<&dyn BlockFamily> {
         Some(self)
     }
+
+    // Lengths are checked once for all samples, so that their loop holds nothing but formulas.
+
+    fn value_all(&self, prepared: &[f64], parameters: &[f64], residuals: &mut [f64]) {
+        let (width, rows) = (F::SHAPE.prepared, F::SHAPE.residuals);
+        check_lengths!(parameters: F::SHAPE.parameters);
+        for (sample, residuals) in residuals.chunks_exact_mut(rows).enumerate() {
+            let prepared = single(&prepared[sample * width..][..width]);
+            F::value(0, prepared, parameters, single_mut(residuals));
+        }
+    }
+
+    fn linearize_all(
+        &self,
+        prepared: &[f64],
+        parameters: &[f64],
+        residuals: &mut [f64],
+        jacobian: &mut [f64],
+    ) {
+        let (width, rows, entries) = (F::SHAPE.prepared, F::SHAPE.residuals, F::PATTERN.len());
+        check_lengths!(parameters: F::SHAPE.parameters);
+        for (sample, residuals) in residuals.chunks_exact_mut(rows).enumerate() {
+            let prepared = single(&prepared[sample * width..][..width]);
+            let jacobian = single_mut(&mut jacobian[sample * entries..][..entries]);
+            F::linearize(0, prepared, parameters, single_mut(residuals), jacobian);
+        }
+    }
 }
 
 impl<F: Formulas> BlockFamily for F {
