@@ -85,8 +85,48 @@ fn predicted(view: &View, rows: &[usize]) -> Option<DVector<f64>> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::joint::tests::of_set_1;
     use super::super::projection::Basis;
+    use super::super::projection::tests::normal;
     use super::*;
+
+    /// What holds everywhere is confirmed, what only fits the noise is not.
+    #[test]
+    fn what_predicts_nothing_is_not_confirmed() {
+        let (joint, samples) = of_set_1();
+        let rows = joint.rows;
+        let mut random = Random(3);
+        let noise = DVector::from_fn(rows.len(), |_, _| normal(&mut random));
+        let constant = DMatrix::from_element(rows.len(), 1, 1.0);
+        let gain = |column: &dyn Fn(usize) -> f64, size: f64| {
+            let column = DMatrix::from_fn(rows.len(), 1, |row, _| column(rows[row].sample));
+            let measured = &noise + &column * size;
+            let basis = Basis::of(&constant).unwrap();
+            let view = View {
+                residuals: basis.residuals_after(&measured),
+                q: basis.q,
+                factors: vec![1.0; rows.len()],
+                rows: rows.clone(),
+                degrees: rows.len() as f64 - 1.0,
+            };
+            let subspace = Subspace::of(&column, &view.remainder(&column));
+            held_out_gain(&view, &subspace, &samples, 0)
+        };
+        let wave = |sample: usize| (sample as f64).sin();
+        assert!(gain(&wave, 1.0) > 0.0);
+        assert!(gain(&wave, 0.0) <= 0.0);
+    }
+
+    #[test]
+    fn folds_hold_neighbours_together() {
+        let (_, samples) = of_set_1();
+        let folds = folds(&samples);
+        assert!(folds.is_sorted());
+        for fold in 0..FOLDS {
+            let count = folds.iter().filter(|&&of| of == fold).count();
+            assert!(count.abs_diff(samples.len() / FOLDS) <= 1, "{count}");
+        }
+    }
 
     /// The shortcut gives what refitting without the rows gives.
     #[test]

@@ -533,3 +533,57 @@ impl Owned {
         }
     }
 }
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::super::frames::Frames;
+    use super::*;
+    use crate::calibration::Prepared;
+    use crate::robot::Robot;
+
+    /// Every fifth pose of the prototype under `Full`.
+    pub(in crate::discovery) fn of_set_1() -> (Joint, Vec<Sample>) {
+        let robot = Robot::from(&tau_generated::gantry_tau::ROBOT);
+        let folder = crate::prototype::folder().unwrap();
+        let file = crate::prototype::robot_file().unwrap();
+        let poses: Vec<usize> = (0..folder.tcp_poses.len()).step_by(5).collect();
+        let variant = robot.variant("Full").unwrap();
+        let prepared = Prepared::new(&robot, variant, &file, Some(&folder), &poses).unwrap();
+        let samples = Sample::all(&robot, &folder, &poses, &Frames::default());
+        let joint = Joint::new(prepared.machine, &prepared.nominal, &samples, file.noise);
+        (joint.unwrap(), samples)
+    }
+
+    /// Those of the priors too, off their means.
+    #[test]
+    fn derivatives_are_those_of_small_steps() {
+        let (joint, samples) = of_set_1();
+        let factors = joint.factors(&[1.3, 1.0, 1.0, 1.0], &vec![0.9; samples.len()]);
+        let tolerances: Vec<f64> = joint.priors.iter().map(|p| p.tolerance.unwrap()).collect();
+        let nominal = joint.fitted(&joint.machine.values);
+        let at: Vec<f64> = nominal
+            .iter()
+            .zip(&tolerances)
+            .map(|(value, tolerance)| value + 0.5 * tolerance)
+            .collect();
+        let linear = joint.linearize(&at, &factors);
+        let residuals = joint.residuals(&at, &factors);
+        assert!((&linear.residuals - residuals).amax() < 1e-7);
+        for (column, tolerance) in tolerances.iter().enumerate() {
+            let step = 1e-3 * tolerance;
+            let moved = |step: f64| {
+                let mut moved = at.clone();
+                moved[column] += step;
+                joint.residuals(&moved, &factors)
+            };
+            let expected = (moved(step) - moved(-step)) / (2.0 * step);
+            let found = linear.jacobian.column(column);
+            assert!(
+                (found - &expected).amax() < 1e-6 * found.amax(),
+                "column {column}"
+            );
+            let prior = found[joint.rows.len() + column];
+            assert!((prior * tolerance - 1.0).abs() < 1e-12, "column {column}");
+        }
+    }
+}

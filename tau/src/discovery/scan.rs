@@ -41,6 +41,17 @@ pub(super) struct Scores {
     coefficients: Vec<DMatrix<f64>>,
 }
 
+/// Values even in their reciprocals, over a range and one step beyond it at either end.
+fn grid((low, high): (f64, f64), range_m: f64) -> Vec<f64> {
+    let span = low.recip() - high.recip();
+    let steps = (span * OVERSAMPLING * range_m).ceil().clamp(8.0, 20_000.0);
+    (0..=count(steps) + 2)
+        .map(|k| high.recip() + span * (k as f64 - 1.0) / steps)
+        .filter(|&reciprocal| reciprocal > 0.0)
+        .map(f64::recip)
+        .collect()
+}
+
 impl Scan {
     /// The grid is even in the reciprocal of the parameter where that is a period, a length in which
     /// the effect repeats along a track; `range_m` is the widest range of the commands.
@@ -56,13 +67,7 @@ impl Scan {
             return Err("nothing is searched");
         };
         let amplitudes = candidate.amplitudes();
-        let span = low.recip() - high.recip();
-        let steps = (span * OVERSAMPLING * range_m).ceil().clamp(8.0, 20_000.0);
-        let grid: Vec<f64> = (0..=count(steps) + 2)
-            .map(|k| high.recip() + span * (k as f64 - 1.0) / steps)
-            .filter(|&reciprocal| reciprocal > 0.0)
-            .map(f64::recip)
-            .collect();
+        let grid = grid((low, high), range_m);
         let mut values = candidate.nominal();
         let mut columns = Displacements::default();
         for &value in &grid {
@@ -223,4 +228,79 @@ pub(super) fn signs(units: usize, flips: usize, seed: u64) -> DMatrix<f64> {
 )]
 fn count(number: f64) -> usize {
     number as usize
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::TAU;
+
+    use super::super::projection::tests::normal;
+    use super::*;
+
+    const RANGE_M: f64 = 1.4;
+    const PERIODS_M: (f64, f64) = (0.02, 0.3);
+
+    /// Share of a signal's squares that a wave of a period explains, where commands fill their range.
+    fn statistic(signal: &[f64], commands: &[f64], period: f64) -> f64 {
+        let (mut sine, mut cosine) = (0.0, 0.0);
+        for (value, q) in signal.iter().zip(commands) {
+            let (s, c) = (TAU * q / period).sin_cos();
+            sine += value * s;
+            cosine += value * c;
+        }
+        2.0 * (sine * sine + cosine * cosine) / commands.len() as f64
+    }
+
+    fn commands(count: usize) -> Vec<f64> {
+        let place = |k: usize| (k as f64 + 0.5) / count as f64 - 0.5;
+        (0..count).map(|k| RANGE_M * place(k)).collect()
+    }
+
+    #[test]
+    fn no_peak_hides_between_points_of_the_grid() {
+        let commands = commands(600);
+        let grid = grid(PERIODS_M, RANGE_M);
+        for k in 0..50 {
+            let part = (f64::from(k) * 0.618_033_988_749).fract();
+            let (low, high) = (PERIODS_M.1.recip(), PERIODS_M.0.recip());
+            let period = (low + part * (high - low)).recip();
+            let wave: Vec<f64> = commands
+                .iter()
+                .map(|q| (TAU * q / period + 0.3).sin())
+                .collect();
+            let shown = grid
+                .iter()
+                .map(|&at| statistic(&wave, &commands, at))
+                .fold(0.0, f64::max);
+            let height = statistic(&wave, &commands, period);
+            assert!(
+                shown > LEAST_SHOWN * height,
+                "{period}: {shown} of {height}"
+            );
+        }
+    }
+
+    /// The highest of a whole scan of noise exceeds what the bound allows one scan in ten about as often.
+    #[test]
+    fn chance_of_the_highest_peak_is_that_of_noise() {
+        let commands = commands(150);
+        let grid = grid(PERIODS_M, RANGE_M);
+        let mut random = Random(7);
+        let scans: Vec<Vec<f64>> = (0..600)
+            .map(|_| {
+                let noise: Vec<f64> = commands.iter().map(|_| normal(&mut random)).collect();
+                grid.iter()
+                    .map(|&period| statistic(&noise, &commands, period))
+                    .collect()
+            })
+            .collect();
+        let upcrossings = upcrossings(&scans[..100], 2.0);
+        let chances = scans[100..].iter().map(|scan| {
+            let highest = scan.iter().copied().fold(0.0, f64::max);
+            global_p(highest, 2.0, upcrossings)
+        });
+        // Of 500 scans 50 are expected, give or take 7, less what peaks between the points.
+        let low = chances.filter(|&chance| chance < 0.1).count();
+        assert!((20..=72).contains(&low), "{low} of 500");
+    }
 }
