@@ -15,6 +15,7 @@ use super::results::{Gap, Step};
 use super::scan::AS_GOOD;
 use super::separation::{Signal, separate_by};
 use super::serial;
+use super::sight::IMPLAUSIBLE;
 use super::text;
 use super::variant::{free_turning, free_turning_from};
 use super::view::View;
@@ -395,13 +396,21 @@ impl Search<'_> {
             folder,
             ..
         } = *self.input;
-        let prepared = Prepared::new(
+        let mut prepared = Prepared::new(
             robot,
             &variant,
             file,
             Some(folder),
             &self.input.division.calibration,
         )?;
+        // What was found is there: its prior keeps what the data do not tell within what is plausible,
+        // and must not pull back what they do.
+        let found = self.own_effects..self.own_effects + effects.len();
+        for (nominal, parameter) in prepared.nominal.iter_mut().zip(&variant.parameters) {
+            if matches!(parameter.owner, Owner::Effect(effect) if found.contains(&effect)) {
+                nominal.tolerance = nominal.tolerance.map(|t| IMPLAUSIBLE * t);
+            }
+        }
         let joint = Joint::new(
             prepared.machine,
             &prepared.nominal,

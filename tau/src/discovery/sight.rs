@@ -15,7 +15,7 @@ use super::view::View;
 
 const POWER: f64 = 0.8;
 /// An effect that would have to exceed its tolerance so many times to be seen is out of sight.
-const IMPLAUSIBLE: f64 = 10.0;
+pub(super) const IMPLAUSIBLE: f64 = 10.0;
 /// A signal of which the base leaves less than this share is absorbed.
 const ABSORBED: f64 = 1e-4;
 
