@@ -4,6 +4,7 @@ mod error;
 mod nominal;
 mod output;
 mod registration;
+pub(crate) mod searched;
 
 use nalgebra::{Matrix3, Rotation3};
 use tau_solver::{Block, Problem, Solution};
@@ -149,12 +150,14 @@ pub fn calibrate(
     let prepared = Prepared::new(robot, variant, file, Some(folder), poses)?;
     let measured: Vec<&TcpPose> = poses.iter().map(|&pose| &folder.tcp_poses[pose]).collect();
     let start = options.start.as_deref().unwrap_or(&prepared.machine.values);
-    let (problem, used) = problem(&prepared, file, folder, &measured, start)?;
+    let (mut problem, used) = problem(&prepared, file, folder, &measured, start)?;
     let not_converged = |why: String| Error::NotConverged {
         variant: variant.name.clone(),
         why,
     };
     let failed = |error: tau_solver::Error| not_converged(error.to_string());
+    let range_m = widest(measured.iter().flat_map(|pose| &pose.commands_m));
+    searched::start(&mut problem, variant, &used, range_m, &options.solver).map_err(failed)?;
     let solution = tau_solver::solve(&problem, &options.solver).map_err(failed)?;
     if !solution.converged() || solution.parameters.iter().any(|value| !value.is_finite()) {
         return Err(not_converged(solution.termination.to_string()));
@@ -185,6 +188,14 @@ pub fn calibrate(
     };
     drop(problem);
     finish(&prepared, file, &measured, fitted)
+}
+
+/// Width of the range of some commands (m).
+pub(crate) fn widest<'a>(commands_m: impl Iterator<Item = &'a f64>) -> f64 {
+    let (low, high) = commands_m.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), &q| {
+        (low.min(q), high.max(q))
+    });
+    (high - low).max(1e-3)
 }
 
 /// What a fit found of a variant.

@@ -7,7 +7,7 @@ use super::joint::Joint;
 use super::outliers;
 use super::projection::Basis;
 use super::samples::Sample;
-use crate::calibration::Error;
+use crate::calibration::{Error, searched, widest};
 use crate::robot_file::Noise;
 
 /// A variant at its minimum, linearised there.
@@ -41,8 +41,12 @@ impl Fit {
             cost_tolerance: 1e-7,
             ..tau_solver::Options::default()
         };
-        let solution = tau_solver::solve(&joint.problem(&start, &factors), &options)
-            .map_err(|error| not_converged(joint, &error.to_string()))?;
+        let failed = |error: tau_solver::Error| not_converged(joint, &error.to_string());
+        let mut problem = joint.problem(&start, &factors);
+        let range_m = widest(samples.iter().flat_map(|sample| &sample.commands_m));
+        let variant = &joint.machine.variant;
+        searched::start(&mut problem, variant, &joint.used, range_m, &options).map_err(failed)?;
+        let solution = tau_solver::solve(&problem, &options).map_err(failed)?;
         if !solution.converged() || solution.parameters.iter().any(|value| !value.is_finite()) {
             return Err(not_converged(joint, &solution.termination.to_string()));
         }

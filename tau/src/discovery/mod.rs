@@ -78,6 +78,9 @@ const SERIAL: f64 = 0.01;
 /// the strongest by chance once in a hundred.
 pub const LEAST_FLIPS: u32 = 99;
 
+/// Residuals of a set that are so many times the stated noise leave something to explain.
+const FAR_BEYOND: f64 = 2.0;
+
 /// How to search.
 #[derive(Debug, Clone)]
 pub struct Options {
@@ -483,7 +486,11 @@ fn finish(
         .flat_map(|&(family, searched)| structure::unnamed(bench, &view, family, searched))
         .collect();
     unnamed.extend(structure::crowds(fit, bench, file.noise));
-    let is_left = search.is_left || !unnamed.is_empty();
+    // Noise many times the stated one is something that no family follows, or stated wrongly by far.
+    let is_noisy = misfit::noise_scales(fit)
+        .iter()
+        .any(|scale| scale.factor > FAR_BEYOND);
+    let is_left = search.is_left || !unnamed.is_empty() || is_noisy;
     let status = match (search.accepted.is_empty(), is_left) {
         (true, false) => Status::NothingMissing,
         (true, true) => Status::UnnamedStructure,

@@ -51,15 +51,15 @@ pub(super) fn with_full_arm(robot: &Robot, base: &Variant) -> Result<(Robot, Str
         })
         .collect();
     let tracks = tracks.join(" ");
-    let effects: String = base
-        .effects
-        .iter()
-        .map(|(effect, places)| format!(" + {effect}({})", places.join(", ")))
-        .collect();
-    let lines = if effects.is_empty() {
+    let mut terms = vec![plain.clone()];
+    for (effect, places) in &base.effects {
+        terms.push(format!("{effect}({})", places.join(", ")));
+    }
+    let lines = if base.effects.is_empty() {
         format!("variant {name} {{ arm full; {tracks} }}")
     } else {
-        format!("variant {plain} {{ arm full; {tracks} }}\n    variant {name} = {plain}{effects};")
+        let terms = terms.join(" + ");
+        format!("variant {plain} {{ arm full; {tracks} }}\n    variant {name} = {terms};")
     };
     let description = text::with_lines(robot, "With a full arm.", &lines)?;
     let robot = Robot::from_text(&description)
