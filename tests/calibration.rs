@@ -314,6 +314,40 @@ fn not_converging_is_an_error_of_its_own() {
     );
 }
 
+/// A period has many minima of the cost; the fit starts from the best of its range.
+#[test]
+fn a_searched_period_is_found_from_the_description_alone() {
+    let robot = gantry_tau();
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../data/trials/02");
+    let measured = Folder::read(&folder, tau::measurements::Shape::from(&robot)).unwrap();
+    let file = RobotFile::read(&folder.join("robot.toml"), &robot).unwrap();
+    let poses = Poses::select(
+        &robot,
+        &file,
+        &measured,
+        tau::measurements::Split::Alternate,
+    )
+    .unwrap();
+    let mean = |variant: &str| {
+        let variant = robot.variant(variant).unwrap();
+        let options = Options::default();
+        let calibration = calibrate(
+            &robot,
+            variant,
+            &file,
+            &measured,
+            &poses.division.calibration,
+            &options,
+        )
+        .unwrap();
+        let evaluation =
+            evaluate(&calibration.machine, &measured, &poses.division.validation).unwrap();
+        evaluation.position_um.mean
+    };
+    let (without, with) = (mean("Full"), mean("FullRack"));
+    assert!(with < 0.4 * without, "{with} µm after {without} µm");
+}
+
 #[test]
 fn an_effect_is_calibrated_with_the_geometry() {
     let mut case = Case::new(gantry_tau());

@@ -158,7 +158,7 @@ mod tests {
         assert!(
             steps
                 .iter()
-                .all(|step| (step - steps[0]).abs() < 1e-9 && *step <= 0.4)
+                .all(|step| (step - steps[0]).abs() < 1e-9 && *step < 0.4 + 1e-9)
         );
     }
 
