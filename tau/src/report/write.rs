@@ -43,15 +43,23 @@ pub(crate) fn write_files(folder: &Path, files: &[(&str, String)]) -> io::Result
         );
         return Err(at(&error, target));
     }
+    // A device or a pipe, such as /dev/null, is written to, never replaced.
+    let is_special = |target: &Path| fs::metadata(target).is_ok_and(|found| !found.is_file());
     let mut partial = Partial(Vec::with_capacity(files.len()));
-    for (name, content) in files {
+    let mut renamed = Vec::with_capacity(files.len());
+    for ((name, content), target) in files.iter().zip(&targets) {
+        if is_special(target) {
+            fs::write(target, content).map_err(|error| at(&error, target))?;
+            continue;
+        }
+        renamed.push(target);
         let path = folder.join(format!(".{name}.{}.partial", std::process::id()));
         partial.0.push(path.clone());
         let written =
             fs::File::create(&path).and_then(|mut file| file.write_all(content.as_bytes()));
         written.map_err(|error| at(&error, &path))?;
     }
-    for (path, target) in partial.0.iter().zip(&targets) {
+    for (path, target) in partial.0.iter().zip(renamed) {
         fs::rename(path, target).map_err(|error| at(&error, target))?;
     }
     Ok(targets)
@@ -83,6 +91,18 @@ mod tests {
             .collect();
         names.sort();
         names
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_device_is_written_to_and_stays() {
+        let folder = tempfile::tempdir().unwrap();
+        let link = folder.path().join("null");
+        std::os::unix::fs::symlink("/dev/null", &link).unwrap();
+        let files = [("null", "text".to_owned()), ("plain", "text".to_owned())];
+        write_files(folder.path(), &files).unwrap();
+        assert!(fs::symlink_metadata(&link).unwrap().is_symlink());
+        assert_eq!(names(folder.path()), ["null", "plain"]);
     }
 
     #[test]
