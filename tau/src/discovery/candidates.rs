@@ -27,7 +27,6 @@ pub(super) struct Candidate {
     pub(super) family: Option<Family>,
     /// The parameter whose range is searched, by index of its component.
     pub(super) search: Option<(usize, (f64, f64))>,
-    /// Whether it is constant where it acts (a joint or length off its place, say).
     pub(super) parameters: Vec<ParameterKind>,
 }
 

@@ -78,7 +78,11 @@ impl Descent {
     pub(super) fn robust(self, samples: &[Sample]) -> Result<Self, Error> {
         let mut descent = self.converged()?;
         for _ in 0..ROBUST_ROUNDS {
-            let weights = outliers::weights(&descent.deviations(samples));
+            let weights = outliers::weights(&descent.joint.deviations(
+                &descent.fitted,
+                &descent.scales,
+                samples,
+            ));
             descent = descent.weighted(weights)?;
         }
         descent.without_outliers(samples)?.scaled()
@@ -87,7 +91,10 @@ impl Descent {
     /// Leaves out the samples that are outliers now and takes back those that are none.
     pub(super) fn without_outliers(self, samples: &[Sample]) -> Result<Self, Error> {
         let mut kept = vec![1.0; samples.len()];
-        let beyond = outliers::beyond(&self.deviations(samples), samples);
+        let beyond = outliers::beyond(
+            &self.joint.deviations(&self.fitted, &self.scales, samples),
+            samples,
+        );
         for sample in outliers::split(&beyond, samples).outliers {
             kept[sample] = 0.0;
         }
@@ -232,15 +239,6 @@ impl Descent {
                 }
             })
             .collect()
-    }
-
-    /// How far each sample lies off. Samples left out are judged like the others.
-    fn deviations(&self, samples: &[Sample]) -> Vec<(f64, f64)> {
-        let ones = vec![1.0; samples.len()];
-        let plain = self
-            .joint
-            .residuals(&self.fitted, &self.joint.factors(&self.scales, &ones));
-        outliers::deviations(self.joint.sums(&plain, samples.len()), samples)
     }
 }
 

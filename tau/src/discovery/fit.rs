@@ -131,14 +131,6 @@ impl Fit {
         (sum, degrees, count)
     }
 
-    /// How far each sample lies off, those left out like the others.
-    pub(super) fn deviations(&self, samples: &[Sample]) -> Vec<(f64, f64)> {
-        let ones = vec![1.0; samples.len()];
-        let factors = self.joint.factors(&self.scales, &ones);
-        let plain = self.joint.residuals(&self.fitted, &factors);
-        outliers::deviations(self.joint.sums(&plain, samples.len()), samples)
-    }
-
     /// Degrees of freedom of all residuals.
     pub(super) fn degrees(&self) -> f64 {
         let left_out = self.factors.iter().filter(|&&factor| factor == 0.0).count();

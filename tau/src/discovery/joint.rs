@@ -6,6 +6,7 @@ use nalgebra::{DMatrix, DVector, Vector3};
 use tau_runtime::ResidualFamily;
 use tau_solver::{Block, Problem};
 
+use super::outliers;
 use super::samples::Sample;
 use super::variant::{TURNING, TURNING_RATES};
 use super::whitened::WhitenedPose;
@@ -280,6 +281,18 @@ impl Joint {
                 }
             })
             .collect()
+    }
+
+    /// How far each sample lies off at some values, those left out like the others.
+    pub(super) fn deviations(
+        &self,
+        fitted: &[f64],
+        scales: &[f64; 4],
+        samples: &[Sample],
+    ) -> Vec<(f64, f64)> {
+        let factors = self.factors(scales, &vec![1.0; samples.len()]);
+        let plain = self.residuals(fitted, &factors);
+        outliers::deviations(self.sums(&plain, samples.len()), samples)
     }
 
     /// Each sample's sum of squared residuals, and their number.

@@ -1,5 +1,7 @@
 //! One effect at a time: score, confirm, add, refit; then drop and swap.
 
+mod review;
+
 use std::collections::BTreeSet;
 
 use nalgebra::{Cholesky, DVector};
@@ -13,7 +15,6 @@ use super::joint::Joint;
 use super::projection::Subspace;
 use super::results::{Gap, Step};
 use super::scan::AS_GOOD;
-use super::separation::{Signal, separate_by};
 use super::serial;
 use super::sight::IMPLAUSIBLE;
 use super::text;
@@ -33,10 +34,6 @@ const ENCOMPASSES: f64 = 0.005;
 /// A candidate with a p-value above this beside another adds nothing to it.
 const NOTHING: f64 = 0.05;
 const MAX_EFFECTS: usize = 10;
-/// Cosine from which two signals are the same.
-const SAME: f64 = 0.995;
-/// Harmonics of a found period that are looked at.
-const HARMONICS: std::ops::RangeInclusive<u32> = 2..=4;
 /// Stands in for p-values that are too small to be told from zero.
 const LEAST: f64 = 1e-290;
 
@@ -558,214 +555,6 @@ impl Search<'_> {
             .collect()
     }
 
-    /// With all names found, an unnamed family may turn out to be one of them after all, or nothing.
-    fn name_unnamed(&mut self) -> Result<(), Error> {
-        for family in self.unnamed.clone() {
-            let kept = self.unnamed.clone();
-            self.unnamed.retain(|other| other.0 != family.0);
-            let view = self.view();
-            let mut table = self.bench.table(&view);
-            if family.1.is_some() {
-                table = self.bench.with_family_scans(&view, table);
-            }
-            let significant = self.significant(&table);
-            if !significant.iter().any(|score| score.candidate == family.0) {
-                continue;
-            }
-            let winner = self
-                .winner(&view, &table, &significant)
-                .filter(|winner| self.is_named(winner));
-            let is_named = match winner {
-                Some(name) => {
-                    let flip = self.flip_p(&view, &table, &name);
-                    let aliases = self.bench.aliases(&table, &name);
-                    flip <= LEVEL && self.accept(&name, flip, aliases)?
-                }
-                None => false,
-            };
-            if !is_named {
-                self.unnamed = kept;
-            }
-        }
-        Ok(())
-    }
-
-    /// Each effect against its rivals in the presence of all others: what is better takes its place, and
-    /// what the others have made idle goes.
-    fn review(&mut self) -> Result<(), Error> {
-        let mut effect = 0;
-        let mut replaced = BTreeSet::new();
-        while effect < self.accepted.len() {
-            let Some((view, own, of_own)) = self.without(effect) else {
-                break;
-            };
-            let table = self.bench.table(&view);
-            let significant = self.significant(&table);
-            let scored = table.scores.iter().find(|s| s.candidate == own.candidate);
-            if scored.is_none_or(|scored| scored.adjusted > LEVEL) {
-                self.refused.insert(own.candidate);
-                self.remove(effect)?;
-                effect = 0;
-                continue;
-            }
-            let (names, families): (Vec<&Score>, Vec<&Score>) = significant
-                .iter()
-                .filter(|score| score.candidate != own.candidate)
-                .partition(|score| self.is_named(score));
-            if let Some(family) = self
-                .encompassing(&view, &table, &of_own, &families)
-                .into_iter()
-                .max_by(by_bic)
-            {
-                let family = (family.candidate, family.searched);
-                self.remove(effect)?;
-                self.unnamed.push(family);
-                effect = 0;
-                continue;
-            }
-            let above = self.encompassing(&view, &table, &of_own, &names);
-            let better = above.first().copied().or_else(|| {
-                names
-                    .iter()
-                    .copied()
-                    .filter(|name| name.bic > own.bic)
-                    .max_by(by_bic)
-            });
-            if let Some(name) = better
-                && replaced.insert(own.candidate)
-            {
-                let name = name.clone();
-                let kept = self.accepted[effect].clone();
-                let aliases = self.bench.aliases(&table, &name);
-                self.remove(effect)?;
-                if !self.accept(&name, kept.flip_p_value, aliases)? {
-                    break;
-                }
-                effect = 0;
-                continue;
-            }
-            // What is about as likely, or leaves nothing to the effect.
-            let pairs = self.bench.pairs_with(&view, &table, &of_own, &names);
-            let named = names.iter().zip(pairs).filter(|(score, pair)| {
-                score.bic > own.bic - AS_GOOD || pair.beside_other > NOTHING
-            });
-            // What has no name is a rival only where it is something else.
-            let pairs = self.bench.pairs_with(&view, &table, &of_own, &families);
-            let unnamed = families.iter().zip(pairs).filter(|(score, pair)| {
-                score.bic > own.bic - AS_GOOD && pair.beside_other > NOTHING
-            });
-            let rivals: Vec<FoundRival> = named
-                .map(|(score, _)| (score, true))
-                .chain(unnamed.map(|(score, _)| (score, false)))
-                .filter_map(|(score, is_named)| {
-                    let rival = self.subspace(&view, score)?;
-                    let cosine = cosine(&view, &of_own, &rival);
-                    (is_named || cosine < SAME).then(|| FoundRival {
-                        candidate: score.candidate,
-                        cosine,
-                        separate_by: self.separate_by(effect, score),
-                    })
-                })
-                .collect();
-            self.accepted[effect].rivals = rivals;
-            effect += 1;
-        }
-        Ok(())
-    }
-
-    /// Looks for significant structure that the model leaves where its effects act: there are few
-    /// candidates, so less is needed to see it than anywhere.
-    fn guard(&mut self) {
-        if self.accepted.is_empty() {
-            return;
-        }
-        let view = self.view();
-        let table = self.bench.table(&view);
-        for effect in 0..self.accepted.len() {
-            let acts_on = self.bench.displaces(self.accepted[effect].candidate);
-            let mut there: Vec<(usize, Option<f64>, f64)> = table
-                .scores
-                .iter()
-                .filter(|score| !self.is_named(score) && self.is_open(score.candidate))
-                .filter(|score| self.bench.displaces(score.candidate).is_subset(&acts_on))
-                .map(|score| (score.candidate, None, score.p_value))
-                .collect();
-            there.extend(self.harmonics(&view, effect, &acts_on));
-            let level = FURTHER / there.len() as f64;
-            let left = there
-                .into_iter()
-                .filter(|(.., p_value)| *p_value <= level)
-                .min_by(|a, b| a.2.total_cmp(&b.2));
-            if let Some((candidate, searched, _)) = left {
-                self.unnamed.push((candidate, searched));
-            }
-        }
-    }
-
-    /// Harmonics of a found period, as an unnamed family on the same displacement.
-    fn harmonics(
-        &self,
-        view: &View,
-        effect: usize,
-        acts_on: &BTreeSet<usize>,
-    ) -> Vec<(usize, Option<f64>, f64)> {
-        let described = &self.bench.candidates[self.accepted[effect].candidate];
-        let columns = self.columns_of(effect);
-        let period = described
-            .search
-            .and_then(|(place, _)| Some(self.fit.fitted[*columns.get(place)?]));
-        let family = self
-            .bench
-            .searched_families()
-            .iter()
-            .copied()
-            .find(|&family| self.bench.displaces(family) == *acts_on);
-        let (Some(period), Some(family)) = (period, family) else {
-            return vec![];
-        };
-        HARMONICS
-            .filter_map(|order| {
-                let value = period / f64::from(order);
-                let (_, subspace) = self.bench.subspace(view, family, Some(value))?;
-                let rank = subspace.rank() as f64;
-                let statistic = subspace.statistic(&view.residuals);
-                let (_, p_value) = f_form(statistic, rank, view.total(), view.degrees);
-                Some((family, Some(value), p_value))
-            })
-            .collect()
-    }
-
-    /// The measurement that would tell an effect from a rival, in words.
-    fn separate_by(&self, effect: usize, rival: &Score) -> String {
-        let own = &self.bench.candidates[self.accepted[effect].candidate];
-        let columns = self.columns_of(effect);
-        let base: Vec<usize> = (0..self.fit.jacobian.ncols())
-            .filter(|column| !columns.contains(column))
-            .collect();
-        let other = &self.bench.candidates[rival.candidate];
-        let mut values = other.nominal();
-        if let (Some((place, _)), Some(value)) = (other.search, rival.searched) {
-            values[place] = value;
-        }
-        let own = Signal {
-            candidate: own,
-            values: columns
-                .iter()
-                .map(|&column| self.fit.fitted[column])
-                .collect(),
-        };
-        separate_by(
-            &self.bench,
-            &self.fit,
-            &own,
-            &Signal {
-                candidate: other,
-                values,
-            },
-            &base,
-        )
-    }
-
     fn remove(&mut self, effect: usize) -> Result<(), Error> {
         self.accepted.remove(effect);
         let effects: Vec<usize> = self.accepted.iter().map(|a| a.candidate).collect();
@@ -780,10 +569,4 @@ impl Search<'_> {
 )]
 fn by_bic(a: &&Score, b: &&Score) -> std::cmp::Ordering {
     a.bic.total_cmp(&b.bic)
-}
-
-/// Cosine between the signal of an effect and what a rival can make of it.
-fn cosine(view: &View, own: &Subspace, rival: &Subspace) -> f64 {
-    let signal = &own.u * own.u.tr_mul(&view.residuals);
-    (rival.u.tr_mul(&signal).norm() / signal.norm().max(1e-300)).min(1.0)
 }

@@ -17,7 +17,9 @@ const LEAST_SHARE: f64 = 0.1;
 
 /// Crowds of samples that lie far off in one stretch of a track.
 pub(super) fn crowds(fit: &Fit, bench: &Bench, noise: Noise) -> Vec<Unnamed> {
-    let deviations = fit.deviations(&bench.samples);
+    let deviations = fit
+        .joint
+        .deviations(&fit.fitted, &fit.scales, &bench.samples);
     let beyond = outliers::beyond(&deviations, &bench.samples);
     outliers::split(&beyond, &bench.samples)
         .crowds

@@ -1,0 +1,89 @@
+//! The base fitted to all sets, and where its plate stands.
+
+use tau_codegen::language::Model;
+
+use super::fit::Fit;
+use super::frames::Frames;
+use super::joint::Joint;
+use super::samples::Sample;
+use super::{Error, Input, numbering, outliers, variant};
+use crate::calibration::Prepared;
+use crate::kinematics::{self, Machine, Pose, Statics};
+use crate::robot::Variant;
+use crate::robot_file::RobotFile;
+
+/// The base fitted to all sets, and their samples with the loads of the arm.
+pub(super) fn base_fit(
+    input: &Input<'_>,
+    model: &Model,
+    index: usize,
+    variant: &Variant,
+) -> Result<(Fit, Vec<Sample>), Error> {
+    let Input {
+        robot,
+        file,
+        folder,
+        division,
+        ..
+    } = *input;
+    let free = variant::free_turning(model, index, Some(variant));
+    let prepared = Prepared::new(robot, &free, file, Some(folder), &division.calibration)?;
+    let mut of_set_1 = Sample::all(robot, folder, &division.calibration, &Frames::default());
+    place_plates(&prepared.machine, file, &mut of_set_1);
+    let alone = Joint::new(
+        prepared.machine.clone(),
+        &prepared.nominal,
+        &of_set_1,
+        file.noise,
+    )?;
+    let (values, mut weights) = Fit::of_set_1(&alone, &of_set_1)?;
+    let machine = prepared.machine.with_values(values.clone());
+    let frames = Frames::of(&machine, file, folder);
+    numbering::check(&machine, folder)?;
+    let mut samples = Sample::all(robot, folder, &division.calibration, &frames);
+    place_plates(&machine, file, &mut samples);
+    let joint = Joint::new(machine.clone(), &prepared.nominal, &samples, file.noise)?;
+    let about_lines = outliers::deviations(outliers::about_lines(&samples), &samples);
+    weights.extend(outliers::weights(&about_lines).drain(weights.len()..));
+    let fit = Fit::robust(joint, &values, weights, &samples, file.noise)?;
+    Ok((fit, samples))
+}
+
+/// Where the plate stands in set 3, and what the arm weighs on its carts.
+pub(crate) fn place_plates(machine: &Machine, file: &RobotFile, samples: &mut [Sample]) {
+    let known: Vec<(Vec<f64>, Pose)> = samples
+        .iter()
+        .filter(|sample| sample.set == 1)
+        .map(|sample| (sample.commands_m.clone(), sample.pose))
+        .collect();
+    let statics = Statics::new(&machine.robot, file);
+    let mut last: Option<(u32, Option<Pose>)> = None;
+    for sample in samples {
+        if sample.set == 3 {
+            let plate = match last {
+                Some((number, plate)) if number == sample.number => plate,
+                _ => {
+                    let distance = |commands: &[f64]| -> f64 {
+                        commands
+                            .iter()
+                            .zip(&sample.commands_m)
+                            .map(|(a, b)| (a - b).powi(2))
+                            .sum()
+                    };
+                    known
+                        .iter()
+                        .min_by(|a, b| distance(&a.0).total_cmp(&distance(&b.0)))
+                        .and_then(|(_, pose)| {
+                            let start = kinematics::Sample::new(*pose, &sample.commands_m);
+                            machine.forward_unchecked(&start).ok()
+                        })
+                }
+            };
+            last = Some((sample.number, plate));
+            sample.plate = plate;
+        }
+        if let Some(statics) = &statics {
+            sample.load(statics);
+        }
+    }
+}

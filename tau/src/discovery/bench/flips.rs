@@ -1,0 +1,133 @@
+//! Scores under random signs.
+
+use std::collections::BTreeMap;
+
+use nalgebra::DMatrix;
+
+use super::super::distribution::f_quantile_above;
+use super::super::parallel;
+use super::super::response::Responses;
+use super::super::scan::{LEAST_SHOWN, Scan, Scores, global_p, peaks, signs, upcrossings};
+use super::super::view::View;
+use super::{Bench, Table, f_form};
+
+/// Null scans in which upcrossings are counted.
+const NULL_SCANS: usize = 24;
+
+impl Bench {
+    /// Chance, over random signs of the units' residuals, that any candidate does as well as an adjusted
+    /// p-value.
+    pub(in super::super) fn flip_p(
+        &self,
+        view: &View,
+        table: &Table,
+        adjusted: f64,
+        flips: usize,
+        seed: u64,
+    ) -> f64 {
+        let signs = signs(self.units, flips, seed);
+        let basis = self.flipped_basis(view, &signs);
+        let total = view.total();
+        let degrees = view.degrees;
+        let mut criticals: BTreeMap<(usize, bool), f64> = BTreeMap::new();
+        let sums: Vec<f64> = basis
+            .column_iter()
+            .map(|column| (total - column.norm_squared()).max(1e-12))
+            .collect();
+        let mut exceeded = vec![false; flips];
+        let residuals = table
+            .responses
+            .flipped(&self.probes, &self.samples, &signs, &basis);
+        let flipped = self.columns.flipped(&residuals);
+        for ((candidate, place), (_, c)) in self.places.iter().zip(&table.plain.coefficients) {
+            if c.ncols() == 0 || self.hidden.contains(candidate) {
+                continue;
+            }
+            let rank = c.ncols() as f64;
+            let is_named = self.candidates[*candidate].is_named();
+            let critical = *criticals.entry((c.ncols(), is_named)).or_insert_with(|| {
+                f_quantile_above(adjusted * table.weights.of(is_named), rank, degrees)
+            });
+            let statistics = c.tr_mul(&flipped.rows(place.start, place.len()));
+            for (flip, exceeded) in exceeded.iter_mut().enumerate() {
+                let statistic = statistics.column(flip).norm_squared();
+                let rest = (sums[flip] - statistic).max(1e-12) / (degrees - rank).max(1.0);
+                *exceeded |= statistic / rank / rest >= critical;
+            }
+        }
+        let places: Vec<usize> = (0..table.scans.len()).collect();
+        let of_scans = parallel::map(&places, |&place| {
+            let (candidate, scan) = self.scan(place)?;
+            let scores = &table.scans[place];
+            if scores.rank() == 0 || self.hidden.contains(candidate) {
+                return None;
+            }
+            let rank = scores.rank() as f64;
+            let crossings = self.crossings[place].get().copied().unwrap_or(0.0);
+            let p_value = adjusted * table.weights.of(self.candidates[*candidate].is_named());
+            let nulls = scan.flipped(scores, &residuals);
+            let exceeds = |(flip, null): (usize, &Vec<f64>)| {
+                let does = |statistic: f64| {
+                    let (equivalent, _) = f_form(statistic, rank, sums[flip], degrees);
+                    global_p(equivalent, rank, crossings) <= p_value
+                };
+                let highest = null.iter().copied().fold(0.0, f64::max);
+                let refined = |k: usize| {
+                    scan.around(k).any(|value| {
+                        let point = self.point(&table.responses, *candidate, value);
+                        point.is_some_and(|point| {
+                            let at = |probe: usize| {
+                                let rows = residuals[probe].nrows();
+                                &residuals[probe].as_slice()[flip * rows..(flip + 1) * rows]
+                            };
+                            does(point.statistic(&point.columns.products(at)))
+                        })
+                    })
+                };
+                does(highest)
+                    || (does(highest / LEAST_SHOWN)
+                        && peaks(null, LEAST_SHOWN * highest)
+                            .filter(|&k| does(null[k] / LEAST_SHOWN))
+                            .any(refined))
+            };
+            Some(nulls.iter().enumerate().map(exceeds).collect::<Vec<bool>>())
+        });
+        for of_scan in of_scans.into_iter().flatten() {
+            exceeded
+                .iter_mut()
+                .zip(of_scan)
+                .for_each(|(all, own)| *all |= own);
+        }
+        let count = exceeded.iter().filter(|&&exceeded| exceeded).count();
+        (1.0 + count as f64) / (1.0 + flips as f64)
+    }
+
+    /// Mean upcrossings of a scan in null scans beside a model.
+    pub(super) fn count_crossings(
+        &self,
+        view: &View,
+        responses: &Responses,
+        scan: &Scan,
+        scores: &Scores,
+    ) -> f64 {
+        let flips = signs(self.units, NULL_SCANS, 1);
+        let basis = self.flipped_basis(view, &flips);
+        let residuals = responses.flipped(&self.probes, &self.samples, &flips, &basis);
+        upcrossings(
+            &scan.flipped(scores, &residuals),
+            scores.rank().max(1) as f64,
+        )
+    }
+
+    /// Qᵀ(s∘e) for each flip.
+    fn flipped_basis(&self, view: &View, flips: &DMatrix<f64>) -> DMatrix<f64> {
+        let mut by_unit = DMatrix::zeros(view.q.ncols(), self.units);
+        for column in 0..view.q.ncols() {
+            let q = view.q.column(column);
+            for (row, at) in view.rows.iter().enumerate() {
+                by_unit[(column, self.samples[at.sample].unit)] += q[row] * view.residuals[row];
+            }
+        }
+        by_unit * flips
+    }
+}

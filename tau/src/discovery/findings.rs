@@ -1,0 +1,307 @@
+//! What a search found, put together.
+
+use std::time::Instant;
+
+use tau_runtime::Owner;
+
+use super::evidence::{self, whiteness::Series};
+use super::results::{
+    Considered, Discovery, Estimate, FoundEffect, Gap, LeftOut, Rival, SerialCorrelation, Status,
+    Unseen, Validation, Whiteness,
+};
+use super::selection::{LEVEL, Search};
+use super::view::View;
+use super::{Error, Input, Outcome, floor, misfit, results, structural, structure, text};
+use crate::evaluation::evaluate;
+
+/// Chance in white noise below which residuals are said to follow each other.
+const SERIAL: f64 = 0.01;
+/// Residuals of a set that are so many times the stated noise leave something to explain.
+const FAR_BEYOND: f64 = 2.0;
+
+/// What was known before the search: of the experiment, and of the base.
+pub(super) struct Beforehand {
+    pub(super) view: View,
+    pub(super) detectable: Vec<results::Detectable>,
+    pub(super) cannot_see: Vec<Unseen>,
+    pub(super) ambiguous: Vec<results::Ambiguous>,
+    pub(super) misfit: Vec<results::Misfit>,
+    pub(super) serial: Option<results::SerialCorrelation>,
+    pub(super) floor: floor::Floor,
+}
+
+pub(super) fn finish(
+    input: &Input<'_>,
+    search: &Search<'_>,
+    beforehand: Beforehand,
+    started: Instant,
+) -> Result<Outcome, Error> {
+    let Input {
+        robot,
+        base,
+        file,
+        folder,
+        division,
+        options,
+    } = *input;
+    let (fit, bench) = (&search.fit, &search.bench);
+    let machine = fit.joint.machine.with_values(fit.joint.values(&fit.fitted));
+    let after = Gap::from(evaluate(&machine, folder, &division.validation)?.position_um);
+    let before = search.gaps.first().copied().unwrap_or(after);
+    let floor = floor::floor(fit, &machine, folder, &division.validation, file.noise)?;
+    let line = text::line(base, &search.labels());
+    let names: Vec<&str> = search
+        .accepted
+        .iter()
+        .map(|a| bench.candidates[a.candidate].name.as_str())
+        .collect();
+    let catalogues: Vec<&str> = options.catalogues.iter().map(String::as_str).collect();
+    let model_text = text::description(robot, &catalogues, &names, &line)?;
+    let view = View::of(fit);
+    let mut unnamed: Vec<results::Unnamed> = search
+        .unnamed
+        .iter()
+        .flat_map(|&(family, searched)| structure::unnamed(bench, &view, family, searched))
+        .collect();
+    unnamed.extend(structure::crowds(fit, bench, file.noise));
+    // Noise many times the stated one is something that no family follows, or stated wrongly by far.
+    let is_noisy = misfit::noise_scales(fit)
+        .iter()
+        .any(|scale| scale.factor > FAR_BEYOND);
+    let is_left = search.is_left || !unnamed.is_empty() || is_noisy;
+    let status = match (search.accepted.is_empty(), is_left) {
+        (true, false) => Status::NothingMissing,
+        (true, true) => Status::UnnamedStructure,
+        (false, false) => Status::Explained,
+        (false, true) => Status::PartlyExplained,
+    };
+    let left_out: Vec<LeftOut> = (0..bench.samples.len())
+        .filter(|&s| fit.weights[s] == 0.0)
+        .map(|s| {
+            let sample = &bench.samples[s];
+            LeftOut {
+                set: sample.set,
+                cart: sample.track.map(|track| robot.tracks[track].clone()),
+                number: sample.number,
+            }
+        })
+        .collect();
+    let values = fit
+        .joint
+        .used
+        .iter()
+        .zip(&fit.fitted)
+        .map(|(&index, &value)| {
+            (
+                fit.joint.machine.variant.parameters[index].name.clone(),
+                value,
+            )
+        })
+        .collect();
+    let poses = division
+        .calibration
+        .iter()
+        .copied()
+        .filter(|&pose| {
+            let number = folder.tcp_poses[pose].pose;
+            !left_out
+                .iter()
+                .any(|out| out.set == 1 && out.number == number)
+        })
+        .collect();
+    let mut outliers: Vec<u32> = left_out.iter().map(|out| out.number).collect();
+    outliers.sort_unstable();
+    outliers.dedup();
+    let whiteness = whiteness(search, beforehand.serial);
+    let discovery = Discovery {
+        base: base.to_owned(),
+        status,
+        noise_floor_um: floor.mean_m * 1e6,
+        ceiling_um: removable_um(before, &beforehand.floor),
+        remaining_um: removable_um(after, &floor),
+        validation: Validation { before, after },
+        misfit: beforehand.misfit,
+        noise: misfit::noise_scales(fit),
+        effects: effects(search),
+        considered: considered(search)
+            .into_iter()
+            .chain(structural::piecewise_tracks(
+                input,
+                bench,
+                &View::of(fit),
+                &robot.variants[search.variant],
+            ))
+            .collect(),
+        cannot_see: beforehand.cannot_see,
+        detectable: beforehand.detectable,
+        ambiguous: beforehand.ambiguous,
+        evidence: evidence::of_effects(search, &beforehand.view),
+        unnamed,
+        outliers,
+        left_out,
+        steps: search.steps.clone(),
+        model_text,
+        remarks: remarks(search, whiteness.as_ref()),
+        whiteness,
+        seconds: started.elapsed().as_secs_f64(),
+    };
+    Ok(Outcome {
+        discovery,
+        values,
+        poses,
+    })
+}
+
+/// Root of what the mean squared error exceeds that of the noise by (µm).
+fn removable_um(gap: Gap, floor: &floor::Floor) -> f64 {
+    let excess = (gap.rms_um * 1e-6).powi(2) - floor.square_m2;
+    excess.max(0.0).sqrt() * 1e6
+}
+
+/// Serial correlation of the residuals of the base and of what is left in the end.
+fn whiteness(search: &Search<'_>, before: Option<SerialCorrelation>) -> Option<Whiteness> {
+    let series = Series::of(&search.view(), &search.bench.samples)?;
+    Some(Whiteness {
+        order: if series.is_by_time { "time" } else { "row" },
+        poses: series.len(),
+        lags: series.lags(),
+        before: before?,
+        after: series.correlation(),
+    })
+}
+
+fn effects(search: &Search<'_>) -> Vec<FoundEffect> {
+    let (fit, bench) = (&search.fit, &search.bench);
+    let variant = &fit.joint.machine.variant;
+    search
+        .accepted
+        .iter()
+        .enumerate()
+        .map(|(index, accepted)| {
+            let candidate = &bench.candidates[accepted.candidate];
+            let owner = Owner::Effect(search.own_effects + index);
+            let parameters = fit
+                .joint
+                .used
+                .iter()
+                .enumerate()
+                .filter(|(_, used)| variant.parameters[**used].owner == owner)
+                .zip(&candidate.parameters)
+                .map(|((column, _), described)| {
+                    let estimate = Estimate {
+                        value: fit.fitted[column],
+                        sigma: fit.basis.b.row(column).norm(),
+                        unit: described.unit.clone(),
+                    };
+                    (described.name.clone(), estimate)
+                })
+                .collect();
+            FoundEffect {
+                name: candidate.name.clone(),
+                place: candidate.places.clone(),
+                parameters,
+                p_value: accepted.p_value,
+                flip_p_value: accepted.flip_p_value,
+                chi2_drop: accepted.chi2_drop,
+                heldout_drop_um: accepted.heldout_drop_um,
+                rivals: accepted
+                    .rivals
+                    .iter()
+                    .map(|rival| Rival {
+                        name: bench.candidates[rival.candidate].name.clone(),
+                        place: bench.candidates[rival.candidate].places.clone(),
+                        cosine: rival.cosine,
+                        separate_by: rival.separate_by.clone(),
+                    })
+                    .collect(),
+                searched: candidate
+                    .search
+                    .map(|(place, _)| candidate.parameters[place].name.clone()),
+                aliases: accepted.aliases.clone(),
+            }
+        })
+        .collect()
+}
+
+fn considered(search: &Search<'_>) -> Vec<Considered> {
+    let bench = &search.bench;
+    let Some(table) = &search.first else {
+        return vec![];
+    };
+    let tested = table.scores.len() as f64;
+    table
+        .scores
+        .iter()
+        .filter(|score| bench.candidates[score.candidate].is_named())
+        .map(|score| {
+            let candidate = &bench.candidates[score.candidate];
+            let is_rival = search.accepted.iter().any(|a| {
+                a.rivals
+                    .iter()
+                    .any(|rival| rival.candidate == score.candidate)
+            });
+            let verdict = if search
+                .accepted
+                .iter()
+                .any(|a| a.candidate == score.candidate)
+            {
+                "found"
+            } else if is_rival {
+                "could be meant instead"
+            } else if search.refused.contains(&score.candidate) {
+                "not confirmed"
+            } else if score.p_value <= LEVEL / tested {
+                if search.accepted.is_empty() {
+                    "not the best explanation"
+                } else {
+                    "explained by what was found"
+                }
+            } else {
+                "not significant"
+            };
+            Considered {
+                name: candidate.name.clone(),
+                place: candidate.places.clone(),
+                p_value: score.p_value,
+                verdict,
+            }
+        })
+        .collect()
+}
+
+fn remarks(search: &Search<'_>, whiteness: Option<&Whiteness>) -> Vec<String> {
+    let mut remarks = Vec::new();
+    for (set, what) in [
+        (
+            2,
+            "set 2 (`cart_poses.csv`) is missing: it would show straightness and rotation of the carts without load",
+        ),
+        (
+            3,
+            "set 3 (`cart_positions.csv`) is missing: it would show the carts under load, and errors along the tracks at many commands",
+        ),
+    ] {
+        if !search.bench.samples.iter().any(|sample| sample.set == set) {
+            remarks.push(what.to_owned());
+        }
+    }
+    for scale in misfit::noise_scales(&search.fit) {
+        if !(0.85..1.15).contains(&scale.factor) {
+            remarks.push(format!(
+                "the noise of set {} ({}) is {:.2} times the stated one",
+                scale.set, scale.of, scale.factor
+            ));
+        }
+    }
+    if let Some(found) = whiteness
+        && found.after.p_value.min(found.after.portmanteau_p_value) < SERIAL
+    {
+        remarks.push(format!(
+            "the residuals of set 1 that are left follow each other in the order of measurement (correlation of \
+             neighbours {:.2}): noise is serial, or something unknown varies slowly; either imitates effects of time \
+             and temperature, and makes p-values and standard deviations too small",
+            found.after.lag1
+        ));
+    }
+    remarks
+}
