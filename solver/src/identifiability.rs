@@ -110,7 +110,7 @@ fn analyse(problem: &Problem, system: &System, result: &mut Identifiability) -> 
     let mut qr = PivotedQr::new(n, free.len(), tied.len());
     qr.matrix.copy_from(following);
     qr.rhs.copy_from(own);
-    qr.factor();
+    qr.factor(n);
     let alone = svd(qr.rhs.as_ref().subrows(free_rank, n - free_rank))?;
     let rounding = own.norm_max() * f64::EPSILON * 8.0 * n as f64;
     for (k, &s) in alone.values.iter().enumerate().rev() {

@@ -82,7 +82,8 @@ impl DampedTriangle {
                 matrix[(n + column, column)] = damping.sqrt();
             }
         }
-        let rank = self.qr.factor();
+        // Without damping all below the triangle is zero.
+        let rank = self.qr.factor(if damping > 0.0 { 2 * n } else { n });
         self.qr.solve();
         for (column, step) in step.iter_mut().enumerate() {
             if !held[column] {

@@ -58,6 +58,54 @@ impl Qr {
     }
 }
 
+/// Turns the first columns of a small row-major matrix into a triangle by reflections, which it applies to
+/// all columns.
+pub(crate) fn triangularize(matrix: &mut [f64], width: usize, columns: usize) {
+    let rows = matrix.len() / width;
+    let mut work = vec![0.0; width];
+    for column in 0..columns.min(rows) {
+        let (_, below) = matrix.split_at_mut(column * width);
+        let (pivot_row, below) = below.split_at_mut(width);
+        let tail = below.chunks_exact(width).map(|row| row[column]);
+        let largest = tail
+            .clone()
+            .fold(0.0, |largest: f64, x| largest.max(x.abs()));
+        if largest == 0.0 {
+            continue;
+        }
+        let pivot = pivot_row[column];
+        let scale = largest.max(pivot.abs());
+        let square: f64 = tail.map(|x| (x / scale) * (x / scale)).sum();
+        let norm = scale * (square + (pivot / scale) * (pivot / scale)).sqrt();
+        // v = (1, tail / head) and (I - tau v vᵀ) x = ±norm e₁
+        let head = pivot + norm.copysign(pivot);
+        let tau = head / norm.copysign(pivot);
+        for row in below.chunks_exact_mut(width) {
+            row[column] /= head;
+        }
+        let work = &mut work[column + 1..];
+        work.copy_from_slice(&pivot_row[column + 1..]);
+        for row in below.chunks_exact(width) {
+            let factor = row[column];
+            for (sum, x) in work.iter_mut().zip(&row[column + 1..]) {
+                *sum += factor * x;
+            }
+        }
+        for (x, sum) in pivot_row[column + 1..].iter_mut().zip(work.iter_mut()) {
+            *sum *= tau;
+            *x -= *sum;
+        }
+        pivot_row[column] = -norm.copysign(pivot);
+        for row in below.chunks_exact_mut(width) {
+            let factor = row[column];
+            row[column] = 0.0;
+            for (x, sum) in row[column + 1..].iter_mut().zip(work.iter()) {
+                *x -= factor * sum;
+            }
+        }
+    }
+}
+
 /// Reduces a matrix that comes row by row to its triangular factor, a chunk of rows at a time.
 pub(crate) struct RowReduction {
     qr: Qr,
@@ -78,6 +126,11 @@ impl RowReduction {
     pub(crate) fn clear(&mut self) {
         self.qr.matrix.fill(0.0);
         self.filled = 0;
+    }
+
+    /// The last column, that of the residuals.
+    pub(crate) fn last_column(&self) -> usize {
+        self.qr.matrix.ncols() - 1
     }
 
     /// Adds a row, given its entries that are not zero.
@@ -146,13 +199,14 @@ impl PivotedQr {
         }
     }
 
-    /// Factors [`Self::matrix`] in place and turns [`Self::rhs`] into Qᵀb. Returns the numerical rank.
-    pub(crate) fn factor(&mut self) -> usize {
+    /// Factors the first rows of [`Self::matrix`], at least as many as there are columns, in place and turns
+    /// [`Self::rhs`] into Qᵀb. Returns the numerical rank.
+    pub(crate) fn factor(&mut self, rows: usize) -> usize {
         if self.matrix.ncols() == 0 {
             return 0;
         }
         col_pivoting::factor::qr_in_place(
-            self.matrix.as_mut(),
+            self.matrix.as_mut().subrows_mut(0, rows),
             self.coefficients.as_mut(),
             &mut self.order,
             &mut self.order_inverse,
@@ -162,10 +216,10 @@ impl PivotedQr {
         );
         let size = self.coefficients.ncols();
         apply_transpose(
-            self.matrix.as_ref().subcols(0, size),
+            self.matrix.as_ref().submatrix(0, 0, rows, size),
             self.coefficients.as_ref(),
             Conj::No,
-            self.rhs.as_mut(),
+            self.rhs.as_mut().subrows_mut(0, rows),
             Par::Seq,
             MemStack::new(&mut self.memory),
         );

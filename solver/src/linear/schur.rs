@@ -6,12 +6,10 @@
 //! equations (N. Demmel et al., "Square Root Bundle Adjustment for Large-Scale Reconstruction", 2021),
 //! and so keeps the accuracy of a dense QR of the whole.
 
-use faer::Mat;
-
 use crate::jacobian::Jacobian;
 use crate::linear::LinearSolver;
 use crate::linear::dense::DampedTriangle;
-use crate::linear::qr::{Qr, RowReduction};
+use crate::linear::qr::{RowReduction, triangularize};
 
 /// Most parameters of a group.
 pub(crate) const MAX_GROUP: usize = 12;
@@ -119,13 +117,18 @@ impl Elimination {
 /// A group of eliminated parameters, with the rows in which they occur.
 struct Group {
     columns: Vec<usize>,
+    /// Rows: those with kept parameters first.
     rows: Vec<usize>,
+    /// Number of rows with kept parameters.
+    outer: usize,
     /// Kept parameters in those rows, as indices into the kept ones, ascending.
     others: Vec<usize>,
-    /// `[R E c]` after QR of the group's rows: own columns, other columns, residual.
-    undamped: Mat<f64>,
+    /// For each entry of each row its column here: own columns, then others.
+    targets: Vec<usize>,
+    /// `[R E c]` after QR of the group's rows, row-major: own columns, other columns, residual.
+    undamped: Vec<f64>,
     /// The same with damping, and with held columns replaced by unit ones.
-    damped: Mat<f64>,
+    damped: Vec<f64>,
 }
 
 /// Solves by elimination of groups and dense QR of the kept parameters.
@@ -134,16 +137,24 @@ pub(crate) struct Schur {
     /// Rows in which no eliminated parameter occurs.
     other_rows: Vec<usize>,
     kept: Vec<usize>,
-    /// For each column, its place among its group's columns or among the kept ones.
+    /// For each kept column, its place among the kept ones.
     place: Vec<usize>,
-    group_of: Vec<Option<usize>>,
-    workspace: Qr,
+    workspace: Workspace,
     /// What is known of the kept parameters whatever the damping.
     base: RowReduction,
+    /// The same with damping or held parameters, if there are any.
     reduced: RowReduction,
+    changed: bool,
     damped: DampedTriangle,
     kept_held: Vec<bool>,
     kept_step: Vec<f64>,
+}
+
+/// Room for the matrix of one group, and for a row of it.
+#[derive(Default)]
+struct Workspace {
+    matrix: Vec<f64>,
+    row: Vec<f64>,
 }
 
 impl Schur {
@@ -160,46 +171,28 @@ impl Schur {
         for (i, &column) in kept.iter().enumerate() {
             place[column] = i;
         }
-        let mut groups: Vec<Group> = groups
-            .into_iter()
-            .map(|columns| Group {
-                columns,
-                rows: Vec::new(),
-                others: Vec::new(),
-                undamped: Mat::new(),
-                damped: Mat::new(),
-            })
-            .collect();
+        let mut rows_of = vec![Vec::new(); groups.len()];
         let mut other_rows = Vec::new();
         for row in 0..jacobian.row_count() {
-            let columns = jacobian.row(row).0;
-            let Some(g) = columns.iter().find_map(|&column| group_of[column]) else {
-                other_rows.push(row);
-                continue;
-            };
-            groups[g].rows.push(row);
-            let others = columns.iter().filter(|&&column| group_of[column].is_none());
-            groups[g].others.extend(others.map(|&column| place[column]));
+            let mut columns = jacobian.row(row).0.iter();
+            match columns.find_map(|&column| group_of[column]) {
+                Some(group) => rows_of[group].push(row),
+                None => other_rows.push(row),
+            }
         }
-        let (mut most_rows, mut most_columns) = (0, 0);
-        for group in &mut groups {
-            group.others.sort_unstable();
-            group.others.dedup();
-            let (own, width) = (group.columns.len(), group.width());
-            group.undamped = Mat::zeros(own, width);
-            group.damped = Mat::zeros(own, width);
-            most_rows = most_rows.max(group.rows.len()).max(2 * own);
-            most_columns = most_columns.max(width);
-        }
+        let is_kept = |column: usize| group_of[column].is_none();
+        let groups = groups.into_iter().zip(rows_of);
         let size = kept.len();
         Self {
-            groups,
+            groups: groups
+                .map(|(columns, rows)| Group::new(jacobian, columns, rows, &place, &is_kept))
+                .collect(),
             other_rows,
             place,
-            group_of,
-            workspace: Qr::new(most_rows, most_columns),
+            workspace: Workspace::default(),
             base: RowReduction::new(jacobian.row_count(), size + 1),
             reduced: RowReduction::new(jacobian.row_count(), size + 1),
+            changed: false,
             damped: DampedTriangle::new(size),
             kept_held: vec![false; size],
             kept_step: vec![0.0; size],
@@ -210,6 +203,11 @@ impl Schur {
     /// Eliminates the groups with damping; false if one of them is singular.
     fn eliminate(&mut self, damping: f64, held: &[bool], step: &[f64]) -> bool {
         let size = self.kept.len();
+        self.changed = damping != 0.0 || held.contains(&true);
+        if !self.changed {
+            self.groups.iter_mut().for_each(Group::leave_undamped);
+            return self.groups.iter().all(Group::is_regular);
+        }
         self.reduced.clear();
         let base = self.base.triangle();
         for row in 0..=size {
@@ -217,40 +215,14 @@ impl Schur {
                 .push((row..=size).map(|column| (column, base[(row, column)])));
         }
         for group in &mut self.groups {
-            let (own, width) = (group.columns.len(), group.width());
-            let any_held = group.columns.iter().any(|&column| held[column]);
-            if damping == 0.0 && !any_held {
-                group.damped.copy_from(&group.undamped);
-            } else {
-                let matrix = &mut self.workspace.matrix;
-                for column in 0..width {
-                    for row in 0..own {
-                        matrix[(row, column)] = group.undamped[(row, column)];
-                        matrix[(own + row, column)] = 0.0;
-                    }
-                }
-                for (i, &column) in group.columns.iter().enumerate() {
-                    matrix[(own + i, i)] = if held[column] { 1.0 } else { damping.sqrt() };
-                    if held[column] {
-                        for row in 0..own {
-                            matrix[(row, width - 1)] += matrix[(row, i)] * step[column];
-                            matrix[(row, i)] = 0.0;
-                        }
-                    }
-                }
-                self.workspace.factor(2 * own, width);
-                let matrix = &self.workspace.matrix;
-                group
-                    .damped
-                    .copy_from(matrix.as_ref().submatrix(0, 0, own, width));
-                for row in own..width.min(2 * own) {
-                    self.reduced.push(group.reduced_row(matrix, row, size));
-                }
-            }
-            let diagonal = |i| group.damped[(i, i)].abs();
-            let largest = (0..own).map(diagonal).fold(0.0, f64::max);
-            let least = largest * f64::EPSILON * (8 * own) as f64;
-            if (0..own).any(|i| diagonal(i) <= least) {
+            group.damp(
+                damping,
+                held,
+                step,
+                &mut self.workspace.matrix,
+                &mut self.reduced,
+            );
+            if !group.is_regular() {
                 return false;
             }
         }
@@ -260,22 +232,180 @@ impl Schur {
 }
 
 impl Group {
+    fn new(
+        jacobian: &Jacobian,
+        columns: Vec<usize>,
+        mut rows: Vec<usize>,
+        place: &[usize],
+        is_kept: &impl Fn(usize) -> bool,
+    ) -> Self {
+        let kept = |row: usize| {
+            let columns = jacobian.row(row).0.iter().copied();
+            columns.filter(|&column| is_kept(column))
+        };
+        rows.sort_by_key(|&row| kept(row).next().is_none());
+        let outer = rows.partition_point(|&row| kept(row).next().is_some());
+        let mut others: Vec<usize> = rows.iter().flat_map(|&row| kept(row)).collect();
+        others
+            .iter_mut()
+            .for_each(|column| *column = place[*column]);
+        others.sort_unstable();
+        others.dedup();
+        let target = |&column: &usize| {
+            if is_kept(column) {
+                columns.len() + others.partition_point(|&other| other < place[column])
+            } else {
+                place[column]
+            }
+        };
+        let entries = rows.iter().flat_map(|&row| jacobian.row(row).0);
+        let length = columns.len() * (columns.len() + others.len() + 1);
+        Self {
+            outer,
+            targets: entries.map(target).collect(),
+            undamped: vec![0.0; length],
+            damped: vec![0.0; length],
+            columns,
+            rows,
+            others,
+        }
+    }
+
     fn width(&self) -> usize {
         self.columns.len() + self.others.len() + 1
     }
 
-    /// A row of a group's matrix beyond its own columns, as a row of the reduced problem.
-    fn reduced_row<'m>(
-        &'m self,
-        matrix: &'m Mat<f64>,
-        row: usize,
-        size: usize,
-    ) -> impl Iterator<Item = (usize, f64)> + 'm {
-        let own = self.columns.len();
-        let targets = self.others.iter().copied().chain(std::iter::once(size));
-        targets
+    /// Reduces the group's rows to `[R E c]`; what they say beyond it goes to `rest`.
+    ///
+    /// Rows have few kept entries each. So the reflections are not applied to these, but to unit vectors
+    /// in their place, and then the rows are put together, unless there are more rows than kept columns.
+    fn reduce(
+        &mut self,
+        jacobian: &Jacobian,
+        residuals: &[f64],
+        workspace: &mut Workspace,
+        rest: &mut RowReduction,
+    ) {
+        let (own, width) = (self.columns.len(), self.width());
+        let apart = self.outer < self.others.len();
+        let stride = if apart { own + self.outer + 1 } else { width };
+        let Workspace { matrix, row: sums } = workspace;
+        matrix.clear();
+        matrix.resize(self.rows.len().max(own) * stride, 0.0);
+        let mut targets = self.targets.iter();
+        for (i, (&row, numbers)) in self
+            .rows
+            .iter()
+            .zip(matrix.chunks_exact_mut(stride))
             .enumerate()
-            .map(move |(i, column)| (column, matrix[(row, own + i)]))
+        {
+            for (&value, &target) in jacobian.row(row).1.iter().zip(&mut targets) {
+                if !apart || target < own {
+                    numbers[target] = value;
+                }
+            }
+            if apart && i < self.outer {
+                numbers[own + i] = 1.0;
+            }
+            numbers[stride - 1] = residuals[row];
+        }
+        triangularize(matrix, stride, own);
+        for (i, numbers) in matrix.chunks_exact(stride).enumerate() {
+            sums.clear();
+            sums.extend_from_slice(&numbers[..own]);
+            if apart {
+                sums.resize(width - 1, 0.0);
+                let mut targets = self.targets.iter();
+                for (&row, &factor) in self.rows.iter().zip(&numbers[own..stride - 1]) {
+                    for (&value, &target) in jacobian.row(row).1.iter().zip(&mut targets) {
+                        if target >= own {
+                            sums[target] += factor * value;
+                        }
+                    }
+                }
+                sums.push(numbers[stride - 1]);
+            } else {
+                sums.extend_from_slice(&numbers[own..]);
+            }
+            if i < own {
+                self.undamped[i * width..(i + 1) * width].copy_from_slice(sums);
+            } else {
+                rest.push(self.kept_entries(sums, rest.last_column()));
+            }
+        }
+    }
+
+    fn leave_undamped(&mut self) {
+        self.damped.copy_from_slice(&self.undamped);
+    }
+
+    /// Makes [`Self::damped`]; what that says of the kept parameters goes to `rest`.
+    fn damp(
+        &mut self,
+        damping: f64,
+        held: &[bool],
+        step: &[f64],
+        matrix: &mut Vec<f64>,
+        rest: &mut RowReduction,
+    ) {
+        let (own, width) = (self.columns.len(), self.width());
+        if damping == 0.0 && !self.columns.iter().any(|&column| held[column]) {
+            self.leave_undamped();
+            return;
+        }
+        matrix.clear();
+        matrix.extend_from_slice(&self.undamped);
+        matrix.resize(2 * own * width, 0.0);
+        for (i, &column) in self.columns.iter().enumerate() {
+            matrix[(own + i) * width + i] = if held[column] { 1.0 } else { damping.sqrt() };
+            if held[column] {
+                for row in matrix[..own * width].chunks_exact_mut(width) {
+                    row[width - 1] += row[i] * step[column];
+                    row[i] = 0.0;
+                }
+            }
+        }
+        triangularize(matrix, width, own);
+        self.damped.copy_from_slice(&matrix[..own * width]);
+        for row in matrix[own * width..].chunks_exact(width) {
+            rest.push(self.kept_entries(row, rest.last_column()));
+        }
+    }
+
+    /// A row beyond the group's own columns as entries of the reduced problem.
+    fn kept_entries<'m>(
+        &'m self,
+        row: &'m [f64],
+        last: usize,
+    ) -> impl Iterator<Item = (usize, f64)> + 'm {
+        let columns = self.others.iter().copied().chain(std::iter::once(last));
+        columns.zip(row[self.columns.len()..].iter().copied())
+    }
+
+    /// Whether the triangle has no pivot that is only rounding.
+    fn is_regular(&self) -> bool {
+        let own = self.columns.len();
+        let rows = self.damped.chunks_exact(self.width());
+        let diagonal = || rows.clone().enumerate().map(|(i, row)| row[i].abs());
+        let least = diagonal().fold(0.0, f64::max) * f64::EPSILON * (8 * own) as f64;
+        diagonal().all(|pivot| pivot > least)
+    }
+
+    /// The group's step, given that of the kept parameters.
+    fn back_substitute(&self, kept: &[f64]) -> [f64; MAX_GROUP] {
+        let own = self.columns.len();
+        let mut solution = [0.0; MAX_GROUP];
+        for (i, row) in self.damped.chunks_exact(self.width()).enumerate().rev() {
+            let mut sum = -row[row.len() - 1];
+            for (entry, &other) in row[own..].iter().zip(&self.others) {
+                sum -= entry * kept[other];
+            }
+            for j in i + 1..own {
+                sum -= row[j] * solution[j];
+            }
+            solution[i] = sum / row[i];
+        }
+        solution
     }
 }
 
@@ -293,34 +423,7 @@ impl LinearSolver for Schur {
             self.base.push(entries.chain(std::iter::once(last)));
         }
         for group in &mut self.groups {
-            let (own, width, rows) = (group.columns.len(), group.width(), group.rows.len());
-            let matrix = &mut self.workspace.matrix;
-            for column in 0..width {
-                for row in 0..rows.max(own) {
-                    matrix[(row, column)] = 0.0;
-                }
-            }
-            for (i, &row) in group.rows.iter().enumerate() {
-                let (columns, values) = jacobian.row(row);
-                for (&column, &value) in columns.iter().zip(values) {
-                    let place = self.place[column];
-                    let target = if self.group_of[column].is_some() {
-                        place
-                    } else {
-                        own + group.others.partition_point(|&other| other < place)
-                    };
-                    matrix[(i, target)] = value;
-                }
-                matrix[(i, width - 1)] = residuals[row];
-            }
-            self.workspace.factor(rows.max(own), width);
-            let matrix = &self.workspace.matrix;
-            group
-                .undamped
-                .copy_from(matrix.as_ref().submatrix(0, 0, own, width));
-            for row in own..width.min(rows) {
-                self.base.push(group.reduced_row(matrix, row, size));
-            }
+            group.reduce(jacobian, residuals, &mut self.workspace, &mut self.base);
         }
         self.base.reduce();
     }
@@ -334,8 +437,13 @@ impl LinearSolver for Schur {
             self.kept_held[i] = held[column];
             self.kept_step[i] = step[column];
         }
+        let reduced = if self.changed {
+            &self.reduced
+        } else {
+            &self.base
+        };
         let full_rank = self.damped.solve(
-            self.reduced.triangle(),
+            reduced.triangle(),
             damping,
             &self.kept_held,
             &mut self.kept_step,
@@ -344,20 +452,10 @@ impl LinearSolver for Schur {
             step[column] = self.kept_step[i];
         }
         for group in &self.groups {
-            let own = group.columns.len();
-            let matrix = &group.damped;
-            let mut solution = [0.0; MAX_GROUP];
-            for i in (0..own).rev() {
-                let mut sum = -matrix[(i, group.width() - 1)];
-                for (o, &other) in group.others.iter().enumerate() {
-                    sum -= matrix[(i, own + o)] * self.kept_step[other];
-                }
-                for j in i + 1..own {
-                    sum -= matrix[(i, j)] * solution[j];
-                }
-                solution[i] = sum / matrix[(i, i)];
-                if !held[group.columns[i]] {
-                    step[group.columns[i]] = solution[i];
+            let solution = group.back_substitute(&self.kept_step);
+            for (&column, value) in group.columns.iter().zip(solution) {
+                if !held[column] {
+                    step[column] = value;
                 }
             }
         }
@@ -370,18 +468,18 @@ impl LinearSolver for Schur {
         }
         let mut form = 0.0;
         for group in &self.groups {
-            let own = group.columns.len();
+            let (own, width) = (group.columns.len(), group.width());
             let matrix = &group.damped;
             let mut w = [0.0; MAX_GROUP];
-            for i in 0..own {
+            for (i, row) in matrix.chunks_exact(width).enumerate() {
                 let mut sum = v[group.columns[i]];
                 for j in 0..i {
-                    sum -= matrix[(j, i)] * w[j];
+                    sum -= matrix[j * width + i] * w[j];
                 }
-                w[i] = sum / matrix[(i, i)];
+                w[i] = sum / row[i];
                 form += w[i] * w[i];
-                for (o, &other) in group.others.iter().enumerate() {
-                    self.kept_step[other] -= matrix[(i, own + o)] * w[i];
+                for (&other, entry) in group.others.iter().zip(&row[own..]) {
+                    self.kept_step[other] -= entry * w[i];
                 }
             }
         }
