@@ -10,11 +10,11 @@ use crate::program::{Operand, Operation, Program};
 
 /// Blocks over which an instruction runs: enough to hide its decoding, few enough for the slots of a
 /// residual to stay in cache.
-const CHUNK: usize = 16;
+const CHUNK: usize = 12;
 /// One value for the samples of a chunk.
 type Slot = [Lanes; CHUNK];
 
-/// What an instruction does with its operands, slots a, b, c and d.
+/// What an instruction does with its operands a, b, c and d.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Action {
     Add,
@@ -31,15 +31,23 @@ enum Action {
     MultiplySubtract,
     /// `c - a * b`
     SubtractProduct,
-    /// Slot a is the output of this number.
-    Store(usize),
+    /// a
+    Copy,
+}
+
+/// Where a result goes.
+#[derive(Debug, Clone, Copy)]
+enum Target {
+    Slot(usize),
+    /// The output of this number, which no instruction reads.
+    Output(usize),
 }
 
 #[derive(Debug, Clone, Copy)]
 struct Instruction {
     action: Action,
     operands: [usize; 4],
-    result: usize,
+    target: Target,
 }
 
 /// A program, split into what depends on parameters alone and the rest.
@@ -119,14 +127,13 @@ impl Code {
             *slot = shared[source];
         }
         for instruction in &self.instructions {
-            if let Action::Store(output) = instruction.action {
-                let value = slots[instruction.operands[0]];
-                match output.checked_sub(self.outputs) {
-                    None => outputs[output] = value,
-                    Some(output) => more[output] = value,
-                }
-            } else {
-                instruction.run(slots, 1);
+            let result = instruction.number(slots);
+            match instruction.target {
+                Target::Slot(slot) => slots[slot] = result,
+                Target::Output(output) => match output.checked_sub(self.outputs) {
+                    None => outputs[output] = result,
+                    Some(output) => more[output] = result,
+                },
             }
         }
         NUMBERS.set(numbers);
@@ -137,9 +144,8 @@ impl Code {
         numbers.clear();
         numbers.extend_from_slice(parameters);
         numbers.extend_from_slice(&self.constants);
-        numbers.resize(self.shared_slots, 0.0);
         for instruction in &self.shared {
-            instruction.run(numbers, 1);
+            numbers.push(instruction.number(numbers));
         }
     }
 }
@@ -167,107 +173,160 @@ impl Kernel for Run<'_> {
                 }
             }
             for instruction in &code.instructions {
-                if let Action::Store(output) = instruction.action {
-                    let slot = &slots[instruction.operands[0]];
-                    for (block, lanes) in slot[..count].iter().enumerate() {
-                        let block = first + block;
-                        match output.checked_sub(code.outputs) {
-                            None => outputs[block * code.outputs + output] = *lanes,
-                            Some(output) => more[block * code.more_outputs + output] = *lanes,
-                        }
+                let operands = instruction.operands;
+                match instruction.target {
+                    Target::Slot(slot) => {
+                        let (before, rest) = slots.split_at_mut(slot);
+                        let Some((result, after)) = rest.split_first_mut() else {
+                            return;
+                        };
+                        instruction.run(Blocks {
+                            count,
+                            operands,
+                            slots: (before, after),
+                            result: result.iter_mut(),
+                        });
                     }
-                } else {
-                    instruction.run(slots, count);
+                    Target::Output(output) => {
+                        let (out, output, width) = match output.checked_sub(code.outputs) {
+                            None => (&mut *outputs, output, code.outputs),
+                            Some(output) => (&mut *more, output, code.more_outputs),
+                        };
+                        let result = out[first * width + output..].iter_mut();
+                        instruction.run(Blocks {
+                            count,
+                            operands,
+                            slots: (slots, &[]),
+                            result: result.step_by(width),
+                        });
+                    }
                 }
             }
         }
     }
 }
 
-/// What a slot holds: a number, or those of a chunk.
-trait Value: Copy {
-    /// Applies a function of up to three numbers, lane by lane, in the first `count` blocks.
-    fn map(&mut self, count: usize, a: &Self, b: &Self, c: &Self, f: impl Fn(f64, f64, f64) -> f64);
-    /// `if a < b { c } else { d }`, lane by lane.
-    fn select(&mut self, count: usize, operands: [&Self; 4]);
+/// An instruction's operands and result, for one sample or for blocks.
+trait Numbers: Sized {
+    type Result;
+    fn unary(self, f: impl Fn(f64) -> f64) -> Self::Result;
+    fn binary(self, f: impl Fn(f64, f64) -> f64) -> Self::Result;
+    fn ternary(self, f: impl Fn(f64, f64, f64) -> f64) -> Self::Result;
+    /// `if a < b { c } else { d }`
+    fn select(self) -> Self::Result;
 }
 
-impl Value for f64 {
-    #[inline(always)]
-    fn map(&mut self, _: usize, a: &Self, b: &Self, c: &Self, f: impl Fn(f64, f64, f64) -> f64) {
-        *self = f(*a, *b, *c);
+/// Operands of a single sample.
+struct Single([f64; 4]);
+
+impl Numbers for Single {
+    type Result = f64;
+
+    fn unary(self, f: impl Fn(f64) -> f64) -> f64 {
+        f(self.0[0])
     }
 
-    #[inline(always)]
-    fn select(&mut self, _: usize, [a, b, c, d]: [&Self; 4]) {
-        *self = if a < b { *c } else { *d };
+    fn binary(self, f: impl Fn(f64, f64) -> f64) -> f64 {
+        f(self.0[0], self.0[1])
+    }
+
+    fn ternary(self, f: impl Fn(f64, f64, f64) -> f64) -> f64 {
+        f(self.0[0], self.0[1], self.0[2])
+    }
+
+    fn select(self) -> f64 {
+        let [a, b, c, d] = self.0;
+        if a < b { c } else { d }
     }
 }
 
-impl Value for Slot {
+/// Operands of a chunk of blocks, and where the results of its blocks go.
+struct Blocks<'a, R> {
+    count: usize,
+    operands: [usize; 4],
+    /// Slots before and after that of the result.
+    slots: (&'a [Slot], &'a [Slot]),
+    result: R,
+}
+
+impl<'a, R: Iterator<Item = &'a mut Lanes>> Blocks<'a, R> {
     #[inline(always)]
-    fn map(
-        &mut self,
-        count: usize,
-        a: &Self,
-        b: &Self,
-        c: &Self,
-        f: impl Fn(f64, f64, f64) -> f64,
-    ) {
-        for block in 0..count.min(CHUNK) {
-            // Copies tell the compiler that the result overlaps no operand.
-            let (a, b, c) = (a[block], b[block], c[block]);
-            let mut result = Lanes::ZERO;
-            for lane in 0..LANES {
-                result[lane] = f(a[lane], b[lane], c[lane]);
-            }
-            self[block] = result;
+    fn operand(&self, index: usize) -> &'a Slot {
+        let (before, after) = self.slots;
+        // A result's slot is never an operand's.
+        match self.operands[index].checked_sub(before.len()) {
+            None => &before[self.operands[index]],
+            Some(place) => &after[place - 1],
         }
     }
 
     #[inline(always)]
-    fn select(&mut self, count: usize, [a, b, c, d]: [&Self; 4]) {
-        for block in 0..count.min(CHUNK) {
-            let (a, b, c, d) = (a[block], b[block], c[block], d[block]);
-            let mut result = Lanes::ZERO;
+    fn map(self, f: impl Fn(usize, usize) -> f64) {
+        for (block, result) in (0..self.count.min(CHUNK)).zip(self.result) {
+            // A value of its own tells the compiler that the result overlaps no operand.
+            let mut value = Lanes::ZERO;
             for lane in 0..LANES {
-                result[lane] = if a[lane] < b[lane] { c[lane] } else { d[lane] };
+                value[lane] = f(block, lane);
             }
-            self[block] = result;
+            *result = value;
         }
+    }
+}
+
+impl<'a, R: Iterator<Item = &'a mut Lanes>> Numbers for Blocks<'a, R> {
+    type Result = ();
+
+    #[inline(always)]
+    fn unary(self, f: impl Fn(f64) -> f64) {
+        let a = self.operand(0);
+        self.map(|block, lane| f(a[block][lane]));
+    }
+
+    #[inline(always)]
+    fn binary(self, f: impl Fn(f64, f64) -> f64) {
+        let (a, b) = (self.operand(0), self.operand(1));
+        self.map(|block, lane| f(a[block][lane], b[block][lane]));
+    }
+
+    #[inline(always)]
+    fn ternary(self, f: impl Fn(f64, f64, f64) -> f64) {
+        let (a, b, c) = (self.operand(0), self.operand(1), self.operand(2));
+        self.map(|block, lane| f(a[block][lane], b[block][lane], c[block][lane]));
+    }
+
+    #[inline(always)]
+    fn select(self) {
+        let (a, b) = (self.operand(0), self.operand(1));
+        let (c, d) = (self.operand(2), self.operand(3));
+        self.map(|block, lane| {
+            if a[block][lane] < b[block][lane] {
+                c[block][lane]
+            } else {
+                d[block][lane]
+            }
+        });
     }
 }
 
 impl Instruction {
+    fn number(&self, slots: &[f64]) -> f64 {
+        self.run(Single(self.operands.map(|slot| slots[slot])))
+    }
+
     #[inline(always)]
-    fn run<V: Value>(&self, slots: &mut [V], count: usize) {
-        let (below, rest) = slots.split_at_mut(self.result);
-        let Some((result, above)) = rest.split_first_mut() else {
-            return;
-        };
-        // A result's slot is never an operand's.
-        let [a, b, c, d] = self.operands.map(|operand| {
-            if operand < self.result {
-                &below[operand]
-            } else {
-                &above[operand - self.result - 1]
-            }
-        });
+    fn run<N: Numbers>(&self, numbers: N) -> N::Result {
         match self.action {
-            Action::Add => result.map(count, a, b, b, |a, b, _| a + b),
-            Action::Subtract => result.map(count, a, b, b, |a, b, _| a - b),
-            Action::Multiply => result.map(count, a, b, b, |a, b, _| a * b),
-            Action::Divide => result.map(count, a, b, b, |a, b, _| a / b),
-            Action::Negate => result.map(count, a, a, a, |a, _, _| -a),
-            Action::MultiplyAdd => result.map(count, a, b, c, |a, b, c| a * b + c),
-            Action::MultiplySubtract => result.map(count, a, b, c, |a, b, c| a * b - c),
-            Action::SubtractProduct => result.map(count, a, b, c, |a, b, c| c - a * b),
-            Action::Select => result.select(count, [a, b, c, d]),
-            Action::Apply(function) => {
-                let function = elementary(function);
-                result.map(count, a, a, a, |a, _, _| function(a));
-            }
-            Action::Store(_) => {}
+            Action::Add => numbers.binary(|a, b| a + b),
+            Action::Subtract => numbers.binary(|a, b| a - b),
+            Action::Multiply => numbers.binary(|a, b| a * b),
+            Action::Divide => numbers.binary(|a, b| a / b),
+            Action::Negate => numbers.unary(|a| -a),
+            Action::MultiplyAdd => numbers.ternary(|a, b, c| a * b + c),
+            Action::MultiplySubtract => numbers.ternary(|a, b, c| a * b - c),
+            Action::SubtractProduct => numbers.ternary(|a, b, c| c - a * b),
+            Action::Select => numbers.select(),
+            Action::Apply(function) => numbers.unary(elementary(function)),
+            Action::Copy => numbers.unary(|a| a),
         }
     }
 }
@@ -378,7 +437,7 @@ impl<'a> Translation<'a> {
                 self.shared.push(Instruction {
                     action,
                     operands: padded(&operands),
-                    result,
+                    target: Target::Slot(result),
                 });
                 Source::Shared(result)
             } else {
@@ -491,16 +550,12 @@ impl<'a> Translation<'a> {
         };
         let mut slot_of: BTreeMap<usize, usize> = BTreeMap::new();
         let mut free: Vec<usize> = Vec::new();
-        let store = |code: &mut Code, wanted: &dyn Fn(Source) -> Option<usize>| {
-            for (output, source) in stored.iter().enumerate() {
-                if let Some(slot) = source.and_then(wanted) {
-                    code.instructions.push(Instruction {
-                        action: Action::Store(output),
-                        operands: [slot; 4],
-                        result: 0,
-                    });
-                }
-            }
+        let copy = |code: &mut Code, output: usize, place: usize| {
+            code.instructions.push(Instruction {
+                action: Action::Copy,
+                operands: [place; 4],
+                target: Target::Output(output),
+            });
         };
         let copies = code.copied.clone();
         let samples = code.samples;
@@ -512,12 +567,12 @@ impl<'a> Translation<'a> {
             }
             Source::Result(_) => None,
         };
-        store(&mut code, &at_once);
+        for (output, source) in stored.iter().enumerate() {
+            if let Some(place) = source.and_then(&at_once) {
+                copy(&mut code, output, place);
+            }
+        }
         for (position, (action, sources, temporary)) in self.varying.iter().enumerate() {
-            let result = free.pop().unwrap_or_else(|| {
-                code.slots += 1;
-                code.slots - 1
-            });
             let operands: Vec<usize> = sources
                 .iter()
                 .filter_map(|&source| match source {
@@ -525,15 +580,31 @@ impl<'a> Translation<'a> {
                     other => at_once(other),
                 })
                 .collect();
+            let is_result = |&output: &usize| stored[output] == Some(Source::Result(*temporary));
+            let stores: Vec<usize> = (0..stored.len()).filter(is_result).collect();
+            let is_read = last_use.contains_key(temporary);
+            let target = match stores.as_slice() {
+                &[output] if !is_read => Target::Output(output),
+                _ => Target::Slot(free.pop().unwrap_or_else(|| {
+                    code.slots += 1;
+                    code.slots - 1
+                })),
+            };
             code.instructions.push(Instruction {
                 action: *action,
                 operands: padded(&operands),
-                result,
+                target,
             });
-            slot_of.insert(*temporary, result);
-            store(&mut code, &|source| {
-                (source == Source::Result(*temporary)).then_some(result)
-            });
+            if let Target::Slot(slot) = target {
+                for output in stores {
+                    copy(&mut code, output, slot);
+                }
+                if is_read {
+                    slot_of.insert(*temporary, slot);
+                } else {
+                    free.push(slot);
+                }
+            }
             for source in sources {
                 if let Source::Result(operand) = source
                     && last_use.get(operand) == Some(&position)
@@ -541,11 +612,6 @@ impl<'a> Translation<'a> {
                 {
                     free.push(slot);
                 }
-            }
-            if !last_use.contains_key(temporary)
-                && let Some(slot) = slot_of.remove(temporary)
-            {
-                free.push(slot);
             }
         }
         code
