@@ -1,17 +1,19 @@
 //! Errors in variables at size: time, iterations, cost and peak memory against the number of poses.
 //!
 //! `cargo bench -p tau-benches --bench errors_in_variables -- [POSES ...]`, by default 100, 1 000, 10 000 and
-//! 100 000. Every size is solved in a process of its own, whose peak memory is then that of the size. The
-//! peer, Ceres Solver with automatic differentiation and Schur elimination, solves the same problem from
-//! the same start (see `peers/ceres.cpp`); it is compiled if `c++` finds Ceres and left out otherwise. Times
-//! are compared only where both final costs agree.
+//! 100 000. Every size is solved in a process of its own, whose peak memory is then that of the size. Peers
+//! solve the same problem from the same start: Ceres Solver with automatic differentiation and Schur
+//! elimination (`peers/ceres.cpp`), and tiny-solver, a Rust crate after its model (`peers/tiny-solver`). What
+//! can't be built is left out, and a line says so; a peer that takes longer than [`PATIENCE`] is stopped. Times
+//! are compared only where final costs agree.
 
 use std::env;
 use std::fmt::Write as _;
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::{Command, ExitCode};
-use std::time::Instant;
+use std::process::{Command, ExitCode, Stdio};
+use std::thread::sleep;
+use std::time::{Duration, Instant};
 
 use tau::calibration::{self, calibrate};
 use tau::errors_in_variables::AllSets;
@@ -31,6 +33,8 @@ const TOLERANCE: f64 = 1e-12;
 const AGREEMENT: f64 = 1e-6;
 /// Times are the least of so many solves.
 const REPEATS: usize = 3;
+/// Time that a peer is given for a size, reading included.
+const PATIENCE: Duration = Duration::from_secs(120);
 
 fn main() -> ExitCode {
     let arguments: Vec<String> = env::args().skip(1).filter(|a| a != "--bench").collect();
@@ -214,18 +218,23 @@ struct Row {
 struct Peer {
     name: String,
     seconds: f64,
-    iterations: usize,
+    iterations: String,
     cost: f64,
     mib: f64,
+}
+
+/// A program that solves a problem from a file.
+struct Contender {
+    name: &'static str,
+    program: PathBuf,
+    /// What follows the file on its command line.
+    arguments: Vec<String>,
 }
 
 fn table(sizes: &[usize]) -> ExitCode {
     let folder = env::temp_dir().join(format!("tau-errors-in-variables-{}", std::process::id()));
     fs::create_dir_all(&folder).expect("a temporary folder");
-    let peer = compile_peer(&folder);
-    if peer.is_none() {
-        println!("Ceres Solver is not installed: left out");
-    }
+    let contenders = contenders(&folder);
     println!(
         "{:<22}{:>9}{:>10}{:>10}{:>12}{:>20}{:>11}",
         "solver", "poses", "unknowns", "time, s", "iterations", "cost", "peak, MiB"
@@ -233,7 +242,7 @@ fn table(sizes: &[usize]) -> ExitCode {
     let mut rows = Vec::new();
     for &poses in sizes {
         let data = folder.join("poses.txt");
-        let Some(row) = measure(poses, &data, peer.as_deref()) else {
+        let Some(row) = measure(poses, &data, &contenders) else {
             println!("{poses} poses could not be solved");
             return ExitCode::FAILURE;
         };
@@ -287,7 +296,7 @@ fn print(row: &Row) {
     }
 }
 
-fn measure(poses: usize, data: &Path, peer: Option<&Path>) -> Option<Row> {
+fn measure(poses: usize, data: &Path, contenders: &[Contender]) -> Option<Row> {
     let output = Command::new(env::current_exe().ok()?)
         .args(["--one", &poses.to_string()])
         .env("TAU_PEER_DATA", data)
@@ -297,24 +306,11 @@ fn measure(poses: usize, data: &Path, peer: Option<&Path>) -> Option<Row> {
     let line = text.lines().find_map(|line| line.strip_prefix("result "))?;
     let fields: Vec<&str> = line.split_whitespace().collect();
     let mut peers = Vec::new();
-    for method in ["DENSE_SCHUR", "SPARSE_SCHUR"] {
-        let Some(program) = peer else { continue };
-        let threads = rayon_threads().to_string();
-        let output = Command::new(program)
-            .arg(data)
-            .args([method, &threads, &format!("{TOLERANCE:e}")])
-            .output()
-            .ok()?;
-        let text = String::from_utf8_lossy(&output.stdout).into_owned();
-        let line = text.lines().find_map(|line| line.strip_prefix("result "))?;
-        let fields: Vec<&str> = line.split_whitespace().collect();
-        peers.push(Peer {
-            name: format!("Ceres {method}"),
-            seconds: fields.first()?.parse().ok()?,
-            iterations: fields.get(1)?.parse().ok()?,
-            cost: fields.get(2)?.parse().ok()?,
-            mib: fields.get(3)?.parse().ok()?,
-        });
+    for contender in contenders {
+        match solve_by(contender, data) {
+            Ok(peer) => peers.push(peer),
+            Err(why) => println!("{}, {poses} poses: {why}", contender.name),
+        }
     }
     Some(Row {
         poses,
@@ -327,8 +323,96 @@ fn measure(poses: usize, data: &Path, peer: Option<&Path>) -> Option<Row> {
     })
 }
 
-/// The peer's program; `None` where Ceres is not installed.
-fn compile_peer(folder: &Path) -> Option<PathBuf> {
+/// Lets a peer solve a problem; why it does not.
+fn solve_by(contender: &Contender, data: &Path) -> Result<Peer, String> {
+    let mut child = Command::new(&contender.program)
+        .arg(data)
+        .args(&contender.arguments)
+        .stdout(Stdio::piped())
+        .stderr(Stdio::null())
+        .spawn()
+        .map_err(|error| error.to_string())?;
+    let started = Instant::now();
+    // It prints a line, for which a pipe has room.
+    while child
+        .try_wait()
+        .map_err(|error| error.to_string())?
+        .is_none()
+    {
+        if started.elapsed() > PATIENCE {
+            let _ = child.kill();
+            let _ = child.wait();
+            return Err(format!("stopped after {} s", PATIENCE.as_secs()));
+        }
+        sleep(Duration::from_millis(2));
+    }
+    let output = child
+        .wait_with_output()
+        .map_err(|error| error.to_string())?;
+    let text = String::from_utf8_lossy(&output.stdout).into_owned();
+    let peer = || {
+        let line = text.lines().find_map(|line| line.strip_prefix("result "))?;
+        let fields: Vec<&str> = line.split_whitespace().collect();
+        Some(Peer {
+            name: contender.name.to_owned(),
+            seconds: fields.first()?.parse().ok()?,
+            iterations: (*fields.get(1)?).to_owned(),
+            cost: fields.get(2)?.parse().ok()?,
+            mib: fields.get(3)?.parse().ok()?,
+        })
+    };
+    peer().ok_or_else(|| format!("no result ({})", output.status))
+}
+
+/// The peers that can be built here.
+fn contenders(folder: &Path) -> Vec<Contender> {
+    let mut contenders = Vec::new();
+    match compile_ceres(folder) {
+        Some(program) => {
+            for (name, method) in [
+                ("Ceres DENSE_SCHUR", "DENSE_SCHUR"),
+                ("Ceres SPARSE_SCHUR", "SPARSE_SCHUR"),
+            ] {
+                let threads = rayon_threads().to_string();
+                contenders.push(Contender {
+                    name,
+                    program: program.clone(),
+                    arguments: vec![method.to_owned(), threads, format!("{TOLERANCE:e}")],
+                });
+            }
+        }
+        None => println!("Ceres Solver is not installed: left out"),
+    }
+    match build_tiny_solver() {
+        Some(program) => contenders.push(Contender {
+            name: "tiny-solver",
+            program,
+            arguments: vec![format!("{TOLERANCE:e}")],
+        }),
+        None => println!("tiny-solver can't be built: left out"),
+    }
+    contenders
+}
+
+fn build_tiny_solver() -> Option<PathBuf> {
+    let peers = Path::new(env!("CARGO_MANIFEST_DIR")).join("peers");
+    let target = env::var_os("CARGO_TARGET_DIR")
+        .map_or_else(|| peers.join("../../target"), PathBuf::from)
+        .join("peers/tiny-solver");
+    let built = Command::new("cargo")
+        .args(["build", "--release", "--quiet", "--manifest-path"])
+        .arg(peers.join("tiny-solver/Cargo.toml"))
+        .env("CARGO_TARGET_DIR", &target)
+        .output()
+        .ok()?;
+    built
+        .status
+        .success()
+        .then(|| target.join("release/tau-tiny-solver"))
+}
+
+/// The program that uses Ceres; `None` where that is not installed.
+fn compile_ceres(folder: &Path) -> Option<PathBuf> {
     let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("peers/ceres.cpp");
     let program = folder.join("ceres");
     let compiled = Command::new("c++")

@@ -1,19 +1,13 @@
-//! Whole fits: one link against Ceres Solver, and the five variants of the paper.
+//! Whole fits of one link against Ceres Solver.
 
 use std::fmt::Write as _;
 use std::fs;
 
-use tau::calibration::{self, calibrate};
-use tau::measurements::Split;
-use tau::prototype;
-use tau::robot::Robot;
-use tau::study::Poses;
-use tau_generated::gantry_tau::ROBOT;
 use tau_solver::{Block, Options, Parameter, Problem, solve};
 
 use crate::program::Program;
 use crate::samples::{PARAMETERS, Uniform, WIDTH, closure};
-use crate::{least_seconds, setup};
+use crate::{least_seconds, setup, variants};
 
 /// As many samples as poses calibrate the prototype, as the literature measures, as a machine can log.
 const SIZES: [usize; 3] = [61, 2_000, 200_000];
@@ -22,18 +16,9 @@ pub(crate) const SIGMA: f64 = 8e-5;
 /// Weak priors: ten times the drawing tolerances of length, joint, offset (m) and direction.
 const PRIOR: [f64; 10] = [1e-2, 1e-2, 1e-2, 1e-2, 5e-2, 5e-2, 5e-2, 1e-2, 1e-2, 1e-2];
 /// Both stop where a step lowers the cost by less than this share.
-const TOLERANCE: f64 = 1e-12;
+pub(crate) const TOLERANCE: f64 = 1e-12;
 /// Costs agree within this share.
-const AGREEMENT: f64 = 1e-6;
-/// The five variants of Dressler et al. 2010.
-const VARIANTS: [&str; 5] = [
-    "Nominal",
-    "Piecewise",
-    "Full",
-    "FullPiecewise",
-    "BestPerLink",
-];
-
+pub(crate) const AGREEMENT: f64 = 1e-6;
 /// Poses that close the loop at the true parameters: q is moved until they do; then noise is added.
 pub(crate) fn measured(samples: usize) -> Vec<f64> {
     let mut uniform = Uniform::new();
@@ -97,7 +82,7 @@ fn text(data: &[f64]) -> String {
     text
 }
 
-fn line(text: &mut String, numbers: &[f64]) {
+pub(crate) fn line(text: &mut String, numbers: &[f64]) {
     for number in numbers {
         let _ = write!(text, "{number:e} ");
     }
@@ -118,8 +103,8 @@ pub(crate) fn print() {
         one_link(samples, ceres.as_deref().ok());
     }
     println!();
+    variants::print(ceres.as_deref().ok());
     setup::or_say("Ceres Solver", ceres);
-    five_variants();
 }
 
 /// All solve in turns; the time of the solver here includes what it prepares of the samples, that of
@@ -166,37 +151,4 @@ fn one_link(samples: usize, ceres: Option<&std::path::Path>) {
             peer_seconds / seconds
         );
     }
-}
-
-/// Calibrates each variant on the prototype's measurements, from nominal values.
-fn five_variants() {
-    let robot = Robot::from(&ROBOT);
-    let (file, folder) = (prototype::robot_file(), prototype::folder());
-    let (file, folder) = (file.expect("a robot file"), folder.expect("measurements"));
-    let poses = Poses::select(&robot, &file, &folder, Split::Alternate).expect("poses");
-    let poses = poses.division.calibration;
-    let options = calibration::Options::default();
-    println!(
-        "All residuals of the prototype's {} calibration poses, from nominal values; covariance and \
-         undetermined combinations included.\n\n\
-         | variant | parameters | iterations | time, ms |\n| --- | ---: | ---: | ---: |",
-        poses.len()
-    );
-    let mut total = 0.0;
-    for name in VARIANTS {
-        let variant = robot.variant(name).expect("a variant");
-        let mut found = None;
-        let seconds = least_seconds(40, || {
-            let fitted = calibrate(&robot, variant, &file, &folder, &poses, &options);
-            found = Some(fitted.expect("a calibration"));
-        });
-        total += seconds;
-        let found = found.expect("a calibration");
-        let (parameters, iterations) = (found.parameters.len(), found.iterations);
-        println!(
-            "| `{name}` | {parameters} | {iterations} | {:.3} |",
-            1e3 * seconds
-        );
-    }
-    println!("| all five | | | {:.3} |\n", 1e3 * total);
 }

@@ -22,6 +22,7 @@ mod growth;
 mod program;
 mod samples;
 mod setup;
+mod variants;
 
 use std::process::ExitCode;
 
