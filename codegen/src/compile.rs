@@ -82,6 +82,36 @@ pub struct CompiledInstance {
 }
 
 impl Family {
+    /// Lowers equations; the family has no name yet.
+    fn of(equations: &Equations) -> Self {
+        let programs = equations.lower();
+        let name = |expr: Expr| match equations.graph.node(expr) {
+            Node::Symbol(symbol) => equations.graph.symbols()[symbol.0 as usize].name.clone(),
+            other => unreachable!("a variable is a symbol, not {other:?}"),
+        };
+        Self {
+            name: String::new(),
+            kind: equations.kind,
+            equation: equations.equation,
+            shape: equations.shape(programs.prepare.outputs.len()),
+            data: equations
+                .data
+                .iter()
+                .map(|&(_, symbol)| name(symbol))
+                .collect(),
+            parameters: equations
+                .pose
+                .iter()
+                .copied()
+                .chain(equations.parameters.iter().map(|&(_, symbol)| symbol))
+                .map(name)
+                .collect(),
+            row_starts: equations.jacobian.row_starts.clone(),
+            columns: equations.jacobian.columns.clone(),
+            programs,
+        }
+    }
+
     /// The family, to be run by the interpreter.
     pub fn interpreted(&self) -> Arc<dyn runtime::ResidualFamily> {
         Arc::new(Interpreted::new(
@@ -103,11 +133,12 @@ impl Family {
 
 /// Compiles a model; `description` is the text it came from.
 pub fn compile(model: &Model, description: &str) -> CompiledRobot {
+    let mut known = Known::default();
     CompiledRobot {
         model: model.clone(),
         description: description.to_owned(),
         variants: (0..model.variants.len())
-            .map(|variant| compile_variant(model, variant))
+            .map(|variant| compile_known(model, variant, |_, _| true, &mut known))
             .collect(),
     }
 }
@@ -123,6 +154,18 @@ pub fn compile_some(
     model: &Model,
     variant: usize,
     wanted: impl Fn(ResidualKind, usize) -> bool,
+) -> CompiledVariant {
+    compile_known(model, variant, wanted, &mut Known::default())
+}
+
+/// Families that were lowered already, with their equations.
+type Known = Vec<(Equations, Family)>;
+
+fn compile_known(
+    model: &Model,
+    variant: usize,
+    wanted: impl Fn(ResidualKind, usize) -> bool,
+    known: &mut Known,
 ) -> CompiledVariant {
     let variant = &model.variants[variant];
     let parameters = equations::parameters(model, variant);
@@ -165,16 +208,16 @@ pub fn compile_some(
         parameters: parameters.clone(),
     };
     for of in (0..closures).filter(|&of| wanted(ResidualKind::Closure, of)) {
-        compiled.add(equations::closure(context(), of, false));
+        compiled.add(equations::closure(context(), of, false), known);
     }
     for of in (0..closures).filter(|&of| wanted(ResidualKind::ClosureByPose, of)) {
-        compiled.add(equations::closure_by_pose(context(), of));
+        compiled.add(equations::closure_by_pose(context(), of), known);
     }
     for of in (0..carts).filter(|&of| wanted(ResidualKind::CartPose, of)) {
-        compiled.add(equations::cart_pose(context(), of));
+        compiled.add(equations::cart_pose(context(), of), known);
     }
     for of in (0..carts).filter(|&of| wanted(ResidualKind::CartPosition, of)) {
-        compiled.add(equations::cart_position(context(), of));
+        compiled.add(equations::cart_position(context(), of), known);
     }
     compiled.name_families(model);
     compiled
@@ -182,39 +225,19 @@ pub fn compile_some(
 
 impl CompiledVariant {
     /// Lowers equations and adds them, sharing the code of an equal family.
-    fn add(&mut self, mut equations: Equations) {
-        let programs = equations.lower();
-        let name = |expr: Expr| match equations.graph.node(expr) {
-            Node::Symbol(symbol) => equations.graph.symbols()[symbol.0 as usize].name.clone(),
-            other => unreachable!("a variable is a symbol, not {other:?}"),
-        };
-        let family = Family {
-            name: String::new(),
-            kind: equations.kind,
-            equation: equations.equation,
-            shape: equations.shape(programs.prepare.outputs.len()),
-            data: equations
-                .data
-                .iter()
-                .map(|&(_, symbol)| name(symbol))
-                .collect(),
-            parameters: equations
-                .pose
-                .iter()
-                .copied()
-                .chain(equations.parameters.iter().map(|&(_, symbol)| symbol))
-                .map(name)
-                .collect(),
-            row_starts: equations.jacobian.row_starts.clone(),
-            columns: equations.jacobian.columns.clone(),
-            programs,
-        };
+    fn add(&mut self, equations: Equations, known: &mut Known) {
+        let family = known
+            .iter()
+            .find(|(other, _)| other.same_form(&equations))
+            .map(|(_, family)| family.clone());
+        let is_new = family.is_none();
+        let family = family.unwrap_or_else(|| Family::of(&equations));
         let index = self
             .families
             .iter()
-            .position(|known| known.same_code(&family))
+            .position(|own| own.same_code(&family))
             .unwrap_or_else(|| {
-                self.families.push(family);
+                self.families.push(family.clone());
                 self.families.len() - 1
             });
         self.instances.push(CompiledInstance {
@@ -228,6 +251,9 @@ impl CompiledVariant {
                 .collect(),
             inputs: equations.data.iter().map(|&(input, _)| input).collect(),
         });
+        if is_new {
+            known.push((equations, family));
+        }
     }
 
     /// Names each family after its residual, and after the first link, cluster or cart that uses it where

@@ -5,6 +5,8 @@
 //! simplify as they build: constants fold, negations move outwards, neutral elements vanish.
 
 use std::collections::{BTreeMap, HashMap};
+use std::hash::{BuildHasherDefault, Hasher};
+use std::ops::Index;
 
 /// An expression: the index of a node in its [`Graph`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -93,19 +95,24 @@ pub enum Node {
 
 impl Node {
     /// The children, in order.
-    pub fn children(&self) -> Vec<Expr> {
-        match *self {
-            Node::Constant(_) | Node::Symbol(_) => vec![],
-            Node::Negate(a) | Node::Apply(_, a) => vec![a],
-            Node::Add(a, b) | Node::Multiply(a, b) | Node::Divide(a, b) => vec![a, b],
-            Node::TurnFirst(a, x, y) | Node::TurnSecond(a, x, y) => vec![a, x, y],
+    pub fn children(&self) -> impl Iterator<Item = Expr> + use<> {
+        let children = match *self {
+            Node::Constant(_) | Node::Symbol(_) => [None; 4],
+            Node::Negate(a) | Node::Apply(_, a) => [Some(a), None, None, None],
+            Node::Add(a, b) | Node::Multiply(a, b) | Node::Divide(a, b) => {
+                [Some(a), Some(b), None, None]
+            }
+            Node::TurnFirst(a, x, y) | Node::TurnSecond(a, x, y) => {
+                [Some(a), Some(x), Some(y), None]
+            }
             Node::Select {
                 left,
                 right,
                 below,
                 otherwise,
-            } => vec![left, right, below, otherwise],
-        }
+            } => [left, right, below, otherwise].map(Some),
+        };
+        children.into_iter().flatten()
     }
 }
 
@@ -118,14 +125,109 @@ pub struct SymbolInfo {
     pub stage: Stage,
 }
 
+/// Hashes small keys of the program's own making, word by word: there is no adversary to resist.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct WordHasher(u64);
+
+impl Hasher for WordHasher {
+    fn write(&mut self, bytes: &[u8]) {
+        for chunk in bytes.chunks(8) {
+            let mut word = [0; 8];
+            word[..chunk.len()].copy_from_slice(chunk);
+            self.write_u64(u64::from_le_bytes(word));
+        }
+    }
+
+    fn write_u8(&mut self, word: u8) {
+        self.write_u64(word.into());
+    }
+
+    fn write_u32(&mut self, word: u32) {
+        self.write_u64(word.into());
+    }
+
+    fn write_u64(&mut self, word: u64) {
+        // An odd number without pattern: π's fraction.
+        self.0 = (self.0.rotate_left(5) ^ word).wrapping_mul(0x243f_6a88_85a3_08d3);
+    }
+
+    fn write_usize(&mut self, word: usize) {
+        self.write_u64(word as u64);
+    }
+
+    fn write_isize(&mut self, word: isize) {
+        self.write_usize(word.cast_unsigned());
+    }
+
+    fn finish(&self) -> u64 {
+        // Tables look at the lowest bits, multiplication mixes the highest best.
+        self.0.rotate_left(26)
+    }
+}
+
+/// A hash map for keys of the program's own making.
+pub(crate) type WordMap<K, V> = HashMap<K, V, BuildHasherDefault<WordHasher>>;
+
+/// Values of some expressions of a graph, by index.
+#[derive(Debug, Clone)]
+pub(crate) struct ExprMap<T>(Vec<Option<T>>);
+
+impl<T: Copy> ExprMap<T> {
+    /// For the expressions that a graph has now.
+    pub(crate) fn new(graph: &Graph) -> Self {
+        Self(vec![None; graph.len()])
+    }
+
+    /// `None` also for expressions that are newer than the map.
+    pub(crate) fn get(&self, expr: Expr) -> Option<T> {
+        self.0.get(expr.index()).copied().flatten()
+    }
+
+    pub(crate) fn contains(&self, expr: Expr) -> bool {
+        self.get(expr).is_some()
+    }
+
+    pub(crate) fn values(&self) -> impl Iterator<Item = &T> {
+        self.0.iter().flatten()
+    }
+
+    pub(crate) fn insert(&mut self, expr: Expr, value: T) {
+        self.0[expr.index()] = Some(value);
+    }
+}
+
+impl ExprMap<usize> {
+    /// Counts an expression so many times more.
+    pub(crate) fn count(&mut self, expr: Expr, times: usize) {
+        *self.0[expr.index()].get_or_insert(0) += times;
+    }
+}
+
+impl<T> Index<Expr> for ExprMap<T> {
+    type Output = T;
+
+    fn index(&self, expr: Expr) -> &T {
+        self.0[expr.index()]
+            .as_ref()
+            .expect("children stand before their parents")
+    }
+}
+
 /// A graph of expressions.
 #[derive(Debug, Clone, Default)]
 pub struct Graph {
     nodes: Vec<Node>,
     stages: Vec<Stage>,
-    interned: HashMap<Node, Expr>,
+    interned: WordMap<Node, Expr>,
     symbols: Vec<SymbolInfo>,
     names: BTreeMap<Expr, String>,
+}
+
+/// Stages and lookup follow from nodes and symbols.
+impl PartialEq for Graph {
+    fn eq(&self, other: &Self) -> bool {
+        (&self.nodes, &self.symbols, &self.names) == (&other.nodes, &other.symbols, &other.names)
+    }
 }
 
 impl Graph {
@@ -193,8 +295,7 @@ impl Graph {
             Node::Symbol(symbol) => self.symbols[symbol.0 as usize].stage,
             _ => node
                 .children()
-                .iter()
-                .map(|&child| self.stage(child))
+                .map(|child| self.stage(child))
                 .max()
                 .unwrap_or(Stage::Constant),
         };
@@ -434,12 +535,21 @@ impl Graph {
 
     /// All nodes that the given expressions need, children before parents.
     pub fn reachable(&self, roots: &[Expr]) -> Vec<Expr> {
+        self.reachable_before(roots, |_| false)
+    }
+
+    /// The same, not looking behind leaves.
+    pub(crate) fn reachable_before(
+        &self,
+        roots: &[Expr],
+        is_leaf: impl Fn(Expr) -> bool,
+    ) -> Vec<Expr> {
         let mut needed = vec![false; self.nodes.len()];
         for root in roots {
             needed[root.index()] = true;
         }
         for index in (0..self.nodes.len()).rev() {
-            if needed[index] {
+            if needed[index] && !is_leaf(Expr(index as u32)) {
                 for child in self.nodes[index].children() {
                     needed[child.index()] = true;
                 }
@@ -457,7 +567,7 @@ impl Graph {
         for (index, node) in self.nodes.iter().enumerate() {
             result[index] = match node {
                 Node::Symbol(symbol) => depends(*symbol),
-                _ => node.children().iter().any(|child| result[child.index()]),
+                _ => node.children().any(|child| result[child.index()]),
             };
         }
         result
@@ -469,14 +579,13 @@ impl Graph {
         roots: &[Expr],
         replacements: &BTreeMap<Symbol, Expr>,
     ) -> Vec<Expr> {
-        let mut images: HashMap<Expr, Expr> = HashMap::new();
+        let mut images: ExprMap<Expr> = ExprMap::new(self);
         for expr in self.reachable(roots) {
             let node = self.node(expr);
             let image = match node {
                 Node::Symbol(symbol) => replacements.get(&symbol).copied().unwrap_or(expr),
                 _ => {
-                    let children: Vec<Expr> =
-                        node.children().iter().map(|child| images[child]).collect();
+                    let children: Vec<Expr> = node.children().map(|child| images[child]).collect();
                     self.rebuild(node, &children)
                 }
             };
@@ -487,7 +596,7 @@ impl Graph {
             }
             images.insert(expr, image);
         }
-        roots.iter().map(|root| images[root]).collect()
+        roots.iter().map(|&root| images[root]).collect()
     }
 
     /// The same operation on other children; turns are expanded when `expand` asks for it.
@@ -507,10 +616,10 @@ impl Graph {
 
     /// Rebuilds expressions with turns written out as products of sines and cosines.
     pub fn expand_turns(&mut self, roots: &[Expr]) -> Vec<Expr> {
-        let mut images: HashMap<Expr, Expr> = HashMap::new();
+        let mut images: ExprMap<Expr> = ExprMap::new(self);
         for expr in self.reachable(roots) {
             let node = self.node(expr);
-            let children: Vec<Expr> = node.children().iter().map(|child| images[child]).collect();
+            let children: Vec<Expr> = node.children().map(|child| images[child]).collect();
             let image = match node {
                 Node::TurnFirst(..) => self.expanded_turn(children[0], children[1], children[2]).0,
                 Node::TurnSecond(..) => self.expanded_turn(children[0], children[1], children[2]).1,
@@ -523,6 +632,6 @@ impl Graph {
             }
             images.insert(expr, image);
         }
-        roots.iter().map(|root| images[root]).collect()
+        roots.iter().map(|&root| images[root]).collect()
     }
 }

@@ -37,14 +37,15 @@ pub enum Operation {
 
 impl Operation {
     /// The operands, in order.
-    pub fn operands(&self) -> Vec<Operand> {
-        match *self {
+    pub fn operands(&self) -> impl Iterator<Item = Operand> + use<> {
+        let operands = match *self {
             Self::Add(a, b) | Self::Subtract(a, b) | Self::Multiply(a, b) | Self::Divide(a, b) => {
-                vec![a, b]
+                [Some(a), Some(b), None, None]
             }
-            Self::Negate(a) | Self::Apply(_, a) => vec![a],
-            Self::Select(operands) => operands.to_vec(),
-        }
+            Self::Negate(a) | Self::Apply(_, a) => [Some(a), None, None, None],
+            Self::Select(operands) => operands.map(Some),
+        };
+        operands.into_iter().flatten()
     }
 }
 

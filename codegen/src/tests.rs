@@ -118,7 +118,6 @@ fn run(program: &Program, inputs: &[f64]) -> Vec<f64> {
     for operation in &program.operations {
         let values: Vec<f64> = operation
             .operands()
-            .into_iter()
             .map(|operand| read(operand, &registers))
             .collect();
         registers.push(match operation {
@@ -262,14 +261,14 @@ proptest! {
 
 #[test]
 fn nothing_data_only_is_left_in_the_iteration() {
-    let mut equations = closure(Staging::Staged, false);
+    let equations = closure(Staging::Staged, false);
     let programs = equations.lower();
     assert_eq!(programs.linearize.counts().functions, 0);
     let prepared = programs.prepare.outputs.len();
     for operation in &programs.linearize.operations {
-        let data_only = operation.operands().iter().all(|operand| match operand {
+        let data_only = operation.operands().all(|operand| match operand {
             Operand::Constant(_) => true,
-            Operand::Input(index) => *index < prepared,
+            Operand::Input(index) => index < prepared,
             Operand::Temporary(_) => false,
         });
         assert!(!data_only, "{operation:?} depends on data alone");

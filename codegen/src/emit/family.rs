@@ -266,7 +266,6 @@ impl Writer<'_> {
     fn depth(&self, index: usize) -> usize {
         let below = self.program.operations[index]
             .operands()
-            .into_iter()
             .filter_map(|operand| match operand {
                 Operand::Temporary(t) if self.uses[t] == 1 && self.program.names[t].is_none() => {
                     Some(self.depth(t) + 1)

@@ -7,6 +7,7 @@ mod family;
 mod tables;
 
 use std::fmt::Write;
+use std::panic::resume_unwind;
 
 use proc_macro2::{Ident, Span, TokenStream};
 use quote::quote;
@@ -37,46 +38,78 @@ impl Paths {
 }
 
 /// All items of a robot: `ROBOT` and a module per variant.
+pub fn robot(robot: &CompiledRobot, paths: &Paths) -> TokenStream {
+    let table = table(robot, paths);
+    let homes = homes(robot);
+    let variants = (0..robot.variants.len()).map(|variant| module(robot, variant, &homes, paths));
+    quote! {
+        #table
+        #(#variants)*
+    }
+}
+
+/// For each family of each variant, where it is written: variant and family.
 ///
 /// A family that an earlier variant has already is not written again: tables refer to it there.
-pub fn robot(robot: &CompiledRobot, paths: &Paths) -> TokenStream {
+fn homes(robot: &CompiledRobot) -> Vec<Vec<(usize, usize)>> {
+    let mut written: Vec<(&Family, (usize, usize))> = Vec::new();
+    let mut homes = Vec::new();
+    for (variant, compiled) in robot.variants.iter().enumerate() {
+        let mut of_families = Vec::new();
+        for (index, family) in compiled.families.iter().enumerate() {
+            let known = written.iter().find(|(known, _)| known.same_code(family));
+            let home = known.map_or((variant, index), |&(_, home)| home);
+            written.push((family, home));
+            of_families.push(home);
+        }
+        homes.push(of_families);
+    }
+    homes
+}
+
+fn table(robot: &CompiledRobot, paths: &Paths) -> TokenStream {
     let imports = imports(paths);
     let table = tables::robot(robot);
-    let mut written: Vec<(&Family, String)> = Vec::new();
-    let mut variants = Vec::new();
-    for variant in &robot.variants {
-        let module = snake_case(&variant.name);
-        let mut items = Vec::new();
-        let mut names = Vec::new();
-        for family in &variant.families {
-            let name = ident(&camel_case(&family.name));
-            if let Some((known, home)) = written.iter().find(|(known, _)| known.same_code(family)) {
-                let (home, known) = (ident(home), ident(&camel_case(&known.name)));
-                names.push(quote!(super::#home::#known));
-            } else {
-                items.push(family::family(family));
-                names.push(quote!(#name));
-                written.push((family, module.clone()));
-            }
-        }
-        let module = ident(&module);
-        let docs = variant.docs.iter().map(|line| quote!(#[doc = #line]));
-        let summary = format!(" The variant `{}`.", variant.name);
-        let table = tables::variant(&robot.model, variant, &names);
-        variants.push(quote! {
-            #[doc = #summary]
-            #(#docs)*
-            pub mod #module {
-                #imports
-                #table
-                #(#items)*
-            }
-        });
-    }
     quote! {
         #imports
         #table
-        #(#variants)*
+    }
+}
+
+/// The module of one variant.
+fn module(
+    robot: &CompiledRobot,
+    variant: usize,
+    homes: &[Vec<(usize, usize)>],
+    paths: &Paths,
+) -> TokenStream {
+    let imports = imports(paths);
+    let compiled = &robot.variants[variant];
+    let mut items = Vec::new();
+    let mut names = Vec::new();
+    for (index, family) in compiled.families.iter().enumerate() {
+        let (home, known) = homes[variant][index];
+        let name = ident(&camel_case(&robot.variants[home].families[known].name));
+        if (home, known) == (variant, index) {
+            items.push(family::family(family));
+            names.push(quote!(#name));
+        } else {
+            let home = ident(&snake_case(&robot.variants[home].name));
+            names.push(quote!(super::#home::#name));
+        }
+    }
+    let module = ident(&snake_case(&compiled.name));
+    let docs = compiled.docs.iter().map(|line| quote!(#[doc = #line]));
+    let summary = format!(" The variant `{}`.", compiled.name);
+    let table = tables::variant(&robot.model, compiled, &names);
+    quote! {
+        #[doc = #summary]
+        #(#docs)*
+        pub mod #module {
+            #imports
+            #table
+            #(#items)*
+        }
     }
 }
 
@@ -96,8 +129,26 @@ fn imports(paths: &Paths) -> TokenStream {
 ///
 /// The text depends on the description alone: no paths, times or versions.
 pub fn file(compiled: &CompiledRobot, source: &str, command: &str) -> String {
-    let tokens = robot(compiled, &Paths::runtime_crate());
-    let items = syn::parse2(tokens).expect("generated tokens are Rust items");
+    let paths = Paths::runtime_crate;
+    let formatted = |tokens: TokenStream| {
+        let items = syn::parse2(tokens).expect("generated tokens are Rust items");
+        prettyplease::unparse(&items)
+    };
+    // Formatting takes longest, so each variant has a thread; tokens can't be sent to another.
+    let homes = homes(compiled);
+    let items: Vec<String> = std::thread::scope(|scope| {
+        let modules: Vec<_> = (0..compiled.variants.len())
+            .map(|variant| {
+                let homes = &homes;
+                scope.spawn(move || formatted(module(compiled, variant, homes, &paths())))
+            })
+            .collect();
+        let table = formatted(table(compiled, &paths()));
+        let modules = modules
+            .into_iter()
+            .map(|module| module.join().unwrap_or_else(|panic| resume_unwind(panic)));
+        std::iter::once(table).chain(modules).collect()
+    });
     let mut text = format!(
         "// @generated by `{command}` from {source}. Do not edit: edit that file and run the command.\n//\n\
          // Operations once per sample / per residual / with the Jacobian:\n"
@@ -116,7 +167,7 @@ pub fn file(compiled: &CompiledRobot, source: &str, command: &str) -> String {
         }
     }
     text.push('\n');
-    text.push_str(&pack_lists(&prettyplease::unparse(&items)));
+    text.push_str(&pack_lists(&items.concat()));
     text
 }
 

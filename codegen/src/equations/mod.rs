@@ -85,8 +85,23 @@ impl Equations {
         }
     }
 
+    /// Whether other equations lower to the same code: the links, clusters and carts of one form differ
+    /// in what fills data and parameters alone.
+    pub fn same_form(&self, other: &Self) -> bool {
+        fn symbols<T>(of: &[(T, Expr)]) -> impl Iterator<Item = Expr> {
+            of.iter().map(|&(_, symbol)| symbol)
+        }
+        self.kind == other.kind
+            && self.graph == other.graph
+            && self.pose == other.pose
+            && symbols(&self.data).eq(symbols(&other.data))
+            && symbols(&self.parameters).eq(symbols(&other.parameters))
+            && self.residuals == other.residuals
+            && self.jacobian == other.jacobian
+    }
+
     /// Lowers to programs.
-    pub fn lower(&mut self) -> Programs {
+    pub fn lower(&self) -> Programs {
         let staged = |graph: &Graph, expr: Expr| graph.stage(expr) <= Stage::Data;
         let data: Vec<Expr> = self.data.iter().map(|&(_, symbol)| symbol).collect();
         // Data that are not staged are read like parameters, behind them.
@@ -98,7 +113,7 @@ impl Equations {
                 .filter(|&symbol| !staged(&self.graph, symbol)),
         );
         lower(
-            &mut self.graph,
+            &mut self.graph.clone(),
             &self.residuals,
             &self.jacobian.entries,
             &data,

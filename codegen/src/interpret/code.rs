@@ -452,14 +452,11 @@ impl<'a> Translation<'a> {
         let operations = &self.program.operations;
         let mut varies: Vec<bool> = Vec::with_capacity(operations.len());
         for operation in operations {
-            let varying = operation
-                .operands()
-                .into_iter()
-                .any(|operand| match operand {
-                    Operand::Constant(_) => false,
-                    Operand::Input(index) => index < self.samples,
-                    Operand::Temporary(index) => varies[index],
-                });
+            let varying = operation.operands().any(|operand| match operand {
+                Operand::Constant(_) => false,
+                Operand::Input(index) => index < self.samples,
+                Operand::Temporary(index) => varies[index],
+            });
             varies.push(varying);
         }
         let mut inside = vec![false; operations.len()];

@@ -1,10 +1,8 @@
 //! Instruction selection: sums with chosen signs become additions and subtractions.
 
-use std::collections::{BTreeMap, HashMap};
-
 use super::core;
 use super::signs::Signs;
-use crate::graph::{Elementary, Expr, Graph, Node};
+use crate::graph::{Elementary, Expr, ExprMap, Graph, Node, WordMap};
 use crate::program::{Operand, Operation, Program};
 
 /// A value of the program, in terms of earlier ones; negations have become signs of the readers.
@@ -39,32 +37,32 @@ pub(super) struct Form {
 
 impl Form {
     /// Flattens sums that are read once; everything in `inputs` is a leaf.
-    pub(super) fn new(graph: &Graph, roots: &[Expr], inputs: &BTreeMap<Expr, usize>) -> Self {
+    pub(super) fn new(graph: &Graph, roots: &[Expr], inputs: &ExprMap<usize>) -> Self {
         let order = reachable(graph, roots, inputs);
-        let mut uses: HashMap<Expr, usize> = HashMap::new();
+        let mut uses: ExprMap<usize> = ExprMap::new(graph);
         for &expr in &order {
-            if !inputs.contains_key(&expr) {
+            if !inputs.contains(expr) {
                 for child in graph.node(expr).children() {
-                    *uses.entry(core(graph, child).1).or_default() += 1;
+                    uses.count(core(graph, child).1, 1);
                 }
             }
         }
         for &root in roots {
-            *uses.entry(core(graph, root).1).or_default() += 2;
+            uses.count(core(graph, root).1, 2);
         }
         let inline = |expr: Expr| {
-            !inputs.contains_key(&expr)
+            !inputs.contains(expr)
                 && matches!(graph.node(expr), Node::Add(..))
-                && uses.get(&expr) == Some(&1)
+                && uses.get(expr) == Some(1)
         };
         // A sum dissolves only in a sum; elsewhere it is a value of its own.
-        let mut dissolved = std::collections::HashSet::new();
+        let mut dissolved: ExprMap<()> = ExprMap::new(graph);
         for &expr in &order {
-            if !inputs.contains_key(&expr) && matches!(graph.node(expr), Node::Add(..)) {
+            if !inputs.contains(expr) && matches!(graph.node(expr), Node::Add(..)) {
                 for child in graph.node(expr).children() {
                     let (_, child) = core(graph, child);
                     if inline(child) {
-                        dissolved.insert(child);
+                        dissolved.insert(child, ());
                     }
                 }
             }
@@ -74,24 +72,24 @@ impl Form {
             exprs: vec![],
             outputs: vec![],
         };
-        let mut position: HashMap<Expr, usize> = HashMap::new();
+        let mut position: ExprMap<usize> = ExprMap::new(graph);
         for &expr in &order {
-            if dissolved.contains(&expr) {
+            if dissolved.contains(expr) {
                 continue;
             }
-            let value = if let Some(&input) = inputs.get(&expr) {
+            let value = if let Some(input) = inputs.get(expr) {
                 Value::Input(input)
             } else {
                 let at = |child: Expr| {
                     let (negative, child) = core(graph, child);
-                    (negative, position[&child])
+                    (negative, position[child])
                 };
                 match graph.node(expr) {
                     Node::Constant(bits) => Value::Constant(f64::from_bits(bits)),
                     Node::Add(..) => {
                         let mut terms = Vec::new();
                         flatten(graph, expr, false, &dissolved, true, &mut terms);
-                        Value::Sum(terms.into_iter().map(|(s, e)| (s, position[&e])).collect())
+                        Value::Sum(terms.into_iter().map(|(s, e)| (s, position[e])).collect())
                     }
                     Node::Multiply(a, b) => Value::Product(at(a).1, at(b).1),
                     Node::Divide(a, b) => Value::Quotient(at(a).1, at(b).1),
@@ -119,7 +117,7 @@ impl Form {
             .iter()
             .map(|&root| {
                 let (negative, expr) = core(graph, root);
-                (negative, position[&expr])
+                (negative, position[expr])
             })
             .collect();
         form
@@ -127,35 +125,24 @@ impl Form {
 }
 
 /// Cores of all expressions that the roots need, children first, not looking behind inputs.
-fn reachable(graph: &Graph, roots: &[Expr], inputs: &BTreeMap<Expr, usize>) -> Vec<Expr> {
-    let mut seen = std::collections::BTreeSet::new();
-    let mut open: Vec<Expr> = roots.iter().map(|&root| core(graph, root).1).collect();
-    while let Some(expr) = open.pop() {
-        if seen.insert(expr) && !inputs.contains_key(&expr) {
-            open.extend(
-                graph
-                    .node(expr)
-                    .children()
-                    .into_iter()
-                    .map(|child| core(graph, child).1),
-            );
-        }
-    }
-    seen.into_iter().collect()
+fn reachable(graph: &Graph, roots: &[Expr], inputs: &ExprMap<usize>) -> Vec<Expr> {
+    let mut reachable = graph.reachable_before(roots, |expr| inputs.contains(expr));
+    reachable.retain(|&expr| !matches!(graph.node(expr), Node::Negate(_)));
+    reachable
 }
 
 fn flatten(
     graph: &Graph,
     expr: Expr,
     negative: bool,
-    dissolved: &std::collections::HashSet<Expr>,
+    dissolved: &ExprMap<()>,
     top: bool,
     into: &mut Vec<(bool, Expr)>,
 ) {
     let (flips, inner) = core(graph, expr);
     let negative = negative != flips;
     match graph.node(inner) {
-        Node::Add(a, b) if top || dissolved.contains(&inner) => {
+        Node::Add(a, b) if top || dissolved.contains(inner) => {
             flatten(graph, a, negative, dissolved, false, into);
             flatten(graph, b, negative, dissolved, false, into);
         }
@@ -168,7 +155,7 @@ pub(super) fn emit(
     graph: &Graph,
     form: &Form,
     signs: &Signs,
-    inputs: &BTreeMap<Expr, usize>,
+    inputs: &ExprMap<usize>,
     input_names: Vec<String>,
 ) -> Program {
     debug_assert!(inputs.values().all(|&input| input < input_names.len()));
@@ -178,8 +165,8 @@ pub(super) fn emit(
             ..Program::default()
         },
         stored: Vec::with_capacity(form.values.len()),
-        negated: HashMap::new(),
-        written: HashMap::new(),
+        negated: WordMap::default(),
+        written: WordMap::default(),
     };
     for (index, value) in form.values.iter().enumerate() {
         let negative = signs.values[index];
@@ -251,24 +238,23 @@ struct Writer {
     /// Where each value is stored, under its sign.
     stored: Vec<Operand>,
     /// Negated copies already made.
-    negated: HashMap<usize, Operand>,
+    negated: WordMap<usize, Operand>,
     /// Operations already written.
-    written: HashMap<Key, usize>,
+    written: WordMap<Key, usize>,
 }
 
 /// An operation as something that can be looked up.
-type Key = (u8, Option<Elementary>, Vec<(u8, u64)>);
+type Key = (u8, Option<Elementary>, [Option<(u8, u64)>; 4]);
 
 fn key(operation: &Operation) -> Key {
-    let mut operands: Vec<(u8, u64)> = operation
-        .operands()
-        .into_iter()
-        .map(|operand| match operand {
+    let mut operands = [None; 4];
+    for (key, operand) in operands.iter_mut().zip(operation.operands()) {
+        *key = Some(match operand {
             Operand::Constant(value) => (0, value.to_bits()),
             Operand::Input(index) => (1, index as u64),
             Operand::Temporary(index) => (2, index as u64),
-        })
-        .collect();
+        });
+    }
     let (kind, function) = match operation {
         Operation::Add(..) => (0, None),
         Operation::Subtract(..) => (1, None),
@@ -279,7 +265,7 @@ fn key(operation: &Operation) -> Key {
         Operation::Select(_) => (6, None),
     };
     if matches!(operation, Operation::Add(..) | Operation::Multiply(..)) {
-        operands.sort_unstable();
+        operands[..2].sort_unstable();
     }
     (kind, function, operands)
 }

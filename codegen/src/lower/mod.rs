@@ -12,9 +12,7 @@ mod instructions;
 mod regroup;
 mod signs;
 
-use std::collections::BTreeMap;
-
-use crate::graph::{Expr, Graph, Node, Stage};
+use crate::graph::{Expr, ExprMap, Graph, Node, Stage};
 use crate::program::{Program, RESERVED};
 
 /// The programs of one residual family.
@@ -44,7 +42,7 @@ pub fn lower(
     let roots = regroup::regroup(graph, &expanded);
     let slots = prepared(graph, &roots);
 
-    let mut inputs: BTreeMap<Expr, usize> = BTreeMap::new();
+    let mut inputs: ExprMap<usize> = ExprMap::new(graph);
     let mut names = Vec::new();
     for (position, &slot) in slots.iter().enumerate() {
         inputs.insert(slot, position);
@@ -68,11 +66,10 @@ pub fn lower(
     let value_signs = signs::choose_with_inputs(&form, &signs.inputs);
     let value = instructions::emit(graph, &form, &value_signs, &inputs, names);
 
-    let data_inputs: BTreeMap<Expr, usize> = data
-        .iter()
-        .enumerate()
-        .map(|(position, &symbol)| (symbol, position))
-        .collect();
+    let mut data_inputs: ExprMap<usize> = ExprMap::new(graph);
+    for (position, &symbol) in data.iter().enumerate() {
+        data_inputs.insert(symbol, position);
+    }
     let data_names: Vec<String> = data
         .iter()
         .map(|&symbol| symbol_name(graph, symbol))
@@ -111,11 +108,7 @@ fn prepared(graph: &Graph, roots: &[Expr]) -> Vec<Expr> {
     for expr in graph.reachable(roots) {
         // A negation is not work of its own: its reader decides.
         if graph.stage(expr) == Stage::Parameter && !matches!(graph.node(expr), Node::Negate(_)) {
-            graph
-                .node(expr)
-                .children()
-                .into_iter()
-                .for_each(&mut collect);
+            graph.node(expr).children().for_each(&mut collect);
         }
     }
     slots.into_iter().collect()

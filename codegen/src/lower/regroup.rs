@@ -1,29 +1,29 @@
 //! Flattening of sums and products, grouping by stage, common factors.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::BTreeMap;
 
 use super::core;
-use crate::graph::{Expr, Graph, Node, Stage};
+use crate::graph::{Expr, ExprMap, Graph, Node, Stage};
 
 /// Rebuilds expressions so that data-only parts of sums and products stand together and common
 /// factors of sums are taken out. Values are the same up to rounding.
 pub(super) fn regroup(graph: &mut Graph, roots: &[Expr]) -> Vec<Expr> {
     let order = graph.reachable(roots);
-    let mut uses: HashMap<Expr, usize> = HashMap::new();
+    let mut uses: ExprMap<usize> = ExprMap::new(graph);
     for &expr in &order {
         if !matches!(graph.node(expr), Node::Negate(_)) {
             for child in graph.node(expr).children() {
-                *uses.entry(core(graph, child).1).or_default() += 1;
+                uses.count(core(graph, child).1, 1);
             }
         }
     }
     for &root in roots {
         // A root is read from outside: it is never dissolved in another expression.
-        *uses.entry(core(graph, root).1).or_default() += 2;
+        uses.count(core(graph, root).1, 2);
     }
     let mut pass = Pass {
         uses,
-        images: HashMap::new(),
+        images: ExprMap::new(graph),
     };
     for expr in order {
         let image = pass.rebuild(graph, expr);
@@ -34,12 +34,12 @@ pub(super) fn regroup(graph: &mut Graph, roots: &[Expr]) -> Vec<Expr> {
         }
         pass.images.insert(expr, image);
     }
-    roots.iter().map(|root| pass.images[root]).collect()
+    roots.iter().map(|&root| pass.images[root]).collect()
 }
 
 struct Pass {
-    uses: HashMap<Expr, usize>,
-    images: HashMap<Expr, Expr>,
+    uses: ExprMap<usize>,
+    images: ExprMap<Expr>,
 }
 
 /// A term of a flattened sum: its sign and its factors, already rebuilt.
@@ -50,7 +50,7 @@ struct Term {
 
 impl Pass {
     fn rebuild(&self, g: &mut Graph, expr: Expr) -> Expr {
-        let image = |e: Expr| self.images[&e];
+        let image = |e: Expr| self.images[e];
         match g.node(expr) {
             Node::Constant(_) | Node::Symbol(_) => expr,
             Node::Add(..) if g.stage(expr) == Stage::Parameter => {
@@ -81,7 +81,7 @@ impl Pass {
     }
 
     fn dissolves(&self, g: &Graph, expr: Expr) -> bool {
-        g.stage(expr) == Stage::Parameter && self.uses.get(&expr) == Some(&1)
+        g.stage(expr) == Stage::Parameter && self.uses.get(expr) == Some(1)
     }
 
     fn terms(&self, g: &Graph, expr: Expr, negative: bool, top: bool, into: &mut Vec<Term>) {
@@ -99,7 +99,7 @@ impl Pass {
             }
             _ => into.push(Term {
                 negative,
-                factors: vec![self.images[&inner]],
+                factors: vec![self.images[inner]],
             }),
         }
     }
@@ -110,7 +110,7 @@ impl Pass {
                 self.factors(g, a, false, into);
                 self.factors(g, b, false, into);
             }
-            _ => into.push(self.images[&expr]),
+            _ => into.push(self.images[expr]),
         }
     }
 }

@@ -53,13 +53,20 @@ pub(super) fn run(
         spinner.show(doing);
     })?;
     spinner.show("calibrating what was found");
-    let calibrated = found.calibrate(&found.robot()?, file, folder)?;
+    let discovery = &found.discovery;
+    let (code, calibrated) = std::thread::scope(|scope| {
+        let code = scope.spawn(|| generated(&discovery.model_text));
+        let robot = found.robot();
+        let calibrated = robot.and_then(|robot| found.calibrate(&robot, file, folder));
+        (code.join(), calibrated)
+    });
+    let code = code.unwrap_or_else(|_| generated(&discovery.model_text))?;
+    let calibrated = calibrated?;
     drop(spinner);
 
-    let discovery = &found.discovery;
     let files = [
         (DESCRIPTION, discovery.model_text.clone()),
-        ("discovered.rs", generated(&discovery.model_text)?),
+        ("discovered.rs", code),
         ("robot.toml", calibrated.file.to_toml()),
         (
             "report.html",
