@@ -356,10 +356,9 @@ impl Bench {
     /// Scores every candidate beside a model.
     pub(super) fn table(&self, view: &View) -> Table {
         let responses = self.responses(view);
-        // The plain candidates are one task beside the scans.
-        let tasks: Vec<Option<usize>> = (0..self.scans.len())
-            .map(Some)
-            .chain(std::iter::once(None))
+        // The plain candidates are one task beside the scans, and the longest.
+        let tasks: Vec<Option<usize>> = std::iter::once(None)
+            .chain((0..self.scans.len()).map(Some))
             .collect();
         let mut scores = Vec::new();
         let mut plain = None;

@@ -213,7 +213,7 @@ impl Candidate {
             .collect()
     }
 
-    /// What the effect adds per parameter, term by term.
+    /// What the effect adds per amplitude, term by term.
     ///
     /// # Errors
     /// What the measurements lack, in words.
@@ -230,7 +230,8 @@ impl Candidate {
         let mut entries = Vec::new();
         let places = std::iter::once(&self.place).chain(&self.further);
         for (first, &place) in (0..).step_by(own.max(1)).zip(places) {
-            let formulas = Formulas::new(effect, &values[first..first + own]);
+            let searched = self.search.and_then(|(place, _)| place.checked_sub(first));
+            let formulas = Formulas::new(effect, &values[first..first + own]).fixing(searched);
             let terms = effect.terms.iter().enumerate();
             for (index, term, action) in terms.flat_map(|(index, term)| {
                 let actions = actions(place, model, term, probes);

@@ -115,7 +115,7 @@ impl Descent {
         for _ in 0..MAX_ITERATIONS {
             let cost = self.residuals.norm_squared();
             let step = self.step(&self.residuals);
-            let gain = -step.dot(&self.jacobian.tr_mul(&self.residuals));
+            let gain = -step.dot(&self.normal.gradient(&self.residuals));
             if !gain.is_finite() {
                 return Err(not_converged(&self.joint, "the residuals are not finite"));
             }
@@ -166,7 +166,8 @@ impl Descent {
     /// Noise of each component over the stated one: squares over what the fit leaves of their number.
     fn noise(&self) -> [f64; 4] {
         let step = self.step(&self.residuals);
-        let after = &self.residuals + &self.jacobian * step;
+        let after = &self.residuals + self.normal.moved(&step);
+        let absorbed = self.normal.absorbed();
         Component::ALL.map(|component| {
             let rows: Vec<usize> = (0..self.joint.rows.len())
                 .filter(|&row| {
@@ -174,8 +175,8 @@ impl Descent {
                 })
                 .collect();
             let sum: f64 = rows.iter().map(|&row| after[row].powi(2)).sum();
-            let own = self.jacobian.select_rows(&rows);
-            let degrees = rows.len() as f64 - self.normal.absorbed(&own);
+            let absorbed: f64 = rows.iter().map(|&row| absorbed[row]).sum();
+            let degrees = rows.len() as f64 - absorbed;
             let scale = self.scales[component as usize];
             if degrees < 1.0 {
                 scale
@@ -186,7 +187,7 @@ impl Descent {
     }
 
     fn step(&self, residuals: &DVector<f64>) -> DVector<f64> {
-        -self.normal.solve(&self.jacobian.tr_mul(residuals))
+        -self.normal.solve(residuals)
     }
 
     /// The share of a step that turns no tracker frame further than linear steps go.

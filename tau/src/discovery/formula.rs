@@ -111,6 +111,8 @@ impl Dual {
 pub(super) struct Formulas<'a> {
     values: &'a [f64],
     starts: Vec<usize>,
+    /// The component that no derivatives are taken by.
+    fixed: Option<usize>,
 }
 
 impl<'a> Formulas<'a> {
@@ -125,7 +127,16 @@ impl<'a> Formulas<'a> {
                 start - parameter.components
             })
             .collect();
-        Self { values, starts }
+        Self {
+            values,
+            starts,
+            fixed: None,
+        }
+    }
+
+    /// Without derivatives by a component, which save half of what waves cost.
+    pub(super) fn fixing(self, fixed: Option<usize>) -> Self {
+        Self { fixed, ..self }
     }
 
     /// The derivatives of a term by the parameters: one entry per component of the target (one, or
@@ -150,10 +161,11 @@ impl<'a> Formulas<'a> {
             Formula::Number(value) => Dual::constant(*value),
             Formula::Parameter(index, component) => {
                 let place = self.starts[*index] + component;
-                Dual {
-                    value: Series::Same(self.values[place]),
-                    slopes: BTreeMap::from([(place, Series::Same(1.0))]),
+                let mut dual = Dual::constant(self.values[place]);
+                if self.fixed != Some(place) {
+                    dual.slopes.insert(place, Series::Same(1.0));
                 }
+                dual
             }
             Formula::Read(readable) => Dual {
                 value: Series::Each(reader(*readable)?),
@@ -243,6 +255,7 @@ mod tests {
                     let formulas = Formulas {
                         values: &moved,
                         starts: vec![0, 1, 2],
+                        fixed: None,
                     };
                     formulas.dual(&term.formula, &reader).unwrap().value
                 };

@@ -19,6 +19,7 @@ mod floor;
 mod formula;
 pub(crate) mod frames;
 mod generic;
+mod grouped;
 pub(crate) mod joint;
 mod misfit;
 pub(crate) mod numbering;
@@ -117,13 +118,16 @@ pub struct Outcome {
 }
 
 impl Outcome {
-    /// The robot with the discovered variant, compiled at run time.
+    /// The robot with the discovered variant alone, compiled at run time.
     ///
     /// # Errors
     /// None for a description that discovery wrote.
     pub fn robot(&self) -> Result<Robot, Error> {
-        Robot::from_text(&self.discovery.model_text)
-            .map_err(|errors| InputError::whole("model_text", errors.to_string()).into())
+        let text = &self.discovery.model_text;
+        let mut model = language::check_text(text)
+            .map_err(|errors| InputError::whole("model_text", errors.to_string()))?;
+        model.variants.retain(|variant| variant.name == DISCOVERED);
+        Ok(Robot::from(&tau_codegen::compile(&model, text)))
     }
 
     /// The discovered variant calibrated on the poses of set 1, from where the joint fit stands.

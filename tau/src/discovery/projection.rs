@@ -1,6 +1,12 @@
 //! Linear least squares on plain matrices: what a model absorbs, and what stands beside it.
 
+use std::collections::BTreeSet;
+use std::ops::Range;
+
 use nalgebra::{Cholesky, DMatrix, DVector, SymmetricEigen};
+
+use super::grouped::Grouped;
+use super::parallel;
 
 /// Singular values of projected columns below this share of the columns' own length are nothing but
 /// rounding and what the base absorbs.
@@ -22,36 +28,45 @@ impl Basis {
     ///
     /// `None` where columns are dependent or not finite.
     pub(super) fn of(jacobian: &DMatrix<f64>) -> Option<Self> {
-        let columns = jacobian.ncols();
-        let scale = DVector::from_iterator(
-            columns,
-            jacobian.column_iter().map(|column| match column.norm() {
-                norm if norm > 0.0 => norm.recip(),
-                _ => 1.0,
-            }),
-        );
-        let mut q = jacobian.clone();
-        let mut b = DMatrix::from_diagonal(&scale);
-        q.column_iter_mut()
-            .zip(scale.iter())
-            .for_each(|(mut column, &factor)| column *= factor);
-        for pass in 0..PASSES {
-            let mut gram = q.transpose() * &q;
-            let off = (&gram - DMatrix::identity(columns, columns)).amax();
-            if pass == 0 {
-                shift(&mut gram);
-            }
+        let Normal { jacobian, mut b } = Normal::of(jacobian)?;
+        let mut q = jacobian.times(&b);
+        for _ in 1..PASSES {
+            let gram = gram(&q);
+            let off = (&gram - DMatrix::identity(gram.nrows(), gram.ncols())).amax();
             let inverse = inverse_factor(gram)?;
-            q *= &inverse;
+            q = times_upper(&q, &inverse);
             b *= &inverse;
             // Of columns that were nearly orthonormal, one pass more leaves rounding.
-            if pass > 0 && off < 0.1 {
+            if off < 0.1 {
                 break;
             }
         }
         q.iter()
             .all(|value| value.is_finite())
             .then_some(Self { q, b })
+    }
+
+    /// The orthonormal columns for the Jacobian without some of its columns: what is orthogonal in `Q` to
+    /// the columns of `Q·B₂ᵀ`, where `B₂` are these columns' rows of `B`, by Householder's reflections.
+    pub(super) fn without(&self, columns: &BTreeSet<usize>) -> DMatrix<f64> {
+        let mut q = self.q.clone();
+        let removed: Vec<usize> = columns.iter().copied().collect();
+        let mut left = self.b.select_rows(&removed).transpose();
+        for k in 0..left.ncols().min(left.nrows()) {
+            let mut axis = left.column(k).into_owned();
+            axis.rows_mut(0, k).fill(0.0);
+            let length = axis.norm();
+            axis[k] += length.copysign(axis[k]);
+            let square = axis.norm_squared();
+            if square == 0.0 {
+                continue;
+            }
+            let of_left = left.tr_mul(&axis) * (2.0 / square);
+            left.ger(-1.0, &axis, &of_left, 1.0);
+            let of_q = &q * &axis * (2.0 / square);
+            q.ger(-1.0, &of_q, &axis, 1.0);
+        }
+        q.remove_columns(0, left.ncols().min(left.nrows()))
     }
 
     /// What a least-squares fit of the columns leaves of residuals: `e − Q·Qᵀe`.
@@ -62,6 +77,7 @@ impl Basis {
 
 /// The normal equations of a Jacobian: enough for a step, at a fraction of what a basis costs.
 pub(super) struct Normal {
+    jacobian: Grouped,
     /// `(JᵀJ)⁻¹ = B·Bᵀ`.
     b: DMatrix<f64>,
 }
@@ -69,7 +85,8 @@ pub(super) struct Normal {
 impl Normal {
     /// `None` where the derivatives are not finite.
     pub(super) fn of(jacobian: &DMatrix<f64>) -> Option<Self> {
-        let mut gram = jacobian.transpose() * jacobian;
+        let jacobian = Grouped::of(jacobian);
+        let mut gram = jacobian.gram();
         let scale = gram.diagonal().map(|square| {
             if square > 0.0 {
                 square.sqrt().recip()
@@ -82,20 +99,72 @@ impl Normal {
             column *= scale[i];
         }
         shift(&mut gram);
-        Some(Self {
-            b: DMatrix::from_diagonal(&scale) * inverse_factor(gram)?,
-        })
+        let mut b = inverse_factor(gram)?;
+        for (mut row, &factor) in b.row_iter_mut().zip(scale.iter()) {
+            row *= factor;
+        }
+        Some(Self { jacobian, b })
     }
 
-    /// `(JᵀJ)⁻¹ g`.
-    pub(super) fn solve(&self, gradient: &DVector<f64>) -> DVector<f64> {
-        &self.b * self.b.tr_mul(gradient)
+    /// `Jᵀe`.
+    pub(super) fn gradient(&self, residuals: &DVector<f64>) -> DVector<f64> {
+        self.jacobian.gradient(residuals)
     }
 
-    /// How many degrees of freedom of some rows of the Jacobian the fit absorbs.
-    pub(super) fn absorbed(&self, rows: &DMatrix<f64>) -> f64 {
-        (rows * &self.b).norm_squared()
+    /// `(JᵀJ)⁻¹ Jᵀe`.
+    pub(super) fn solve(&self, residuals: &DVector<f64>) -> DVector<f64> {
+        &self.b * self.b.tr_mul(&self.gradient(residuals))
     }
+
+    /// What a step adds to the residuals, to first order.
+    pub(super) fn moved(&self, step: &DVector<f64>) -> DVector<f64> {
+        self.jacobian.moved(step)
+    }
+
+    /// How much of a degree of freedom the fit absorbs of each row.
+    pub(super) fn absorbed(&self) -> Vec<f64> {
+        self.jacobian.squares(&self.b)
+    }
+}
+
+/// Columns that are multiplied at once where half of a product is known.
+const AT_ONCE: usize = 32;
+
+/// Columns of a product, some at a time and the longest first; `product` makes those of a range.
+fn by_columns(
+    rows: usize,
+    columns: usize,
+    product: impl Fn(Range<usize>) -> DMatrix<f64> + Sync,
+) -> DMatrix<f64> {
+    let ranges: Vec<Range<usize>> = (0..columns)
+        .step_by(AT_ONCE)
+        .map(|start| start..columns.min(start + AT_ONCE))
+        .rev()
+        .collect();
+    let parts = parallel::map(&ranges, |range| product(range.clone()));
+    let mut whole = DMatrix::zeros(rows, columns);
+    for (range, part) in ranges.into_iter().zip(parts) {
+        let mut target = whole.view_mut((0, range.start), part.shape());
+        target.copy_from(&part);
+    }
+    whole
+}
+
+/// `QᵀQ`: one half, and the other after it.
+fn gram(q: &DMatrix<f64>) -> DMatrix<f64> {
+    let transposed = q.transpose();
+    let mut gram = by_columns(q.ncols(), q.ncols(), |range| {
+        transposed.rows(0, range.end) * q.columns_range(range)
+    });
+    gram.fill_lower_triangle_with_upper_triangle();
+    gram
+}
+
+/// `Q·R` for an upper triangular `R`.
+fn times_upper(q: &DMatrix<f64>, upper: &DMatrix<f64>) -> DMatrix<f64> {
+    by_columns(q.nrows(), q.ncols(), |range| {
+        q.columns(0, range.end) * upper.view((0, range.start), (range.end, range.len()))
+    })
 }
 
 /// Keeps a Gram matrix of unit columns positive definite beside rounding.
@@ -213,6 +282,17 @@ pub(super) mod tests {
         for (left, whole) in left.column_iter().zip(jacobian.column_iter()) {
             assert!(left.norm() < 1e-9 * whole.norm());
         }
+    }
+
+    #[test]
+    fn a_basis_without_columns_is_that_of_the_others() {
+        let mut random = Random(5);
+        let jacobian = matrix(&mut random, 60, 8);
+        let basis = Basis::of(&jacobian).unwrap();
+        let others = Basis::of(&jacobian.select_columns(&[0, 1, 3, 4, 5, 7])).unwrap();
+        let q = basis.without(&BTreeSet::from([2, 6]));
+        assert!((q.tr_mul(&q) - DMatrix::identity(6, 6)).amax() < 1e-12);
+        assert!((&q * q.transpose() - &others.q * others.q.transpose()).amax() < 1e-12);
     }
 
     /// Level and power of the score test are those of the non-central χ² distribution, with a base

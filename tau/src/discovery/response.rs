@@ -10,6 +10,7 @@ use std::ops::Range;
 use nalgebra::{DMatrix, DMatrixView, DVector};
 
 use super::candidates::Entry;
+use super::parallel;
 use super::probes::Probes;
 use super::samples::Sample;
 use super::view::View;
@@ -43,59 +44,54 @@ impl Responses {
                 places
             })
             .collect();
-        let width = view.q.ncols();
-        let (mut by_basis, mut by_residual) = (Vec::new(), Vec::new());
-        for (probe, places) in probes.all.iter().zip(&places) {
-            let active: Vec<(usize, usize, f64)> = (probe.rows.iter().zip(&view.factors))
+        // Rows of the basis stand together.
+        let basis = view.q.transpose();
+        let indices: Vec<usize> = (0..probes.all.len()).collect();
+        let (by_basis, by_residual) = parallel::map(&indices, |&index| {
+            let (probe, places) = (&probes.all[index], &places[index]);
+            let mut by_basis = DMatrix::zeros(basis.nrows(), probe.samples.len());
+            let mut by_residual = DVector::zeros(probe.samples.len());
+            for (row, ((derivative, factor), &sample)) in (probe.rows.iter().zip(&view.factors))
                 .zip(&probes.row_samples)
                 .enumerate()
-                .filter_map(|(row, ((derivative, factor), &sample))| {
-                    let weight = derivative * factor;
-                    (weight != 0.0).then_some((row, places[sample]?, weight))
+            {
+                let weight = derivative * factor;
+                if let (true, Some(place)) = (weight != 0.0, places[sample]) {
+                    let mut target = by_basis.column_mut(place);
+                    target.axpy(weight, &basis.column(row), 1.0);
+                    by_residual[place] += weight * view.residuals[row];
+                }
+            }
+            (by_basis, by_residual)
+        })
+        .into_iter()
+        .unzip();
+        let squares: Vec<f64> = view.factors.iter().map(|factor| factor * factor).collect();
+        let pairs: Vec<(usize, usize)> = pairs.iter().copied().collect();
+        let products = parallel::map(&pairs, |&(left, right)| {
+            let mut sums = vec![0.0; probes.sample_count];
+            for (((a, b), square), &sample) in (probes.all[left].rows.iter())
+                .zip(&probes.all[right].rows)
+                .zip(&squares)
+                .zip(&probes.row_samples)
+            {
+                sums[sample] += a * b * square;
+            }
+            let products = sums
+                .into_iter()
+                .enumerate()
+                .filter(|(_, sum)| *sum != 0.0)
+                .filter_map(|(sample, sum)| {
+                    let (left, right) = (places[left][sample]?, places[right][sample]?);
+                    Some(Product { sum, left, right })
                 })
                 .collect();
-            let mut basis = DMatrix::zeros(width, probe.samples.len());
-            for column in 0..width {
-                let q = view.q.column(column);
-                for &(row, place, weight) in &active {
-                    basis[(column, place)] += weight * q[row];
-                }
-            }
-            let mut residual = DVector::zeros(probe.samples.len());
-            for &(row, place, weight) in &active {
-                residual[place] += weight * view.residuals[row];
-            }
-            by_basis.push(basis);
-            by_residual.push(residual);
-        }
-        let squares: Vec<f64> = view.factors.iter().map(|factor| factor * factor).collect();
-        let products = pairs
-            .iter()
-            .map(|&(left, right)| {
-                let mut sums = vec![0.0; probes.sample_count];
-                for (((a, b), square), &sample) in (probes.all[left].rows.iter())
-                    .zip(&probes.all[right].rows)
-                    .zip(&squares)
-                    .zip(&probes.row_samples)
-                {
-                    sums[sample] += a * b * square;
-                }
-                let products = sums
-                    .into_iter()
-                    .enumerate()
-                    .filter(|(_, sum)| *sum != 0.0)
-                    .filter_map(|(sample, sum)| {
-                        let (left, right) = (places[left][sample]?, places[right][sample]?);
-                        Some(Product { sum, left, right })
-                    })
-                    .collect();
-                ((left, right), products)
-            })
-            .collect();
+            ((left, right), products)
+        });
         Self {
             by_basis,
             by_residual,
-            products,
+            products: products.into_iter().collect(),
         }
     }
 
@@ -134,16 +130,15 @@ impl Responses {
         signs: &DMatrix<f64>,
         flipped_basis: &DMatrix<f64>,
     ) -> Vec<DMatrix<f64>> {
-        (self.by_basis.iter().zip(&self.by_residual))
-            .zip(&probes.all)
-            .map(|((by_basis, by_residual), probe)| {
-                let absorbed = by_basis.transpose() * flipped_basis;
-                DMatrix::from_fn(probe.samples.len(), signs.ncols(), |s, flip| {
-                    let unit = samples[probe.samples[s]].unit;
-                    by_residual[s] * signs[(unit, flip)] - absorbed[(s, flip)]
-                })
+        let indices: Vec<usize> = (0..probes.all.len()).collect();
+        parallel::map(&indices, |&index| {
+            let (by_residual, probe) = (&self.by_residual[index], &probes.all[index]);
+            let absorbed = self.by_basis[index].transpose() * flipped_basis;
+            DMatrix::from_fn(probe.samples.len(), signs.ncols(), |s, flip| {
+                let unit = samples[probe.samples[s]].unit;
+                by_residual[s] * signs[(unit, flip)] - absorbed[(s, flip)]
             })
-            .collect()
+        })
     }
 }
 

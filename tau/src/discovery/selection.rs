@@ -470,7 +470,7 @@ impl Search<'_> {
     }
 
     /// The model without one of its effects: what is left to explain, and the effect's own score there.
-    fn without(&self, effect: usize) -> Option<(View, Score, Subspace)> {
+    fn without(&self, effect: usize) -> (View, Score, Subspace) {
         let own = self.columns_of(effect);
         let rows = self.fit.joint.rows.len();
         let mut contribution = DVector::zeros(self.fit.residuals.len());
@@ -482,7 +482,7 @@ impl Search<'_> {
             .rows_mut(rows, self.fit.residuals.len() - rows)
             .fill(0.0);
         let removed: BTreeSet<usize> = own.iter().copied().collect();
-        let mut view = View::without(&self.fit, &removed, &contribution)?;
+        let mut view = View::without(&self.fit, &removed, &contribution);
         for &(family, searched) in &self.unnamed {
             if let Some((_, subspace)) = self.bench.subspace(&view, family, searched) {
                 view = view.with(&subspace);
@@ -498,7 +498,7 @@ impl Search<'_> {
         let score = self
             .bench
             .score_of(&view, self.accepted[effect].candidate, statistic, rank);
-        Some((view, score, subspace))
+        (view, score, subspace)
     }
 
     /// Drops effects that the others have made idle.

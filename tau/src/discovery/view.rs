@@ -6,7 +6,10 @@ use nalgebra::{DMatrix, DVector};
 
 use super::fit::Fit;
 use super::joint::Row;
-use super::projection::{Basis, Subspace};
+use super::projection::Subspace;
+
+/// Columns that are few beside a basis.
+const FEW: usize = 4;
 
 /// A linear model at its minimum.
 pub(super) struct View {
@@ -39,23 +42,20 @@ impl View {
         fit: &Fit,
         columns: &BTreeSet<usize>,
         contribution: &DVector<f64>,
-    ) -> Option<Self> {
-        let kept: Vec<usize> = (0..fit.jacobian.ncols())
-            .filter(|column| !columns.contains(column))
-            .collect();
-        let basis = Basis::of(&fit.jacobian.select_columns(&kept))?;
+    ) -> Self {
+        let q = fit.basis.without(columns);
         let rows = fit.joint.rows.len();
         let mut residuals = &fit.residuals - contribution;
         for &column in columns {
             residuals[rows + column] = 0.0;
         }
-        Some(Self {
-            residuals: basis.residuals_after(&residuals),
-            q: basis.q,
+        Self {
+            residuals: &residuals - &q * q.tr_mul(&residuals),
+            q,
             factors: fit.factors.clone(),
             rows: fit.joint.rows.clone(),
             degrees: fit.degrees(),
-        })
+        }
     }
 
     /// The model with a candidate's columns added.
@@ -74,7 +74,13 @@ impl View {
 
     /// What the model leaves of columns.
     pub(super) fn remainder(&self, columns: &DMatrix<f64>) -> DMatrix<f64> {
-        columns - &self.q * (self.q.transpose() * columns)
+        // Of few columns a product costs less than turning the basis round.
+        let absorbed = if columns.ncols() <= FEW {
+            self.q.tr_mul(columns)
+        } else {
+            self.q.transpose() * columns
+        };
+        columns - &self.q * absorbed
     }
 
     /// Columns over the rows of the measurements, in units of the stated noise, in those of this fit;

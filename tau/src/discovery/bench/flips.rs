@@ -29,7 +29,6 @@ impl Bench {
         let basis = self.flipped_basis(view, &signs);
         let total = view.total();
         let degrees = view.degrees;
-        let mut criticals: BTreeMap<(usize, bool), f64> = BTreeMap::new();
         let sums: Vec<f64> = basis
             .column_iter()
             .map(|column| (total - column.norm_squared()).max(1e-12))
@@ -38,25 +37,14 @@ impl Bench {
         let residuals = table
             .responses
             .flipped(&self.probes, &self.samples, &signs, &basis);
-        let flipped = self.columns.flipped(&residuals);
-        for ((candidate, place), (_, c)) in self.places.iter().zip(&table.plain.coefficients) {
-            if c.ncols() == 0 || self.hidden.contains(candidate) {
-                continue;
-            }
-            let rank = c.ncols() as f64;
-            let is_named = self.candidates[*candidate].is_named();
-            let critical = *criticals.entry((c.ncols(), is_named)).or_insert_with(|| {
-                f_quantile_above(adjusted * table.weights.of(is_named), rank, degrees)
-            });
-            let statistics = c.tr_mul(&flipped.rows(place.start, place.len()));
-            for (flip, exceeded) in exceeded.iter_mut().enumerate() {
-                let statistic = statistics.column(flip).norm_squared();
-                let rest = (sums[flip] - statistic).max(1e-12) / (degrees - rank).max(1.0);
-                *exceeded |= statistic / rank / rest >= critical;
-            }
-        }
-        let places: Vec<usize> = (0..table.scans.len()).collect();
-        let of_scans = parallel::map(&places, |&place| {
+        // The candidates without a search are one task beside the scans.
+        let tasks: Vec<Option<usize>> = std::iter::once(None)
+            .chain((0..table.scans.len()).map(Some))
+            .collect();
+        let of_tasks = parallel::map(&tasks, |&task| {
+            let Some(place) = task else {
+                return Some(self.plain_exceeds(table, adjusted, degrees, &sums, &residuals));
+            };
             let (candidate, scan) = self.scan(place)?;
             let scores = &table.scans[place];
             if scores.rank() == 0 || self.hidden.contains(candidate) {
@@ -92,14 +80,45 @@ impl Bench {
             };
             Some(nulls.iter().enumerate().map(exceeds).collect::<Vec<bool>>())
         });
-        for of_scan in of_scans.into_iter().flatten() {
+        for of_task in of_tasks.into_iter().flatten() {
             exceeded
                 .iter_mut()
-                .zip(of_scan)
+                .zip(of_task)
                 .for_each(|(all, own)| *all |= own);
         }
         let count = exceeded.iter().filter(|&&exceeded| exceeded).count();
         (1.0 + count as f64) / (1.0 + flips as f64)
+    }
+
+    /// For each flip, whether a candidate without a search does as well as an adjusted p-value.
+    fn plain_exceeds(
+        &self,
+        table: &Table,
+        adjusted: f64,
+        degrees: f64,
+        sums: &[f64],
+        residuals: &[DMatrix<f64>],
+    ) -> Vec<bool> {
+        let mut exceeded = vec![false; sums.len()];
+        let mut criticals: BTreeMap<(usize, bool), f64> = BTreeMap::new();
+        let flipped = self.columns.flipped(residuals);
+        for ((candidate, place), (_, c)) in self.places.iter().zip(&table.plain.coefficients) {
+            if c.ncols() == 0 || self.hidden.contains(candidate) {
+                continue;
+            }
+            let rank = c.ncols() as f64;
+            let is_named = self.candidates[*candidate].is_named();
+            let critical = *criticals.entry((c.ncols(), is_named)).or_insert_with(|| {
+                f_quantile_above(adjusted * table.weights.of(is_named), rank, degrees)
+            });
+            let statistics = c.tr_mul(&flipped.rows(place.start, place.len()));
+            for (flip, exceeded) in exceeded.iter_mut().enumerate() {
+                let statistic = statistics.column(flip).norm_squared();
+                let rest = (sums[flip] - statistic).max(1e-12) / (degrees - rank).max(1.0);
+                *exceeded |= statistic / rank / rest >= critical;
+            }
+        }
+        exceeded
     }
 
     /// Mean upcrossings of a scan in null scans beside a model.

@@ -41,7 +41,8 @@ pub(in crate::discovery) fn ambiguous(bench: &Bench, view: &View) -> Vec<Ambiguo
             if of_a.max(of_b) <= AMBIGUOUS {
                 continue;
             }
-            let (one, other) = if of_a > of_b { (a, b) } else { (b, a) };
+            // Rounding alone must not swap two that explain each other alike.
+            let (one, other) = if of_a > of_b + 1e-9 { (a, b) } else { (b, a) };
             let (one, other) = (
                 &bench.candidates[one.candidate],
                 &bench.candidates[other.candidate],

@@ -54,9 +54,7 @@ impl Search<'_> {
         let mut effect = 0;
         let mut replaced = BTreeSet::new();
         while effect < self.accepted.len() {
-            let Some((view, own, of_own)) = self.without(effect) else {
-                break;
-            };
+            let (view, own, of_own) = self.without(effect);
             let table = self.bench.table(&view);
             let significant = self.significant(&table);
             let scored = table.scores.iter().find(|s| s.candidate == own.candidate);

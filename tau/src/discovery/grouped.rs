@@ -1,0 +1,194 @@
+//! A Jacobian by groups of rows that depend on the same few columns: a closure knows the parameters of its
+//! own links, a cart those of its own track, and a sample that is left out none.
+
+use std::collections::BTreeMap;
+
+use nalgebra::{DMatrix, DVector};
+
+use super::parallel;
+
+/// Rows that are fewer share a group with others, whatever columns these have.
+const FEWEST: usize = 16;
+
+/// A matrix without most of its zeros.
+pub(super) struct Grouped {
+    groups: Vec<Group>,
+    rows: usize,
+    columns: usize,
+}
+
+struct Group {
+    rows: Vec<usize>,
+    columns: Vec<usize>,
+    entries: DMatrix<f64>,
+}
+
+impl Grouped {
+    pub(super) fn of(matrix: &DMatrix<f64>) -> Self {
+        let (rows, columns) = matrix.shape();
+        // One bit per column: a word of each row, then the next word of each.
+        let mut words = vec![vec![0_u64; rows]; columns.div_ceil(64)];
+        for (column, values) in matrix.as_slice().chunks_exact(rows.max(1)).enumerate() {
+            let bit = 1 << (column % 64);
+            for (word, &value) in words[column / 64].iter_mut().zip(values) {
+                *word |= if value == 0.0 { 0 } else { bit };
+            }
+        }
+        let mut by_pattern: BTreeMap<Vec<u64>, Vec<usize>> = BTreeMap::new();
+        let mut pattern = Vec::new();
+        for row in 0..rows {
+            pattern.clear();
+            pattern.extend(words.iter().map(|word| word[row]));
+            match by_pattern.get_mut(&pattern) {
+                Some(rows) => rows.push(row),
+                None => {
+                    by_pattern.insert(pattern.clone(), vec![row]);
+                }
+            }
+        }
+        let mut rest = (vec![0; words.len()], Vec::new());
+        let mut patterns = Vec::new();
+        for (pattern, rows) in by_pattern {
+            if rows.len() < FEWEST {
+                let (all, together) = &mut rest;
+                all.iter_mut()
+                    .zip(pattern)
+                    .for_each(|(all, own)| *all |= own);
+                together.extend(rows);
+            } else {
+                patterns.push((pattern, rows));
+            }
+        }
+        patterns.push(rest);
+        let groups = parallel::map(&patterns, |(pattern, of)| {
+            let columns: Vec<usize> = (0..columns)
+                .filter(|column| pattern[column / 64] >> (column % 64) & 1 == 1)
+                .collect();
+            let mut entries = Vec::with_capacity(of.len() * columns.len());
+            for &column in &columns {
+                let values = &matrix.as_slice()[column * rows..][..rows];
+                entries.extend(of.iter().map(|&row| values[row]));
+            }
+            Group {
+                rows: of.clone(),
+                entries: DMatrix::from_vec(of.len(), columns.len(), entries),
+                columns,
+            }
+        });
+        let is_there = |group: &Group| !group.entries.is_empty();
+        Self {
+            groups: groups.into_iter().filter(is_there).collect(),
+            rows,
+            columns,
+        }
+    }
+
+    /// `JᵀJ`.
+    pub(super) fn gram(&self) -> DMatrix<f64> {
+        let mut gram = DMatrix::zeros(self.columns, self.columns);
+        let products = parallel::map(&self.groups, |group| {
+            group.entries.transpose() * &group.entries
+        });
+        for (group, own) in self.groups.iter().zip(products) {
+            for (&column, own) in group.columns.iter().zip(own.column_iter()) {
+                for (&row, value) in group.columns.iter().zip(own.iter()) {
+                    gram[(row, column)] += value;
+                }
+            }
+        }
+        gram
+    }
+
+    /// `J·R`.
+    pub(super) fn times(&self, right: &DMatrix<f64>) -> DMatrix<f64> {
+        let mut product = DMatrix::zeros(self.rows, right.ncols());
+        let products = parallel::map(&self.groups, |group| {
+            &group.entries * right.select_rows(&group.columns)
+        });
+        for (group, own) in self.groups.iter().zip(products) {
+            for (mut column, own) in product.column_iter_mut().zip(own.column_iter()) {
+                for (&row, &value) in group.rows.iter().zip(own.iter()) {
+                    column[row] = value;
+                }
+            }
+        }
+        product
+    }
+
+    /// `J·v`.
+    pub(super) fn moved(&self, step: &DVector<f64>) -> DVector<f64> {
+        let mut product = DVector::zeros(self.rows);
+        for group in &self.groups {
+            let own = &group.entries * step.select_rows(&group.columns);
+            for (&row, &value) in group.rows.iter().zip(own.iter()) {
+                product[row] = value;
+            }
+        }
+        product
+    }
+
+    /// `Jᵀe`.
+    pub(super) fn gradient(&self, residuals: &DVector<f64>) -> DVector<f64> {
+        let mut gradient = DVector::zeros(self.columns);
+        for group in &self.groups {
+            let own = group.entries.tr_mul(&residuals.select_rows(&group.rows));
+            for (&column, value) in group.columns.iter().zip(own.iter()) {
+                gradient[column] += value;
+            }
+        }
+        gradient
+    }
+
+    /// Sum of squares of each row of `J·R`.
+    pub(super) fn squares(&self, right: &DMatrix<f64>) -> Vec<f64> {
+        let mut squares = vec![0.0; self.rows];
+        let products = parallel::map(&self.groups, |group| {
+            let own = &group.entries * right.select_rows(&group.columns);
+            let zero = DVector::zeros(group.rows.len());
+            own.column_iter()
+                .fold(zero, |sum, column| sum + column.component_mul(&column))
+        });
+        for (group, own) in self.groups.iter().zip(products) {
+            for (&row, &square) in group.rows.iter().zip(own.iter()) {
+                squares[row] = square;
+            }
+        }
+        squares
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::distribution::Random;
+    use super::*;
+
+    /// Products are those of the whole matrix: groups of all sizes, empty rows and columns.
+    #[test]
+    fn products_are_those_of_the_whole() {
+        let mut random = Random(9);
+        let mut number = || (random.bits() >> 40) as f64 / 1e7 - 0.8;
+        let matrix = DMatrix::from_fn(200, 70, |row, column| {
+            let is_there = match row {
+                0..60 => column < 20,
+                60..120 => (10..50).contains(&column),
+                120..125 => column == row - 100,
+                125..150 => false,
+                _ => column != 3 && column != 69,
+            };
+            if is_there { number() } else { 0.0 }
+        });
+        let right = DMatrix::from_fn(70, 5, |_, _| number());
+        let residuals = DVector::from_fn(200, |_, _| number());
+        let grouped = Grouped::of(&matrix);
+        assert_eq!(grouped.groups.len(), 4);
+        let product = &matrix * &right;
+        assert!((grouped.times(&right) - &product).amax() < 1e-12);
+        assert!((grouped.gram() - matrix.tr_mul(&matrix)).amax() < 1e-12);
+        assert!((grouped.gradient(&residuals) - matrix.tr_mul(&residuals)).amax() < 1e-12);
+        let step = right.column(0).into_owned();
+        assert!((grouped.moved(&step) - product.column(0)).amax() < 1e-12);
+        for (row, square) in grouped.squares(&right).into_iter().enumerate() {
+            assert!((square - product.row(row).norm_squared()).abs() < 1e-12);
+        }
+    }
+}
