@@ -142,8 +142,23 @@ fn all_effects_together_agree_with_dual_numbers() {
                 let places = places(&model, &model.effects[effect]);
                 let mut ends = vec![places[0], places[places.len() - 1]];
                 ends.dedup();
+                // With its optional parameters at the last place, without them at the first.
+                let parameters = &model.effects[effect].parameters;
+                let optional: Vec<usize> = (0..parameters.len())
+                    .filter(|&k| parameters[k].optional)
+                    .collect();
+                let count = ends.len();
                 ends.into_iter()
-                    .map(move |place| EffectUse { effect, place })
+                    .enumerate()
+                    .map(move |(k, place)| EffectUse {
+                        effect,
+                        place,
+                        with: if k + 1 == count {
+                            optional.clone()
+                        } else {
+                            vec![]
+                        },
+                    })
             })
             .collect();
         variant.name = "Everything".into();
@@ -221,14 +236,17 @@ fn a_users_own_effect_agrees_with_dual_numbers() {
         EffectUse {
             effect: index("belt_stretch"),
             place: at(0),
+            with: vec![],
         },
         EffectUse {
             effect: index("bearing_play"),
             place: at(2),
+            with: vec![],
         },
         EffectUse {
             effect: index("backlash"),
             place: at(0),
+            with: vec![],
         },
     ];
     model.variants = vec![variant];

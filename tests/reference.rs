@@ -370,8 +370,11 @@ impl Reference<'_> {
         match formula {
             Formula::Number(value) => Dual64::from(*value),
             Formula::Parameter(index, component) => {
-                let effect = &self.model.effects[self.described.effects[scope.effect].effect];
-                let parameter = &effect.parameters[*index];
+                let used = &self.described.effects[scope.effect];
+                let parameter = &self.model.effects[used.effect].parameters[*index];
+                if parameter.optional && !used.with.contains(index) {
+                    return Dual64::from(parameter.nominal);
+                }
                 let component = (parameter.components == 3).then_some(*component);
                 self.parameter(Owner::Effect(scope.effect), &parameter.name, component)
             }

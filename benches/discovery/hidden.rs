@@ -47,7 +47,7 @@ impl Hidden {
         let place = *random.choose(&possible);
         // Evenly in the logarithm.
         let period_m = searched.map(|(low, high)| random.uniform(low.ln(), high.ln()).exp());
-        let is_amplitude = |p: &&model::EffectParameter| p.search.is_none();
+        let is_amplitude = |p: &&model::EffectParameter| p.search.is_none() && !p.optional;
         let amplitudes = effect
             .parameters
             .iter()
@@ -62,6 +62,7 @@ impl Hidden {
             let parameters: Vec<String> = effect
                 .parameters
                 .iter()
+                .filter(|parameter| !parameter.optional)
                 .map(|parameter| {
                     let tolerance = parameter.tolerance.unwrap_or(1.0);
                     let values: Vec<String> = match period_m {

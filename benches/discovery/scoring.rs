@@ -114,18 +114,47 @@ impl Verdict {
     }
 }
 
-/// Chance that an effect of known place and form is found among so many candidates:
-/// P(χ'²ᵣ(λ) > χ²ᵣ,₁₋α/ₘ).
+/// Power of the test of an effect with `rank` amplitudes by one who knows it and the noise, at the level
+/// that each of `candidates` has: P(χ'²ᵣ(λ) > χ²ᵣ,₁₋α/ₘ).
 pub(crate) fn oracle_power(noncentrality: f64, rank: usize, candidates: usize) -> f64 {
-    let chi2 = |degrees: f64| ChiSquared::new(degrees).expect("degrees of freedom");
     let threshold = chi2(rank as f64).inverse_cdf(1.0 - LEVEL / candidates.max(1) as f64);
-    // The non-central distribution mixes central ones by Poisson's law of mean λ/2.
+    noncentral_survival(threshold, rank as f64, noncentrality)
+}
+
+/// The same of a sine and a cosine by one who has to search their period as well, which is a third thing
+/// to fit. `width` is that of the range of reciprocal periods in units of those that the commands tell
+/// apart, `(1/low − 1/high)·√(4π·var q)`; of a whole search the highest statistic exceeds T by chance
+/// with probability (1 + width·√(T/2))·exp(−T/2) (Baluev, MNRAS 385, 2008).
+pub(crate) fn searching_oracle_power(noncentrality: f64, width: f64, candidates: usize) -> f64 {
+    let level = LEVEL / candidates.max(1) as f64;
+    let chance = |statistic: f64| {
+        let half = 0.5 * statistic;
+        (1.0 + width * half.sqrt()) * (-half).exp()
+    };
+    let (mut low, mut high) = (1.0, 200.0);
+    for _ in 0..60 {
+        let middle = 0.5 * (low + high);
+        if chance(middle) > level {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    noncentral_survival(low, 3.0, noncentrality)
+}
+
+fn chi2(degrees: f64) -> ChiSquared {
+    ChiSquared::new(degrees).expect("degrees of freedom")
+}
+
+/// P(χ'²ᵣ(λ) > threshold); the non-central distribution mixes central ones by Poisson's law of mean λ/2.
+fn noncentral_survival(threshold: f64, rank: f64, noncentrality: f64) -> f64 {
     let mean = noncentrality / 2.0;
     let mut weight_ln = -mean;
     let mut power = 0.0;
     let mut k = 0.0;
     while k < mean || weight_ln > -40.0 {
-        power += weight_ln.exp() * chi2(rank as f64 + 2.0 * k).sf(threshold);
+        power += weight_ln.exp() * chi2(rank + 2.0 * k).sf(threshold);
         k += 1.0;
         weight_ln += (mean / k).ln();
     }

@@ -135,17 +135,21 @@ fn single(records: &[&Record]) -> String {
     let row = |name: &str, members: &[&Record]| {
         let unseen = members.iter().filter(|record| !record.visible).count();
         let ended = ended(members);
-        let power: Vec<f64> = ended.iter().filter_map(|(f, _)| f.oracle_power).collect();
+        let mean = |powers: Vec<f64>| match powers.len() {
+            0 => "–".to_owned(),
+            count => decimal(powers.iter().sum::<f64>() / count as f64),
+        };
+        let power = ended.iter().filter_map(|(f, _)| f.oracle_power).collect();
+        let searching = ended
+            .iter()
+            .filter_map(|(f, _)| f.searching_oracle_power)
+            .collect();
         let shares: Vec<f64> = ended.iter().filter_map(|(_, v)| v.share).collect();
-        let mean = power.iter().sum::<f64>() / power.len() as f64;
         vec![
             name.to_owned(),
             unseen.to_string(),
-            if power.is_empty() {
-                "–".to_owned()
-            } else {
-                decimal(mean)
-            },
+            mean(power),
+            mean(searching),
             share(&ended, |v| v.detected),
             share(&ended, |v| v.first_right),
             share(&ended, |v| v.right),
@@ -158,6 +162,7 @@ fn single(records: &[&Record]) -> String {
     let columns = [
         "not visible",
         "oracle's power",
+        "searching oracle's",
         "detected",
         "first name right",
         "right name",

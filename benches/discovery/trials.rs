@@ -1,13 +1,14 @@
 //! One trial: a fresh machine, measurements, the search, and what an oracle makes of them.
 
 use std::collections::BTreeMap;
+use std::f64::consts::PI;
 
 use nalgebra::DVector;
 use serde::Serialize;
 use tau::Robot;
 use tau::discovery::{Discovery, Options, discover};
 use tau::effects::CATALOGUE;
-use tau::measurements::{Shape, Split};
+use tau::measurements::{Division, Shape, Split};
 use tau::robot_file::{RobotFile, Value};
 use tau::simulation::{
     Approach, Effect, Noise, Poses, SimulatedFolder, Simulation, Temperature, simulate,
@@ -18,7 +19,7 @@ use crate::hidden::Hidden;
 use crate::noncentrality::{Base, signal};
 use crate::plan::{Case, Section, Subject};
 use crate::random::Random;
-use crate::scoring::{Verdict, oracle_power};
+use crate::scoring::{Verdict, oracle_power, searching_oracle_power};
 
 /// The standard robot without any effect of its own.
 const ROBOT: &str = "robot GantryTau {
@@ -87,6 +88,8 @@ pub(crate) struct Found {
     pub(crate) candidates: usize,
     /// Detection power of one who knows what to look for.
     pub(crate) oracle_power: Option<f64>,
+    /// The same of one who has to search the period, where there is one.
+    pub(crate) searching_oracle_power: Option<f64>,
     /// Error on noise-free poses that took no part (µm, rms).
     pub(crate) base_um: f64,
     pub(crate) tool_um: f64,
@@ -265,6 +268,13 @@ impl Laboratory {
         if let (Section::Single, [own]) = (case.section, record.truth.as_slice()) {
             let power = oracle_power(own.noncentrality, own.amplitudes, found.candidates);
             found.oracle_power = Some(power);
+            found.searching_oracle_power =
+                Some(match self.search_width(own, &measured, &division) {
+                    Some(width) => {
+                        searching_oracle_power(own.noncentrality, width, found.candidates)
+                    }
+                    None => power,
+                });
         }
         record.verdict = Some(Verdict::of(
             &record.truth,
@@ -273,6 +283,33 @@ impl Laboratory {
         ));
         record.found = Some(found);
         Ok(())
+    }
+
+    /// Width of the search for the period of an effect, where it has one: the range of reciprocal periods
+    /// times √(4π·var q) over the commands that its cart is measured at.
+    fn search_width(
+        &self,
+        own: &True,
+        measured: &SimulatedFolder,
+        division: &Division,
+    ) -> Option<f64> {
+        let effect = self.model.effects.iter().find(|e| e.name == own.name)?;
+        let (low, high) = effect.parameters.iter().find_map(|p| p.search)?;
+        let track = self.robot.tracks.iter().position(|t| *t == own.place)?;
+        let of_set_1 = division.calibration.iter();
+        let of_set_3 = measured.folder.cart_positions.iter();
+        let commands: Vec<f64> = of_set_1
+            .map(|&pose| measured.folder.tcp_poses[pose].commands_m[track])
+            .chain(
+                of_set_3
+                    .filter(|at| at.track == track)
+                    .map(|at| at.commands_m[track]),
+            )
+            .collect();
+        let count = commands.len() as f64;
+        let mean = commands.iter().sum::<f64>() / count;
+        let variance = commands.iter().map(|q| (q - mean).powi(2)).sum::<f64>() / count;
+        Some((low.recip() - high.recip()) * (4.0 * PI * variance).sqrt())
     }
 
     /// Draws what is hidden, of the size that has the wanted λ; `None` where no plausible size has.
@@ -439,6 +476,7 @@ impl Found {
             outliers: discovery.outliers.len(),
             candidates: discovery.considered.len(),
             oracle_power: None,
+            searching_oracle_power: None,
             base_um: discovery.validation.before.rms_um,
             tool_um: discovery.validation.after.rms_um,
             oracle_um: None,

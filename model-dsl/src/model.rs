@@ -170,6 +170,16 @@ pub struct EffectUse {
     pub effect: usize,
     /// Where it acts.
     pub place: Place,
+    /// Optional parameters that it takes, as indices in [`Effect::parameters`], ascending; the others
+    /// stay at their nominal values and are no parameters of the variant.
+    pub with: Vec<usize>,
+}
+
+impl EffectUse {
+    /// Whether a parameter of the effect, given with its index, is one here.
+    pub fn takes(&self, index: usize, parameter: &EffectParameter) -> bool {
+        !parameter.optional || self.with.contains(&index)
+    }
 }
 
 /// Where an effect acts.
@@ -243,6 +253,8 @@ pub struct EffectParameter {
     pub tolerance: Option<f64>,
     /// Range to search, SI, where it is declared with `search`.
     pub search: Option<(f64, f64)>,
+    /// Whether it is left out unless a use of the effect names it.
+    pub optional: bool,
 }
 
 /// `target += formula;`

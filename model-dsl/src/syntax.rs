@@ -92,6 +92,8 @@ pub(crate) struct Effect {
 /// `param a, b[3]: length = 0 mm tol 1 mm;` or `search p: length in 4 mm ..= 50 mm;`
 #[derive(Debug)]
 pub(crate) struct Parameters {
+    /// `optional param …`
+    pub(crate) optional: bool,
     pub(crate) names: Vec<ParameterName>,
     pub(crate) dimension: UnitExpression,
     pub(crate) nominal: Option<Quantity>,
@@ -169,5 +171,7 @@ pub(crate) enum VariantLine {
 pub(crate) struct EffectUse {
     pub(crate) effect: Ident,
     pub(crate) places: Vec<Ident>,
+    /// `with a, b`: optional parameters that it takes.
+    pub(crate) with: Vec<Ident>,
     pub(crate) location: Location,
 }

@@ -41,8 +41,11 @@ impl Context<'_> {
         match formula {
             Formula::Number(value) => self.g.constant(*value),
             Formula::Parameter(index, component) => {
-                let effect = &self.model.effects[self.variant.effects[scope.effect].effect];
-                let parameter = &effect.parameters[*index];
+                let used = &self.variant.effects[scope.effect];
+                let parameter = &self.model.effects[used.effect].parameters[*index];
+                if !used.takes(*index, parameter) {
+                    return self.g.constant(parameter.nominal);
+                }
                 let component = (parameter.components > 1).then_some(*component);
                 self.parameter(Owner::Effect(scope.effect), &parameter.name, component)
             }

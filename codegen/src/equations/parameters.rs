@@ -99,7 +99,8 @@ pub fn parameters(model: &Model, variant: &Variant) -> Vec<Parameter> {
     for (index, used) in variant.effects.iter().enumerate() {
         let effect = &model.effects[used.effect];
         let name = format!("{}({})", effect.name, places(model, used.place).join(", "));
-        for parameter in &effect.parameters {
+        let taken = effect.parameters.iter().enumerate();
+        for (_, parameter) in taken.filter(|(at, parameter)| used.takes(*at, parameter)) {
             for component in 0..parameter.components {
                 table.push(
                     Parameter {

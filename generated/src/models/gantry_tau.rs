@@ -86,8 +86,10 @@ pub robot GantryTau {
     /// Periodic positioning error at the tooth pitch of the rack.
     effect rack_pitch on cart {
         param sine, cosine: length tol 100 um;
+        optional param second_sine, second_cosine: length tol 50 um;
         search period: length in 4 mm ..= 50 mm;
         along += sine * sin(2*pi*q/period) + cosine * cos(2*pi*q/period);
+        along += second_sine * sin(4*pi*q/period) + second_cosine * cos(4*pi*q/period);
     }
     /// `Full` with the pitch error of the rack on track two.
     variant FullRack = Full + rack_pitch(two);

@@ -165,6 +165,7 @@ fn parameters<'a>(
             nominal: nominal.or(middle).unwrap_or(0.0),
             tolerance,
             search,
+            optional: declaration.optional,
         };
         scope.declare(&given.name, parameter, dimension.is_some());
     }

@@ -87,7 +87,13 @@ impl Context<'_> {
             }
             _ => Place::Tcp,
         };
-        Some((EffectUse { effect, place }, used.location))
+        let with = with(used, &checked.effect, diagnostics)?;
+        let found = EffectUse {
+            effect,
+            place,
+            with,
+        };
+        Some((found, used.location))
     }
 
     fn some_cart(&self, place: &Ident, diagnostics: &mut Diagnostics) -> Option<()> {
@@ -251,4 +257,39 @@ impl Context<'_> {
             .find(|(_, link)| !alone(link.cluster))
             .map(|(_, link)| link.name.as_str())
     }
+}
+
+/// Indices of the optional parameters that a use names.
+fn with(
+    used: &syntax::EffectUse,
+    effect: &Effect,
+    diagnostics: &mut Diagnostics,
+) -> Option<Vec<usize>> {
+    let before = diagnostics.count();
+    let mut indices = Vec::new();
+    for name in &used.with {
+        let found = effect.parameters.iter().position(|own| *name == own.name);
+        match found.and_then(|index| Some((index, effect.parameters.get(index)?))) {
+            Some((index, parameter)) if parameter.optional && !indices.contains(&index) => {
+                indices.push(index);
+            }
+            Some((_, parameter)) if parameter.optional => {
+                diagnostics.error(name, format!("`{name}` is named twice"), "name it once");
+            }
+            Some(_) => {
+                let message = format!("`{name}` is part of `{}` anyway", effect.name);
+                let help = "`with` names optional parameters; leave it out";
+                diagnostics.error(name, message, help);
+            }
+            None => {
+                let optional = effect.parameters.iter().filter(|own| own.optional);
+                let names = optional.map(|own| own.name.as_str());
+                let help = suggest("optional parameter", &name.to_string(), names);
+                let message = format!("`{}` has no optional parameter `{name}`", effect.name);
+                diagnostics.error(name, message, help);
+            }
+        }
+    }
+    indices.sort_unstable();
+    (diagnostics.count() == before).then_some(indices)
 }

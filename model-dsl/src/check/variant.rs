@@ -288,7 +288,9 @@ impl Context<'_> {
                 continue;
             };
             for (used, location) in added {
-                let twice = effects.contains(used);
+                let twice = effects
+                    .iter()
+                    .any(|other| (other.effect, other.place) == (used.effect, used.place));
                 effects.push(used.clone());
                 // What a base does wrong is reported at the base.
                 if member != index {

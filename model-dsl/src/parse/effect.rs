@@ -10,8 +10,9 @@ use crate::names::nearest;
 use crate::syntax::{Effect, ParameterName, Parameters, Term};
 
 /// What the items of an effect may begin with; terms begin with their target.
-const STARTS: [&str; 11] = [
+const STARTS: [&str; 12] = [
     "param",
+    "optional",
     "search",
     "along",
     "horizontal",
@@ -57,7 +58,11 @@ pub(super) fn effect(
     body.items(begins, diagnostics, |parser, _| {
         parser.docs()?;
         if parser.eat_word("param").is_some() {
-            effect.parameters.push(parameters(parser)?);
+            effect.parameters.push(parameters(parser, false)?);
+        } else if parser.eat_word("optional").is_some() {
+            let help = "what may be left out is a parameter: `optional param name: length;`";
+            parser.expect_word("param", help)?;
+            effect.parameters.push(parameters(parser, true)?);
         } else if parser.eat_word("search").is_some() {
             effect.parameters.push(searched(parser)?);
         } else {
@@ -71,11 +76,11 @@ pub(super) fn effect(
 /// Whether a parameter or a term begins here. The name of a target alone is not enough: `length` is a
 /// dimension too.
 fn begins(parser: &Parser<'_>) -> bool {
-    parser.at_any(&["param", "search"]) || parser.at_term()
+    parser.at_any(&["param", "optional", "search"]) || parser.at_term()
 }
 
 /// `param a, b[3]: length = 0 mm tol 1 mm;` from the first name on.
-fn parameters(parser: &mut Parser<'_>) -> Parse<Parameters> {
+fn parameters(parser: &mut Parser<'_>, optional: bool) -> Parse<Parameters> {
     let mut names = vec![parameter_name(parser)?];
     while parser.eat(",").is_some() {
         names.push(parameter_name(parser)?);
@@ -94,6 +99,7 @@ fn parameters(parser: &mut Parser<'_>) -> Parse<Parameters> {
     };
     parser.semicolon()?;
     Ok(Parameters {
+        optional,
         names,
         dimension,
         nominal,
@@ -120,6 +126,7 @@ fn searched(parser: &mut Parser<'_>) -> Parse<Parameters> {
     parser.semicolon()?;
     let search = Some((low, high));
     Ok(Parameters {
+        optional: false,
         names: vec![name],
         dimension,
         nominal: None,

@@ -221,9 +221,17 @@ fn effect_use(parser: &mut Parser<'_>) -> Parse<EffectUse> {
         }
     }
     let location = parser.since(&effect);
+    let mut with = Vec::new();
+    if parser.eat_word("with").is_some() {
+        with.push(parser.name("an optional parameter")?);
+        while parser.eat(",").is_some() {
+            with.push(parser.name("an optional parameter")?);
+        }
+    }
     Ok(EffectUse {
         effect,
         places,
+        with,
         location,
     })
 }

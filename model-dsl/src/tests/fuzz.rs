@@ -6,7 +6,7 @@ use super::{GANTRY_TAU, model};
 use crate::{check_text, effects_from_text};
 
 /// Words and signs of the language, and some that are not.
-const TOKENS: [&str; 92] = [
+const TOKENS: [&str; 94] = [
     "robot",
     "pub",
     "Slide",
@@ -52,6 +52,8 @@ const TOKENS: [&str; 92] = [
     "tcp",
     "all",
     "param",
+    "optional",
+    "with",
     "gap",
     "gain",
     "[",

@@ -68,6 +68,7 @@ fn gantry_tau() {
             track: 1,
             source: None,
         },
+        with: vec![],
     };
     assert_eq!(model.variants[5].effects, [at_two]);
 
@@ -82,6 +83,8 @@ fn gantry_tau() {
         [
             ("sine", 0.0, Some(1e-4), None),
             ("cosine", 0.0, Some(1e-4), None),
+            ("second_sine", 0.0, Some(5e-5), None),
+            ("second_cosine", 0.0, Some(5e-5), None),
             ("period", 0.027, None, Some((0.004, 0.05))),
         ]
     );
@@ -278,6 +281,38 @@ fn variants_inherit_in_any_order() {
     assert_eq!(c.effects[0], b.effects[0], "effects of the base come first");
     assert_eq!(a.effects, []);
     assert_eq!(model.variant("B"), Some(b));
+}
+
+#[test]
+fn optional_parameters_are_taken_by_name() {
+    let model = model(&robot(
+        "variant Nominal { arm reduced; tracks linear; }
+        effect bent on cart {
+            optional param a: length; param b: length; optional param c, d: length tol 1 mm;
+            along += a + b * (q/(1 m)) + c * (q/(1 m))^2 + d * (q/(1 m))^3;
+        }
+        variant Plain = Nominal + bent(one);
+        variant Some = Nominal + bent(one) with d, a + bent(two);",
+    ));
+    let optional: Vec<bool> = model.effects[0]
+        .parameters
+        .iter()
+        .map(|parameter| parameter.optional)
+        .collect();
+    assert_eq!(optional, [true, false, true, true]);
+    let with = |variant: &str| -> Vec<Vec<usize>> {
+        let uses = &model.variant(variant).unwrap().effects;
+        uses.iter().map(|used| used.with.clone()).collect()
+    };
+    assert_eq!(with("Plain"), [vec![]]);
+    assert_eq!(with("Some"), [vec![0, 3], vec![]]);
+    let taken = |variant: &str| -> Vec<bool> {
+        let used = &model.variant(variant).unwrap().effects[0];
+        let parameters = model.effects[0].parameters.iter().enumerate();
+        parameters.map(|(k, own)| used.takes(k, own)).collect()
+    };
+    assert_eq!(taken("Plain"), [false, true, false, false]);
+    assert_eq!(taken("Some"), [true, true, false, true]);
 }
 
 #[test]

@@ -150,7 +150,7 @@ impl Bench {
                 return Ok(Columns::Later);
             }
             if candidate.search.is_some() {
-                let range = reach(candidate, &samples);
+                let range = reach(candidate, &model, &samples);
                 return Scan::new(candidate, &model, &probes, &samples, &surroundings, range)
                     .map(Columns::Searched);
             }
@@ -301,6 +301,17 @@ impl Bench {
         self.expanded(view, candidate, &self.candidates[candidate].nominal())
     }
 
+    /// What a model leaves of some parameters of a candidate at given values of all.
+    pub(super) fn subspace_of(
+        &self,
+        view: &View,
+        candidate: usize,
+        values: &[f64],
+        parameters: &[usize],
+    ) -> Option<Subspace> {
+        Some(self.expanded_by(view, candidate, values, parameters)?.1)
+    }
+
     /// The columns of a candidate at given values of its parameters, row by row.
     fn expanded(
         &self,
@@ -308,11 +319,19 @@ impl Bench {
         candidate: usize,
         values: &[f64],
     ) -> Option<(DMatrix<f64>, Subspace)> {
-        let raw = candidates::columns(
-            &self.entries(candidate, values)?,
-            &self.candidates[candidate].amplitudes(),
-            &self.probes,
-        );
+        let amplitudes = self.candidates[candidate].amplitudes();
+        self.expanded_by(view, candidate, values, &amplitudes)
+    }
+
+    /// The same by parameters of one's choice.
+    fn expanded_by(
+        &self,
+        view: &View,
+        candidate: usize,
+        values: &[f64],
+        parameters: &[usize],
+    ) -> Option<(DMatrix<f64>, Subspace)> {
+        let raw = candidates::columns(&self.entries(candidate, values)?, parameters, &self.probes);
         let columns = view.weighted(&raw);
         let subspace = Subspace::of(&columns, &view.remainder(&columns));
         (subspace.rank() > 0).then_some((columns, subspace))

@@ -2,7 +2,7 @@
 
 use nalgebra::DMatrix;
 use tau_codegen::equations;
-use tau_codegen::language::model::{Effect, Model, Place, Readable, Target, Term};
+use tau_codegen::language::model::{Effect, EffectUse, Model, Place, Readable, Target, Term};
 
 use super::formula::{Formulas, Series};
 use super::generic::{self, Family, Stands};
@@ -37,6 +37,8 @@ pub(super) struct ParameterKind {
     pub(super) unit: String,
     pub(super) nominal: f64,
     pub(super) tolerance: Option<f64>,
+    /// Whether it joins the effect only where it earns its place.
+    is_optional: bool,
 }
 
 /// Where a term acts.
@@ -163,6 +165,7 @@ impl Candidate {
                     unit: parameter.dimension.si_unit(),
                     nominal: parameter.nominal,
                     tolerance: parameter.tolerance,
+                    is_optional: parameter.optional,
                 });
             }
         }
@@ -198,11 +201,52 @@ impl Candidate {
         format!("{}({})", self.name, self.places.replace(',', ", "))
     }
 
-    /// Indices of the parameters that are amplitudes: all but the searched one.
+    /// The same with its optional parameters.
+    pub(super) fn extended_label(&self, model: &Model) -> String {
+        let parameters = model.effects[self.effect].parameters.iter();
+        let names: Vec<&str> = parameters
+            .filter(|parameter| parameter.optional)
+            .map(|parameter| parameter.name.as_str())
+            .collect();
+        format!("{} with {}", self.label(), names.join(", "))
+    }
+
+    /// Indices of the parameters that are amplitudes: all but the searched and the optional ones.
     pub(super) fn amplitudes(&self) -> Vec<usize> {
+        let taken = self.taken(false).into_iter();
+        taken.filter(|&k| !self.is_searched(k)).collect()
+    }
+
+    /// Indices of the parameters that the effect has in a model, `extended` by its optional ones or not.
+    pub(super) fn taken(&self, extended: bool) -> Vec<usize> {
         (0..self.parameters.len())
-            .filter(|&k| self.search.is_none_or(|(searched, _)| searched != k))
+            .filter(|&k| extended || !self.parameters[k].is_optional)
             .collect()
+    }
+
+    /// Indices of the optional parameters.
+    pub(super) fn optional(&self) -> Vec<usize> {
+        (0..self.parameters.len())
+            .filter(|&k| self.parameters[k].is_optional)
+            .collect()
+    }
+
+    /// Whether a parameter is the searched one.
+    pub(super) fn is_searched(&self, parameter: usize) -> bool {
+        self.search
+            .is_some_and(|(searched, _)| searched == parameter)
+    }
+
+    /// Its use in a model, extended by its optional parameters or not.
+    pub(super) fn used(&self, model: &Model, extended: bool) -> EffectUse {
+        let parameters = &model.effects[self.effect].parameters;
+        EffectUse {
+            effect: self.effect,
+            place: self.place,
+            with: (0..parameters.len())
+                .filter(|&k| extended && parameters[k].optional)
+                .collect(),
+        }
     }
 
     /// Parameter values at no effect.

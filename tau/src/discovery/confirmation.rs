@@ -25,12 +25,19 @@ pub(super) fn held_out_gain(
 ) -> f64 {
     let folds = folds(samples);
     let with = view.with(subspace);
+    let [base, extended] = [&view.q, &with.q].map(|q| Predictor {
+        q,
+        fitted: q.tr_mul(&view.residuals),
+    });
     let mut gains = vec![0.0; Sample::units(samples)];
     for fold in 0..FOLDS {
         let rows: Vec<usize> = (0..view.rows.len())
             .filter(|&row| view.factors[row] > 0.0 && folds[view.rows[row].sample] == fold)
             .collect();
-        let (Some(before), Some(after)) = (predicted(view, &rows), predicted(&with, &rows)) else {
+        let (Some(before), Some(after)) = (
+            base.errors(&view.residuals, &rows),
+            extended.errors(&view.residuals, &rows),
+        ) else {
             continue;
         };
         for (k, &row) in rows.iter().enumerate() {
@@ -73,18 +80,34 @@ fn folds(samples: &[Sample]) -> Vec<usize> {
         .collect()
 }
 
-/// Residuals of rows by a model fitted to all others: `e + Q (I − QᵀQ)⁻¹ Qᵀe` over these rows.
-fn predicted(view: &View, rows: &[usize]) -> Option<DVector<f64>> {
-    let q = view.q.select_rows(rows);
-    let residuals = DVector::from_iterator(rows.len(), rows.iter().map(|&row| view.residuals[row]));
-    let columns = q.ncols();
-    let left = DMatrix::identity(columns, columns) * (1.0 + 1e-9) - q.transpose() * &q;
-    let solved = Cholesky::new(left)?.solve(&q.tr_mul(&residuals));
-    Some(residuals + q * solved)
+/// A model that is fitted to some rows and predicts the others.
+struct Predictor<'a> {
+    /// Orthonormal basis of its columns.
+    q: &'a DMatrix<f64>,
+    /// What the residuals have of each of them.
+    fitted: DVector<f64>,
+}
+
+/// Share of a direction's squares that other rows must hold for them to say anything about it.
+const TOLD: f64 = 1e-6;
+
+impl Predictor<'_> {
+    /// How far residuals of rows lie from what a fit to all others predicts:
+    /// `r − Q·(I − QᵀQ)⁻¹·(Qᵀr of the others)` over these rows. A direction of which the others hold
+    /// nothing is predicted to be zero.
+    fn errors(&self, residuals: &DVector<f64>, rows: &[usize]) -> Option<DVector<f64>> {
+        let q = self.q.select_rows(rows);
+        let own = DVector::from_iterator(rows.len(), rows.iter().map(|&row| residuals[row]));
+        let columns = q.ncols();
+        let others = DMatrix::identity(columns, columns) * (1.0 + TOLD) - q.tr_mul(&q);
+        let solved = Cholesky::new(others)?.solve(&(&self.fitted - q.tr_mul(&own)));
+        Some(own - q * solved)
+    }
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::joint::Row;
     use super::super::joint::tests::of_set_1;
     use super::super::projection::Basis;
     use super::super::projection::tests::normal;
@@ -98,8 +121,8 @@ mod tests {
         let mut random = Random(3);
         let noise = DVector::from_fn(rows.len(), |_, _| normal(&mut random));
         let constant = DMatrix::from_element(rows.len(), 1, 1.0);
-        let gain = |column: &dyn Fn(usize) -> f64, size: f64| {
-            let column = DMatrix::from_fn(rows.len(), 1, |row, _| column(rows[row].sample));
+        let gain = |column: &dyn Fn(Row) -> f64, size: f64| {
+            let column = DMatrix::from_fn(rows.len(), 1, |row, _| column(rows[row]));
             let measured = &noise + &column * size;
             let basis = Basis::of(&constant).unwrap();
             let view = View {
@@ -112,9 +135,16 @@ mod tests {
             let subspace = Subspace::of(&column, &view.remainder(&column));
             held_out_gain(&view, &subspace, &samples, 0)
         };
-        let wave = |sample: usize| (sample as f64).sin();
+        let wave = |row: Row| (row.sample as f64).sin();
         assert!(gain(&wave, 1.0) > 0.0);
         assert!(gain(&wave, 0.0) <= 0.0);
+        // No other sample tells of what is in one alone, however large.
+        let one = |row: Row| match (row.sample, row.residual) {
+            (7, 0) => 1.0,
+            (7, 1) => -1.0,
+            _ => 0.0,
+        };
+        assert!(gain(&one, 100.0) <= 0.0);
     }
 
     #[test]
@@ -136,18 +166,17 @@ mod tests {
         let jacobian = DMatrix::from_fn(40, 4, |_, _| number());
         let measured = DVector::from_fn(40, |_, _| number());
         let basis = Basis::of(&jacobian).unwrap();
-        let view = View {
-            residuals: basis.residuals_after(&measured),
-            q: basis.q,
-            factors: vec![1.0; 40],
-            rows: vec![],
-            degrees: 36.0,
-        };
+        let residuals = basis.residuals_after(&measured);
         let held: Vec<usize> = (10..20).collect();
         let others: Vec<usize> = (0..40).filter(|row| !held.contains(row)).collect();
         let (kept, rest) = (jacobian.select_rows(&others), measured.select_rows(&others));
         let solution = (kept.transpose() * &kept).try_inverse().unwrap() * kept.tr_mul(&rest);
         let expected = measured.select_rows(&held) - jacobian.select_rows(&held) * solution;
-        assert!((predicted(&view, &held).unwrap() - expected).amax() < 1e-7);
+        let model = Predictor {
+            q: &basis.q,
+            fitted: basis.q.tr_mul(&residuals),
+        };
+        let errors = model.errors(&residuals, &held).unwrap();
+        assert!((errors - expected).amax() < 1e-5);
     }
 }

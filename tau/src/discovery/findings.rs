@@ -2,8 +2,6 @@
 
 use std::time::Instant;
 
-use tau_runtime::Owner;
-
 use super::evidence::{self, whiteness::Series};
 use super::results::{
     Considered, Discovery, Estimate, FoundEffect, Gap, LeftOut, Rival, SerialCorrelation, Status,
@@ -172,22 +170,17 @@ fn whiteness(search: &Search<'_>, before: Option<SerialCorrelation>) -> Option<W
 
 fn effects(search: &Search<'_>) -> Vec<FoundEffect> {
     let (fit, bench) = (&search.fit, &search.bench);
-    let variant = &fit.joint.machine.variant;
     search
         .accepted
         .iter()
         .enumerate()
         .map(|(index, accepted)| {
             let candidate = &bench.candidates[accepted.candidate];
-            let owner = Owner::Effect(search.own_effects + index);
-            let parameters = fit
-                .joint
-                .used
-                .iter()
-                .enumerate()
-                .filter(|(_, used)| variant.parameters[**used].owner == owner)
-                .zip(&candidate.parameters)
-                .map(|((column, _), described)| {
+            let parameters = search
+                .places_of(index)
+                .into_iter()
+                .map(|(place, column)| {
+                    let described = &candidate.parameters[place];
                     let estimate = Estimate {
                         value: fit.fitted[column],
                         sigma: fit.basis.b.row(column).norm(),

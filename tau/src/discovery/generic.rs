@@ -29,8 +29,11 @@ pub(super) enum Stands {
     Common,
 }
 
-/// Periods of what repeats along a track.
-const PERIODS: &str = "4 mm ..= 1 m";
+/// Periods of what repeats along a track: racks, pinions, rails on a cart; joints and cables on a link.
+const PERIODS: [(&str, &str, &str); 2] = [
+    ("cart", "along", "4 mm ..= 1 m"),
+    ("link", "length", "50 mm ..= 1 m"),
+];
 /// Number of triangles that follow a track piece by piece.
 const TRIANGLES: usize = 9;
 /// Smooth functions of conditions.
@@ -113,7 +116,6 @@ pub(super) fn families(model: &Model, (low_m, high_m): (f64, f64)) -> (String, V
             families.add("cart", axis, "commands", &travels);
             families.add("cart", axis, "stretch", &triangles);
         }
-        families.periodic();
         for axis in turn {
             families.add("cart", axis, "q", &legendre[..3]);
             families.add("cart", axis, "direction", &DIRECTION[..2]);
@@ -131,6 +133,8 @@ pub(super) fn families(model: &Model, (low_m, high_m): (f64, f64)) -> (String, V
         families.of_all("cart", "along", "direction", &DIRECTION[..1]);
         families.of_all("cart", "along", "q", &legendre[..3]);
     }
+    families.add("link", "length", "q", &legendre);
+    families.add("link", "length", "stretch", &triangles);
     families.add("link", "length", "position", &PLACE);
     families.add("link", "length", "tension", &TENSION);
     families.add("link", "length", "temperature", &TEMPERATURE);
@@ -147,6 +151,9 @@ pub(super) fn families(model: &Model, (low_m, high_m): (f64, f64)) -> (String, V
     families.bundle("tcp", "vector", &axes, "temperature", &TEMPERATURE);
     families.bundle("tcp", "vector", &axes, "position", &PLACE[..3]);
     families.scale();
+    for (subject, axis, range) in PERIODS {
+        families.periodic(subject, axis, range);
+    }
     families.common("link", "length", "temperature", &TEMPERATURE);
     families.common("link", "length", "tension", &TENSION[..1]);
     (families.text, families.list)
@@ -164,17 +171,17 @@ impl Families {
     }
 
     /// What repeats along a track.
-    fn periodic(&mut self) {
-        let name = format!("{PREFIX}cart_along_periodic");
+    fn periodic(&mut self, subject: &str, axis: &str, range: &str) {
+        let name = format!("{PREFIX}{subject}_{axis}_periodic");
         let _ = writeln!(
             self.text,
-            "effect {name} on cart {{ param sine, cosine: length; \
-             search period: length in {PERIODS}; \
-             along += sine * sin(2*pi*q/period) + cosine * cos(2*pi*q/period); }}"
+            "effect {name} on {subject} {{ param sine, cosine: length; \
+             search period: length in {range}; \
+             {axis} += sine * sin(2*pi*q/period) + cosine * cos(2*pi*q/period); }}"
         );
         self.list.push(Family {
             name,
-            direction: "along".into(),
+            direction: axis.into(),
             against: "q",
             stands: Stands::Alone,
         });

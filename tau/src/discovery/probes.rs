@@ -83,10 +83,12 @@ pub(super) fn compiled(model: &Model, variant: usize) -> Variant {
         .map(|place| EffectUse {
             effect: cart,
             place,
+            with: vec![],
         })
         .chain([EffectUse {
             effect: tcp,
             place: Place::Tcp,
+            with: vec![],
         }]);
     probed.variants[variant].effects.extend(used);
     let closures = Variant::from(&compile_some(&probed, variant, |kind, _| {

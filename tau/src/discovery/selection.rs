@@ -5,7 +5,6 @@ mod review;
 use std::collections::BTreeSet;
 
 use nalgebra::{Cholesky, DVector};
-use tau_codegen::language::model::EffectUse;
 
 use super::bench::{Bench, Score, Table, f_form};
 use super::confirmation::held_out_gain;
@@ -41,6 +40,8 @@ const LEAST: f64 = 1e-290;
 #[derive(Clone)]
 pub(super) struct Accepted {
     pub(super) candidate: usize,
+    /// Whether its optional parameters are in the model.
+    pub(super) extended: bool,
     pub(super) p_value: f64,
     pub(super) flip_p_value: f64,
     pub(super) chi2_drop: f64,
@@ -348,14 +349,20 @@ impl Search<'_> {
         if let (Some((place, _)), Some(value)) = (described.search, score.searched) {
             values[place] = value;
         }
-        let mut effects: Vec<usize> = self.accepted.iter().map(|a| a.candidate).collect();
-        effects.push(score.candidate);
-        let fit = self.refit(&effects, Some(&values));
+        let start: Vec<f64> = described
+            .taken(false)
+            .into_iter()
+            .map(|k| values[k])
+            .collect();
+        let mut effects = self.uses();
+        effects.push((score.candidate, false));
+        let fit = self.refit(&effects, Some(&start));
         let Ok(fit) = fit else { return Ok(false) };
         self.fit = fit;
         self.imitated.clear();
         self.accepted.push(Accepted {
             candidate: score.candidate,
+            extended: false,
             p_value: score.p_value,
             flip_p_value,
             chi2_drop: score.statistic,
@@ -364,20 +371,67 @@ impl Search<'_> {
             rivals: vec![],
         });
         self.record(Some(self.accepted.len() - 1))?;
+        self.extend(self.accepted.len() - 1)?;
         Ok(true)
     }
 
+    /// Lets the optional parameters of an effect join it where they earn their place.
+    fn extend(&mut self, effect: usize) -> Result<(), Error> {
+        let Accepted { candidate, .. } = self.accepted[effect];
+        let optional = self.bench.candidates[candidate].optional();
+        if optional.is_empty() {
+            return Ok(());
+        }
+        let view = self.view();
+        let Some(subspace) =
+            self.bench
+                .subspace_of(&view, candidate, &self.values_of(effect), &optional)
+        else {
+            return Ok(());
+        };
+        let samples = &self.bench.samples;
+        let rank = subspace.rank() as f64;
+        let statistic =
+            subspace.statistic(&view.residuals) / serial::inflation(&view, &subspace, samples);
+        let (_, p_value) = f_form(statistic, rank, view.total(), view.degrees);
+        if p_value > FURTHER
+            || held_out_gain(&view, &subspace, samples, self.input.options.seed) <= 0.0
+        {
+            return Ok(());
+        }
+        self.accepted[effect].extended = true;
+        match self.refit(&self.uses(), None) {
+            Ok(fit) => self.fit = fit,
+            Err(_) => self.accepted[effect].extended = false,
+        }
+        if self.accepted[effect].extended {
+            let before = self.gaps.last().copied();
+            self.record(None)?;
+            if let (Some(before), Some(now)) = (before, self.gaps.last()) {
+                self.accepted[effect].heldout_drop_um += before.mean_um - now.mean_um;
+            }
+        }
+        Ok(())
+    }
+
+    /// The effects in the model: candidates, and whether they are extended.
+    fn uses(&self) -> Vec<(usize, bool)> {
+        self.accepted
+            .iter()
+            .map(|accepted| (accepted.candidate, accepted.extended))
+            .collect()
+    }
+
     /// The base with effects, fitted from where the model stands; `last` are start values of the last.
-    fn refit(&self, effects: &[usize], last: Option<&[f64]>) -> Result<Fit, Error> {
+    fn refit(&self, effects: &[(usize, bool)], last: Option<&[f64]>) -> Result<Fit, Error> {
         let mut model = self.bench.model.clone();
-        model.variants[self.variant]
-            .effects
-            .extend(effects.iter().map(|&candidate| EffectUse {
-                effect: self.bench.candidates[candidate].effect,
-                place: self.bench.candidates[candidate].place,
-            }));
+        let used: Vec<_> = effects
+            .iter()
+            .map(|&(candidate, extended)| self.bench.candidates[candidate].used(&model, extended))
+            .collect();
+        model.variants[self.variant].effects.extend(used);
         let variant = if effects.len() == self.accepted.len() + 1 {
-            let newest = self.bench.candidates[effects[effects.len() - 1]].place;
+            let newest = self.bench.candidates[effects[effects.len() - 1].0].place;
             free_turning_from(
                 &model,
                 self.variant,
@@ -465,7 +519,14 @@ impl Search<'_> {
     pub(super) fn labels(&self) -> Vec<String> {
         self.accepted
             .iter()
-            .map(|a| self.bench.candidates[a.candidate].label())
+            .map(|accepted| {
+                let described = &self.bench.candidates[accepted.candidate];
+                if accepted.extended {
+                    described.extended_label(&self.bench.model)
+                } else {
+                    described.label()
+                }
+            })
             .collect()
     }
 
@@ -510,8 +571,7 @@ impl Search<'_> {
             if chi2_survival(statistic, rank) > FURTHER {
                 let removed = self.accepted.remove(effect);
                 self.refused.insert(removed.candidate);
-                let effects: Vec<usize> = self.accepted.iter().map(|a| a.candidate).collect();
-                self.fit = self.refit(&effects, None)?;
+                self.fit = self.refit(&self.uses(), None)?;
                 self.record(None)?;
             }
         }
@@ -531,11 +591,10 @@ impl Search<'_> {
     /// Columns of an effect's amplitudes in the fit, and how far they are from no effect.
     pub(super) fn amplitudes(&self, effect: usize) -> (Vec<usize>, DVector<f64>) {
         let described = &self.bench.candidates[self.accepted[effect].candidate];
-        let columns = self.columns_of(effect);
-        let (own, values): (Vec<usize>, Vec<f64>) = described
-            .amplitudes()
+        let (own, values): (Vec<usize>, Vec<f64>) = self
+            .places_of(effect)
             .into_iter()
-            .filter_map(|place| Some((place, *columns.get(place)?)))
+            .filter(|&(place, _)| !described.is_searched(place))
             .map(|(place, column)| {
                 (
                     column,
@@ -544,6 +603,26 @@ impl Search<'_> {
             })
             .unzip();
         (own, DVector::from_vec(values))
+    }
+
+    /// Parameters of an effect that are in the model, each with its column in the fit.
+    pub(super) fn places_of(&self, effect: usize) -> Vec<(usize, usize)> {
+        let Accepted {
+            candidate,
+            extended,
+            ..
+        } = self.accepted[effect];
+        let taken = self.bench.candidates[candidate].taken(extended);
+        taken.into_iter().zip(self.columns_of(effect)).collect()
+    }
+
+    /// Fitted values of all parameters of an effect; those that are not in the model are at no effect.
+    pub(super) fn values_of(&self, effect: usize) -> Vec<f64> {
+        let mut values = self.bench.candidates[self.accepted[effect].candidate].nominal();
+        for (place, column) in self.places_of(effect) {
+            values[place] = self.fit.fitted[column];
+        }
+        values
     }
 
     /// Columns of an effect in the fit.
@@ -557,8 +636,7 @@ impl Search<'_> {
 
     fn remove(&mut self, effect: usize) -> Result<(), Error> {
         self.accepted.remove(effect);
-        let effects: Vec<usize> = self.accepted.iter().map(|a| a.candidate).collect();
-        self.fit = self.refit(&effects, None)?;
+        self.fit = self.refit(&self.uses(), None)?;
         self.record(None)
     }
 }

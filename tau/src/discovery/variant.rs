@@ -103,6 +103,7 @@ fn turning(model: &Model, variant: usize) -> Model {
             track,
             source: None,
         },
+        with: vec![],
     });
     model.variants[variant].effects.extend(carts);
     model

@@ -220,30 +220,39 @@ const fn vector(name: &'static str, unit: &'static str) -> Parameter {
     }
 }
 
-const PERIODIC: &[Parameter] = &[
-    amplitude("sine", "m"),
-    amplitude("cosine", "m"),
-    Parameter {
-        name: "period",
-        components: 1,
-        unit: "m",
-        required: true,
-    },
-];
+const PERIOD: Parameter = Parameter {
+    name: "period",
+    components: 1,
+    unit: "m",
+    required: true,
+};
 
 /// All listed effects.
 pub(crate) const LISTED: &[Listed] = &[
     Listed {
         name: "rack_pitch",
         subject: Subject::Cart,
-        parameters: PERIODIC,
-        physics: |p| periodic(&p),
+        parameters: &[
+            amplitude("sine", "m"),
+            amplitude("cosine", "m"),
+            amplitude("second_sine", "m"),
+            amplitude("second_cosine", "m"),
+            PERIOD,
+        ],
+        physics: |p| {
+            let first = wave(p[0], p[1], p[4]);
+            let second = wave(p[2], p[3], 0.5 * p[4]);
+            shift(move |at| [first(at.q_m) + second(at.q_m), 0.0, 0.0])
+        },
     },
     Listed {
         name: "pinion_eccentricity",
         subject: Subject::Cart,
-        parameters: PERIODIC,
-        physics: |p| periodic(&p),
+        parameters: &[amplitude("sine", "m"), amplitude("cosine", "m"), PERIOD],
+        physics: |p| {
+            let wave = wave(p[0], p[1], p[2]);
+            shift(move |at| [wave(at.q_m), 0.0, 0.0])
+        },
     },
     Listed {
         name: "positioning_error",
@@ -409,13 +418,10 @@ fn tcp(error: impl Fn(&TcpReading) -> [f64; 3] + Send + Sync + 'static) -> Physi
     Physics::Tcp(Arc::new(error))
 }
 
-/// One period of a wheel or a rack a `period` of travel.
-fn periodic(p: &[f64]) -> Physics {
-    let (radius, phase, period) = (p[0].hypot(p[1]), p[1].atan2(p[0]), p[2]);
-    shift(move |at| {
-        let turns = at.q_m / period;
-        [radius * (TAU * turns + phase).sin(), 0.0, 0.0]
-    })
+/// What a wheel or a rack does once every `period` of travel.
+fn wave(sine: f64, cosine: f64, period: f64) -> impl Fn(f64) -> f64 + Send + Sync + 'static {
+    let (radius, phase) = (sine.hypot(cosine), cosine.atan2(sine));
+    move |q| radius * (TAU * (q / period) + phase).sin()
 }
 
 /// Legendre's polynomials of degree 1, 2 and 3, by their recurrence (n+1) Pₙ₊₁ = (2n+1) x Pₙ − n Pₙ₋₁.

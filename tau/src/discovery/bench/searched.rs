@@ -1,6 +1,7 @@
 //! Candidates with a searched parameter.
 
 use nalgebra::{DMatrix, DVector};
+use tau_codegen::language::model::{Model, Place};
 
 use super::super::candidates::{self, Candidate};
 use super::super::parallel;
@@ -123,7 +124,11 @@ impl Bench {
             return vec![];
         };
         let allows = |value| self.scan(place).is_some_and(|scan| scan.1.allows(value));
-        let apart = lobe(reach(&self.candidates[score.candidate], &self.samples));
+        let apart = lobe(reach(
+            &self.candidates[score.candidate],
+            &self.model,
+            &self.samples,
+        ));
         let least = score.statistic - AS_GOOD;
         self.refined(
             &table.responses,
@@ -155,7 +160,7 @@ impl Bench {
         self.family_scans.get_or_init(|| {
             let scans = parallel::map(&self.searched_families, |&index| {
                 let candidate = &self.candidates[index];
-                let range = reach(candidate, &self.samples);
+                let range = reach(candidate, &self.model, &self.samples);
                 let (probes, samples) = (&self.probes, &self.samples);
                 Scan::new(
                     candidate,
@@ -218,15 +223,17 @@ impl Bench {
 }
 
 /// Widest range of the commands that a searched effect sees.
-pub(super) fn reach(candidate: &Candidate, samples: &[Sample]) -> f64 {
-    use tau_codegen::language::model::Place;
+pub(super) fn reach(candidate: &Candidate, model: &Model, samples: &[Sample]) -> f64 {
     let own = match candidate.place {
         Place::Cart { track, .. } => Some(track),
+        Place::Link(link) => {
+            let link = &model.links[link];
+            model.clusters[link.cluster].track.or(link.actuated_by)
+        }
         _ => None,
     };
-    let commands = samples.iter().flat_map(|sample| match own {
-        Some(track) => sample.commands_m.get(track).into_iter(),
-        None => sample.commands_m.first().into_iter(),
-    });
+    let commands = samples
+        .iter()
+        .filter_map(|sample| sample.commands_m.get(own.unwrap_or(0)));
     widest(commands)
 }

@@ -22,11 +22,7 @@ pub(super) fn of_effects(search: &Search<'_>, base: &View) -> Vec<Evidence> {
         .enumerate()
         .map(|(effect, accepted)| {
             let described = &bench.candidates[accepted.candidate];
-            let values: Vec<f64> = search
-                .columns_of(effect)
-                .into_iter()
-                .map(|column| fit.fitted[column])
-                .collect();
+            let values = search.values_of(effect);
             let mut evidence = Evidence {
                 name: described.name.clone(),
                 place: described.places.clone(),
@@ -34,7 +30,7 @@ pub(super) fn of_effects(search: &Search<'_>, base: &View) -> Vec<Evidence> {
                 spectrum: None,
             };
             let before = without(search, effect);
-            let (Some(before), true) = (before, values.len() == described.parameters.len()) else {
+            let Some(before) = before else {
                 return evidence;
             };
             evidence.residuals =

@@ -118,9 +118,8 @@ fn covariate(
         .iter()
         .flat_map(|entry| {
             (0..probe(bench, entry).samples.len()).map(|k| {
-                described
-                    .amplitudes()
-                    .into_iter()
+                (0..described.parameters.len())
+                    .filter(|&place| !described.is_searched(place))
                     .filter_map(|place| {
                         let slopes = entry.slopes[place].as_ref()?;
                         Some(slopes[k] * (values[place] - described.parameters[place].nominal))

@@ -166,10 +166,9 @@ impl Search<'_> {
         acts_on: &BTreeSet<usize>,
     ) -> Vec<(usize, Option<f64>, f64)> {
         let described = &self.bench.candidates[self.accepted[effect].candidate];
-        let columns = self.columns_of(effect);
         let period = described
             .search
-            .and_then(|(place, _)| Some(self.fit.fitted[*columns.get(place)?]));
+            .map(|(place, _)| self.values_of(effect)[place]);
         let family = self
             .bench
             .searched_families()
@@ -205,10 +204,7 @@ impl Search<'_> {
         }
         let own = Signal {
             candidate: own,
-            values: columns
-                .iter()
-                .map(|&column| self.fit.fitted[column])
-                .collect(),
+            values: self.values_of(effect),
         };
         separate_by(
             &self.bench,
