@@ -4,9 +4,11 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use serde_json::Value;
-use tau::discovery::{Discovery, Options, discover};
+use tau::Robot;
+use tau::discovery::{Discovery, Options, Status, discover};
 use tau::measurements::{Folder, Shape};
 use tau::robot_file::RobotFile;
+use tau::simulation::{Effect, Simulation, simulate};
 
 use crate::support::{gantry_tau, prototype};
 
@@ -183,6 +185,53 @@ fn the_prototypes_error_falls_to_its_noise() {
     let errors =
         tau::evaluation::evaluate(&calibrated.machine, &folder, &poses.validation).unwrap();
     assert!(errors.position_um.mean < 22.0, "{:?}", errors.position_um);
+}
+
+/// A second harmonic joins the rack's pitch error where there is one, and only there.
+#[test]
+fn a_second_harmonic_earns_its_place() {
+    let (robot, file) = (gantry_tau(), prototype().1);
+    for second in [0.0, 1.5e-5] {
+        let text = format!(
+            "rack_pitch(two): sine=2.5e-5, cosine=1e-5, period=0.02, second_sine={second:e}"
+        );
+        let simulated = simulate(&Simulation {
+            effects: vec![Effect::parse(&text, &robot, "test").unwrap()],
+            seed: 4,
+            ..Simulation::new(robot.clone(), file.clone())
+        })
+        .unwrap();
+        let found = search(&simulated.folder, &file, &Options::default());
+        assert_eq!(names(&found), ["rack_pitch(two)"]);
+        assert_eq!(found.status, Status::Explained);
+        let line = "variant Discovered = Full + rack_pitch(two)";
+        let parameters = &found.effects[0].parameters;
+        if second == 0.0 {
+            assert!(found.model_text.contains(&format!("{line};")));
+            assert_eq!(parameters.len(), 3);
+            continue;
+        }
+        assert!(
+            found
+                .model_text
+                .contains(&format!("{line} with second_sine, second_cosine;"))
+        );
+        for (name, hidden) in [
+            ("sine", 2.5e-5),
+            ("cosine", 1e-5),
+            ("second_sine", second),
+            ("second_cosine", 0.0),
+            ("period", 0.02),
+        ] {
+            let estimate = &parameters[name];
+            let off = (estimate.value - hidden).abs() / estimate.sigma;
+            assert!(off < 4.0, "{name}: {off} standard deviations");
+        }
+        let written = Robot::from_text(&found.model_text).unwrap();
+        let variant = written.variant("Discovered").unwrap();
+        let is_second = |p: &&tau::robot::Parameter| p.quantity.starts_with("second_");
+        assert_eq!(variant.parameters.iter().filter(is_second).count(), 2);
+    }
 }
 
 /// Gross errors were put into three poses of trial 10.
