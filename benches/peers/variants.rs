@@ -234,7 +234,7 @@ pub(crate) fn print(ceres: Option<&Path>) {
             let _ = write!(columns, "{:.3} | {:.1} | ", 1e3 * seconds, seconds / fit);
         }
         if columns.is_empty() {
-            columns = "– | – | – | – | ".to_owned();
+            "– | – | – | – | ".clone_into(&mut columns);
         }
         println!(
             "| `{name}` | {} | {:.3} | {:.3} | {columns}{cost:.9e} |",

@@ -246,9 +246,9 @@ impl Group {
         rows.sort_by_key(|&row| kept(row).next().is_none());
         let outer = rows.partition_point(|&row| kept(row).next().is_some());
         let mut others: Vec<usize> = rows.iter().flat_map(|&row| kept(row)).collect();
-        others
-            .iter_mut()
-            .for_each(|column| *column = place[*column]);
+        for column in &mut others {
+            *column = place[*column];
+        }
         others.sort_unstable();
         others.dedup();
         let target = |&column: &usize| {
