@@ -27,6 +27,8 @@ fn effects_are_read_with_their_place_and_parameters() {
     let expected = [
         ("sine", vec![8e-5]),
         ("cosine", vec![0.0]),
+        ("second_sine", vec![0.0]),
+        ("second_cosine", vec![0.0]),
         ("period", vec![0.0133]),
     ];
     assert_eq!(

@@ -1,10 +1,10 @@
 //! Residuals as what an effect would have to do at each sample, against what it depends on.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::{DMatrix, DVector};
 use tau_codegen::language::Model;
-use tau_codegen::language::model::{Readable, Target};
+use tau_codegen::language::model::{Readable, Target, Term};
 
 use crate::discovery::bench::Bench;
 use crate::discovery::candidates::{Candidate, Entry, Scope};
@@ -51,26 +51,37 @@ pub(super) fn patterns(
     ) else {
         return vec![];
     };
-    // Links or carts that one effect acts on in common are shown together.
+    let terms = &bench.model.effects[described.effect].terms;
+    let first = |term: usize| {
+        let same = |other: &Term| other.target == terms[term].target;
+        terms.iter().position(same).unwrap_or(term)
+    };
+    // Links or carts that one effect acts on in common are shown together, and so are terms that add to
+    // the same.
     let mut groups: BTreeMap<(usize, usize), Vec<&Entry>> = BTreeMap::new();
     for entry in entries
         .iter()
         .filter(|entry| entry.slopes.iter().any(Option::is_some))
     {
         groups
-            .entry((entry.term, entry.component))
+            .entry((first(entry.term), entry.component))
             .or_default()
             .push(entry);
     }
     groups
         .into_iter()
-        .filter_map(|((term, component), group)| {
-            let term = &bench.model.effects[described.effect].terms[term];
+        .filter_map(|((term, component), mut group)| {
+            let target = terms[term].target;
             let mut read = Vec::new();
-            readables(&term.formula, &mut read);
+            for term in terms.iter().filter(|term| term.target == target) {
+                readables(&term.formula, &mut read);
+            }
             let readable = covariate(bench, described, values, &group, read)?;
             let (against, against_unit) = quantity(&bench.model, readable, group[0].scope);
             let period = period(described, values, readable);
+            // What moves is the same whichever term moves it.
+            let mut probes = BTreeSet::new();
+            group.retain(|entry| probes.insert(entry.probe));
             let mut points = Vec::new();
             for entry in &group {
                 let at = series(bench, entry, readable)?;
@@ -81,7 +92,7 @@ pub(super) fn patterns(
                     point.at = point.at.rem_euclid(period);
                 }
             }
-            let (target, unit) = motion(term.target, component);
+            let (target, unit) = motion(target, component);
             Some(Pattern {
                 place: place(&bench.model, described, &group),
                 target,
