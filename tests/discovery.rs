@@ -110,6 +110,42 @@ fn a_reduced_arm_lacks_the_full_one() {
     assert!((gaps[2] - found.validation.after.mean_um).abs() < 1e-9);
 }
 
+/// Links that are parallel and of one length need no full arm, and one that is tested for that costs nothing.
+#[test]
+fn a_machine_with_a_reduced_arm_lacks_nothing() {
+    let (robot, file) = (gantry_tau(), prototype().1);
+    let simulated = simulate(&Simulation {
+        variant: Some("Nominal".into()),
+        seed: 101,
+        ..Simulation::new(robot.clone(), file)
+    })
+    .unwrap();
+    let options = Options::default();
+    let (file, folder) = (&simulated.file, &simulated.folder);
+    let outcome = discover(&robot, "Nominal", file, folder, &options, &mut |_| {}).unwrap();
+    let found = outcome.discovery;
+    assert!(found.effects.is_empty(), "{:?}", names(&found));
+    assert_eq!(found.considered[0].name, "full_arm");
+    assert!(found.considered[0].p_value > 0.005);
+}
+
+/// Where nothing is hidden, points that carry noise get no name, nor do carts that turn as they go; and the
+/// residuals are as large as the stated noise says.
+#[test]
+fn the_noise_of_measured_points_gets_no_name() {
+    for (base, expected) in [
+        ("BestPerLink", vec![]),
+        ("Piecewise", vec!["full_arm(all)"]),
+    ] {
+        let found = from_base("01", base, &[1, 2, 3]);
+        assert_eq!(names(&found), expected, "{base}");
+        assert!(found.unnamed.is_empty(), "{base}");
+        for noise in &found.noise {
+            assert!((noise.factor - 1.0).abs() < 0.1, "{base}: {noise:?}");
+        }
+    }
+}
+
 /// Poses that lie off in one stretch of a track are no mistakes of the measurement.
 #[test]
 fn what_is_local_is_not_taken_for_outliers() {

@@ -229,17 +229,17 @@ impl Descent {
 
     /// Values moved by a share of a step, kept within their bounds.
     fn stepped(&self, from: &[f64], step: &DVector<f64>, share: f64) -> Vec<f64> {
-        from.iter()
+        let mut moved: Vec<f64> = from
+            .iter()
             .zip(step.iter())
-            .zip(&self.joint.used)
-            .map(|((value, step), &index)| {
-                let moved = value + share * step;
-                match self.joint.machine.variant.parameters[index].search {
-                    Some((low, high)) => moved.clamp(low, high),
-                    None => moved,
-                }
-            })
-            .collect()
+            .map(|(value, step)| value + share * step)
+            .collect();
+        for (moved, &index) in moved.iter_mut().zip(&self.joint.used) {
+            if let Some((low, high)) = self.joint.machine.variant.parameters[index].search {
+                *moved = moved.clamp(low, high);
+            }
+        }
+        moved
     }
 }
 

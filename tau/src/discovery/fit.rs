@@ -134,7 +134,8 @@ impl Fit {
     /// Degrees of freedom of all residuals.
     pub(super) fn degrees(&self) -> f64 {
         let left_out = self.factors.iter().filter(|&&factor| factor == 0.0).count();
-        let rows = self.residuals.len() - left_out;
+        // Displaced points are known by measurements alone: what stands in for their priors tells nothing.
+        let rows = self.residuals.len() - self.joint.displacements() - left_out;
         (rows as f64 - self.basis.q.ncols() as f64).max(1.0)
     }
 }

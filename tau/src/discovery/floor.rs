@@ -1,12 +1,13 @@
 //! The error that noise alone leaves on the validation poses.
 
 use nalgebra::{DMatrix, Matrix3};
-use tau_runtime::ResidualKind;
+use tau_runtime::{Owner, ResidualKind};
 
 use super::Error;
 use super::fit::Fit;
 use crate::kinematics::{Machine, Sample};
 use crate::measurements::Folder;
+use crate::robot::TrackShape;
 use crate::robot_file::Noise;
 
 /// Expected mean and mean square (m, m²) of the position error.
@@ -35,7 +36,8 @@ pub(super) fn floor(
     for measured in poses.iter().filter_map(|&pose| folder.tcp_poses.get(pose)) {
         let sample = Sample::from(measured);
         let mut by_pose = DMatrix::zeros(closures.len(), unknowns);
-        let mut by_parameter = DMatrix::zeros(closures.len(), fit.joint.used.len());
+        let mut by_parameter = DMatrix::zeros(closures.len(), fit.basis.b.nrows());
+        let mut by_path = DMatrix::zeros(closures.len(), 3 * machine.variant.tracks.len());
         for (row, closure) in closures.iter().enumerate() {
             let Some(pair) = machine
                 .closure_instances()
@@ -71,9 +73,17 @@ pub(super) fn floor(
                 if let Ok(place) = fit.joint.used.binary_search(&index) {
                     by_parameter[(row, place)] = *entry;
                 }
+                if let Some((place, sigma)) = of_path(machine, index, &sample) {
+                    by_path[(row, place)] += entry * sigma * noise.position_m;
+                }
             }
         }
-        let spread = by_parameter * &fit.basis.b;
+        let of_parameters = by_parameter * &fit.basis.b;
+        let width = of_parameters.ncols();
+        let mut spread = of_parameters.resize_horizontally(width + by_path.ncols(), 0.0);
+        spread
+            .columns_mut(width, by_path.ncols())
+            .copy_from(&by_path);
         let Ok(moved) = by_pose.svd(true, true).solve(&spread, 1e-9) else {
             continue;
         };
@@ -92,4 +102,24 @@ pub(super) fn floor(
         floor.square_m2 /= count;
     }
     Ok(floor)
+}
+
+/// Coordinate of a cart that a parameter displaces, and the noise there of the path that is interpolated
+/// through measured points, over that of a point; `None` where nothing is interpolated.
+fn of_path(machine: &Machine, parameter: usize, sample: &Sample<'_>) -> Option<(usize, f64)> {
+    let (robot, variant) = (&machine.robot, &machine.variant);
+    let parameter = &variant.parameters[parameter];
+    let cluster = match parameter.owner {
+        Owner::Link(link) => robot.links[link].cluster,
+        Owner::Cluster(cluster) => cluster,
+        _ => return None,
+    };
+    let track = robot.clusters[cluster].track?;
+    if parameter.quantity != "track_offset" || variant.tracks[track].shape != TrackShape::Piecewise
+    {
+        return None;
+    }
+    let path = machine.surroundings.paths.get(track)?.as_ref()?;
+    let [(_, from), (_, to)] = path.shares(*sample.commands_m.get(track)?);
+    Some((3 * track + parameter.component?, from.hypot(to)))
 }

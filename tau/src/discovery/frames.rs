@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 use tau_runtime::Owner;
 
 use crate::calibration::{Line, NominalTrack, Registration, set_2, set_3};
-use crate::kinematics::{Machine, Pose, zyz};
+use crate::kinematics::{Machine, Pose, xyz, zyz};
 use crate::measurements::Folder;
 use crate::robot::Arm;
 use crate::robot_file::RobotFile;
@@ -48,10 +48,10 @@ impl Frames {
     }
 }
 
-/// A straight track as fitted: the mean over the joints that ride on its cart.
-pub(super) fn fitted_track(machine: &Machine, track: usize) -> Option<NominalTrack> {
-    let (robot, variant) = (&machine.robot, &machine.variant);
-    let joints: Vec<Owner> = match variant.arm {
+/// What the offsets of the joints on a cart belong to.
+pub(super) fn joints_on(machine: &Machine, track: usize) -> Vec<Owner> {
+    let robot = &machine.robot;
+    match machine.variant.arm {
         Arm::Full => robot
             .links_of_track(track)
             .into_iter()
@@ -61,18 +61,34 @@ pub(super) fn fitted_track(machine: &Machine, track: usize) -> Option<NominalTra
             .filter(|&cluster| robot.clusters[cluster].track == Some(track))
             .map(Owner::Cluster)
             .collect(),
-    };
+    }
+}
+
+/// A track as fitted, its path straight between its ends: the mean over the joints that ride on its cart.
+pub(super) fn fitted_track(machine: &Machine, track: usize) -> Option<NominalTrack> {
+    let variant = &machine.variant;
+    let joints = joints_on(machine, track);
     let vector = |owner: Owner, quantity: &str| {
         let value = |k| Some(machine.values[variant.parameter(owner, quantity, Some(k))?]);
         Some(Vector3::new(value(0)?, value(1)?, value(2)?))
+    };
+    let chord = || {
+        let path = machine.surroundings.paths.get(track)?.as_ref()?;
+        let (first, last) = path.range();
+        Some((path.at(last) - path.at(first)) / (last - first))
+    };
+    let direction = |owner: Owner| {
+        vector(owner, "track_direction").or_else(|| {
+            let angles = vector(owner, "track_rotation")?;
+            Some(xyz(angles.into()) * chord()?)
+        })
     };
     let lines = joints
         .iter()
         .map(|&joint| {
             Some((
                 vector(joint, "track_offset")?,
-                vector(joint, "track_direction")
-                    .or_else(|| vector(Owner::Track(track), "track_direction"))?,
+                direction(joint).or_else(|| direction(Owner::Track(track)))?,
             ))
         })
         .collect::<Option<Vec<_>>>()?;

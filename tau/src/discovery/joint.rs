@@ -6,6 +6,7 @@ use nalgebra::{DMatrix, DVector, Vector3};
 use tau_runtime::ResidualFamily;
 use tau_solver::{Block, Problem};
 
+use super::knots;
 use super::outliers;
 use super::samples::Sample;
 use super::variant::{TURNING, TURNING_RATES};
@@ -13,7 +14,7 @@ use super::whitened::WhitenedPose;
 use crate::calibration::{Error, Line, MOUNTING_M, Nominal};
 use crate::input_error::InputError;
 use crate::kinematics::{self, Machine, track_axes};
-use crate::robot::{Owner, ResidualKind, TrackShape};
+use crate::robot::{Owner, ResidualKind};
 use crate::robot_file::Noise;
 
 /// Groups of residuals that have a noise of their own.
@@ -70,6 +71,9 @@ pub(super) struct Joint {
     /// Prior of each of them.
     pub(super) priors: Vec<Nominal>,
     parts: Vec<Part>,
+    /// Derivatives of all rows, in units of the stated noise, by the displacements of the points that
+    /// piecewise tracks pass through: unknowns of the fit behind the parameters.
+    knots: DMatrix<f64>,
     /// Sample, component and place within the sample of each row.
     pub(super) rows: Vec<Row>,
 }
@@ -91,8 +95,6 @@ pub(super) struct Row {
     pub(super) component: Component,
     /// Index of the residual in its sample.
     pub(super) residual: usize,
-    /// Whether it takes part: a path interpolated through points of set 2 passes through them by itself.
-    takes_part: bool,
 }
 
 /// Residuals and derivatives at a point, whitened; the rows of the priors last.
@@ -115,7 +117,6 @@ impl Joint {
         noise: Noise,
     ) -> Result<Self, Error> {
         let variant = &machine.variant;
-        let all = samples;
         let mut parts: Vec<Layout> = Vec::new();
         let indices = |set: u8, track: Option<usize>| -> Vec<usize> {
             (0..samples.len())
@@ -184,12 +185,6 @@ impl Joint {
                 });
             }
         }
-        let passes_through = |component: Component, sample: usize| {
-            component == Component::CartPosition
-                && all[sample]
-                    .track
-                    .is_some_and(|track| variant.tracks[track].shape == TrackShape::Piecewise)
-        };
         let mut used: Vec<usize> = parts
             .iter()
             .flat_map(|part| part.parameters.iter().copied())
@@ -214,7 +209,6 @@ impl Joint {
                                 sample,
                                 component,
                                 residual,
-                                takes_part: !passes_through(component, sample),
                             },
                         ));
                     }
@@ -245,13 +239,24 @@ impl Joint {
                 _ => nominal[index],
             })
             .collect();
-        Ok(Self {
+        let knots = DMatrix::zeros(rows.len(), 0);
+        let mut joint = Self {
             machine,
             used,
             priors,
             parts,
+            knots,
             rows,
-        })
+        };
+        if let Some(knots) = knots::columns(&joint, samples) {
+            joint.knots = knots;
+        }
+        Ok(joint)
+    }
+
+    /// Number of displacements of measured points that are unknown.
+    pub(super) fn displacements(&self) -> usize {
+        self.knots.ncols()
     }
 
     /// The values of the whole variant.
@@ -263,9 +268,14 @@ impl Joint {
         values
     }
 
-    /// Values of the fit out of those of the whole variant.
+    /// Values of the fit out of those of the whole variant, measured points where they were measured.
     pub(super) fn fitted(&self, values: &[f64]) -> Vec<f64> {
-        self.used.iter().map(|&index| values[index]).collect()
+        let points = std::iter::repeat_n(0.0, self.displacements());
+        self.used
+            .iter()
+            .map(|&index| values[index])
+            .chain(points)
+            .collect()
     }
 
     /// Factor of each row beyond the stated noise: reciprocal scale of its component times the weight
@@ -273,13 +283,7 @@ impl Joint {
     pub(super) fn factors(&self, scales: &[f64; 4], weights: &[f64]) -> Vec<f64> {
         self.rows
             .iter()
-            .map(|row| {
-                if row.takes_part {
-                    weights[row.sample] / scales[row.component as usize]
-                } else {
-                    0.0
-                }
-            })
+            .map(|row| weights[row.sample] / scales[row.component as usize])
             .collect()
     }
 
@@ -299,9 +303,6 @@ impl Joint {
     pub(super) fn sums(&self, residuals: &DVector<f64>, samples: usize) -> Vec<(f64, f64)> {
         let mut sums = vec![(0.0, 0.0_f64); samples];
         for (row, at) in self.rows.iter().enumerate() {
-            if !at.takes_part {
-                continue;
-            }
             sums[at.sample].0 += residuals[row].powi(2);
             sums[at.sample].1 += 1.0;
         }
@@ -425,7 +426,7 @@ impl Joint {
     /// Residuals at a point, in units of the noise times `factors`, priors last.
     pub(super) fn residuals(&self, fitted: &[f64], factors: &[f64]) -> DVector<f64> {
         let rows = self.rows.len();
-        let mut residuals = DVector::zeros(rows + self.used.len());
+        let mut residuals = DVector::zeros(rows + fitted.len());
         let mut plain = Vec::new();
         for part in &self.parts {
             let local: Vec<f64> = part.parameters.iter().map(|&p| fitted[p]).collect();
@@ -437,6 +438,7 @@ impl Joint {
                 residuals[row] = residual * weight * factors[row];
             }
         }
+        self.displace(fitted, factors, &mut residuals);
         for (column, prior) in self.priors.iter().enumerate() {
             if let Some(tolerance) = prior.tolerance.filter(|tolerance| *tolerance > 0.0) {
                 residuals[rows + column] = (fitted[column] - prior.value) / tolerance;
@@ -445,9 +447,18 @@ impl Joint {
         residuals
     }
 
+    /// Adds what the displacements of measured points do; they are small, so it is linear in them.
+    fn displace(&self, fitted: &[f64], factors: &[f64], residuals: &mut DVector<f64>) {
+        for (knot, amount) in self.knots.column_iter().zip(&fitted[self.used.len()..]) {
+            for (row, derivative) in knot.iter().enumerate() {
+                residuals[row] += derivative * amount * factors[row];
+            }
+        }
+    }
+
     /// Residuals and Jacobian at a point, in units of the noise times `factors`.
     pub(super) fn linearize(&self, fitted: &[f64], factors: &[f64]) -> Linear {
-        let (rows, columns) = (self.rows.len(), self.used.len());
+        let (rows, columns) = (self.rows.len(), fitted.len());
         let mut residuals = DVector::zeros(rows + columns);
         let mut jacobian = DMatrix::zeros(rows + columns, columns);
         let (mut plain, mut entries) = (Vec::new(), Vec::new());
@@ -472,6 +483,13 @@ impl Joint {
                     let column = part.parameters[pattern.columns[entry] as usize];
                     jacobian[(row, column)] = entries[offset + entry] * weight;
                 }
+            }
+        }
+        self.displace(fitted, factors, &mut residuals);
+        for (k, knot) in self.knots.column_iter().enumerate() {
+            let mut column = jacobian.column_mut(self.used.len() + k);
+            for (row, derivative) in knot.iter().enumerate() {
+                column[row] = derivative * factors[row];
             }
         }
         for column in 0..columns {

@@ -21,6 +21,7 @@ pub(crate) mod frames;
 mod generic;
 mod grouped;
 pub(crate) mod joint;
+mod knots;
 mod misfit;
 pub(crate) mod numbering;
 mod outliers;
@@ -63,8 +64,13 @@ pub(crate) use base::place_plates;
 use bench::Bench;
 use evidence::whiteness::Series;
 use findings::{Beforehand, finish};
+use fit::Fit;
+use misfit::misfits;
 use probes::Probes;
+use results::{Gap, Misfit};
+use samples::Sample;
 use selection::Search;
+use structural::FullArm;
 use view::View;
 
 /// Fewest sign flips that can show a level of 1 %: of so many and the measurements themselves, these are
@@ -215,10 +221,18 @@ pub fn discover(
         base: &name,
         ..input
     };
-    let full_arm = compared(&input, &with_full_arm)?;
+    let full_arm = match fitted(&with_full_arm) {
+        Ok((fit, samples)) => FullArm::of(&fit, &samples),
+        Err(Error::NotConverged { .. }) => None,
+        Err(error) => return Err(error),
+    };
+    let Some(full_arm) = full_arm else {
+        return searched(&input, progress);
+    };
     if full_arm.is_significant() {
+        let reduced = shortfall(&input)?;
         let mut outcome = searched(&with_full_arm, progress)?;
-        full_arm.precede(base, &mut outcome.discovery);
+        full_arm.precede(base, reduced, &mut outcome.discovery);
         Ok(outcome)
     } else {
         let mut outcome = searched(&input, progress)?;
@@ -227,25 +241,18 @@ pub fn discover(
     }
 }
 
-/// A base with a reduced arm beside one with the full one.
-fn compared(reduced: &Input<'_>, full: &Input<'_>) -> Result<structural::FullArm, Error> {
-    let fit = |input: &Input<'_>| {
-        let (model, index, _) = model_of(input)?;
-        base_fit(input, &model, index, &input.robot.variants[index])
-    };
-    let ((of_reduced, samples), (of_full, _)) = (fit(reduced)?, fit(full)?);
-    let machine = of_reduced
-        .joint
-        .machine
-        .with_values(of_reduced.joint.values(&of_reduced.fitted));
-    let gap = evaluate(&machine, reduced.folder, &reduced.division.validation)?.position_um;
-    let misfit = misfit::misfits(&of_reduced, &samples, reduced.file.noise);
-    Ok(structural::FullArm::of(
-        &of_reduced,
-        &of_full,
-        misfit,
-        gap.into(),
-    ))
+/// The base fitted to all sets.
+fn fitted(input: &Input<'_>) -> Result<(Fit, Vec<Sample>), Error> {
+    let (model, index, _) = model_of(input)?;
+    base_fit(input, &model, index, &input.robot.variants[index])
+}
+
+/// Where the base disagrees with the measurements, and its error at the tool.
+fn shortfall(input: &Input<'_>) -> Result<(Vec<Misfit>, Gap), Error> {
+    let (fit, samples) = fitted(input)?;
+    let machine = fit.joint.machine.with_values(fit.joint.values(&fit.fitted));
+    let gap = evaluate(&machine, input.folder, &input.division.validation)?.position_um;
+    Ok((misfits(&fit, &samples, input.file.noise), gap.into()))
 }
 
 /// The model with all that may be added to it, the index of the base, and the unnamed families.
@@ -313,7 +320,7 @@ fn search_from(
     let (detectable, cannot_see) = sight::sight(&mut bench, &view);
     let beforehand = Beforehand {
         ambiguous: evidence::ambiguity::ambiguous(&bench, &view),
-        misfit: misfit::misfits(&fit, &bench.samples, file.noise),
+        misfit: misfits(&fit, &bench.samples, file.noise),
         serial: Series::of(&view, &bench.samples).map(|series| series.correlation()),
         detectable,
         cannot_see,

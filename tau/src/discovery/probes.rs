@@ -138,6 +138,9 @@ impl Probes {
                 instance
             })
             .collect();
+        compiled
+            .instances
+            .retain(|instance| instance.kind != ResidualKind::ClosureByPose);
         compiled.instances.extend(by_pose);
         let machine = Machine {
             robot: base.machine.robot.clone(),

@@ -3,21 +3,21 @@
 
 use std::collections::BTreeMap;
 
-use nalgebra::DMatrix;
+use nalgebra::{Cholesky, DMatrix, DVector, Matrix3, RowDVector};
 
 use super::bench::{Bench, f_form};
 use super::candidates::Entry;
-use super::distribution::f_survival;
 use super::fit::Fit;
-use super::joint::Component;
 use super::projection::Subspace;
 use super::results::{Considered, Discovery, FoundEffect, Gap, Misfit, Status, Step};
+use super::samples::Sample;
 use super::selection::LEVEL;
 use super::text;
 use super::view::View;
 use super::{Error, Input};
 use crate::input_error::InputError;
-use crate::robot::{Arm, Robot, TrackShape, Variant};
+use crate::kinematics::{Machine, nearest_rotation};
+use crate::robot::{Arm, Owner, Robot, TrackShape, Variant};
 
 /// Name of the candidate by which all links get closures of their own, and its place.
 const FULL_ARM: (&str, &str) = ("full_arm", "all");
@@ -67,36 +67,35 @@ pub(super) fn with_full_arm(robot: &Robot, base: &Variant) -> Result<(Robot, Str
     Ok((robot, name))
 }
 
-/// A base with a reduced arm beside its full one.
+/// Level of the full arm: where links differ, its chance is far less, and it should leave the first name its
+/// own.
+const LEVEL_OF_ARM: f64 = 0.005;
+
+/// Whether the links of a base's clusters differ, where the base takes them for one.
 pub(super) struct FullArm {
-    /// By the ratio of the closures' variances: both count the noise in the same units.
     p_value: f64,
     chi2_drop: f64,
-    misfit: Vec<Misfit>,
-    gap: Gap,
 }
 
 impl FullArm {
-    /// Compares two fits of the same measurements.
-    pub(super) fn of(reduced: &Fit, full: &Fit, misfit: Vec<Misfit>, gap: Gap) -> Self {
-        let closures = |fit: &Fit| {
-            let (sum, degrees, _) =
-                fit.misfit(|row| fit.joint.rows[row].component == Component::Closure);
-            let scale = fit.scales[Component::Closure as usize];
-            (sum * scale.powi(2), degrees.max(1.0))
-        };
-        let ((of_reduced, degrees), (of_full, degrees_full)) = (closures(reduced), closures(full));
-        let ratio = (of_reduced / degrees) / (of_full / degrees_full).max(1e-300);
-        Self {
-            p_value: f_survival(ratio, degrees, degrees_full),
-            chi2_drop: of_reduced - of_full * degrees / degrees_full,
-            misfit,
-            gap,
-        }
+    /// By what χ² of the full arm would rise by if the links of each cluster were parallel and of one length:
+    /// on all of its closures, which a reduced arm has not.
+    pub(super) fn of(full: &Fit, samples: &[Sample]) -> Option<Self> {
+        let ties = ties(full, samples)?;
+        let broken = &ties * DVector::from_column_slice(&full.fitted);
+        let spread = &ties * &full.basis.b;
+        let solved = Cholesky::new(&spread * spread.transpose())?.solve(&broken);
+        let (statistic, rank) = (broken.dot(&solved), ties.nrows() as f64);
+        let total = full.residuals.norm_squared() + statistic;
+        let (_, p_value) = f_form(statistic, rank, total, full.degrees() + rank);
+        Some(Self {
+            p_value,
+            chi2_drop: statistic,
+        })
     }
 
     pub(super) fn is_significant(&self) -> bool {
-        self.p_value <= LEVEL
+        self.p_value <= LEVEL_OF_ARM
     }
 
     fn considered(&self) -> Considered {
@@ -118,16 +117,21 @@ impl FullArm {
     }
 
     /// Puts the step from the reduced arm to the full one before what was found from there.
-    pub(super) fn precede(self, base: &str, found: &mut Discovery) {
+    pub(super) fn precede(
+        &self,
+        base: &str,
+        (misfit, gap): (Vec<Misfit>, Gap),
+        found: &mut Discovery,
+    ) {
         found.considered.insert(0, self.considered());
         found.base = base.into();
-        found.misfit = self.misfit;
+        found.misfit = misfit;
         found.status = match found.status {
             Status::NothingMissing => Status::Explained,
             Status::UnnamedStructure => Status::PartlyExplained,
             other => other,
         };
-        let before = std::mem::replace(&mut found.validation.before, self.gap);
+        let before = std::mem::replace(&mut found.validation.before, gap);
         found.effects.insert(
             0,
             FoundEffect {
@@ -137,7 +141,7 @@ impl FullArm {
                 p_value: self.p_value,
                 flip_p_value: f64::NAN,
                 chi2_drop: self.chi2_drop,
-                heldout_drop_um: self.gap.mean_um - before.mean_um,
+                heldout_drop_um: gap.mean_um - before.mean_um,
                 rivals: vec![],
                 searched: None,
                 aliases: vec![],
@@ -147,12 +151,63 @@ impl FullArm {
             0,
             Step {
                 model: text::line(base, &[]),
-                mean_um: self.gap.mean_um,
-                max_um: self.gap.max_um,
-                rms_um: self.gap.rms_um,
+                mean_um: gap.mean_um,
+                max_um: gap.max_um,
+                rms_um: gap.rms_um,
             },
         );
     }
+}
+
+/// What a reduced arm takes for zero, one row each, by the unknowns of a full one: by how much each link of a
+/// cluster differs from the first in length, in direction of its path and, the plate being oriented as it
+/// mostly is, in where it stands. `None` where no cluster has links to tie.
+fn ties(full: &Fit, samples: &[Sample]) -> Option<DMatrix<f64>> {
+    let Fit { joint, fitted, .. } = full;
+    let Machine { robot, variant, .. } = &joint.machine;
+    let poses = samples.iter().filter(|sample| sample.set == 1);
+    let sum: Matrix3<f64> = poses.map(|sample| *sample.pose.rotation.matrix()).sum();
+    let rotation = nearest_rotation(sum);
+    let column = |link: usize, quantity: &str, component: Option<usize>| {
+        let index = variant.parameter(Owner::Link(link), quantity, component)?;
+        joint.used.binary_search(&index).ok()
+    };
+    // Each entry of a tie for one link; the first link of a cluster has them with the other sign.
+    let of_link = |link: usize| -> Vec<Vec<(usize, f64)>> {
+        let mut own = vec![column(link, "length", None).map(|place| vec![(place, 1.0)])];
+        for k in 0..3 {
+            own.push(column(link, "track_offset", Some(k)).map(|place| {
+                let joints = (0..3).filter_map(|j| {
+                    Some((column(link, "plate_joint", Some(j))?, -rotation[(k, j)]))
+                });
+                std::iter::once((place, 1.0)).chain(joints).collect()
+            }));
+            for quantity in ["track_direction", "track_rotation"] {
+                own.push(column(link, quantity, Some(k)).map(|place| vec![(place, 1.0)]));
+            }
+        }
+        own.into_iter().flatten().collect()
+    };
+    let mut ties = Vec::new();
+    for cluster in 0..robot.clusters.len() {
+        let links = robot.links_of_cluster(cluster);
+        let Some((&first, others)) = links.split_first() else {
+            continue;
+        };
+        for &link in others {
+            for (own, of_first) in of_link(link).into_iter().zip(of_link(first)) {
+                let mut tie = RowDVector::zeros(fitted.len());
+                for (place, entry) in own {
+                    tie[place] += entry;
+                }
+                for (place, entry) in of_first {
+                    tie[place] -= entry;
+                }
+                ties.push(tie);
+            }
+        }
+    }
+    (!ties.is_empty()).then(|| DMatrix::from_rows(&ties))
 }
 
 /// Whether straight tracks leave what measured points of the carts' paths would take up: each track's

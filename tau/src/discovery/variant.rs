@@ -2,7 +2,7 @@
 
 use tau_codegen::compile::compile_some;
 use tau_codegen::language::effects_from_text;
-use tau_codegen::language::model::{EffectUse, Model, Place};
+use tau_codegen::language::model::{self as language, EffectUse, Model, Place};
 use tau_runtime::ResidualKind;
 
 use crate::robot::{Arm, Instance, Variant};
@@ -27,9 +27,27 @@ effect unnamed_turning on cart {
 }
 ";
 
+/// Name of the effect by which piecewise paths stretch with their cart's turning.
+const STRETCHING: &str = "unnamed_stretching";
+
+/// What the straight paths of a cart's links can do and piecewise ones cannot: a cart that turns in
+/// proportion to its command carries its joints by different amounts along the track, but paths as measured
+/// turn and do not stretch. So that nothing that every full arm takes up by itself gets a name.
+const STRETCHES: &str = "
+effect unnamed_stretching on cart {
+    param pitch_rate, yaw_rate: angle/length tol 10 mrad/m;
+    pitch += pitch_rate * q; yaw += yaw_rate * q;
+}
+";
+
 /// The variant of a model (by index), its carts turning freely in sets 2 and 3. `closures` is the same
 /// variant where its closures have been compiled already.
 pub(crate) fn free_turning(model: &Model, variant: usize, closures: Option<&Variant>) -> Variant {
+    let stretching = stretching(model, variant);
+    let (model, closures) = match &stretching {
+        Some(stretching) => (stretching, None),
+        None => (model, closures),
+    };
     let mut free = Variant::from(&compile_some(
         &turning(model, variant),
         variant,
@@ -71,6 +89,8 @@ pub(super) fn free_turning_from(
         }
         Place::AllLinks | Place::Tcp => !is_of_cart(kind),
     };
+    let stretching = stretching(model, variant);
+    let model = stretching.as_ref().unwrap_or(model);
     let turning = turning(model, variant);
     let (mut free, closures) = std::thread::scope(|scope| {
         let of_carts = || {
@@ -107,6 +127,34 @@ fn turning(model: &Model, variant: usize) -> Model {
     });
     model.variants[variant].effects.extend(carts);
     model
+}
+
+/// The model with piecewise paths that stretch with the turning of their carts; `None` where it has no
+/// carts with several of them.
+fn stretching(model: &Model, variant: usize) -> Option<Model> {
+    let own = &model.variants[variant];
+    let tracks: Vec<usize> = (0..model.tracks.len())
+        .filter(|&track| {
+            own.arm == language::Arm::Full
+                && own.tracks[track].shape == language::TrackShape::Piecewise
+                && own.tracks[track].per_link
+                && model.links_of_track(track).len() > 1
+        })
+        .collect();
+    if tracks.is_empty() {
+        return None;
+    }
+    let mut model = with_effects(model, STRETCHES);
+    let effect = index_of(&model, STRETCHING);
+    let carts = tracks.into_iter().map(|track| EffectUse {
+        effect,
+        place: Place::Cart {
+            track,
+            source: None,
+        },
+    });
+    model.variants[variant].effects.extend(carts);
+    Some(model)
 }
 
 /// Takes over instances of another variant whose parameters are there by the same names.

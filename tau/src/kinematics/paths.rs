@@ -40,10 +40,16 @@ impl Path {
         Some(path)
     }
 
-    /// The segment that holds a command (m): the first or the last one for a command beyond the ends.
-    pub fn segment(&self, command: f64) -> Segment {
+    /// Index of the measured point at which the segment that holds a command (m) starts: the first or the
+    /// last one for a command beyond the ends.
+    fn start(&self, command: f64) -> usize {
         let inner = &self.commands[1..self.commands.len() - 1];
-        let start = inner.partition_point(|&q| q <= command);
+        inner.partition_point(|&q| q <= command)
+    }
+
+    /// The segment that holds a command (m).
+    pub fn segment(&self, command: f64) -> Segment {
+        let start = self.start(command);
         Segment {
             commands: [self.commands[start], self.commands[start + 1]],
             ends: [self.points[start], self.points[start + 1]],
@@ -57,6 +63,19 @@ impl Path {
             ends: [start, end],
         } = self.segment(command);
         start + (end - start) * ((command - q0) / (q1 - q0))
+    }
+
+    /// Indices of the two measured points that a command's (m) point depends on, and its derivative by each.
+    pub fn shares(&self, command: f64) -> [(usize, f64); 2] {
+        let start = self.start(command);
+        let [q0, q1] = self.segment(command).commands;
+        let weight = (command - q0) / (q1 - q0);
+        [(start, 1.0 - weight), (start + 1, weight)]
+    }
+
+    /// Commands of the measured points (m), in order.
+    pub fn commands(&self) -> &[f64] {
+        &self.commands
     }
 
     /// The path turned about its point at q = 0.
@@ -93,6 +112,9 @@ mod tests {
         assert_eq!(path.at(1.5), point(3.5));
         assert_eq!(path.at(3.0), point(6.5), "the last segment goes on");
         assert_eq!(path.segment(-5.0).commands, [-1.0, 1.0]);
+        assert_eq!(path.commands(), [-1.0, 1.0, 2.0]);
+        assert_eq!(path.shares(1.25), [(1, 0.75), (2, 0.25)]);
+        assert_eq!(path.shares(-2.0), [(0, 1.5), (1, -0.5)]);
         assert!(Path::new(&[(1.0, point(5.0)), (1.0, point(1.0))]).is_none());
     }
 }
