@@ -152,6 +152,7 @@ fn stretching(model: &Model, variant: usize) -> Option<Model> {
             track,
             source: None,
         },
+        with: vec![],
     });
     model.variants[variant].effects.extend(carts);
     Some(model)
