@@ -12,14 +12,14 @@ mod scoring;
 mod table;
 mod trials;
 
-use std::fs::File;
+use std::fs::{self, File};
 use std::io::{self, Write};
 use std::path::PathBuf;
 
 use clap::Parser;
 
 use plan::{Plan, Section};
-use trials::Laboratory;
+use trials::{Laboratory, Record};
 
 /// Discovery on virtual robots of which the truth is known.
 #[derive(Parser)]
@@ -42,6 +42,9 @@ struct Arguments {
     /// Writes each trial as a line of JSON
     #[arg(long)]
     json: Option<PathBuf>,
+    /// Runs nothing and prints the tables of trials that were written before, by one run or several
+    #[arg(long, num_args = 1..)]
+    read: Vec<PathBuf>,
     /// What `cargo bench` adds.
     #[arg(long, hide = true)]
     bench: bool,
@@ -49,6 +52,10 @@ struct Arguments {
 
 fn main() -> io::Result<()> {
     let arguments = Arguments::parse();
+    if !arguments.read.is_empty() {
+        print!("{}", table::markdown(&read(&arguments.read)?));
+        return Ok(());
+    }
     let laboratory = Laboratory::new(arguments.seed);
     let plan = Plan {
         sections: if arguments.only.is_empty() {
@@ -82,4 +89,15 @@ fn main() -> io::Result<()> {
     eprintln!();
     print!("{}", table::markdown(&records));
     Ok(())
+}
+
+/// Trials as `--json` writes them.
+fn read(paths: &[PathBuf]) -> io::Result<Vec<Record>> {
+    let mut records = Vec::new();
+    for path in paths {
+        for line in fs::read_to_string(path)?.lines() {
+            records.push(serde_json::from_str(line)?);
+        }
+    }
+    Ok(records)
 }

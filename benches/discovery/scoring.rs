@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use statrs::distribution::{Beta, ChiSquared, ContinuousCDF};
 
 use crate::trials::{Found, Named, True};
@@ -15,7 +15,7 @@ const RANGE_M: f64 = 1.35;
 const SLOW: [&str; 3] = ["tracker_drift", "link_thermal", "track_thermal"];
 
 /// What a trial's answer is worth.
-#[derive(Debug, Clone, Copy, Serialize)]
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 #[expect(
     clippy::struct_excessive_bools,
     reason = "each is a column of the benchmark"

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::f64::consts::PI;
 
 use nalgebra::DVector;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use tau::Robot;
 use tau::discovery::{Discovery, Options, discover};
 use tau::effects::CATALOGUE;
@@ -44,7 +44,7 @@ const DRAWINGS: usize = 20;
 const JITTER: f64 = 0.5;
 
 /// A trial with everything that is asked of it afterwards.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub(crate) struct Record {
     pub(crate) section: Section,
     pub(crate) kind: String,
@@ -64,7 +64,7 @@ pub(crate) struct Record {
 }
 
 /// A hidden effect.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub(crate) struct True {
     pub(crate) name: String,
     pub(crate) place: String,
@@ -77,7 +77,7 @@ pub(crate) struct True {
 }
 
 /// What the search said.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub(crate) struct Found {
     pub(crate) status: String,
     pub(crate) named: Vec<Named>,
@@ -98,7 +98,7 @@ pub(crate) struct Found {
 }
 
 /// A name that was given.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub(crate) struct Named {
     pub(crate) name: String,
     pub(crate) place: String,

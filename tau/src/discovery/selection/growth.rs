@@ -1,0 +1,223 @@
+//! Effects join the model: refitted, extended by what is optional, with the gap that they leave.
+
+use super::super::bench::{Score, f_form};
+use super::super::confirmation::held_out_gain;
+use super::super::fit::Fit;
+use super::super::joint::Joint;
+use super::super::results::{Gap, Step};
+use super::super::serial;
+use super::super::sight::IMPLAUSIBLE;
+use super::super::text;
+use super::super::variant::{free_turning, free_turning_from};
+use super::super::{Error, Input};
+use super::{Accepted, FURTHER, Search};
+use crate::calibration::Prepared;
+use crate::evaluation::evaluate;
+use crate::robot::Owner;
+
+impl Search<'_> {
+    /// Adds an effect and refits; whether the fit converged.
+    pub(super) fn accept(
+        &mut self,
+        score: &Score,
+        flip_p_value: f64,
+        aliases: Vec<f64>,
+    ) -> Result<bool, Error> {
+        let described = &self.bench.candidates[score.candidate];
+        let mut values = described.nominal();
+        let view = self.view();
+        let Some(subspace) = self.subspace(&view, score) else {
+            return Ok(false);
+        };
+        let amplitudes = subspace.amplitudes(&view.residuals);
+        for (&place, &amplitude) in described.amplitudes().iter().zip(amplitudes.iter()) {
+            values[place] = amplitude;
+        }
+        if let (Some((place, _)), Some(value)) = (described.search, score.searched) {
+            values[place] = value;
+        }
+        let start: Vec<f64> = described
+            .taken(false)
+            .into_iter()
+            .map(|k| values[k])
+            .collect();
+        let mut effects = self.uses();
+        effects.push((score.candidate, false));
+        let fit = self.refit(&effects, Some(&start));
+        let Ok(fit) = fit else { return Ok(false) };
+        self.fit = fit;
+        self.imitated.clear();
+        self.accepted.push(Accepted {
+            candidate: score.candidate,
+            extended: false,
+            p_value: score.p_value,
+            flip_p_value,
+            chi2_drop: score.statistic,
+            aliases,
+            heldout_drop_um: 0.0,
+            rivals: vec![],
+        });
+        self.record(Some(self.accepted.len() - 1))?;
+        self.extend(self.accepted.len() - 1)?;
+        Ok(true)
+    }
+
+    /// Lets the optional parameters of an effect join it where they earn their place.
+    fn extend(&mut self, effect: usize) -> Result<(), Error> {
+        let Accepted { candidate, .. } = self.accepted[effect];
+        let optional = self.bench.candidates[candidate].optional();
+        if optional.is_empty() {
+            return Ok(());
+        }
+        let view = self.view();
+        let Some(subspace) =
+            self.bench
+                .subspace_of(&view, candidate, &self.values_of(effect), &optional)
+        else {
+            return Ok(());
+        };
+        let samples = &self.bench.samples;
+        let rank = subspace.rank() as f64;
+        let statistic =
+            subspace.statistic(&view.residuals) / serial::inflation(&view, &subspace, samples);
+        let (_, p_value) = f_form(statistic, rank, view.total(), view.degrees);
+        if p_value > FURTHER
+            || held_out_gain(&view, &subspace, samples, self.input.options.seed) <= 0.0
+        {
+            return Ok(());
+        }
+        self.accepted[effect].extended = true;
+        match self.refit(&self.uses(), None) {
+            Ok(fit) => self.fit = fit,
+            Err(_) => self.accepted[effect].extended = false,
+        }
+        if self.accepted[effect].extended {
+            let before = self.gaps.last().copied();
+            self.record(None)?;
+            if let (Some(before), Some(now)) = (before, self.gaps.last()) {
+                self.accepted[effect].heldout_drop_um += before.mean_um - now.mean_um;
+            }
+        }
+        Ok(())
+    }
+
+    /// The effects in the model: candidates, and whether they are extended.
+    pub(super) fn uses(&self) -> Vec<(usize, bool)> {
+        self.accepted
+            .iter()
+            .map(|accepted| (accepted.candidate, accepted.extended))
+            .collect()
+    }
+
+    /// The base with effects, fitted from where the model stands; `last` are start values of the last.
+    pub(super) fn refit(
+        &self,
+        effects: &[(usize, bool)],
+        last: Option<&[f64]>,
+    ) -> Result<Fit, Error> {
+        let mut model = self.bench.model.clone();
+        let used: Vec<_> = effects
+            .iter()
+            .map(|&(candidate, extended)| self.bench.candidates[candidate].used(&model, extended))
+            .collect();
+        model.variants[self.variant].effects.extend(used);
+        let variant = if effects.len() == self.accepted.len() + 1 {
+            let newest = self.bench.candidates[effects[effects.len() - 1].0].place;
+            free_turning_from(
+                &model,
+                self.variant,
+                &self.fit.joint.machine.variant,
+                newest,
+            )
+        } else {
+            free_turning(&model, self.variant, None)
+        };
+        let Input {
+            robot,
+            file,
+            folder,
+            ..
+        } = *self.input;
+        let mut prepared = Prepared::new(
+            robot,
+            &variant,
+            file,
+            Some(folder),
+            &self.input.division.calibration,
+        )?;
+        // What was found is there: its prior keeps what the data do not tell within what is plausible,
+        // and must not pull back what they do.
+        let found = self.own_effects..self.own_effects + effects.len();
+        for (nominal, parameter) in prepared.nominal.iter_mut().zip(&variant.parameters) {
+            if matches!(parameter.owner, Owner::Effect(effect) if found.contains(&effect)) {
+                nominal.tolerance = nominal.tolerance.map(|t| IMPLAUSIBLE * t);
+            }
+        }
+        let joint = Joint::new(
+            prepared.machine,
+            &prepared.nominal,
+            &self.bench.samples,
+            file.noise,
+        )?;
+        let known = self.fit.joint.values(&self.fit.fitted);
+        let old = &self.fit.joint.machine.variant;
+        let mut values = joint.machine.values.clone();
+        let newest = self.own_effects + effects.len() - 1;
+        let mut given = last.unwrap_or_default().iter();
+        for (value, parameter) in values.iter_mut().zip(&variant.parameters) {
+            if parameter.owner == Owner::Effect(newest)
+                && let Some(start) = given.next()
+            {
+                *value = *start;
+            } else if let Some(index) = old.parameters.iter().position(|p| p.name == parameter.name)
+            {
+                *value = known[index];
+            }
+        }
+        let start = joint.fitted(&values);
+        Fit::near(
+            joint,
+            start,
+            self.fit.scales,
+            self.fit.weights.clone(),
+            &self.bench.samples,
+        )
+    }
+
+    /// Notes the gap with the model as it stands, and by how much the newest effect lowered it.
+    pub(super) fn record(&mut self, newest: Option<usize>) -> Result<(), Error> {
+        let machine = self
+            .fit
+            .joint
+            .machine
+            .with_values(self.fit.joint.values(&self.fit.fitted));
+        let evaluation = evaluate(&machine, self.input.folder, &self.input.division.validation)?;
+        let gap = Gap::from(evaluation.position_um);
+        if let (Some(newest), Some(before)) = (newest, self.gaps.last()) {
+            self.accepted[newest].heldout_drop_um = before.mean_um - gap.mean_um;
+        }
+        self.steps.push(Step {
+            model: text::line(self.input.base, &self.labels()),
+            mean_um: gap.mean_um,
+            max_um: gap.max_um,
+            rms_um: gap.rms_um,
+        });
+        self.gaps.push(gap);
+        Ok(())
+    }
+
+    /// The effects as the description writes them.
+    pub(in super::super) fn labels(&self) -> Vec<String> {
+        self.accepted
+            .iter()
+            .map(|accepted| {
+                let described = &self.bench.candidates[accepted.candidate];
+                if accepted.extended {
+                    described.extended_label(&self.bench.model)
+                } else {
+                    described.label()
+                }
+            })
+            .collect()
+    }
+}
