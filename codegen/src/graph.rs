@@ -4,9 +4,10 @@
 //! expressions are one node, so common subexpressions are found by construction. The constructors
 //! simplify as they build: constants fold, negations move outwards, neutral elements vanish.
 
-use std::collections::{BTreeMap, HashMap};
-use std::hash::{BuildHasherDefault, Hasher};
+use std::collections::BTreeMap;
 use std::ops::Index;
+
+use rustc_hash::FxHashMap;
 
 /// An expression: the index of a node in its [`Graph`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -125,49 +126,6 @@ pub struct SymbolInfo {
     pub stage: Stage,
 }
 
-/// Hashes small keys of the program's own making, word by word: there is no adversary to resist.
-#[derive(Debug, Clone, Default)]
-pub(crate) struct WordHasher(u64);
-
-impl Hasher for WordHasher {
-    fn write(&mut self, bytes: &[u8]) {
-        for chunk in bytes.chunks(8) {
-            let mut word = [0; 8];
-            word[..chunk.len()].copy_from_slice(chunk);
-            self.write_u64(u64::from_le_bytes(word));
-        }
-    }
-
-    fn write_u8(&mut self, word: u8) {
-        self.write_u64(word.into());
-    }
-
-    fn write_u32(&mut self, word: u32) {
-        self.write_u64(word.into());
-    }
-
-    fn write_u64(&mut self, word: u64) {
-        // An odd number without pattern: π's fraction.
-        self.0 = (self.0.rotate_left(5) ^ word).wrapping_mul(0x243f_6a88_85a3_08d3);
-    }
-
-    fn write_usize(&mut self, word: usize) {
-        self.write_u64(word as u64);
-    }
-
-    fn write_isize(&mut self, word: isize) {
-        self.write_usize(word.cast_unsigned());
-    }
-
-    fn finish(&self) -> u64 {
-        // Tables look at the lowest bits, multiplication mixes the highest best.
-        self.0.rotate_left(26)
-    }
-}
-
-/// A hash map for keys of the program's own making.
-pub(crate) type WordMap<K, V> = HashMap<K, V, BuildHasherDefault<WordHasher>>;
-
 /// Values of some expressions of a graph, by index.
 #[derive(Debug, Clone)]
 pub(crate) struct ExprMap<T>(Vec<Option<T>>);
@@ -218,7 +176,7 @@ impl<T> Index<Expr> for ExprMap<T> {
 pub struct Graph {
     nodes: Vec<Node>,
     stages: Vec<Stage>,
-    interned: WordMap<Node, Expr>,
+    interned: FxHashMap<Node, Expr>,
     symbols: Vec<SymbolInfo>,
     names: BTreeMap<Expr, String>,
 }

@@ -2,7 +2,9 @@
 
 use super::core;
 use super::signs::Signs;
-use crate::graph::{Elementary, Expr, ExprMap, Graph, Node, WordMap};
+use rustc_hash::FxHashMap;
+
+use crate::graph::{Elementary, Expr, ExprMap, Graph, Node};
 use crate::program::{Operand, Operation, Program};
 
 /// A value of the program, in terms of earlier ones; negations have become signs of the readers.
@@ -165,8 +167,8 @@ pub(super) fn emit(
             ..Program::default()
         },
         stored: Vec::with_capacity(form.values.len()),
-        negated: WordMap::default(),
-        written: WordMap::default(),
+        negated: FxHashMap::default(),
+        written: FxHashMap::default(),
     };
     for (index, value) in form.values.iter().enumerate() {
         let negative = signs.values[index];
@@ -238,9 +240,9 @@ struct Writer {
     /// Where each value is stored, under its sign.
     stored: Vec<Operand>,
     /// Negated copies already made.
-    negated: WordMap<usize, Operand>,
+    negated: FxHashMap<usize, Operand>,
     /// Operations already written.
-    written: WordMap<Key, usize>,
+    written: FxHashMap<Key, usize>,
 }
 
 /// An operation as something that can be looked up.

@@ -1,9 +1,11 @@
 //! Structural candidates: a full arm where the base has a reduced one, piecewise tracks where it has
 //! straight ones.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::{Cholesky, DMatrix, DVector, Matrix3, RowDVector};
+
+use tau_codegen::language::check_text;
 
 use super::bench::{Bench, f_form};
 use super::candidates::Entry;
@@ -33,6 +35,7 @@ pub(super) fn with_full_arm(robot: &Robot, base: &Variant) -> Result<(Robot, Str
         };
         other.arm == Arm::Full
             && other.effects == base.effects
+            && of_effects(other) == of_effects(base)
             && shapes(other) == shapes(base)
             && other.tracks.iter().all(|track| track.per_link)
     };
@@ -52,8 +55,22 @@ pub(super) fn with_full_arm(robot: &Robot, base: &Variant) -> Result<(Robot, Str
         .collect();
     let tracks = tracks.join(" ");
     let mut terms = vec![plain.clone()];
-    for (effect, places) in &base.effects {
-        terms.push(format!("{effect}({})", places.join(", ")));
+    let model = check_text(&robot.description)
+        .map_err(|errors| InputError::whole(&robot.name, errors.to_string()))?;
+    for (index, (effect, places)) in base.effects.iter().enumerate() {
+        let described = model.effects.iter().find(|own| own.name == *effect);
+        let taken: Vec<&str> = described
+            .iter()
+            .flat_map(|described| &described.parameters)
+            .filter(|own| own.optional && of_effects(base).contains(&(index, own.name.as_str())))
+            .map(|own| own.name.as_str())
+            .collect();
+        let with = if taken.is_empty() { "" } else { " with " };
+        terms.push(format!(
+            "{effect}({}){with}{}",
+            places.join(", "),
+            taken.join(", ")
+        ));
     }
     let lines = if base.effects.is_empty() {
         format!("variant {name} {{ arm full; {tracks} }}")
@@ -65,6 +82,17 @@ pub(super) fn with_full_arm(robot: &Robot, base: &Variant) -> Result<(Robot, Str
     let robot = Robot::from_text(&description)
         .map_err(|errors| InputError::whole(&robot.name, errors.to_string()))?;
     Ok((robot, name))
+}
+
+/// Parameters of a variant's effects: index of the effect, and name.
+fn of_effects(variant: &Variant) -> BTreeSet<(usize, &str)> {
+    let parameters = variant.parameters.iter();
+    parameters
+        .filter_map(|parameter| match parameter.owner {
+            Owner::Effect(index) => Some((index, parameter.quantity.as_str())),
+            _ => None,
+        })
+        .collect()
 }
 
 /// Level of the full arm: where links differ, its chance is far less, and it should leave the first name its
@@ -289,6 +317,31 @@ fn triangle(knots: &[f64], knot: usize, q: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// A base keeps the optional parameters of its effects on its way to a full arm.
+    #[test]
+    fn a_full_arm_keeps_what_effects_have() {
+        let text = "robot Slide {
+            track one, two;
+            cluster a on one { link l1; }
+            cluster b on two { link l2, l3; }
+            effect bent on cart {
+                param a: length; optional param b, c: length;
+                along += a * q/(1 m) + b * (q/(1 m))^2 + c * (q/(1 m))^3;
+            }
+            variant Nominal { arm reduced; tracks linear; }
+            variant Bent = Nominal + bent(one) with c + bent(two);
+        }";
+        let robot = Robot::from_text(text).unwrap();
+        let base = robot.variant("Bent").unwrap();
+        let (fuller, name) = with_full_arm(&robot, base).unwrap();
+        let full = fuller.variant(&name).unwrap();
+        assert_eq!(full.arm, Arm::Full);
+        assert_eq!(
+            of_effects(full),
+            BTreeSet::from([(0, "a"), (0, "c"), (1, "a")])
+        );
+    }
 
     /// Between the outermost knots the triangles interpolate: they sum to one and reproduce a line.
     #[test]

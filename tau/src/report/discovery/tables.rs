@@ -19,12 +19,25 @@ pub(in crate::report) fn labels(found: &Discovery) -> Vec<String> {
                 .split_once('=')
                 .map_or(step.model.as_str(), |(_, sum)| sum);
             let terms: Vec<&str> = sum.trim().trim_end_matches(';').split(" + ").collect();
-            let change = |sign: &str, these: &[&str], those: &[&str]| -> Vec<String> {
-                let new = these.iter().filter(|term| !those.contains(term));
-                new.map(|term| format!("{sign} {term}")).collect()
+            let is_extended = |term: &str| {
+                let extended =
+                    |other: &&str| other.split_once(" with ").map(|own| own.0) == Some(term);
+                terms.iter().any(extended)
             };
-            let mut changes = change("+", &terms, &before);
-            changes.extend(change("−", &before, &terms));
+            let came = terms.iter().filter(|term| !before.contains(term));
+            let mut changes: Vec<String> = came
+                .map(|term| match term.split_once(" with ") {
+                    Some((effect, optional)) if before.contains(&effect) => {
+                        format!("+ {optional} of {effect}")
+                    }
+                    _ => format!("+ {term}"),
+                })
+                .collect();
+            let went = before.iter().filter(|term| !terms.contains(term));
+            changes.extend(
+                went.filter(|term| !is_extended(term))
+                    .map(|term| format!("− {term}")),
+            );
             before = terms;
             match changes.is_empty() {
                 true if index == 0 => found.base.clone(),

@@ -188,6 +188,22 @@ fn steps_are_named_by_what_they_change() {
         "refitted",
     ];
     assert_eq!(tables::labels(&found()), expected);
+    let mut extended = found();
+    extended.steps = [
+        "Full",
+        "Full + rack_pitch(two)",
+        "Full + rack_pitch(two) with a, b",
+        "Full",
+    ]
+    .map(|model| step(model, 1.0))
+    .to_vec();
+    let expected = [
+        "Full",
+        "+ rack_pitch(two)",
+        "+ a, b of rack_pitch(two)",
+        "− rack_pitch(two) with a, b",
+    ];
+    assert_eq!(tables::labels(&extended), expected);
 }
 
 #[test]

@@ -32,7 +32,7 @@ pub fn gap_by_step(found: &Discovery) -> Option<Figure> {
         .map(|label| label.chars().count())
         .max()
         .unwrap_or(0)
-        .min(40);
+        .min(48);
     let left = 24.0 + 6.4 * longest as f64;
     let place = Rect {
         left,

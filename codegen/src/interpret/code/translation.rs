@@ -1,0 +1,286 @@
+//! From programs to instructions: where each value is, and what runs once or for all samples.
+
+use std::collections::BTreeMap;
+
+use super::{Action, Code, Instruction, Target};
+use crate::program::{Operand, Operation, Program};
+
+/// Where a value is before slots are given out.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum Source {
+    /// A slot that all samples share.
+    Shared(usize),
+    /// An input of the sample.
+    Input(usize),
+    /// The result of an instruction that runs for samples.
+    Result(usize),
+}
+
+/// A program on its way to [`Code`].
+pub(super) struct Translation<'a> {
+    program: &'a Program,
+    samples: usize,
+    constants: Vec<f64>,
+    shared: Vec<Instruction>,
+    /// Where each temporary is; `None` for products inside a later instruction.
+    temporaries: Vec<Option<Source>>,
+    /// Instructions for samples: action, operands, temporary.
+    varying: Vec<(Action, Vec<Source>, usize)>,
+}
+
+impl<'a> Translation<'a> {
+    pub(super) fn new(program: &'a Program, samples: usize) -> Self {
+        let mut translation = Self {
+            program,
+            samples,
+            constants: vec![],
+            shared: vec![],
+            temporaries: vec![None; program.operations.len()],
+            varying: vec![],
+        };
+        translation.collect_constants();
+        translation.translate();
+        translation
+    }
+
+    fn collect_constants(&mut self) {
+        let operations = self.program.operations.iter().flat_map(Operation::operands);
+        for operand in operations.chain(self.program.outputs.iter().copied()) {
+            if let Operand::Constant(value) = operand {
+                let known = |other: &f64| other.to_bits() == value.to_bits();
+                if !self.constants.iter().any(known) {
+                    self.constants.push(value);
+                }
+            }
+        }
+    }
+
+    fn parameters(&self) -> usize {
+        self.program.inputs.len() - self.samples
+    }
+
+    fn source(&self, operand: Operand) -> Option<Source> {
+        match operand {
+            Operand::Constant(value) => {
+                let known = |other: &f64| other.to_bits() == value.to_bits();
+                let index = self.constants.iter().position(known)?;
+                Some(Source::Shared(self.parameters() + index))
+            }
+            Operand::Input(index) => Some(match index.checked_sub(self.samples) {
+                None => Source::Input(index),
+                Some(parameter) => Source::Shared(parameter),
+            }),
+            Operand::Temporary(index) => self.temporaries[index],
+        }
+    }
+
+    fn translate(&mut self) {
+        let uses = self.program.uses();
+        let inside = self.products_inside(&uses);
+        for (index, &operation) in self.program.operations.iter().enumerate() {
+            if inside[index] {
+                continue;
+            }
+            let (action, operands) = self.action(operation, &inside);
+            let sources: Vec<Source> = operands
+                .into_iter()
+                .filter_map(|operand| self.source(operand))
+                .collect();
+            let shared: Option<Vec<usize>> = sources
+                .iter()
+                .map(|source| match source {
+                    Source::Shared(slot) => Some(*slot),
+                    _ => None,
+                })
+                .collect();
+            self.temporaries[index] = Some(if let Some(operands) = shared {
+                let result = self.parameters() + self.constants.len() + self.shared.len();
+                self.shared.push(Instruction {
+                    action,
+                    operands: padded(&operands),
+                    target: Target::Slot(result),
+                });
+                Source::Shared(result)
+            } else {
+                self.varying.push((action, sources, index));
+                Source::Result(index)
+            });
+        }
+    }
+
+    /// Which products only one sum reads: they become part of it, unless all samples share them.
+    fn products_inside(&self, uses: &[usize]) -> Vec<bool> {
+        let operations = &self.program.operations;
+        let mut varies: Vec<bool> = Vec::with_capacity(operations.len());
+        for operation in operations {
+            let varying = operation.operands().any(|operand| match operand {
+                Operand::Constant(_) => false,
+                Operand::Input(index) => index < self.samples,
+                Operand::Temporary(index) => varies[index],
+            });
+            varies.push(varying);
+        }
+        let mut inside = vec![false; operations.len()];
+        for operation in operations {
+            let (Operation::Add(a, b) | Operation::Subtract(a, b)) = *operation else {
+                continue;
+            };
+            let product = [b, a].into_iter().find_map(|operand| match operand {
+                Operand::Temporary(index)
+                    if uses[index] == 1
+                        && varies[index]
+                        && matches!(operations[index], Operation::Multiply(..)) =>
+                {
+                    Some(index)
+                }
+                _ => None,
+            });
+            if let Some(product) = product {
+                inside[product] = true;
+            }
+        }
+        inside
+    }
+
+    /// An operation as an action, with the product that it takes in.
+    fn action(&self, operation: Operation, inside: &[bool]) -> (Action, Vec<Operand>) {
+        let product = |operand: Operand| match operand {
+            Operand::Temporary(index) if inside[index] => match self.program.operations[index] {
+                Operation::Multiply(a, b) => Some((a, b)),
+                _ => None,
+            },
+            _ => None,
+        };
+        match operation {
+            Operation::Add(x, y) => match (product(x), product(y)) {
+                (_, Some((a, b))) => (Action::MultiplyAdd, vec![a, b, x]),
+                (Some((a, b)), None) => (Action::MultiplyAdd, vec![a, b, y]),
+                (None, None) => (Action::Add, vec![x, y]),
+            },
+            Operation::Subtract(x, y) => match (product(x), product(y)) {
+                (_, Some((a, b))) => (Action::SubtractProduct, vec![a, b, x]),
+                (Some((a, b)), None) => (Action::MultiplySubtract, vec![a, b, y]),
+                (None, None) => (Action::Subtract, vec![x, y]),
+            },
+            Operation::Multiply(a, b) => (Action::Multiply, vec![a, b]),
+            Operation::Divide(a, b) => (Action::Divide, vec![a, b]),
+            Operation::Negate(a) => (Action::Negate, vec![a]),
+            Operation::Apply(function, a) => (Action::Apply(function), vec![a]),
+            Operation::Select(operands) => (Action::Select, operands.to_vec()),
+        }
+    }
+
+    /// Gives out slots: a result's is free again after its last use.
+    pub(super) fn finish(self, outputs: usize) -> Code {
+        let stored: Vec<Option<Source>> = self
+            .program
+            .outputs
+            .iter()
+            .map(|&output| self.source(output))
+            .collect();
+        let mut copied: Vec<usize> = Vec::new();
+        let sources = self.varying.iter().flat_map(|(_, sources, _)| sources);
+        for source in sources.chain(stored.iter().flatten()) {
+            if let Source::Shared(slot) = source
+                && !copied.contains(slot)
+            {
+                copied.push(*slot);
+            }
+        }
+        let mut last_use: BTreeMap<usize, usize> = BTreeMap::new();
+        for (position, (_, sources, _)) in self.varying.iter().enumerate() {
+            for source in sources {
+                if let Source::Result(temporary) = source {
+                    last_use.insert(*temporary, position);
+                }
+            }
+        }
+        let mut code = Code {
+            samples: self.samples,
+            outputs,
+            more_outputs: self.program.outputs.len() - outputs,
+            shared_slots: self.parameters() + self.constants.len() + self.shared.len(),
+            instructions: Vec::with_capacity(self.varying.len() + stored.len()),
+            slots: self.samples + copied.len(),
+            constants: self.constants,
+            shared: self.shared,
+            copied,
+        };
+        let mut slot_of: BTreeMap<usize, usize> = BTreeMap::new();
+        let mut free: Vec<usize> = Vec::new();
+        let copy = |code: &mut Code, output: usize, place: usize| {
+            code.instructions.push(Instruction {
+                action: Action::Copy,
+                operands: [place; 4],
+                target: Target::Output(output),
+            });
+        };
+        let copies = code.copied.clone();
+        let samples = code.samples;
+        let at_once = move |source: Source| match source {
+            Source::Input(index) => Some(index),
+            Source::Shared(slot) => {
+                let index = copies.iter().position(|&copied| copied == slot)?;
+                Some(samples + index)
+            }
+            Source::Result(_) => None,
+        };
+        for (output, source) in stored.iter().enumerate() {
+            if let Some(place) = source.and_then(&at_once) {
+                copy(&mut code, output, place);
+            }
+        }
+        for (position, (action, sources, temporary)) in self.varying.iter().enumerate() {
+            let operands: Vec<usize> = sources
+                .iter()
+                .filter_map(|&source| match source {
+                    Source::Result(temporary) => slot_of.get(&temporary).copied(),
+                    other => at_once(other),
+                })
+                .collect();
+            let is_result = |&output: &usize| stored[output] == Some(Source::Result(*temporary));
+            let stores: Vec<usize> = (0..stored.len()).filter(is_result).collect();
+            let is_read = last_use.contains_key(temporary);
+            let target = match stores.as_slice() {
+                &[output] if !is_read => Target::Output(output),
+                _ => Target::Slot(free.pop().unwrap_or_else(|| {
+                    code.slots += 1;
+                    code.slots - 1
+                })),
+            };
+            code.instructions.push(Instruction {
+                action: *action,
+                operands: padded(&operands),
+                target,
+            });
+            if let Target::Slot(slot) = target {
+                for output in stores {
+                    copy(&mut code, output, slot);
+                }
+                if is_read {
+                    slot_of.insert(*temporary, slot);
+                } else {
+                    free.push(slot);
+                }
+            }
+            for source in sources {
+                if let Source::Result(operand) = source
+                    && last_use.get(operand) == Some(&position)
+                    && let Some(slot) = slot_of.remove(operand)
+                {
+                    free.push(slot);
+                }
+            }
+        }
+        code
+    }
+}
+
+/// Operands that an action does not have repeat the first.
+fn padded(operands: &[usize]) -> [usize; 4] {
+    let mut padded = [operands.first().copied().unwrap_or(0); 4];
+    for (slot, &operand) in padded.iter_mut().zip(operands) {
+        *slot = operand;
+    }
+    padded
+}
