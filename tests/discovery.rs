@@ -79,6 +79,36 @@ trials! {
     what_no_catalogue_lists_gets_no_name = "11";
 }
 
+/// What has no name may have a place in the model: the points of the track through which the cart goes.
+#[test]
+fn a_track_with_a_bump_follows_its_points_without_a_name() {
+    for (base, effects) in [("Full", vec![]), ("Nominal", vec!["full_arm(all)"])] {
+        let found = from_base("11", base, &[1, 2, 3]);
+        assert_eq!(names(&found), effects, "{base}");
+        let places: Vec<&str> = found
+            .piecewise_tracks
+            .iter()
+            .map(|t| t.place.as_str())
+            .collect();
+        assert_eq!(places, ["two"], "{base}");
+        assert!(found.unnamed.iter().all(|unnamed| unnamed.place == "two"));
+        assert_eq!(found.base, base);
+        assert_eq!(
+            found.steps[0].model,
+            format!("variant Discovered = {base};")
+        );
+        let gaps: Vec<f64> = found.steps.iter().map(|step| step.mean_um).collect();
+        assert!(
+            gaps.windows(2).all(|pair| pair[1] < pair[0]),
+            "{base}: {gaps:?}"
+        );
+        assert!(
+            found.validation.after.mean_um < 1.2 * found.noise_floor_um,
+            "{base}"
+        );
+    }
+}
+
 /// The search on some sets of a trial, from a base.
 fn from_base(name: &str, base: &str, sets: &[u8]) -> Discovery {
     let robot = gantry_tau();

@@ -9,7 +9,7 @@ use super::results::{
 };
 use super::selection::{LEVEL, Search};
 use super::view::View;
-use super::{Error, Input, Outcome, floor, misfit, results, structural, structure, text};
+use super::{Error, Input, Outcome, floor, misfit, results, structure, text};
 use crate::evaluation::evaluate;
 
 /// Chance in white noise below which residuals are said to follow each other.
@@ -121,15 +121,8 @@ pub(super) fn finish(
         misfit: beforehand.misfit,
         noise: misfit::noise_scales(fit),
         effects: effects(search),
-        considered: considered(search)
-            .into_iter()
-            .chain(structural::piecewise_tracks(
-                input,
-                bench,
-                &View::of(fit),
-                &robot.variants[search.variant],
-            ))
-            .collect(),
+        piecewise_tracks: vec![],
+        considered: considered(search),
         cannot_see: beforehand.cannot_see,
         detectable: beforehand.detectable,
         ambiguous: beforehand.ambiguous,

@@ -57,7 +57,7 @@ use crate::effects::CATALOGUE;
 use crate::evaluation::evaluate;
 use crate::input_error::InputError;
 use crate::measurements::{Division, Folder, Shape, Split};
-use crate::robot::{Arm, Robot};
+use crate::robot::{Arm, Robot, Variant};
 use crate::robot_file::RobotFile;
 use base::base_fit;
 pub(crate) use base::place_plates;
@@ -71,6 +71,7 @@ use results::{Gap, Misfit};
 use samples::Sample;
 use selection::Search;
 use structural::FullArm;
+use structural::piecewise::Found;
 use view::View;
 
 /// Fewest sign flips that can show a level of 1 %: of so many and the measurements themselves, these are
@@ -183,12 +184,7 @@ pub fn discover(
     progress: &mut dyn FnMut(&str),
 ) -> Result<Outcome, Error> {
     let started = Instant::now();
-    let variant = robot.variant(base).ok_or_else(|| {
-        InputError::whole(
-            &robot.name,
-            format!("robot `{}` has no variant `{base}`", robot.name),
-        )
-    })?;
+    let variant = variant_of(robot, base)?;
     if folder.tcp_poses.is_empty() {
         return Err(
             InputError::whole(&folder.name, "discovery needs set 1, `tcp_poses.csv`").into(),
@@ -209,8 +205,9 @@ pub fn discover(
         options,
     };
 
-    let searched =
-        |input: &Input<'_>, progress: &mut dyn FnMut(&str)| search_from(input, started, progress);
+    let searched = |input: &Input<'_>, progress: &mut dyn FnMut(&str)| {
+        structural::piecewise::search(input, started, progress)
+    };
     if variant.arm == Arm::Full {
         return searched(&input, progress);
     }
@@ -239,6 +236,13 @@ pub fn discover(
         full_arm.dismissed(&mut outcome.discovery);
         Ok(outcome)
     }
+}
+
+fn variant_of<'r>(robot: &'r Robot, name: &str) -> Result<&'r Variant, InputError> {
+    robot.variant(name).ok_or_else(|| {
+        let problem = format!("robot `{}` has no variant `{name}`", robot.name);
+        InputError::whole(&robot.name, problem)
+    })
 }
 
 /// The base fitted to all sets.
@@ -285,7 +289,7 @@ fn search_from(
     input: &Input<'_>,
     started: Instant,
     progress: &mut dyn FnMut(&str),
-) -> Result<Outcome, Error> {
+) -> Result<Found, Error> {
     let Input {
         robot,
         file,
@@ -343,7 +347,8 @@ fn search_from(
         is_left: false,
     };
     search.run(progress)?;
-    finish(input, &search, beforehand, started)
+    let outcome = finish(input, &search, beforehand, started)?;
+    Found::of(&search, variant, outcome)
 }
 
 /// The model with all catalogues and the unnamed families.

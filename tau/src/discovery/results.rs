@@ -29,6 +29,10 @@ pub struct Discovery {
     pub noise: Vec<NoiseScale>,
     /// The effects that are missing, in the order in which they were found.
     pub effects: Vec<FoundEffect>,
+    /// Tracks that follow the measured points of their carts, where the base has straight ones: what that
+    /// takes up has no name, and stays among `unnamed`.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub piecewise_tracks: Vec<PiecewiseTrack>,
     /// Every named candidate at every place.
     pub considered: Vec<Considered>,
     /// Effects that these measurements cannot show.
@@ -70,6 +74,16 @@ pub enum Status {
     UnnamedStructure,
     /// Something has a name, something is left.
     PartlyExplained,
+}
+
+impl Status {
+    /// The verdict where something without a name is there, too.
+    pub(super) fn with_unnamed(self) -> Self {
+        match self {
+            Self::NothingMissing | Self::UnnamedStructure => Self::UnnamedStructure,
+            Self::Explained | Self::PartlyExplained => Self::PartlyExplained,
+        }
+    }
 }
 
 /// Position errors before and after (µm).
@@ -164,6 +178,19 @@ pub struct FoundEffect {
     pub searched: Option<String>,
     /// Other values of the searched parameter that fit as well.
     pub aliases: Vec<f64>,
+}
+
+/// A track of the model that follows the measured points of its cart.
+#[derive(Debug, Clone, Serialize)]
+pub struct PiecewiseTrack {
+    /// Name of the track.
+    pub place: String,
+    /// Chance that points which are free to move take up so much on a straight track.
+    pub p_value: f64,
+    /// Fall of χ².
+    pub chi2_drop: f64,
+    /// Fall of the mean position error on the validation poses (µm).
+    pub heldout_drop_um: f64,
 }
 
 /// A fitted parameter.

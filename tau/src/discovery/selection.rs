@@ -22,7 +22,7 @@ use crate::robot::Owner;
 /// Family-wise level of the first name: the chance of any where nothing is missing.
 pub(super) const LEVEL: f64 = 0.05;
 /// Family-wise level of every further one: the chance of a name beyond those that are true.
-const FURTHER: f64 = 0.005;
+pub(super) const FURTHER: f64 = 0.005;
 /// Chance that a candidate is taken to have something beside the true one.
 const ENCOMPASSES: f64 = 0.005;
 /// A candidate with a p-value above this beside another adds nothing to it.

@@ -1,56 +1,84 @@
 //! Structural candidates: a full arm where the base has a reduced one, piecewise tracks where it has
 //! straight ones.
 
+pub(super) mod piecewise;
+
 use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::{Cholesky, DMatrix, DVector, Matrix3, RowDVector};
 
 use tau_codegen::language::check_text;
 
-use super::bench::{Bench, f_form};
-use super::candidates::Entry;
+use super::Error;
+use super::bench::f_form;
 use super::fit::Fit;
-use super::projection::Subspace;
 use super::results::{Considered, Discovery, FoundEffect, Gap, Misfit, Status, Step};
 use super::samples::Sample;
-use super::selection::LEVEL;
 use super::text;
-use super::view::View;
-use super::{Error, Input};
 use crate::input_error::InputError;
 use crate::kinematics::{Machine, nearest_rotation};
-use crate::robot::{Arm, Owner, Robot, TrackShape, Variant};
+use crate::robot::{Arm, Owner, Robot, TrackModel, TrackShape, Variant};
 
 /// Name of the candidate by which all links get closures of their own, and its place.
 const FULL_ARM: (&str, &str) = ("full_arm", "all");
-/// Name of the candidate by which a track follows the measured points of its cart.
-const PIECEWISE_TRACK: &str = "piecewise_track";
+
+/// What a variant takes for the same or for straight.
+struct Structure {
+    arm: Arm,
+    tracks: Vec<TrackModel>,
+}
 
 /// The robot with a variant that differs from one with a reduced arm by its full one, and the name of
 /// that variant; the description's own if it has one.
 pub(super) fn with_full_arm(robot: &Robot, base: &Variant) -> Result<(Robot, String), Error> {
+    let tracks = base
+        .tracks
+        .iter()
+        .map(|&TrackModel { shape, .. }| TrackModel {
+            shape,
+            per_link: true,
+        });
+    let structure = Structure {
+        arm: Arm::Full,
+        tracks: tracks.collect(),
+    };
+    with_structure(robot, base, &structure, "FullArm")
+}
+
+/// The robot with a variant that differs from another in its structure, and the name of that variant: the
+/// description's own if it has one, else the other's name with something behind it.
+fn with_structure(
+    robot: &Robot,
+    base: &Variant,
+    structure: &Structure,
+    suffix: &str,
+) -> Result<(Robot, String), Error> {
     let is_same = |other: &&Variant| {
-        let shapes = |variant: &Variant| -> Vec<TrackShape> {
-            variant.tracks.iter().map(|track| track.shape).collect()
-        };
-        other.arm == Arm::Full
+        other.arm == structure.arm
+            && other.tracks == structure.tracks
             && other.effects == base.effects
             && of_effects(other) == of_effects(base)
-            && shapes(other) == shapes(base)
-            && other.tracks.iter().all(|track| track.per_link)
     };
     if let Some(own) = robot.variants.iter().find(is_same) {
         return Ok((robot.clone(), own.name.clone()));
     }
-    let plain = format!("{}FullArmAlone", base.name);
-    let name = format!("{}FullArm", base.name);
+    let name = format!("{}{suffix}", base.name);
+    let plain = format!("{name}Alone");
+    let arm = match structure.arm {
+        Arm::Full => "arm full;",
+        Arm::Reduced => "arm reduced;",
+    };
     let tracks: Vec<String> = robot
         .tracks
         .iter()
-        .zip(&base.tracks)
-        .map(|(track, model)| match model.shape {
-            TrackShape::Linear => format!("track {track} linear per link;"),
-            TrackShape::Piecewise => format!("track {track} piecewise per link;"),
+        .zip(&structure.tracks)
+        .map(|(track, model)| {
+            let shape = match model.shape {
+                TrackShape::Linear => "linear",
+                TrackShape::Piecewise => "piecewise",
+            };
+            let per_link = if model.per_link { " per link" } else { "" };
+            format!("track {track} {shape}{per_link};")
         })
         .collect();
     let tracks = tracks.join(" ");
@@ -73,12 +101,13 @@ pub(super) fn with_full_arm(robot: &Robot, base: &Variant) -> Result<(Robot, Str
         ));
     }
     let lines = if base.effects.is_empty() {
-        format!("variant {name} {{ arm full; {tracks} }}")
+        format!("variant {name} {{ {arm} {tracks} }}")
     } else {
         let terms = terms.join(" + ");
-        format!("variant {plain} {{ arm full; {tracks} }}\n    variant {name} = {terms};")
+        format!("variant {plain} {{ {arm} {tracks} }}\n    variant {name} = {terms};")
     };
-    let description = text::with_lines(robot, "With a full arm.", &lines)?;
+    let docs = format!("The structure that `{}` lacks.", base.name);
+    let description = text::with_lines(robot, &docs, &lines)?;
     let robot = Robot::from_text(&description)
         .map_err(|errors| InputError::whole(&robot.name, errors.to_string()))?;
     Ok((robot, name))
@@ -238,82 +267,6 @@ fn ties(full: &Fit, samples: &[Sample]) -> Option<DMatrix<f64>> {
     (!ties.is_empty()).then(|| DMatrix::from_rows(&ties))
 }
 
-/// Whether straight tracks leave what measured points of the carts' paths would take up: each track's
-/// points of set 2 free to move, against everything else in the model.
-pub(super) fn piecewise_tracks(
-    input: &Input<'_>,
-    bench: &Bench,
-    view: &View,
-    base: &Variant,
-) -> Vec<Considered> {
-    let of_track = |track: usize| -> Option<Considered> {
-        let mut knots: Vec<f64> = input
-            .folder
-            .cart_poses
-            .iter()
-            .filter(|pose| pose.track == track)
-            .map(|pose| pose.command_m)
-            .collect();
-        knots.sort_by(f64::total_cmp);
-        knots.dedup();
-        if base.tracks[track].shape == TrackShape::Piecewise || knots.len() < 3 {
-            return None;
-        }
-        let mut entries = Vec::new();
-        for axis in 0..3 {
-            let probe = bench.probes.carts[track][axis];
-            let at: Vec<f64> = bench.probes.all[probe]
-                .samples
-                .iter()
-                .map(|&s| bench.samples[s].commands_m[track])
-                .collect();
-            let mut slopes = vec![None; 3 * knots.len()];
-            for knot in 0..knots.len() {
-                slopes[axis * knots.len() + knot] =
-                    Some(at.iter().map(|&q| triangle(&knots, knot, q)).collect());
-            }
-            entries.push(Entry::plain(probe, slopes));
-        }
-        let wanted: Vec<usize> = (0..3 * knots.len()).collect();
-        let raw = super::candidates::columns(&entries, &wanted, &bench.probes);
-        let columns: DMatrix<f64> = view.weighted(&raw);
-        let subspace = Subspace::of(&columns, &view.remainder(&columns));
-        let rank = subspace.rank() as f64;
-        let statistic = subspace.statistic(&view.residuals);
-        let (_, p_value) = f_form(statistic, rank.max(1.0), view.total(), view.degrees);
-        Some(Considered {
-            name: PIECEWISE_TRACK.into(),
-            place: input.robot.tracks[track].clone(),
-            p_value,
-            verdict: if p_value <= LEVEL / input.robot.tracks.len() as f64 {
-                "would take up what is left"
-            } else {
-                "not significant"
-            },
-        })
-    };
-    (0..base.tracks.len()).filter_map(of_track).collect()
-}
-
-/// One at a knot, zero at its neighbours and beyond, straight between.
-fn triangle(knots: &[f64], knot: usize, q: f64) -> f64 {
-    let toward = |neighbour: Option<&f64>| {
-        neighbour.map_or(0.0, |&neighbour| {
-            (1.0 - (q - knots[knot]) / (neighbour - knots[knot])).clamp(0.0, 1.0)
-        })
-    };
-    if q <= knots[knot] {
-        match knot.checked_sub(1) {
-            Some(below) => toward(knots.get(below)),
-            None => 1.0,
-        }
-    } else if knot + 1 < knots.len() {
-        toward(knots.get(knot + 1))
-    } else {
-        1.0
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -341,19 +294,5 @@ mod tests {
             of_effects(full),
             BTreeSet::from([(0, "a"), (0, "c"), (1, "a")])
         );
-    }
-
-    /// Between the outermost knots the triangles interpolate: they sum to one and reproduce a line.
-    #[test]
-    fn triangles_interpolate() {
-        let knots = [-0.5, -0.1, 0.2, 0.6];
-        for q in [-0.5, -0.3, -0.1, 0.0, 0.33, 0.6] {
-            let weights: Vec<f64> = (0..4).map(|knot| triangle(&knots, knot, q)).collect();
-            let (sum, line) = weights
-                .iter()
-                .zip(&knots)
-                .fold((0.0, 0.0), |(sum, line), (w, k)| (sum + w, line + w * k));
-            assert!((sum - 1.0).abs() < 1e-12 && (line - q).abs() < 1e-12, "{q}");
-        }
     }
 }

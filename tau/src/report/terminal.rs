@@ -73,6 +73,9 @@ pub fn discovery(found: &Discovery) -> String {
     for structure in &found.unnamed {
         text += &wrap(&findings::unnamed(structure), "  ");
     }
+    for track in &found.piecewise_tracks {
+        text += &wrap(&findings::piecewise_track(track), "  ");
+    }
     for sentence in findings::remains(found) {
         text += &wrap(&sentence, "  ");
     }

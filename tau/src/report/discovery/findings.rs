@@ -3,7 +3,7 @@
 use tau_codegen::language;
 
 use super::{at, chance, readable};
-use crate::discovery::results::{Estimate, FoundEffect, LeftOut, Unnamed};
+use crate::discovery::results::{Estimate, FoundEffect, LeftOut, PiecewiseTrack, Unnamed};
 use crate::discovery::{Discovery, Status};
 use crate::report::figures::typographic;
 use crate::report::number::{fixed, general, with_sigma};
@@ -58,7 +58,7 @@ pub(in crate::report) fn gap(found: &Discovery) -> String {
     let (before, after) = (found.validation.before, found.validation.after);
     let um = |value: f64| general(value, 3);
     let [floor, ceiling] = [found.noise_floor_um, found.ceiling_um].map(um);
-    let change = if found.effects.is_empty() {
+    let change = if is_base(found) {
         format!(
             "On the validation poses, which took no part, the position error at the tool is {} µm in the mean, \
              {} µm at most and {} µm rms.",
@@ -84,7 +84,7 @@ pub(in crate::report) fn gap(found: &Discovery) -> String {
         )
     };
     let closed = (before.rms_um.powi(2) - after.rms_um.powi(2)) / found.ceiling_um.powi(2);
-    let share = if found.effects.is_empty() || !closed.is_finite() {
+    let share = if is_base(found) || !closed.is_finite() {
         String::new()
     } else if closed <= 0.0 {
         " None of it is gone, which speaks against what was found.".to_owned()
@@ -98,6 +98,11 @@ pub(in crate::report) fn gap(found: &Discovery) -> String {
         "{change} The stated noise alone would show {floor} µm in the mean; beyond it, {ceiling} µm rms could be \
          removed by any method.{share}"
     )
+}
+
+/// Whether nothing joined the model.
+fn is_base(found: &Discovery) -> bool {
+    found.effects.is_empty() && found.piecewise_tracks.is_empty()
 }
 
 /// What an effect is, from its description.
@@ -257,7 +262,7 @@ fn ambiguous(found: &Discovery) -> Option<String> {
 pub(in crate::report) fn remains(found: &Discovery) -> Vec<String> {
     let um = |value: f64| general(value, 3);
     let mut sentences = Vec::new();
-    if !found.effects.is_empty() {
+    if !is_base(found) {
         sentences.push(format!(
         "With what was found in the model, the error at the tool is {} µm in the mean, where the stated noise alone \
          shows {} µm. Any method could still remove {} µm rms.",
@@ -316,6 +321,19 @@ pub(in crate::report) fn unnamed(structure: &Unnamed) -> String {
         structure.against,
         general(structure.rms_um, 2),
         unnamed_unit(structure)
+    )
+}
+
+/// A track that follows its measured points, and what that does.
+pub(in crate::report) fn piecewise_track(track: &PiecewiseTrack) -> String {
+    let change = track.heldout_drop_um;
+    format!(
+        "Track {} follows its measured points in the model, which take up structure without a name; that {} the mean \
+         error at the tool by {} µm. The chance of so much on a straight track is {} by formula.",
+        track.place,
+        if change < 0.0 { "raises" } else { "lowers" },
+        general(change.abs(), 2),
+        typographic(&chance(track.p_value)),
     )
 }
 

@@ -59,6 +59,7 @@ pub(in crate::report) fn sentences(found: &Discovery) -> Markup {
         h3 { "What remains" }
         ul {
             @for structure in &found.unnamed { li { "Without a name: " (findings::unnamed(structure)) } }
+            @for track in &found.piecewise_tracks { li { (findings::piecewise_track(track)) } }
             @for sentence in findings::remains(found) { li { (sentence) } }
             @if let Some(outliers) = findings::outliers(&found.left_out) { li { (outliers) } }
             @if let Some(blind) = findings::blind(found) { li { (blind) } }

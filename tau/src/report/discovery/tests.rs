@@ -112,6 +112,7 @@ fn found() -> Discovery {
             searched: Some("gap".to_owned()),
             aliases: vec![8.4e-5],
         }],
+        piecewise_tracks: vec![],
         considered: vec![],
         cannot_see: vec![unseen("l1"), unseen("l2a")],
         detectable: vec![],

@@ -24,16 +24,17 @@ pub fn evidence(found: &Discovery) -> Vec<Figure> {
     found
         .evidence
         .iter()
-        .zip(&found.effects)
         .enumerate()
-        .flat_map(|(index, (evidence, effect))| {
-            [
-                residuals(index, evidence),
-                evidence
-                    .spectrum
-                    .as_ref()
-                    .and_then(|spectrum| self::spectrum(index, effect, spectrum)),
-            ]
+        .flat_map(|(index, evidence)| {
+            // A full arm stands among the effects and has none.
+            let of = |effect: &&FoundEffect| {
+                effect.name == evidence.name && effect.place == evidence.place
+            };
+            let spectrum = || {
+                let effect = found.effects.iter().find(of)?;
+                self::spectrum(index, effect, evidence.spectrum.as_ref()?)
+            };
+            [residuals(index, evidence), spectrum()]
         })
         .flatten()
         .collect()
