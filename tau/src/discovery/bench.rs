@@ -157,7 +157,7 @@ impl Bench {
             candidate
                 .entries(
                     &model,
-                    &candidate.nominal(),
+                    (&candidate.nominal(), &candidate.amplitudes()),
                     &probes,
                     &samples,
                     &surroundings,
@@ -216,7 +216,9 @@ impl Bench {
         if let Some((place, (low, high))) = described.search {
             values[place] = f64::midpoint(low, high);
         }
-        let entries = self.entries(candidate, &values).unwrap_or_default();
+        let entries = self
+            .entries(candidate, &values, &described.amplitudes())
+            .unwrap_or_default();
         entries.iter().map(|entry| entry.probe).collect()
     }
 
@@ -331,19 +333,25 @@ impl Bench {
         values: &[f64],
         parameters: &[usize],
     ) -> Option<(DMatrix<f64>, Subspace)> {
-        let raw = candidates::columns(&self.entries(candidate, values)?, parameters, &self.probes);
+        let entries = self.entries(candidate, values, parameters)?;
+        let raw = candidates::columns(&entries, parameters, &self.probes);
         let columns = view.weighted(&raw);
         let subspace = Subspace::of(&columns, &view.remainder(&columns));
         (subspace.rank() > 0).then_some((columns, subspace))
     }
 
-    /// What a candidate adds, at given values of its parameters.
-    pub(super) fn entries(&self, candidate: usize, values: &[f64]) -> Option<Vec<Entry>> {
+    /// What a candidate adds per parameter in `wanted`, at given values of all.
+    pub(super) fn entries(
+        &self,
+        candidate: usize,
+        values: &[f64],
+        wanted: &[usize],
+    ) -> Option<Vec<Entry>> {
         let described = &self.candidates[candidate];
         described
             .entries(
                 &self.model,
-                values,
+                (values, wanted),
                 &self.probes,
                 &self.samples,
                 &self.surroundings,

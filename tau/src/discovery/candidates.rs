@@ -257,14 +257,14 @@ impl Candidate {
             .collect()
     }
 
-    /// What the effect adds per amplitude, term by term.
+    /// What the effect adds per parameter in `wanted`, term by term.
     ///
     /// # Errors
     /// What the measurements lack, in words.
     pub(super) fn entries(
         &self,
         model: &Model,
-        values: &[f64],
+        (values, wanted): (&[f64], &[usize]),
         probes: &Probes,
         samples: &[Sample],
         surroundings: &Surroundings,
@@ -274,9 +274,13 @@ impl Candidate {
         let mut entries = Vec::new();
         let places = std::iter::once(&self.place).chain(&self.further);
         for (first, &place) in (0..).step_by(own.max(1)).zip(places) {
-            let searched = self.search.and_then(|(place, _)| place.checked_sub(first));
-            let formulas = Formulas::new(effect, &values[first..first + own]).fixing(searched);
+            let of_place: Vec<usize> = wanted
+                .iter()
+                .filter_map(|k| k.checked_sub(first).filter(|&k| k < own))
+                .collect();
+            let formulas = Formulas::new(effect, &values[first..first + own], &of_place);
             let terms = effect.terms.iter().enumerate();
+            let terms = terms.filter(|(_, term)| formulas.concern(term));
             for (index, term, action) in terms.flat_map(|(index, term)| {
                 let actions = actions(place, model, term, probes);
                 actions.into_iter().map(move |action| (index, term, action))
@@ -286,15 +290,20 @@ impl Candidate {
                 };
                 let reader = |readable| action.scope.read(readable, at, samples, surroundings);
                 let slopes = formulas.slopes(term, &reader)?;
-                for (component, (&probe, slopes)) in action.probes.iter().zip(slopes).enumerate() {
-                    let each = |series: &Series| (0..at.len()).map(|s| series.at(s)).collect();
+                for (component, (&probe, mut slopes)) in
+                    action.probes.iter().zip(slopes).enumerate()
+                {
+                    let mut each = |k| match slopes.remove(&k)? {
+                        Series::Each(values) => Some(values),
+                        Series::Same(value) => Some(vec![value; at.len()]),
+                    };
                     entries.push(Entry {
                         term: index,
                         component,
                         scope: action.scope,
                         probe,
                         slopes: (0..self.parameters.len())
-                            .map(|k| slopes.get(&k.checked_sub(first)?).map(each))
+                            .map(|k| each(k.checked_sub(first)?))
                             .collect(),
                     });
                 }

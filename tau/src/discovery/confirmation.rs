@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use nalgebra::{Cholesky, DMatrix, DVector};
 
 use super::distribution::Random;
-use super::projection::Subspace;
+use super::projection::{Subspace, inverse_factor};
 use super::samples::Sample;
 use super::view::View;
 
@@ -16,7 +16,12 @@ const RESAMPLES: usize = 400;
 /// has been tested before; this asks whether it holds everywhere, not at a few samples alone.
 const LOWER: f64 = 0.16;
 
-/// Lower bootstrap bound, over units, of the fall of the held-out χ² when a candidate joins the model.
+/// Lower bootstrap bound, over units, of what held-out units gain in likelihood when a candidate joins the
+/// model: twice the logarithm of the ratio.
+///
+/// Each unit is predicted by a fit to all other blocks. The logarithmic score of a prediction (Gneiting
+/// and Raftery, J. Am. Stat. Assoc. 102, 2007) weighs an error by how well the other blocks determine the
+/// prediction, where the square of the error would make much of what they hardly do.
 pub(super) fn held_out_gain(
     view: &View,
     subspace: &Subspace,
@@ -25,23 +30,27 @@ pub(super) fn held_out_gain(
 ) -> f64 {
     let folds = folds(samples);
     let with = view.with(subspace);
-    let [base, extended] = [&view.q, &with.q].map(|q| Predictor {
-        q,
-        fitted: q.tr_mul(&view.residuals),
-    });
+    let before = view.q.ncols();
+    let fitted = with.q.tr_mul(&view.residuals);
     let mut gains = vec![0.0; Sample::units(samples)];
     for fold in 0..FOLDS {
         let rows: Vec<usize> = (0..view.rows.len())
             .filter(|&row| view.factors[row] > 0.0 && folds[view.rows[row].sample] == fold)
             .collect();
-        let (Some(before), Some(after)) = (
-            base.errors(&view.residuals, &rows),
-            extended.errors(&view.residuals, &rows),
-        ) else {
+        let Some(prediction) = Prediction::of(&with.q, &fitted, &view.residuals, &rows) else {
             continue;
         };
+        let mut units: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
         for (k, &row) in rows.iter().enumerate() {
-            gains[samples[view.rows[row].sample].unit] += before[k].powi(2) - after[k].powi(2);
+            let unit = samples[view.rows[row].sample].unit;
+            units.entry(unit).or_default().push(k);
+        }
+        for (unit, of_unit) in units {
+            let scores =
+                [before, with.q.ncols()].map(|columns| prediction.score(&of_unit, columns));
+            if let [Some(before), Some(after)] = scores {
+                gains[unit] += before - after;
+            }
         }
     }
     let mut random = Random(seed);
@@ -80,28 +89,49 @@ fn folds(samples: &[Sample]) -> Vec<usize> {
         .collect()
 }
 
-/// A model that is fitted to some rows and predicts the others.
-struct Predictor<'a> {
-    /// Orthonormal basis of its columns.
-    q: &'a DMatrix<f64>,
-    /// What the residuals have of each of them.
-    fitted: DVector<f64>,
-}
-
-/// Share of a direction's squares that other rows must hold for them to say anything about it.
+/// Share of a direction's squares that other rows are taken to hold at least: a direction of which they hold
+/// nothing is predicted to be zero, give or take much.
 const TOLD: f64 = 1e-6;
 
-impl Predictor<'_> {
-    /// How far residuals of rows lie from what a fit to all others predicts:
-    /// `r − Q·(I − QᵀQ)⁻¹·(Qᵀr of the others)` over these rows. A direction of which the others hold
-    /// nothing is predicted to be zero.
-    fn errors(&self, residuals: &DVector<f64>, rows: &[usize]) -> Option<DVector<f64>> {
-        let q = self.q.select_rows(rows);
-        let own = DVector::from_iterator(rows.len(), rows.iter().map(|&row| residuals[row]));
+/// Rows as a fit to all others predicts them, by a model and by any that has the first of its columns alone.
+struct Prediction {
+    residuals: DVector<f64>,
+    /// `Q·L⁻ᵀ`, where `L·Lᵀ` is what the other rows hold of the columns of `Q`: the covariance of the
+    /// predictions is this times its transpose.
+    spread: DMatrix<f64>,
+    /// `L⁻¹·Qᵀr`, of the other rows.
+    told: DVector<f64>,
+}
+
+impl Prediction {
+    /// `q` is an orthonormal basis of the model's columns, and `fitted` what the residuals have of each.
+    fn of(
+        q: &DMatrix<f64>,
+        fitted: &DVector<f64>,
+        residuals: &DVector<f64>,
+        rows: &[usize],
+    ) -> Option<Self> {
+        let q = q.select_rows(rows);
+        let residuals = residuals.select_rows(rows);
         let columns = q.ncols();
-        let others = DMatrix::identity(columns, columns) * (1.0 + TOLD) - q.tr_mul(&q);
-        let solved = Cholesky::new(others)?.solve(&(&self.fitted - q.tr_mul(&own)));
-        Some(own - q * solved)
+        // The first columns of the factor are the factor of the first columns.
+        let others = DMatrix::identity(columns, columns) * (1.0 + TOLD) - q.transpose() * &q;
+        let factor = inverse_factor(others)?;
+        Some(Self {
+            told: factor.tr_mul(&(fitted - q.tr_mul(&residuals))),
+            spread: q * factor,
+            residuals,
+        })
+    }
+
+    /// Twice the negative logarithm of the likelihood of some rows together, but for a constant, by the first
+    /// columns of the model.
+    fn score(&self, rows: &[usize], columns: usize) -> Option<f64> {
+        let spread = self.spread.columns(0, columns).select_rows(rows);
+        let errors = self.residuals.select_rows(rows) - &spread * self.told.rows(0, columns);
+        let covariance = DMatrix::identity(rows.len(), rows.len()) + &spread * spread.transpose();
+        let factor = Cholesky::new(covariance)?;
+        Some(errors.dot(&factor.solve(&errors)) + factor.ln_determinant())
     }
 }
 
@@ -158,25 +188,41 @@ mod tests {
         }
     }
 
-    /// The shortcut gives what refitting without the rows gives.
+    /// The shortcut gives what refitting without the rows gives, for a model and for its first columns alone:
+    /// the normal density of their errors with the noise and the fit's own uncertainty.
     #[test]
     fn predictions_are_those_of_a_refit() {
         let mut random = Random(5);
         let mut number = || (random.bits() >> 40) as f64 / 1e7 - 0.8;
-        let jacobian = DMatrix::from_fn(40, 4, |_, _| number());
+        let jacobian = DMatrix::from_fn(40, 5, |_, _| number());
         let measured = DVector::from_fn(40, |_, _| number());
-        let basis = Basis::of(&jacobian).unwrap();
-        let residuals = basis.residuals_after(&measured);
         let held: Vec<usize> = (10..20).collect();
         let others: Vec<usize> = (0..40).filter(|row| !held.contains(row)).collect();
-        let (kept, rest) = (jacobian.select_rows(&others), measured.select_rows(&others));
-        let solution = (kept.transpose() * &kept).try_inverse().unwrap() * kept.tr_mul(&rest);
-        let expected = measured.select_rows(&held) - jacobian.select_rows(&held) * solution;
-        let model = Predictor {
-            q: &basis.q,
-            fitted: basis.q.tr_mul(&residuals),
-        };
-        let errors = model.errors(&residuals, &held).unwrap();
-        assert!((errors - expected).amax() < 1e-5);
+        // The residuals are those of a fit of the first four columns.
+        let basis = Basis::of(&jacobian.columns(0, 4).into_owned()).unwrap();
+        let residuals = basis.residuals_after(&measured);
+        let last = jacobian.columns(4, 1).into_owned();
+        let left = &last - &basis.q * basis.q.tr_mul(&last);
+        let mut q = basis.q.resize_horizontally(5, 0.0);
+        q.set_column(4, &(left.column(0) / left.norm()));
+        let prediction = Prediction::of(&q, &q.tr_mul(&residuals), &residuals, &held).unwrap();
+        for columns in [4, 5] {
+            let model = jacobian.columns(0, columns);
+            let (kept, rest) = (model.select_rows(&others), measured.select_rows(&others));
+            let covariance = (kept.transpose() * &kept).try_inverse().unwrap();
+            let solution = &covariance * kept.tr_mul(&rest);
+            let of_held = model.select_rows(&held);
+            let errors = measured.select_rows(&held) - &of_held * solution;
+            let variance = DMatrix::identity(10, 10) + &of_held * covariance * of_held.transpose();
+            let square = errors.dot(&(variance.clone().try_inverse().unwrap() * &errors));
+            let expected = square + variance.determinant().ln();
+            let score = prediction
+                .score(&(0..10).collect::<Vec<_>>(), columns)
+                .unwrap();
+            assert!(
+                (score - expected).abs() < 1e-4 * expected.abs(),
+                "{score} {expected}"
+            );
+        }
     }
 }

@@ -5,7 +5,7 @@ use tau_runtime::Owner;
 
 use super::joint::{Component, Joint};
 use super::outliers;
-use super::projection::Normal;
+use super::projection::{Damped, Normal};
 use super::samples::Sample;
 use crate::calibration::Error;
 
@@ -16,12 +16,16 @@ const CONVERGED: f64 = 0.1;
 const SLOW: f64 = 1e-4;
 /// Longest turn of a tracker frame in one step (rad).
 const LONGEST_TURN: f64 = 0.1;
-/// Corrections of a step before it is halved.
+/// Damping of every step, as a share of each unknown's own curvature, and how it grows where steps fail.
+const LEAST_DAMPING: f64 = 1e-8;
+const DAMPED: f64 = 10.0;
+const MOST_DAMPING: f64 = 1.0;
+/// Share of the expected fall of χ² that a step must bring.
+const ENOUGH: f64 = 0.25;
+/// Corrections of a step.
 const CORRECTIONS: usize = 12;
 /// Share of what it corrects that a correction may leave.
 const WORTHWHILE: f64 = 0.8;
-/// Share of a step below which it is given up.
-const LEAST_SHARE: f64 = 1e-4;
 /// Changes of the estimated noise below this share are none.
 const SAME_NOISE: f64 = 0.02;
 const NOISE_ROUNDS: usize = 6;
@@ -42,7 +46,7 @@ pub(super) struct Descent {
     pub(super) jacobian: DMatrix<f64>,
     /// Whitened residuals, priors last.
     pub(super) residuals: DVector<f64>,
-    normal: Normal,
+    pub(super) normal: Normal,
     /// Whether the last descent reached a minimum.
     pub(super) is_settled: bool,
 }
@@ -106,44 +110,104 @@ impl Descent {
     }
 
     fn weighted(self, weights: Vec<f64>) -> Result<Self, Error> {
-        Self::from(self.joint, self.fitted, self.scales, weights)?.converged()
+        let scales = self.scales;
+        self.refactored(scales, weights)?.converged()
     }
 
-    /// Gauss-Newton to the minimum. Steps with the derivatives at hand are repeated while they descend,
-    /// since residuals cost little beside derivatives; they are halved where they do not.
+    /// The same values with other noise and weights. Derivatives stay what they are but for a factor of each
+    /// row, unless rows come back that were left out.
+    fn refactored(mut self, scales: [f64; 4], weights: Vec<f64>) -> Result<Self, Error> {
+        let factors = self.joint.factors(&scales, &weights);
+        if self.factors.contains(&0.0) && weights != self.weights {
+            return Self::from(self.joint, self.fitted, scales, weights);
+        }
+        let mut ratios = vec![1.0; self.residuals.len()];
+        for ((ratio, new), old) in ratios.iter_mut().zip(&factors).zip(&self.factors) {
+            if *old > 0.0 {
+                *ratio = new / old;
+            }
+        }
+        for mut column in self.jacobian.column_iter_mut() {
+            column
+                .iter_mut()
+                .zip(&ratios)
+                .for_each(|(value, ratio)| *value *= ratio);
+        }
+        self.residuals
+            .iter_mut()
+            .zip(&ratios)
+            .for_each(|(value, ratio)| *value *= ratio);
+        let Some(normal) = self.normal.scaled(&ratios) else {
+            return Err(not_converged(&self.joint, "the derivatives are not finite"));
+        };
+        Ok(Self {
+            scales,
+            weights,
+            factors,
+            normal,
+            ..self
+        })
+    }
+
+    /// To the minimum by the way of Levenberg and Marquardt: damping holds back what the data hardly
+    /// determine, along which steps go further than the model is linear, and lets all else go its whole way.
     pub(super) fn converged(mut self) -> Result<Self, Error> {
+        let mut damping = LEAST_DAMPING;
         for _ in 0..MAX_ITERATIONS {
             let cost = self.residuals.norm_squared();
-            let step = self.step(&self.residuals);
-            let gain = -step.dot(&self.normal.gradient(&self.residuals));
-            if !gain.is_finite() {
-                return Err(not_converged(&self.joint, "the residuals are not finite"));
+            let mut gradient = self.normal.gradient(&self.residuals);
+            let held = self.held(&gradient);
+            for &k in &held {
+                gradient[k] = 0.0;
             }
-            if gain < CONVERGED {
-                return Ok(self);
-            }
-            let mut share = self.longest_share(&step);
             let accepted = loop {
-                let (moved, residuals) = self.trial(&step, share);
-                if residuals.norm_squared() < cost {
-                    break Some((moved, residuals.norm_squared()));
+                let Some(damped) = self.normal.damped(damping, &held) else {
+                    return Err(not_converged(&self.joint, "the residuals are not finite"));
+                };
+                let step = -damped.solve(&gradient);
+                let expected = -gradient.dot(&step);
+                if !expected.is_finite() {
+                    return Err(not_converged(&self.joint, "the residuals are not finite"));
                 }
-                share *= 0.5;
-                if share < LEAST_SHARE {
+                if expected < CONVERGED {
+                    return Ok(self);
+                }
+                let share = self.longest_share(&step);
+                let (moved, residuals) = self.trial(&damped, &step, share);
+                let fall = cost - residuals.norm_squared();
+                if fall > ENOUGH * share * expected {
+                    break Some((moved, fall));
+                }
+                damping *= DAMPED;
+                if damping > MOST_DAMPING {
                     break None;
                 }
             };
-            // No descent along the step: at a bound, or as low as rounding lets it.
-            let Some((moved, now)) = accepted else {
+            // No descent at all: as low as rounding lets it.
+            let Some((moved, fall)) = accepted else {
                 return Ok(self);
             };
+            damping = f64::max(damping / DAMPED, LEAST_DAMPING);
             self = Self::from(self.joint, moved, self.scales, self.weights)?;
-            if now > (1.0 - SLOW) * cost {
+            if fall < SLOW * cost {
                 return Ok(self);
             }
         }
         self.is_settled = false;
         Ok(self)
+    }
+
+    /// Unknowns at a bound that the residuals push against.
+    fn held(&self, gradient: &DVector<f64>) -> Vec<usize> {
+        let parameters = &self.joint.machine.variant.parameters;
+        let is_held = |&(k, &index): &(usize, &usize)| {
+            parameters[index].search.is_some_and(|(low, high)| {
+                let value = self.fitted[k];
+                (value <= low && gradient[k] > 0.0) || (value >= high && gradient[k] < 0.0)
+            })
+        };
+        let of_fit = self.joint.used.iter().enumerate();
+        of_fit.filter(is_held).map(|(k, _)| k).collect()
     }
 
     /// Estimates the noise of each component until it stays (Helmert's variance components).
@@ -158,7 +222,8 @@ impl Descent {
             if change < SAME_NOISE {
                 break;
             }
-            self = Self::from(self.joint, self.fitted, estimate, self.weights)?.converged()?;
+            let weights = self.weights.clone();
+            self = self.refactored(estimate, weights)?.converged()?;
         }
         Ok(self)
     }
@@ -209,12 +274,13 @@ impl Descent {
 
     /// A share of a step, and the residuals there. Frames and mountings trade along curved valleys:
     /// steps along their floor climb the walls, which corrections with the derivatives at hand undo.
-    fn trial(&self, step: &DVector<f64>, share: f64) -> (Vec<f64>, DVector<f64>) {
+    fn trial(&self, damped: &Damped, step: &DVector<f64>, share: f64) -> (Vec<f64>, DVector<f64>) {
         let mut moved = self.stepped(&self.fitted, step, share);
         let mut residuals = self.joint.residuals(&moved, &self.factors);
         for _ in 0..CORRECTIONS {
             let before = residuals.norm_squared();
-            let corrected = self.stepped(&moved, &self.step(&residuals), 1.0);
+            let correction = -damped.solve(&self.normal.gradient(&residuals));
+            let corrected = self.stepped(&moved, &correction, 1.0);
             let after = self.joint.residuals(&corrected, &self.factors);
             let now = after.norm_squared();
             if now < before {

@@ -100,9 +100,10 @@ impl Fit {
             factors,
             jacobian,
             residuals,
+            normal,
             ..
         } = descent;
-        let Some(basis) = Basis::of(&jacobian) else {
+        let Some(basis) = Basis::from(normal) else {
             return Err(not_converged(&joint, "the derivatives are not finite"));
         };
         let residuals = basis.residuals_after(&residuals);

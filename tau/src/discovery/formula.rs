@@ -23,7 +23,8 @@ pub(super) struct Dual {
 pub(super) type Reader<'a> = dyn Fn(Readable) -> Result<Vec<f64>, &'static str> + 'a;
 
 impl Series {
-    pub(super) fn at(&self, sample: usize) -> f64 {
+    #[cfg(test)]
+    fn at(&self, sample: usize) -> f64 {
         match self {
             Self::Same(value) => *value,
             Self::Each(values) => values[sample],
@@ -58,52 +59,65 @@ impl Dual {
     }
 
     /// `f` of it, whose derivative is `slope`.
-    fn apply(&self, f: impl Fn(f64) -> f64, slope: impl Fn(f64) -> f64) -> Self {
-        let slopes = if self.slopes.is_empty() {
-            BTreeMap::new()
-        } else {
-            let outer = self.value.map(slope);
-            self.slopes
-                .iter()
-                .map(|(&p, inner)| (p, inner.zip(&outer, |a, b| a * b)))
-                .collect()
-        };
+    fn apply(mut self, f: impl Fn(f64) -> f64, slope: impl Fn(f64) -> f64) -> Self {
+        if !self.slopes.is_empty() {
+            self.scale(&self.value.map(slope));
+        }
         Self {
             value: self.value.map(f),
-            slopes,
+            ..self
+        }
+    }
+
+    /// Multiplies the derivatives alone.
+    fn scale(&mut self, factor: &Series) {
+        for slope in self.slopes.values_mut() {
+            *slope = slope.zip(factor, |a, b| a * b);
+        }
+    }
+
+    /// Adds derivatives.
+    fn take_in(&mut self, slopes: BTreeMap<usize, Series>) {
+        for (parameter, slope) in slopes {
+            let sum = match self.slopes.get(&parameter) {
+                Some(known) => known.zip(&slope, |a, b| a + b),
+                None => slope,
+            };
+            self.slopes.insert(parameter, sum);
         }
     }
 
     /// A function of two, with its derivatives by each.
     fn combine(
-        &self,
-        other: &Self,
+        mut self,
+        mut other: Self,
         f: impl Fn(f64, f64) -> f64,
         left: impl Fn(f64, f64) -> f64,
         right: impl Fn(f64, f64) -> f64,
     ) -> Self {
-        let mut slopes: BTreeMap<usize, Series> = BTreeMap::new();
-        for (inner, outer) in [
-            (
-                &self.slopes,
-                (!self.slopes.is_empty()).then(|| self.value.zip(&other.value, left)),
-            ),
-            (
-                &other.slopes,
-                (!other.slopes.is_empty()).then(|| self.value.zip(&other.value, right)),
-            ),
-        ] {
-            let Some(outer) = outer else { continue };
-            for (&p, slope) in inner {
-                let part = slope.zip(&outer, |a, b| a * b);
-                let sum = slopes.get(&p).map(|known| known.zip(&part, |a, b| a + b));
-                slopes.insert(p, sum.unwrap_or(part));
-            }
+        let value = self.value.zip(&other.value, f);
+        if !self.slopes.is_empty() {
+            self.scale(&self.value.zip(&other.value, left));
         }
-        Self {
-            value: self.value.zip(&other.value, f),
-            slopes,
+        if !other.slopes.is_empty() {
+            other.scale(&self.value.zip(&other.value, right));
         }
+        self.take_in(other.slopes);
+        Self { value, ..self }
+    }
+
+    fn plus(mut self, other: Self) -> Self {
+        let value = self.value.zip(&other.value, |a, b| a + b);
+        self.take_in(other.slopes);
+        Self { value, ..self }
+    }
+
+    fn times(mut self, mut other: Self) -> Self {
+        let value = self.value.zip(&other.value, |a, b| a * b);
+        self.scale(&other.value);
+        other.scale(&self.value);
+        self.take_in(other.slopes);
+        Self { value, ..self }
     }
 }
 
@@ -111,13 +125,14 @@ impl Dual {
 pub(super) struct Formulas<'a> {
     values: &'a [f64],
     starts: Vec<usize>,
-    /// The component that no derivatives are taken by.
-    fixed: Option<usize>,
+    /// Indices of the components that derivatives are taken by.
+    wanted: &'a [usize],
 }
 
 impl<'a> Formulas<'a> {
-    /// `values` holds one number per component of each parameter, in order.
-    pub(super) fn new(effect: &Effect, values: &'a [f64]) -> Self {
+    /// `values` holds one number per component of each parameter, in order; `wanted` are the indices of those
+    /// that derivatives are taken by.
+    pub(super) fn new(effect: &Effect, values: &'a [f64], wanted: &'a [usize]) -> Self {
         let mut start = 0;
         let starts = effect
             .parameters
@@ -130,13 +145,26 @@ impl<'a> Formulas<'a> {
         Self {
             values,
             starts,
-            fixed: None,
+            wanted,
         }
     }
 
-    /// Without derivatives by a component, which save half of what waves cost.
-    pub(super) fn fixing(self, fixed: Option<usize>) -> Self {
-        Self { fixed, ..self }
+    /// Whether a term has any of the wanted derivatives.
+    pub(super) fn concern(&self, term: &Term) -> bool {
+        self.are_in(&term.formula)
+    }
+
+    fn are_in(&self, formula: &Formula) -> bool {
+        match formula {
+            Formula::Number(_) | Formula::Read(_) => false,
+            Formula::Parameter(index, component) => {
+                self.wanted.contains(&(self.starts[*index] + component))
+            }
+            Formula::Negate(a) | Formula::Power(a, _) => self.are_in(a),
+            Formula::Binary(_, a, b) => self.are_in(a) || self.are_in(b),
+            Formula::Call(_, parts) => parts.iter().any(|part| self.are_in(part)),
+            Formula::Vector(parts) => parts.iter().any(|part| self.are_in(part)),
+        }
     }
 
     /// The derivatives of a term by the parameters: one entry per component of the target (one, or
@@ -162,7 +190,7 @@ impl<'a> Formulas<'a> {
             Formula::Parameter(index, component) => {
                 let place = self.starts[*index] + component;
                 let mut dual = Dual::constant(self.values[place]);
-                if self.fixed != Some(place) {
+                if self.wanted.contains(&place) {
                     dual.slopes.insert(place, Series::Same(1.0));
                 }
                 dual
@@ -175,13 +203,11 @@ impl<'a> Formulas<'a> {
             Formula::Binary(operator, a, b) => {
                 let (a, b) = (self.dual(a, reader)?, self.dual(b, reader)?);
                 match operator {
-                    BinaryOperator::Add => a.combine(&b, |a, b| a + b, |_, _| 1.0, |_, _| 1.0),
-                    BinaryOperator::Subtract => {
-                        a.combine(&b, |a, b| a - b, |_, _| 1.0, |_, _| -1.0)
-                    }
-                    BinaryOperator::Multiply => a.combine(&b, |a, b| a * b, |_, b| b, |a, _| a),
+                    BinaryOperator::Add => a.plus(b),
+                    BinaryOperator::Subtract => a.plus(b.apply(|b| -b, |_| -1.0)),
+                    BinaryOperator::Multiply => a.times(b),
                     BinaryOperator::Divide => {
-                        a.combine(&b, |a, b| a / b, |_, b| b.recip(), |a, b| -a / (b * b))
+                        a.combine(b, |a, b| a / b, |_, b| b.recip(), |a, b| -a / (b * b))
                     }
                 }
             }
@@ -193,7 +219,7 @@ impl<'a> Formulas<'a> {
                     .iter()
                     .map(|argument| self.dual(argument, reader))
                     .collect::<Result<Vec<_>, _>>()?;
-                call(*function, &arguments)
+                call(*function, arguments)
             }
             // The checker resolves vectors into components; what is left has no value.
             Formula::Vector(_) => Dual::constant(f64::NAN),
@@ -201,10 +227,15 @@ impl<'a> Formulas<'a> {
     }
 }
 
-fn call(function: Function, arguments: &[Dual]) -> Dual {
-    let a = &arguments[0];
-    let b = arguments.get(1).unwrap_or(a);
+fn call(function: Function, mut arguments: Vec<Dual>) -> Dual {
     let below = |a: f64, b: f64| if a < b { 1.0 } else { 0.0 };
+    let b = (arguments.len() > 1).then(|| arguments.remove(1));
+    let (a, b) = match (arguments.pop(), b) {
+        (Some(a), Some(b)) => (a, b),
+        (Some(a), None) => (a, Dual::constant(f64::NAN)),
+        // The checker counts arguments.
+        (None, _) => return Dual::constant(f64::NAN),
+    };
     match function {
         Function::Sin => a.apply(f64::sin, f64::cos),
         Function::Cos => a.apply(f64::cos, |a| -a.sin()),
@@ -245,7 +276,7 @@ mod tests {
         let reader = |_: Readable| Ok(q.clone());
         let values = [0.7, -0.3, 0.9];
         for term in &effect.terms {
-            let slopes = Formulas::new(effect, &values)
+            let slopes = Formulas::new(effect, &values, &[0, 1, 2])
                 .slopes(term, &reader)
                 .unwrap();
             for parameter in 0..3 {
@@ -255,7 +286,7 @@ mod tests {
                     let formulas = Formulas {
                         values: &moved,
                         starts: vec![0, 1, 2],
-                        fixed: None,
+                        wanted: &[0, 1, 2],
                     };
                     formulas.dual(&term.formula, &reader).unwrap().value
                 };

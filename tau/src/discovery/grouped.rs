@@ -83,6 +83,18 @@ impl Grouped {
         }
     }
 
+    /// The same with a factor on each row.
+    pub(super) fn scaled(mut self, factors: &[f64]) -> Self {
+        for group in &mut self.groups {
+            for mut column in group.entries.column_iter_mut() {
+                for (entry, &row) in column.iter_mut().zip(&group.rows) {
+                    *entry *= factors[row];
+                }
+            }
+        }
+        self
+    }
+
     /// `JᵀJ`.
     pub(super) fn gram(&self) -> DMatrix<f64> {
         let mut gram = DMatrix::zeros(self.columns, self.columns);
@@ -190,5 +202,11 @@ mod tests {
         for (row, square) in grouped.squares(&right).into_iter().enumerate() {
             assert!((square - product.row(row).norm_squared()).abs() < 1e-12);
         }
+        let factors: Vec<f64> = (0..200).map(|row| 0.5 + 0.01 * f64::from(row)).collect();
+        let mut scaled = product;
+        for (mut row, &factor) in scaled.row_iter_mut().zip(&factors) {
+            row *= factor;
+        }
+        assert!((grouped.scaled(&factors).times(&right) - scaled).amax() < 1e-12);
     }
 }

@@ -181,6 +181,17 @@ pub fn discover(
     file: &RobotFile,
     folder: &Folder,
     options: &Options,
+    progress: &mut (dyn FnMut(&str) + Send),
+) -> Result<Outcome, Error> {
+    parallel::within(|| discovered(robot, base, file, folder, options, progress))
+}
+
+fn discovered(
+    robot: &Robot,
+    base: &str,
+    file: &RobotFile,
+    folder: &Folder,
+    options: &Options,
     progress: &mut dyn FnMut(&str),
 ) -> Result<Outcome, Error> {
     let started = Instant::now();
@@ -300,12 +311,11 @@ fn search_from(
     let (model, index, families) = model_of(input)?;
     let variant = &robot.variants[index];
     progress("fitting the base to all sets");
-    let (fitted, compiled) = std::thread::scope(|scope| {
-        let compiled = scope.spawn(|| probes::compiled(&model, index));
-        (base_fit(input, &model, index, variant), compiled.join())
-    });
+    let (fitted, compiled) = parallel::both(
+        || base_fit(input, &model, index, variant),
+        || probes::compiled(&model, index),
+    );
     let (fit, samples) = fitted?;
-    let compiled = compiled.unwrap_or_else(|_| probes::compiled(&model, index));
     let machine = fit.joint.machine.with_values(fit.joint.values(&fit.fitted));
     let before_floor = floor::floor(&fit, &machine, folder, &division.validation, file.noise)?;
     progress("looking at what could be seen");

@@ -2,6 +2,20 @@
 
 use rayon::prelude::*;
 
+/// Does work from within the pool of threads, where handing parts of it to the others costs next to nothing;
+/// from outside, every part would wait for a thread to wake.
+pub(super) fn within<R: Send>(work: impl FnOnce() -> R + Send) -> R {
+    rayon::scope(|_| work())
+}
+
+/// Both pieces of work, at once where a core is free.
+pub(super) fn both<A: Send, B: Send>(
+    first: impl FnOnce() -> A + Send,
+    second: impl FnOnce() -> B + Send,
+) -> (A, B) {
+    rayon::join(first, second)
+}
+
 /// Results of `work` on each item, in order.
 pub(super) fn map<T: Sync, R: Send>(items: &[T], work: impl Fn(&T) -> R + Sync) -> Vec<R> {
     items.par_iter().with_max_len(1).map(&work).collect()

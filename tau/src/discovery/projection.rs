@@ -23,12 +23,21 @@ pub(super) struct Basis {
 }
 
 impl Basis {
+    /// Of a Jacobian, as [`Self::from`].
+    #[cfg(test)]
+    pub(super) fn of(jacobian: &DMatrix<f64>) -> Option<Self> {
+        Self::from(Normal::of(jacobian)?)
+    }
+
     /// By shifted Cholesky QR, repeated until the columns are orthonormal to rounding (Fukaya et al.,
     /// SIAM J. Sci. Comput. 42, 2020): three products of matrices instead of column by column.
     ///
     /// `None` where columns are dependent or not finite.
-    pub(super) fn of(jacobian: &DMatrix<f64>) -> Option<Self> {
-        let Normal { jacobian, mut b } = Normal::of(jacobian)?;
+    pub(super) fn from(
+        Normal {
+            jacobian, mut b, ..
+        }: Normal,
+    ) -> Option<Self> {
         let mut q = jacobian.times(&b);
         for _ in 1..PASSES {
             let gram = gram(&q);
@@ -80,12 +89,35 @@ pub(super) struct Normal {
     jacobian: Grouped,
     /// `(JᵀJ)⁻¹ = B·Bᵀ`.
     b: DMatrix<f64>,
+    /// `JᵀJ` of columns scaled to unit length, and the scales.
+    gram: DMatrix<f64>,
+    scale: DVector<f64>,
+}
+
+/// The normal equations with a share of each column's square added to it.
+pub(super) struct Damped {
+    b: DMatrix<f64>,
+}
+
+impl Damped {
+    /// The step against a gradient `Jᵀe`, but for its sign.
+    pub(super) fn solve(&self, gradient: &DVector<f64>) -> DVector<f64> {
+        &self.b * self.b.tr_mul(gradient)
+    }
 }
 
 impl Normal {
     /// `None` where the derivatives are not finite.
     pub(super) fn of(jacobian: &DMatrix<f64>) -> Option<Self> {
-        let jacobian = Grouped::of(jacobian);
+        Self::from(Grouped::of(jacobian))
+    }
+
+    /// Those of the same Jacobian with a factor on each row.
+    pub(super) fn scaled(self, factors: &[f64]) -> Option<Self> {
+        Self::from(self.jacobian.scaled(factors))
+    }
+
+    fn from(jacobian: Grouped) -> Option<Self> {
         let mut gram = jacobian.gram();
         let scale = gram.diagonal().map(|square| {
             if square > 0.0 {
@@ -98,12 +130,29 @@ impl Normal {
             column.component_mul_assign(&scale);
             column *= scale[i];
         }
-        shift(&mut gram);
-        let mut b = inverse_factor(gram)?;
-        for (mut row, &factor) in b.row_iter_mut().zip(scale.iter()) {
-            row *= factor;
+        // Keeps it positive definite beside rounding.
+        let rounding = 4.0 * f64::EPSILON * gram.ncols() as f64;
+        shift(&mut gram, rounding);
+        let b = inverse_of(gram.clone(), &scale)?;
+        Some(Self {
+            jacobian,
+            b,
+            gram,
+            scale,
+        })
+    }
+
+    /// Damped by a share of each column's square, without the unknowns that are held.
+    pub(super) fn damped(&self, share: f64, held: &[usize]) -> Option<Damped> {
+        let mut gram = self.gram.clone();
+        shift(&mut gram, share);
+        for &k in held {
+            gram.row_mut(k).fill(0.0);
+            gram.column_mut(k).fill(0.0);
+            gram[(k, k)] = 1.0;
         }
-        Some(Self { jacobian, b })
+        let b = inverse_of(gram, &self.scale)?;
+        Some(Damped { b })
     }
 
     /// `Jᵀe`.
@@ -167,16 +216,24 @@ fn times_upper(q: &DMatrix<f64>, upper: &DMatrix<f64>) -> DMatrix<f64> {
     })
 }
 
-/// Keeps a Gram matrix of unit columns positive definite beside rounding.
-fn shift(gram: &mut DMatrix<f64>) {
-    let amount = 4.0 * f64::EPSILON * gram.ncols() as f64;
+/// Adds to the squares of columns.
+fn shift(gram: &mut DMatrix<f64>, amount: f64) {
     for k in 0..gram.ncols() {
         gram[(k, k)] += amount;
     }
 }
 
+/// A factor `B` of the inverse `B·Bᵀ` of a Gram matrix whose columns have been scaled.
+fn inverse_of(gram: DMatrix<f64>, scale: &DVector<f64>) -> Option<DMatrix<f64>> {
+    let mut b = inverse_factor(gram)?;
+    for (mut row, &factor) in b.row_iter_mut().zip(scale.iter()) {
+        row *= factor;
+    }
+    Some(b)
+}
+
 /// `L⁻ᵀ` of a Gram matrix `L·Lᵀ`.
-fn inverse_factor(gram: DMatrix<f64>) -> Option<DMatrix<f64>> {
+pub(super) fn inverse_factor(gram: DMatrix<f64>) -> Option<DMatrix<f64>> {
     let columns = gram.ncols();
     let lower = Cholesky::new(gram)?.unpack();
     Some(
@@ -199,7 +256,7 @@ impl Subspace {
     /// `raw` are the columns, `remainder` what the base leaves of them.
     pub(super) fn of(raw: &DMatrix<f64>, remainder: &DMatrix<f64>) -> Self {
         let norms: Vec<f64> = raw.column_iter().map(|column| column.norm()).collect();
-        let c = orthonormal(&norms, &remainder.tr_mul(remainder));
+        let c = orthonormal(&norms, &(remainder.transpose() * remainder));
         Self {
             u: remainder * &c,
             c,

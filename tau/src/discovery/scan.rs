@@ -72,7 +72,8 @@ impl Scan {
         let mut columns = Displacements::default();
         for &value in &grid {
             values[searched] = value;
-            let entries = candidate.entries(model, &values, probes, samples, surroundings)?;
+            let at = (&values[..], &amplitudes[..]);
+            let entries = candidate.entries(model, at, probes, samples, surroundings)?;
             columns.push(&entries, &amplitudes, probes);
         }
         Ok(Self {

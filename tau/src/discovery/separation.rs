@@ -104,17 +104,17 @@ fn system(
     let rows = fit.joint.rows.len();
     let row_samples: Vec<usize> = fit.joint.rows.iter().map(|row| row.sample).collect();
     let columns_of = |signal: &Signal<'_>| {
+        let wanted = signal.candidate.amplitudes();
         let entries = signal
             .candidate
             .entries(
                 &bench.model,
-                &signal.values,
+                (&signal.values, &wanted),
                 &bench.probes,
                 &samples,
                 &bench.surroundings,
             )
             .ok()?;
-        let wanted = signal.candidate.amplitudes();
         let mut columns = candidates::columns(&entries, &wanted, &bench.probes);
         for mut column in columns.column_iter_mut() {
             column

@@ -69,7 +69,7 @@ fn found(bench: &Bench, view: &View, family: usize, searched: Option<f64>) -> Op
     for (&place, &amplitude) in candidate.amplitudes().iter().zip(fitted.iter()) {
         values[place] = amplitude;
     }
-    let entries = bench.entries(family, &values)?;
+    let entries = bench.entries(family, &values, &candidate.amplitudes())?;
     // By displacement: its value at each sample, and the square of what it does to the residuals.
     let mut moved: BTreeMap<usize, (Vec<f64>, f64)> = BTreeMap::new();
     for entry in &entries {

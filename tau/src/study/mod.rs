@@ -177,7 +177,7 @@ pub fn search(
     file: &RobotFile,
     folder: &Folder,
     split: Split,
-    progress: &mut dyn FnMut(&str),
+    progress: &mut (dyn FnMut(&str) + Send),
 ) {
     let Some(base) = base(robot) else {
         let remark = "nothing was searched for: no variant has all links and no effects";

@@ -100,7 +100,7 @@ impl Bench {
         let amplitudes = described.amplitudes();
         let mut columns = Displacements::default();
         columns.push(
-            &self.entries(candidate, &values)?,
+            &self.entries(candidate, &values, &amplitudes)?,
             &amplitudes,
             &self.probes,
         );
@@ -213,12 +213,9 @@ impl Bench {
         if let Some((searched, (low, high))) = described.search {
             values[searched] = (low * high).sqrt();
         }
-        let entries = self.entries(candidate, &values)?;
-        Some(candidates::columns(
-            &entries,
-            &described.amplitudes(),
-            &self.probes,
-        ))
+        let wanted = described.amplitudes();
+        let entries = self.entries(candidate, &values, &wanted)?;
+        Some(candidates::columns(&entries, &wanted, &self.probes))
     }
 }
 

@@ -42,9 +42,11 @@ pub(super) fn patterns(
     values: &[f64],
 ) -> Vec<Pattern> {
     let described = &bench.candidates[candidate];
+    let mut wanted = described.taken(true);
+    wanted.retain(|&k| !described.is_searched(k));
     let Ok(entries) = described.entries(
         &bench.model,
-        values,
+        (values, &wanted),
         &bench.probes,
         &bench.samples,
         &bench.surroundings,
