@@ -6,7 +6,7 @@ mod searched;
 
 use std::collections::BTreeSet;
 use std::ops::Range;
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 
 use nalgebra::DMatrix;
 use tau_codegen::language::Model;
@@ -20,8 +20,8 @@ use super::probes::Probes;
 use super::projection::{Subspace, orthonormal};
 use super::response::{Displacements, Responses};
 use super::samples::Sample;
-use super::scan::{Scan, Scores};
-use super::view::View;
+use super::scan::{Scan, Scores, lengths};
+use super::view::{Freed, View};
 use crate::kinematics::Surroundings;
 use crate::robot::Variant;
 use searched::reach;
@@ -84,13 +84,14 @@ pub(super) struct Column {
 }
 
 /// Scores of all candidates beside a model.
+#[derive(Clone)]
 pub(super) struct Table {
     pub(super) scores: Vec<Score>,
     pub(super) weights: Weights,
     responses: Responses,
-    plain: Plain,
+    plain: Arc<Plain>,
     /// Of each scan that took part, by its place in the bench: unnamed families last.
-    scans: Vec<Scores>,
+    scans: Vec<Arc<Scores>>,
 }
 
 /// Shares of the family-wise level (a weighted Bonferroni procedure; Genovese, Roeder, Wasserman,
@@ -125,11 +126,12 @@ impl Weights {
 
 /// The candidates without a search beside a model.
 struct Plain {
-    /// What the model absorbs of all columns, in its basis.
-    absorbed: DMatrix<f64>,
-    /// Of each candidate, by its place in the bench: lengths of its columns, and coefficients of an
+    /// What the model's basis absorbs of all columns.
+    absorbed: Arc<DMatrix<f64>>,
+    /// Of each candidate, by its place in the bench: Gram matrix of its columns, and coefficients of an
     /// orthonormal basis of what is left of them.
-    coefficients: Vec<(Vec<f64>, DMatrix<f64>)>,
+    grams: Arc<Vec<DMatrix<f64>>>,
+    coefficients: Vec<DMatrix<f64>>,
 }
 
 impl Bench {
@@ -235,10 +237,11 @@ impl Bench {
     /// in the middle of its range. `None` where the model absorbs all of them.
     pub(super) fn best_columns(&self, view: &View) -> Vec<Option<(Column, f64)>> {
         let mut best = vec![None; self.candidates.len()];
-        let plain = self.plain(&self.responses(view));
-        for ((candidate, place), (norms, coefficients)) in
-            self.places.iter().zip(&plain.coefficients)
+        let plain = self.plain(&self.responses(view), None);
+        for ((candidate, place), (gram, coefficients)) in
+            (self.places.iter()).zip(plain.grams.iter().zip(&plain.coefficients))
         {
+            let norms = lengths(gram);
             let left: Vec<f64> = norms
                 .iter()
                 .zip(
@@ -249,7 +252,7 @@ impl Bench {
                 )
                 .map(|(whole, absorbed)| (whole * whole - absorbed.norm_squared()).max(0.0).sqrt())
                 .collect();
-            best[*candidate] = self.best_column(*candidate, norms, &left, coefficients.ncols());
+            best[*candidate] = self.best_column(*candidate, &norms, &left, coefficients.ncols());
         }
         for (candidate, _) in &self.scans {
             let Some((_, (low, high))) = self.candidates[*candidate].search else {
@@ -359,30 +362,42 @@ impl Bench {
             .ok()
     }
 
-    /// The candidates without a search beside a model.
-    fn plain(&self, responses: &Responses) -> Plain {
-        let absorbed = self.columns.absorbed(responses);
-        let coefficients = self
-            .places
-            .iter()
-            .map(|(_, place)| {
-                let mut gram = self.columns.gram(place.clone(), responses);
-                let norms: Vec<f64> = gram.diagonal().iter().map(|g| g.max(0.0).sqrt()).collect();
-                let of = absorbed.columns(place.start, place.len());
-                gram -= of.tr_mul(&of);
-                let coefficients = orthonormal(&norms, &gram);
-                (norms, coefficients)
+    /// The candidates without a search beside a model; `known` are they beside one with the same basis.
+    fn plain(&self, responses: &Responses, known: Option<&Plain>) -> Plain {
+        let (absorbed, grams) = match known {
+            Some(known) => (Arc::clone(&known.absorbed), Arc::clone(&known.grams)),
+            None => {
+                let places = self.places.iter();
+                let grams = places.map(|(_, place)| self.columns.gram(place.clone(), responses));
+                let grams = Arc::new(grams.collect());
+                (Arc::new(self.columns.absorbed(responses)), grams)
+            }
+        };
+        let coefficients = (self.places.iter().zip(grams.iter()))
+            .map(|((_, place), gram)| {
+                let absorbed = absorbed.columns(place.start, place.len());
+                orthonormal(&lengths(gram), &responses.left(gram, absorbed))
             })
             .collect();
         Plain {
             absorbed,
+            grams,
             coefficients,
         }
     }
 
     /// Scores every candidate beside a model.
     pub(super) fn table(&self, view: &View) -> Table {
-        let responses = self.responses(view);
+        self.scored(view, self.responses(view), None)
+    }
+
+    /// Scores every candidate beside a model without some of its parameters.
+    pub(super) fn table_without(&self, whole: &Table, freed: Freed, view: &View) -> Table {
+        let responses = whole.responses.without(freed.directions, &freed.amounts);
+        self.scored(view, responses, Some(whole))
+    }
+
+    fn scored(&self, view: &View, responses: Responses, known: Option<&Table>) -> Table {
         // The plain candidates are one task beside the scans, and the longest.
         let tasks: Vec<Option<usize>> = std::iter::once(None)
             .chain((0..self.scans.len()).map(Some))
@@ -390,7 +405,19 @@ impl Bench {
         let mut scores = Vec::new();
         let mut plain = None;
         let mut scans = Vec::new();
-        for result in parallel::map(&tasks, |&task| self.scored(view, &responses, task)) {
+        let of_task = |&task: &Option<usize>| match task {
+            None => {
+                let plain = self.plain(&responses, known.map(|known| &*known.plain));
+                Scored::Plain(self.plain_scores(view, &responses, &plain), plain)
+            }
+            Some(place) => {
+                let known = known.map(|known| &*known.scans[place]);
+                let scanned = self.scans[place].1.scores(&responses, known);
+                let score = self.scan_score(view, &responses, place, &scanned);
+                Scored::Scan(score, scanned)
+            }
+        };
+        for result in parallel::map(&tasks, of_task) {
             match result {
                 Scored::Plain(found, products) => {
                     scores.extend(found);
@@ -398,15 +425,16 @@ impl Bench {
                 }
                 Scored::Scan(found, scanned) => {
                     scores.extend(found);
-                    scans.push(scanned);
+                    scans.push(Arc::new(scanned));
                 }
             }
         }
         let weights = self.weigh(&mut scores);
+        let plain = plain.unwrap_or_else(|| self.plain(&responses, None));
         Table {
             weights,
             scores,
-            plain: plain.unwrap_or_else(|| self.plain(&responses)),
+            plain: Arc::new(plain),
             responses,
             scans,
         }
@@ -419,12 +447,12 @@ impl Bench {
             .collect();
         let responses = &table.responses;
         let scored = parallel::map(&places, |&place| {
-            let scanned = self.scan(place).map(|scan| scan.1.scores(responses))?;
+            let scanned = self.scan(place)?.1.scores(responses, None);
             Some((self.scan_score(view, responses, place, &scanned), scanned))
         });
         for (score, scanned) in scored.into_iter().flatten() {
             table.scores.extend(score);
-            table.scans.push(scanned);
+            table.scans.push(Arc::new(scanned));
         }
         table.weights = self.weigh(&mut table.scores);
         table
@@ -442,27 +470,14 @@ impl Bench {
         weights
     }
 
-    fn scored(&self, view: &View, responses: &Responses, task: Option<usize>) -> Scored {
-        match task {
-            None => {
-                let plain = self.plain(responses);
-                Scored::Plain(self.plain_scores(view, responses, &plain), plain)
-            }
-            Some(place) => {
-                let scanned = self.scans[place].1.scores(responses);
-                Scored::Scan(self.scan_score(view, responses, place, &scanned), scanned)
-            }
-        }
-    }
-
     /// Scores of all candidates without a search.
     fn plain_scores(&self, view: &View, responses: &Responses, plain: &Plain) -> Vec<Score> {
         let products = self.columns.score(responses);
         self.places
             .iter()
             .zip(&plain.coefficients)
-            .filter(|((candidate, _), (_, c))| !self.hidden.contains(candidate) && c.ncols() > 0)
-            .map(|((candidate, place), (_, c))| {
+            .filter(|((candidate, _), c)| !self.hidden.contains(candidate) && c.ncols() > 0)
+            .map(|((candidate, place), c)| {
                 let own = products.rows(place.start, place.len());
                 self.score_of(
                     view,

@@ -354,6 +354,7 @@ fn search_from(
         steps: vec![],
         gaps: vec![],
         first: None,
+        known: None,
         is_left: false,
     };
     search.run(progress)?;

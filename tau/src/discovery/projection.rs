@@ -288,10 +288,9 @@ pub(super) fn orthonormal(norms: &[f64], gram: &DMatrix<f64>) -> DMatrix<f64> {
     let scaled = DMatrix::from_fn(norms.len(), norms.len(), |i, j| {
         gram[(i, j)] * scale[i] * scale[j]
     });
-    let eigen = SymmetricEigen::new(scaled);
+    let (values, vectors) = eigen(scaled);
     let least = LEAST_SINGULAR.powi(2);
-    let mut kept: Vec<(usize, f64)> = eigen
-        .eigenvalues
+    let mut kept: Vec<(usize, f64)> = values
         .iter()
         .copied()
         .enumerate()
@@ -300,8 +299,27 @@ pub(super) fn orthonormal(norms: &[f64], gram: &DMatrix<f64>) -> DMatrix<f64> {
     kept.sort_by(|a, b| b.1.total_cmp(&a.1));
     DMatrix::from_fn(scale.len(), kept.len(), |row, k| {
         let (index, value) = kept[k];
-        scale[row] * eigen.eigenvectors[(row, index)] / value.sqrt()
+        scale[row] * vectors[(row, index)] / value.sqrt()
     })
+}
+
+/// Eigenvalues and eigenvectors of a symmetric matrix; of two columns, in closed form.
+fn eigen(matrix: DMatrix<f64>) -> (DVector<f64>, DMatrix<f64>) {
+    if matrix.ncols() != 2 {
+        let eigen = SymmetricEigen::new(matrix);
+        return (eigen.eigenvalues, eigen.eigenvectors);
+    }
+    let (a, b, c) = (matrix[(0, 0)], matrix[(1, 0)], matrix[(1, 1)]);
+    let (sin, cos) = (0.5 * (2.0 * b).atan2(a - c)).sin_cos();
+    let mixed = 2.0 * b * sin * cos;
+    let values = [
+        a * cos * cos + mixed + c * sin * sin,
+        a * sin * sin - mixed + c * cos * cos,
+    ];
+    (
+        DVector::from_column_slice(&values),
+        DMatrix::from_column_slice(2, 2, &[cos, sin, -sin, cos]),
+    )
 }
 
 #[cfg(test)]

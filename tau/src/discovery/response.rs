@@ -6,6 +6,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
+use std::sync::Arc;
 
 use nalgebra::{DMatrix, DMatrixView, DVector};
 
@@ -16,12 +17,15 @@ use super::samples::Sample;
 use super::view::View;
 
 /// Products of probes with a model.
+#[derive(Clone)]
 pub(super) struct Responses {
     /// Of each probe: one row per column of the basis, one column per sample of the probe.
-    by_basis: Vec<DMatrix<f64>>,
+    by_basis: Arc<Vec<DMatrix<f64>>>,
     /// The same with the residuals.
     by_residual: Vec<DVector<f64>>,
-    products: BTreeMap<(usize, usize), Vec<Product>>,
+    products: Arc<BTreeMap<(usize, usize), Vec<Product>>>,
+    /// Orthonormal directions of the basis that the model has given back.
+    freed: DMatrix<f64>,
 }
 
 /// Sum over a sample's rows of the product of two probes, and its place in each.
@@ -89,10 +93,34 @@ impl Responses {
             ((left, right), products)
         });
         Self {
-            by_basis,
+            freed: DMatrix::zeros(basis.nrows(), 0),
+            by_basis: Arc::new(by_basis),
             by_residual,
-            products: products.into_iter().collect(),
+            products: Arc::new(products.into_iter().collect()),
         }
+    }
+
+    /// Those of a model that gives directions of its basis back, and with them amounts of the residuals.
+    pub(super) fn without(&self, freed: DMatrix<f64>, amounts: &DVector<f64>) -> Self {
+        let given_back = &freed * amounts;
+        let by_residual = (self.by_residual.iter().zip(&*self.by_basis))
+            .map(|(residual, basis)| residual + basis.tr_mul(&given_back))
+            .collect();
+        Self {
+            by_residual,
+            freed,
+            ..self.clone()
+        }
+    }
+
+    /// What the model leaves of the Gram matrix of columns of which its basis absorbs `absorbed`.
+    pub(super) fn left(&self, gram: &DMatrix<f64>, absorbed: DMatrixView<'_, f64>) -> DMatrix<f64> {
+        let mut left = gram - absorbed.tr_mul(&absorbed);
+        if self.freed.ncols() > 0 {
+            let returned = self.freed.tr_mul(&absorbed);
+            left += returned.tr_mul(&returned);
+        }
+        left
     }
 
     /// Sums over each sample's rows of each probe times a vector over the rows.
@@ -123,23 +151,33 @@ impl Responses {
 
     /// The residuals of each probe's samples under sign flips of the units, less what the model absorbs
     /// of them: one column per flip. `flipped_basis` is `Qᵀ(s∘e)`.
+    ///
+    /// Scores under random signs are only counted against a level, so single precision does for them.
     pub(super) fn flipped(
         &self,
         probes: &Probes,
         samples: &[Sample],
         signs: &DMatrix<f64>,
         flipped_basis: &DMatrix<f64>,
-    ) -> Vec<DMatrix<f64>> {
+    ) -> Vec<DMatrix<f32>> {
         let indices: Vec<usize> = (0..probes.all.len()).collect();
         parallel::map(&indices, |&index| {
             let (by_residual, probe) = (&self.by_residual[index], &probes.all[index]);
             let absorbed = self.by_basis[index].transpose() * flipped_basis;
             DMatrix::from_fn(probe.samples.len(), signs.ncols(), |s, flip| {
                 let unit = samples[probe.samples[s]].unit;
-                by_residual[s] * signs[(unit, flip)] - absorbed[(s, flip)]
+                single(by_residual[s] * signs[(unit, flip)] - absorbed[(s, flip)])
             })
         })
     }
+}
+
+#[allow(
+    clippy::cast_possible_truncation,
+    reason = "single precision is wanted"
+)]
+pub(super) fn single(value: f64) -> f32 {
+    value as f32
 }
 
 /// Columns of candidates: what each adds to each probe, by sample.
@@ -251,24 +289,24 @@ impl Displacements {
     }
 
     /// `Gᵀe` for given residuals of each probe's samples.
-    pub(super) fn products<'a>(&self, residuals: impl Fn(usize) -> &'a [f64]) -> DVector<f64> {
+    pub(super) fn products<R: AsRef<[f64]>>(&self, residuals: impl Fn(usize) -> R) -> DVector<f64> {
         let mut score = DVector::zeros(self.width());
         for part in &self.parts {
             let residuals = residuals(part.probe);
             for (place, &column) in part.columns.iter().enumerate() {
-                let slopes = part.column(place).iter();
-                score[column] += slopes.zip(residuals).map(|(a, b)| a * b).sum::<f64>();
+                let products = part.column(place).iter().zip(residuals.as_ref());
+                score[column] += products.map(|(a, b)| a * b).sum::<f64>();
             }
         }
         score
     }
 
     /// `Gᵀe` for every flip, by columns.
-    pub(super) fn flipped(&self, residuals: &[DMatrix<f64>]) -> DMatrix<f64> {
+    pub(super) fn flipped(&self, residuals: &[DMatrix<f32>]) -> DMatrix<f32> {
         let flips = residuals.first().map_or(0, DMatrix::ncols);
         let mut score = DMatrix::zeros(self.width(), flips);
         for part in &self.parts {
-            let transposed = part.matrix().transpose();
+            let transposed = part.matrix().transpose().map(single);
             if part.columns.len() == self.width() {
                 score.gemm(1.0, &transposed, &residuals[part.probe], 1.0);
                 continue;

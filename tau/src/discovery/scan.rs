@@ -1,6 +1,7 @@
 //! Effects with a searched parameter: the score over a fine grid of it.
 
 use std::collections::BTreeSet;
+use std::sync::Arc;
 
 use nalgebra::DMatrix;
 use tau_codegen::language::Model;
@@ -9,7 +10,7 @@ use super::candidates::Candidate;
 use super::distribution::{Random, chi2_survival};
 use super::probes::Probes;
 use super::projection::orthonormal;
-use super::response::{Displacements, Responses};
+use super::response::{Displacements, Responses, single};
 use super::samples::Sample;
 use crate::kinematics::Surroundings;
 
@@ -37,8 +38,12 @@ pub(super) struct Scan {
 pub(super) struct Scores {
     pub(super) statistics: Vec<f64>,
     ranks: Vec<usize>,
-    /// For each grid point, coefficients of an orthonormal basis.
-    coefficients: Vec<DMatrix<f64>>,
+    /// For each grid point, coefficients of an orthonormal basis, by columns; none are zero.
+    coefficients: Vec<f64>,
+    /// What the model's basis absorbs of the columns.
+    absorbed: Arc<DMatrix<f64>>,
+    /// Gram matrix of the columns at each grid point.
+    grams: Arc<Vec<DMatrix<f64>>>,
 }
 
 /// Values even in their reciprocals, over a range and one step beyond it at either end.
@@ -89,49 +94,60 @@ impl Scan {
         self.columns.pairs(0..self.width, pairs);
     }
 
-    /// Scores residuals at every grid point.
-    pub(super) fn scores(&self, responses: &Responses) -> Scores {
-        let absorbed = self.columns.absorbed(responses);
+    /// Scores residuals at every grid point; `known` are the scores beside a model with the same basis.
+    pub(super) fn scores(&self, responses: &Responses, known: Option<&Scores>) -> Scores {
+        let (points, width) = (self.grid.len(), self.width);
+        let range = |point: usize| point * width..(point + 1) * width;
+        let (absorbed, grams) = match known {
+            Some(known) => (Arc::clone(&known.absorbed), Arc::clone(&known.grams)),
+            None => {
+                let gram = |point| self.columns.gram(range(point), responses);
+                let absorbed = self.columns.absorbed(responses);
+                (
+                    Arc::new(absorbed),
+                    Arc::new((0..points).map(gram).collect()),
+                )
+            }
+        };
         let score = self.columns.score(responses);
-        let points = self.grid.len();
         let mut scores = Scores {
             statistics: Vec::with_capacity(points),
             ranks: Vec::with_capacity(points),
-            coefficients: Vec::with_capacity(points),
+            coefficients: vec![0.0; points * width * width],
+            absorbed: Arc::clone(&absorbed),
+            grams: Arc::clone(&grams),
         };
-        for point in 0..points {
-            let range = point * self.width..(point + 1) * self.width;
-            let mut gram = self.columns.gram(range.clone(), responses);
-            let norms: Vec<f64> = gram.diagonal().iter().map(|g| g.max(0.0).sqrt()).collect();
-            let of = absorbed.columns(range.start, self.width);
-            gram -= of.tr_mul(&of);
-            let coefficients = orthonormal(&norms, &gram);
-            let here = score.rows(range.start, self.width);
+        let places = scores.coefficients.chunks_exact_mut(width * width);
+        for (point, (gram, place)) in grams.iter().zip(places).enumerate() {
+            let left = responses.left(gram, absorbed.columns(point * width, width));
+            let coefficients = orthonormal(&lengths(gram), &left);
+            let here = score.rows(point * width, width);
             scores
                 .statistics
                 .push(coefficients.tr_mul(&here).norm_squared());
             scores.ranks.push(coefficients.ncols());
-            scores.coefficients.push(coefficients);
+            place[..coefficients.len()].copy_from_slice(coefficients.as_slice());
         }
         scores
     }
 
     /// The statistics over the grid under sign flips: one list per flip. `residuals` are the flipped
     /// residuals of each probe.
-    pub(super) fn flipped(&self, scores: &Scores, residuals: &[DMatrix<f64>]) -> Vec<Vec<f64>> {
+    pub(super) fn flipped(&self, scores: &Scores, residuals: &[DMatrix<f32>]) -> Vec<Vec<f32>> {
         let width = self.width;
+        let coefficients: Vec<f32> = scores.coefficients.iter().copied().map(single).collect();
         self.columns
             .flipped(residuals)
             .column_iter()
             .map(|column| {
                 let products = column.as_slice().chunks_exact(width);
                 products
-                    .zip(&scores.coefficients)
+                    .zip(coefficients.chunks_exact(width * width))
                     .map(|(products, coefficients)| {
-                        let component = |c: &[f64]| -> f64 {
+                        let component = |c: &[f32]| -> f32 {
                             c.iter().zip(products).map(|(c, product)| c * product).sum()
                         };
-                        let columns = coefficients.as_slice().chunks_exact(width);
+                        let columns = coefficients.chunks_exact(width);
                         columns.map(|c| component(c).powi(2)).sum()
                     })
                     .collect()
@@ -183,6 +199,11 @@ impl Scores {
     }
 }
 
+/// Lengths of columns from their Gram matrix.
+pub(super) fn lengths(gram: &DMatrix<f64>) -> Vec<f64> {
+    gram.diagonal().iter().map(|g| g.max(0.0).sqrt()).collect()
+}
+
 /// Distance of reciprocals within which two values of a searched parameter are one peak.
 pub(super) fn lobe(range_m: f64) -> f64 {
     2.0 / range_m
@@ -204,12 +225,12 @@ pub(super) fn global_p(statistic: f64, rank: f64, upcrossings: f64) -> f64 {
 }
 
 /// Mean number of times that null scans cross the level `rank` upwards.
-pub(super) fn upcrossings(null_scans: &[Vec<f64>], rank: f64) -> f64 {
+pub(super) fn upcrossings(null_scans: &[Vec<f32>], rank: f64) -> f64 {
     let crossings: usize = null_scans
         .iter()
         .map(|scan| {
             scan.windows(2)
-                .filter(|pair| pair[0] < rank && pair[1] >= rank)
+                .filter(|pair| f64::from(pair[0]) < rank && f64::from(pair[1]) >= rank)
                 .count()
         })
         .sum();
@@ -287,17 +308,17 @@ mod tests {
         let commands = commands(150);
         let grid = grid(PERIODS_M, RANGE_M);
         let mut random = Random(7);
-        let scans: Vec<Vec<f64>> = (0..600)
+        let scans: Vec<Vec<f32>> = (0..600)
             .map(|_| {
                 let noise: Vec<f64> = commands.iter().map(|_| normal(&mut random)).collect();
                 grid.iter()
-                    .map(|&period| statistic(&noise, &commands, period))
+                    .map(|&period| single(statistic(&noise, &commands, period)))
                     .collect()
             })
             .collect();
         let upcrossings = upcrossings(&scans[..100], 2.0);
         let chances = scans[100..].iter().map(|scan| {
-            let highest = scan.iter().copied().fold(0.0, f64::max);
+            let highest = scan.iter().copied().map(f64::from).fold(0.0, f64::max);
             global_p(highest, 2.0, upcrossings)
         });
         // Of 500 scans 50 are expected, give or take 7, less what peaks between the points.

@@ -15,7 +15,7 @@ use super::projection::Subspace;
 use super::results::{Gap, Step};
 use super::scan::AS_GOOD;
 use super::serial;
-use super::view::View;
+use super::view::{Freed, View};
 use super::{Error, Input};
 use crate::robot::Owner;
 
@@ -72,6 +72,8 @@ pub(super) struct Search<'a> {
     pub(super) gaps: Vec<Gap>,
     /// Scores beside the base.
     pub(super) first: Option<Table>,
+    /// Scores beside the model as it stands, where it has no unnamed families.
+    pub(super) known: Option<Table>,
     /// Whether anything significant is left.
     pub(super) is_left: bool,
 }
@@ -82,7 +84,7 @@ impl Search<'_> {
         self.record(None)?;
         while self.accepted.len() + self.unnamed.len() < MAX_EFFECTS {
             let view = self.view();
-            let mut table = self.bench.table(&view);
+            let mut table = self.table(&view);
             let significant = self.significant(&table);
             let mut winner = self.winner(&view, &table, &significant);
             if winner
@@ -150,6 +152,36 @@ impl Search<'_> {
             self.input.options.flips,
             self.input.options.seed + self.steps.len() as u64,
         )
+    }
+
+    /// Goes on from another fit.
+    fn go_on(&mut self, fit: Fit) {
+        self.fit = fit;
+        self.known = None;
+    }
+
+    /// Scores beside the model as it stands.
+    fn table(&mut self, view: &View) -> Table {
+        if !self.unnamed.is_empty() {
+            return self.bench.table(view);
+        }
+        let known = self.known.take().unwrap_or_else(|| self.bench.table(view));
+        self.known.insert(known).clone()
+    }
+
+    /// Scores beside the model without one of its effects.
+    fn table_without(&mut self, effect: usize, view: &View) -> Table {
+        if !self.unnamed.is_empty() {
+            return self.bench.table(view);
+        }
+        let whole = self.table(&View::of(&self.fit));
+        let (columns, amplitudes) = self.amplitudes(effect);
+        let values: Vec<(usize, f64)> = columns
+            .into_iter()
+            .zip(amplitudes.iter().copied())
+            .collect();
+        let freed = Freed::of(&self.fit, &values, &self.columns_of(effect));
+        self.bench.table_without(&whole, freed, view)
     }
 
     /// The model with its unnamed families.
@@ -365,7 +397,7 @@ impl Search<'_> {
             if chi2_survival(statistic, rank) > FURTHER {
                 let removed = self.accepted.remove(effect);
                 self.refused.insert(removed.candidate);
-                self.fit = self.refit(&self.uses(), None)?;
+                self.go_on(self.refit(&self.uses(), None)?);
                 self.record(None)?;
             }
         }
@@ -430,7 +462,7 @@ impl Search<'_> {
 
     fn remove(&mut self, effect: usize) -> Result<(), Error> {
         self.accepted.remove(effect);
-        self.fit = self.refit(&self.uses(), None)?;
+        self.go_on(self.refit(&self.uses(), None)?);
         self.record(None)
     }
 }

@@ -11,6 +11,30 @@ use super::projection::Subspace;
 /// Columns that are few beside a basis.
 const FEW: usize = 4;
 
+/// What a model gives back without some of its parameters.
+pub(super) struct Freed {
+    /// Orthonormal directions, in its basis.
+    pub(super) directions: DMatrix<f64>,
+    /// What the parameters contribute along each, less the residuals' sign.
+    pub(super) amounts: DVector<f64>,
+}
+
+impl Freed {
+    /// `values` are the parameters' distances from no effect, by columns of the fit.
+    pub(super) fn of(fit: &Fit, values: &[(usize, f64)], columns: &[usize]) -> Self {
+        let directions = fit.basis.b.select_rows(columns).transpose().qr().q();
+        let mut contribution = DVector::zeros(fit.residuals.len());
+        for &(column, value) in values {
+            contribution.axpy(-value, &fit.jacobian.column(column), 1.0);
+        }
+        let amounts = directions.tr_mul(&fit.basis.q.tr_mul(&contribution));
+        Self {
+            directions,
+            amounts,
+        }
+    }
+}
+
 /// A linear model at its minimum.
 pub(super) struct View {
     /// Orthonormal basis of what the model absorbs.

@@ -6,7 +6,7 @@ use nalgebra::DMatrix;
 
 use super::super::distribution::f_quantile_above;
 use super::super::parallel;
-use super::super::response::Responses;
+use super::super::response::{Responses, single};
 use super::super::scan::{LEAST_SHOWN, Scan, Scores, global_p, peaks, signs, upcrossings};
 use super::super::view::View;
 use super::{Bench, Table, f_form};
@@ -54,7 +54,8 @@ impl Bench {
             let crossings = self.crossings[place].get().copied().unwrap_or(0.0);
             let p_value = adjusted * table.weights.of(self.candidates[*candidate].is_named());
             let nulls = scan.flipped(scores, &residuals);
-            let exceeds = |(flip, null): (usize, &Vec<f64>)| {
+            let exceeds = |(flip, null): (usize, &Vec<f32>)| {
+                let null: Vec<f64> = null.iter().copied().map(f64::from).collect();
                 let does = |statistic: f64| {
                     let (equivalent, _) = f_form(statistic, rank, sums[flip], degrees);
                     global_p(equivalent, rank, crossings) <= p_value
@@ -65,8 +66,8 @@ impl Bench {
                         let point = self.point(&table.responses, *candidate, value);
                         point.is_some_and(|point| {
                             let at = |probe: usize| {
-                                let rows = residuals[probe].nrows();
-                                &residuals[probe].as_slice()[flip * rows..(flip + 1) * rows]
+                                let column = residuals[probe].column(flip);
+                                column.iter().copied().map(f64::from).collect::<Vec<f64>>()
                             };
                             does(point.statistic(&point.columns.products(at)))
                         })
@@ -74,7 +75,7 @@ impl Bench {
                 };
                 does(highest)
                     || (does(highest / LEAST_SHOWN)
-                        && peaks(null, LEAST_SHOWN * highest)
+                        && peaks(&null, LEAST_SHOWN * highest)
                             .filter(|&k| does(null[k] / LEAST_SHOWN))
                             .any(refined))
             };
@@ -97,12 +98,12 @@ impl Bench {
         adjusted: f64,
         degrees: f64,
         sums: &[f64],
-        residuals: &[DMatrix<f64>],
+        residuals: &[DMatrix<f32>],
     ) -> Vec<bool> {
         let mut exceeded = vec![false; sums.len()];
         let mut criticals: BTreeMap<(usize, bool), f64> = BTreeMap::new();
         let flipped = self.columns.flipped(residuals);
-        for ((candidate, place), (_, c)) in self.places.iter().zip(&table.plain.coefficients) {
+        for ((candidate, place), c) in self.places.iter().zip(&table.plain.coefficients) {
             if c.ncols() == 0 || self.hidden.contains(candidate) {
                 continue;
             }
@@ -111,9 +112,11 @@ impl Bench {
             let critical = *criticals.entry((c.ncols(), is_named)).or_insert_with(|| {
                 f_quantile_above(adjusted * table.weights.of(is_named), rank, degrees)
             });
-            let statistics = c.tr_mul(&flipped.rows(place.start, place.len()));
+            let statistics = c
+                .map(single)
+                .tr_mul(&flipped.rows(place.start, place.len()));
             for (flip, exceeded) in exceeded.iter_mut().enumerate() {
-                let statistic = statistics.column(flip).norm_squared();
+                let statistic = f64::from(statistics.column(flip).norm_squared());
                 let rest = (sums[flip] - statistic).max(1e-12) / (degrees - rank).max(1.0);
                 *exceeded |= statistic / rank / rest >= critical;
             }

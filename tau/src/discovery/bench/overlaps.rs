@@ -47,7 +47,7 @@ impl Bench {
                 let Some(place) = place else {
                     return (DVector::zeros(0), DMatrix::zeros(0, with.rank()));
                 };
-                let (range, c) = (&self.places[place].1, &table.plain.coefficients[place].1);
+                let (range, c) = (&self.places[place].1, &table.plain.coefficients[place]);
                 let rows =
                     |products: &DVector<f64>| c.tr_mul(&products.rows(range.start, range.len()));
                 let across: Vec<DVector<f64>> = across.iter().map(rows).collect();

@@ -8,7 +8,7 @@ use super::super::parallel;
 use super::super::projection::{Subspace, orthonormal};
 use super::super::response::{Displacements, Responses};
 use super::super::samples::Sample;
-use super::super::scan::{AS_GOOD, LEAST_SHOWN, Scan, Scores, global_p, lobe, peaks};
+use super::super::scan::{AS_GOOD, LEAST_SHOWN, Scan, Scores, global_p, lengths, lobe, peaks};
 use super::super::view::View;
 use super::{Bench, Score, Table, f_form};
 use crate::calibration::widest;
@@ -105,12 +105,11 @@ impl Bench {
             &self.probes,
         );
         let absorbed = columns.absorbed(responses);
-        let mut gram = columns.gram(0..amplitudes.len(), responses);
-        let norms: Vec<f64> = gram.diagonal().iter().map(|g| g.max(0.0).sqrt()).collect();
-        gram -= absorbed.tr_mul(&absorbed);
+        let gram = columns.gram(0..amplitudes.len(), responses);
+        let left = responses.left(&gram, absorbed.as_view());
         Some(Point {
             columns,
-            coefficients: orthonormal(&norms, &gram),
+            coefficients: orthonormal(&lengths(&gram), &left),
         })
     }
 

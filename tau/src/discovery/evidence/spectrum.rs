@@ -4,6 +4,7 @@ use nalgebra::{DMatrix, DVector};
 
 use crate::discovery::bench::{Bench, Table, f_form};
 use crate::discovery::distribution::bisect;
+use crate::discovery::response::single;
 use crate::discovery::results::Spectrum;
 use crate::discovery::scan::global_p;
 use crate::discovery::selection::LEVEL;
@@ -34,7 +35,8 @@ pub(super) fn spectrum(
         let left = left_by(base, residuals, factors);
         let scanned = scan.flipped(scores, &by_probe(bench, base, &left));
         let total = left.norm_squared();
-        let equivalent = |statistic: &f64| f_form(*statistic, rank, total, base.degrees).0;
+        let equivalent =
+            |&statistic: &f32| f_form(f64::from(statistic), rank, total, base.degrees).0;
         scanned[0].iter().map(equivalent).collect::<Vec<f64>>()
     });
     let level = LEVEL / first.scores.len().max(1) as f64;
@@ -83,7 +85,7 @@ fn left_by(base: &View, residuals: &DVector<f64>, factors: &[f64]) -> DVector<f6
 }
 
 /// Sums of each probe times residuals over the rows of each of its samples.
-fn by_probe(bench: &Bench, base: &View, residuals: &DVector<f64>) -> Vec<DMatrix<f64>> {
+fn by_probe(bench: &Bench, base: &View, residuals: &DVector<f64>) -> Vec<DMatrix<f32>> {
     let probes = &bench.probes;
     let mut sums = vec![0.0; probes.sample_count];
     probes
@@ -101,7 +103,7 @@ fn by_probe(bench: &Bench, base: &View, residuals: &DVector<f64>) -> Vec<DMatrix
             DMatrix::from_iterator(
                 probe.samples.len(),
                 1,
-                probe.samples.iter().map(|&sample| sums[sample]),
+                probe.samples.iter().map(|&sample| single(sums[sample])),
             )
         })
         .collect()

@@ -45,7 +45,7 @@ impl Search<'_> {
         effects.push((score.candidate, false));
         let fit = self.refit(&effects, Some(&start));
         let Ok(fit) = fit else { return Ok(false) };
-        self.fit = fit;
+        self.go_on(fit);
         self.imitated.clear();
         self.accepted.push(Accepted {
             candidate: score.candidate,
@@ -88,7 +88,7 @@ impl Search<'_> {
         }
         self.accepted[effect].extended = true;
         match self.refit(&self.uses(), None) {
-            Ok(fit) => self.fit = fit,
+            Ok(fit) => self.go_on(fit),
             Err(_) => self.accepted[effect].extended = false,
         }
         if self.accepted[effect].extended {

@@ -55,7 +55,7 @@ impl Search<'_> {
         let mut replaced = BTreeSet::new();
         while effect < self.accepted.len() {
             let (view, own, of_own) = self.without(effect);
-            let table = self.bench.table(&view);
+            let table = self.table_without(effect, &view);
             let significant = self.significant(&table);
             let scored = table.scores.iter().find(|s| s.candidate == own.candidate);
             if scored.is_none_or(|scored| scored.adjusted > LEVEL) {
@@ -136,7 +136,7 @@ impl Search<'_> {
             return;
         }
         let view = self.view();
-        let table = self.bench.table(&view);
+        let table = self.table(&view);
         for effect in 0..self.accepted.len() {
             let acts_on = self.bench.displaces(self.accepted[effect].candidate);
             let mut there: Vec<(usize, Option<f64>, f64)> = table
