@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use nalgebra::{Cholesky, DMatrix, DVector};
 
 use super::distribution::Random;
+use super::parallel;
 use super::projection::{Subspace, inverse_factor};
 use super::samples::Sample;
 use super::view::View;
@@ -32,26 +33,28 @@ pub(super) fn held_out_gain(
     let with = view.with(subspace);
     let before = view.q.ncols();
     let fitted = with.q.tr_mul(&view.residuals);
-    let mut gains = vec![0.0; Sample::units(samples)];
-    for fold in 0..FOLDS {
+    let every: Vec<usize> = (0..FOLDS).collect();
+    let gains_of_folds = parallel::map(&every, |&fold| {
         let rows: Vec<usize> = (0..view.rows.len())
             .filter(|&row| view.factors[row] > 0.0 && folds[view.rows[row].sample] == fold)
             .collect();
-        let Some(prediction) = Prediction::of(&with.q, &fitted, &view.residuals, &rows) else {
-            continue;
-        };
+        let prediction = Prediction::of(&with.q, &fitted, &view.residuals, &rows)?;
         let mut units: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
         for (k, &row) in rows.iter().enumerate() {
             let unit = samples[view.rows[row].sample].unit;
             units.entry(unit).or_default().push(k);
         }
-        for (unit, of_unit) in units {
-            let scores =
-                [before, with.q.ncols()].map(|columns| prediction.score(&of_unit, columns));
-            if let [Some(before), Some(after)] = scores {
-                gains[unit] += before - after;
-            }
-        }
+        let gain = |rows: &[usize]| {
+            Some(prediction.score(rows, before)? - prediction.score(rows, with.q.ncols())?)
+        };
+        let gains = units
+            .into_iter()
+            .filter_map(|(unit, rows)| Some((unit, gain(&rows)?)));
+        Some(gains.collect::<Vec<(usize, f64)>>())
+    });
+    let mut gains = vec![0.0; Sample::units(samples)];
+    for (unit, gain) in gains_of_folds.into_iter().flatten().flatten() {
+        gains[unit] += gain;
     }
     let mut random = Random(seed);
     let mut sums: Vec<f64> = (0..RESAMPLES)

@@ -210,20 +210,23 @@ impl Descent {
         of_fit.filter(is_held).map(|(k, _)| k).collect()
     }
 
-    /// Estimates the noise of each component until it stays (Helmert's variance components).
+    /// Estimates the noise of each component until it stays (Helmert's variance components): first where the
+    /// fit stands, to first order, then at the minimum with that noise.
     pub(super) fn scaled(mut self) -> Result<Self, Error> {
         for _ in 0..NOISE_ROUNDS {
-            let estimate = self.noise();
-            let change = estimate
-                .iter()
-                .zip(&self.scales)
-                .map(|(new, old)| (new / old).ln().abs())
-                .fold(0.0, f64::max);
-            if change < SAME_NOISE {
+            let scales = self.scales;
+            for _ in 0..NOISE_ROUNDS {
+                let estimate = self.noise();
+                if is_same(&estimate, &self.scales) {
+                    break;
+                }
+                let weights = self.weights.clone();
+                self = self.refactored(estimate, weights)?;
+            }
+            if is_same(&scales, &self.scales) {
                 break;
             }
-            let weights = self.weights.clone();
-            self = self.refactored(estimate, weights)?.converged()?;
+            self = self.converged()?;
         }
         Ok(self)
     }
@@ -307,6 +310,13 @@ impl Descent {
         }
         moved
     }
+}
+
+/// Whether estimates of the noise differ by next to nothing.
+fn is_same(a: &[f64; 4], b: &[f64; 4]) -> bool {
+    a.iter()
+        .zip(b)
+        .all(|(a, b)| (a / b).ln().abs() < SAME_NOISE)
 }
 
 pub(super) fn not_converged(joint: &Joint, why: &str) -> Error {

@@ -8,6 +8,7 @@ pub(super) mod whiteness;
 
 use nalgebra::{Cholesky, DVector};
 
+use super::parallel;
 use super::results::Evidence;
 use super::selection::Search;
 use super::view::View;
@@ -16,33 +17,30 @@ use super::view::View;
 pub(super) fn of_effects(search: &Search<'_>, base: &View) -> Vec<Evidence> {
     let (bench, fit) = (&search.bench, &search.fit);
     let view = View::of(fit);
-    search
-        .accepted
-        .iter()
-        .enumerate()
-        .map(|(effect, accepted)| {
-            let described = &bench.candidates[accepted.candidate];
-            let values = search.values_of(effect);
-            let mut evidence = Evidence {
-                name: described.name.clone(),
-                place: described.places.clone(),
-                residuals: vec![],
-                spectrum: None,
-            };
-            let before = without(search, effect);
-            let Some(before) = before else {
-                return evidence;
-            };
-            evidence.residuals =
-                residuals::patterns(bench, &view, &before, accepted.candidate, &values);
-            evidence.spectrum = search.first.as_ref().and_then(|first| {
-                let residuals = [&before, &view.residuals];
-                let candidate = accepted.candidate;
-                spectrum::spectrum(bench, first, base, candidate, residuals, &view.factors)
-            });
-            evidence
-        })
-        .collect()
+    let effects: Vec<usize> = (0..search.accepted.len()).collect();
+    parallel::map(&effects, |&effect| {
+        let accepted = &search.accepted[effect];
+        let described = &bench.candidates[accepted.candidate];
+        let values = search.values_of(effect);
+        let mut evidence = Evidence {
+            name: described.name.clone(),
+            place: described.places.clone(),
+            residuals: vec![],
+            spectrum: None,
+        };
+        let before = without(search, effect);
+        let Some(before) = before else {
+            return evidence;
+        };
+        evidence.residuals =
+            residuals::patterns(bench, &view, &before, accepted.candidate, &values);
+        evidence.spectrum = search.first.as_ref().and_then(|first| {
+            let residuals = [&before, &view.residuals];
+            let candidate = accepted.candidate;
+            spectrum::spectrum(bench, first, base, candidate, residuals, &view.factors)
+        });
+        evidence
+    })
 }
 
 /// Residuals of the fit without one of its effects, all else fitted anew: the effect's own signal, as

@@ -11,6 +11,7 @@ use nalgebra::{DMatrix, Vector3};
 use super::super::bench::f_form;
 use super::super::candidates::{self, Entry};
 use super::super::distribution::chi2_survival;
+use super::super::parallel;
 use super::super::projection::Subspace;
 use super::super::results::{Considered, Discovery, PiecewiseTrack, Step, Unnamed};
 use super::super::scan::signs;
@@ -204,10 +205,7 @@ fn tracks(search: &Search<'_>, base: &Variant) -> Vec<Bent> {
         .filter(|(_, knots)| knots.len() > 2)
         .collect();
     let level = FURTHER / straight.len() as f64;
-    straight
-        .into_iter()
-        .map(|(track, knots)| of_track(search, &view, track, &knots, level))
-        .collect()
+    parallel::map(&straight, |(track, knots)| of_track(search, &view, *track, knots, level))
 }
 
 /// Commands at which set 2 has points of a track.
