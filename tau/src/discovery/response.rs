@@ -356,3 +356,79 @@ impl Displacements {
             .sum()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::distribution::Random;
+    use super::super::joint::{Component, Row};
+    use super::super::probes::Probe;
+    use super::super::projection::Basis;
+    use super::super::view::Freed;
+    use super::*;
+
+    /// A model that gives back a parameter answers as one that never had it, prior and all.
+    #[test]
+    fn what_is_given_back_is_as_if_never_taken() {
+        let mut random = Random(21);
+        let mut number = || (random.bits() >> 40) as f64 / 1e7 - 0.8;
+        let (rows, columns, removed, amplitude) = (80, 6, 2, 0.7);
+        let mut jacobian = DMatrix::from_fn(rows + columns, columns, |_, _| number());
+        for prior in 0..columns {
+            jacobian.row_mut(rows + prior).fill(0.0);
+            jacobian[(rows + prior, prior)] = 0.5;
+        }
+        let basis = Basis::of(&jacobian).unwrap();
+        let measured = DVector::from_fn(rows + columns, |_, _| number());
+        let view = |q: DMatrix<f64>, residuals: &DVector<f64>| View {
+            residuals: residuals - &q * q.tr_mul(residuals),
+            q,
+            factors: vec![1.0; rows],
+            rows: (0..rows)
+                .map(|row| Row {
+                    sample: row / 2,
+                    component: Component::Closure,
+                    residual: row % 2,
+                })
+                .collect(),
+            degrees: rows as f64,
+        };
+        let whole = view(basis.q.clone(), &measured);
+        let probes = Probes {
+            all: vec![Probe {
+                rows: (0..rows).map(|_| number()).collect(),
+                samples: (0..rows / 2).collect(),
+            }],
+            carts: vec![],
+            closures: vec![],
+            tcp: [0; 3],
+            row_samples: (0..rows).map(|row| row / 2).collect(),
+            sample_count: rows / 2,
+        };
+        let slopes = (0..2).map(|_| Some((0..rows / 2).map(|_| number()).collect()));
+        let mut candidate = Displacements::default();
+        candidate.push(&[Entry::plain(0, slopes.collect())], &[0, 1], &probes);
+        let mut pairs = BTreeSet::new();
+        candidate.pairs(0..2, &mut pairs);
+
+        let mut without = whole.residuals.clone();
+        for row in 0..rows {
+            without[row] -= amplitude * jacobian[(row, removed)];
+        }
+        without[rows + removed] = 0.0;
+        let others: Vec<usize> = (0..columns).filter(|&k| k != removed).collect();
+        let others = Basis::of(&jacobian.select_columns(&others)).unwrap();
+        let expected = Responses::of(&view(others.q, &without), &probes, &pairs);
+        let freed = Freed::of(&basis, &jacobian, &[removed], &[(removed, amplitude)]);
+        let found =
+            Responses::of(&whole, &probes, &pairs).without(freed.directions, &freed.amounts);
+
+        let left = |responses: &Responses| {
+            let absorbed = candidate.absorbed(responses);
+            responses.left(&candidate.gram(0..2, responses), absorbed.as_view())
+        };
+        assert!((left(&found) - left(&expected)).amax() < 1e-10);
+        assert!((candidate.score(&found) - candidate.score(&expected)).amax() < 1e-10);
+        let before = Responses::of(&whole, &probes, &pairs);
+        assert!((left(&before) - left(&expected)).amax() > 1e-3);
+    }
+}

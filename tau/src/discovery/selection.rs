@@ -180,7 +180,8 @@ impl Search<'_> {
             .into_iter()
             .zip(amplitudes.iter().copied())
             .collect();
-        let freed = Freed::of(&self.fit, &values, &self.columns_of(effect));
+        let (basis, jacobian) = (&self.fit.basis, &self.fit.jacobian);
+        let freed = Freed::of(basis, jacobian, &self.columns_of(effect), &values);
         self.bench.table_without(&whole, freed, view)
     }
 

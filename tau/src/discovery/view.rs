@@ -6,7 +6,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::fit::Fit;
 use super::joint::Row;
-use super::projection::Subspace;
+use super::projection::{Basis, Subspace};
 
 /// Columns that are few beside a basis.
 const FEW: usize = 4;
@@ -20,14 +20,20 @@ pub(super) struct Freed {
 }
 
 impl Freed {
-    /// `values` are the parameters' distances from no effect, by columns of the fit.
-    pub(super) fn of(fit: &Fit, values: &[(usize, f64)], columns: &[usize]) -> Self {
-        let directions = fit.basis.b.select_rows(columns).transpose().qr().q();
-        let mut contribution = DVector::zeros(fit.residuals.len());
+    /// Without some columns of a Jacobian; `values` are by how much the columns' parameters are off no effect,
+    /// where they add to the residuals in proportion.
+    pub(super) fn of(
+        basis: &Basis,
+        jacobian: &DMatrix<f64>,
+        columns: &[usize],
+        values: &[(usize, f64)],
+    ) -> Self {
+        let directions = basis.b.select_rows(columns).transpose().qr().q();
+        let mut contribution = DVector::zeros(jacobian.nrows());
         for &(column, value) in values {
-            contribution.axpy(-value, &fit.jacobian.column(column), 1.0);
+            contribution.axpy(-value, &jacobian.column(column), 1.0);
         }
-        let amounts = directions.tr_mul(&fit.basis.q.tr_mul(&contribution));
+        let amounts = directions.tr_mul(&basis.q.tr_mul(&contribution));
         Self {
             directions,
             amounts,
