@@ -402,6 +402,7 @@ impl Bench {
         let tasks: Vec<Option<usize>> = std::iter::once(None)
             .chain((0..self.scans.len()).map(Some))
             .collect();
+        let nulls = self.nulls(view, &responses, 0..self.scans.len());
         let mut scores = Vec::new();
         let mut plain = None;
         let mut scans = Vec::new();
@@ -413,7 +414,7 @@ impl Bench {
             Some(place) => {
                 let known = known.map(|known| &*known.scans[place]);
                 let scanned = self.scans[place].1.scores(&responses, known);
-                let score = self.scan_score(view, &responses, place, &scanned);
+                let score = self.scan_score(view, &responses, (place, &scanned), &nulls);
                 Scored::Scan(score, scanned)
             }
         };
@@ -446,9 +447,12 @@ impl Bench {
             .map(|place| self.scans.len() + place)
             .collect();
         let responses = &table.responses;
+        let last = self.scans.len() + places.len();
+        let nulls = self.nulls(view, responses, self.scans.len()..last);
         let scored = parallel::map(&places, |&place| {
             let scanned = self.scan(place)?.1.scores(responses, None);
-            Some((self.scan_score(view, responses, place, &scanned), scanned))
+            let score = self.scan_score(view, responses, (place, &scanned), &nulls);
+            Some((score, scanned))
         });
         for (score, scanned) in scored.into_iter().flatten() {
             table.scores.extend(score);

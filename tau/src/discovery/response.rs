@@ -150,7 +150,7 @@ impl Responses {
     }
 
     /// The residuals of each probe's samples under sign flips of the units, less what the model absorbs
-    /// of them: one column per flip. `flipped_basis` is `Qᵀ(s∘e)`.
+    /// of them: one row per flip. `flipped_basis` is `Qᵀ(s∘e)`.
     ///
     /// Scores under random signs are only counted against a level, so single precision does for them.
     pub(super) fn flipped(
@@ -161,12 +161,13 @@ impl Responses {
         flipped_basis: &DMatrix<f64>,
     ) -> Vec<DMatrix<f32>> {
         let indices: Vec<usize> = (0..probes.all.len()).collect();
+        let (signs, flipped_basis) = (signs.transpose(), flipped_basis.transpose());
         parallel::map(&indices, |&index| {
             let (by_residual, probe) = (&self.by_residual[index], &probes.all[index]);
-            let absorbed = self.by_basis[index].transpose() * flipped_basis;
-            DMatrix::from_fn(probe.samples.len(), signs.ncols(), |s, flip| {
+            let absorbed = &flipped_basis * &self.by_basis[index];
+            DMatrix::from_fn(signs.nrows(), probe.samples.len(), |flip, s| {
                 let unit = samples[probe.samples[s]].unit;
-                single(by_residual[s] * signs[(unit, flip)] - absorbed[(s, flip)])
+                single(by_residual[s] * signs[(flip, unit)] - absorbed[(flip, s)])
             })
         })
     }
@@ -301,19 +302,19 @@ impl Displacements {
         score
     }
 
-    /// `Gᵀe` for every flip, by columns.
+    /// `Gᵀe` for every flip, by rows.
     pub(super) fn flipped(&self, residuals: &[DMatrix<f32>]) -> DMatrix<f32> {
-        let flips = residuals.first().map_or(0, DMatrix::ncols);
-        let mut score = DMatrix::zeros(self.width(), flips);
+        let flips = residuals.first().map_or(0, DMatrix::nrows);
+        let mut score = DMatrix::zeros(flips, self.width());
         for part in &self.parts {
-            let transposed = part.matrix().transpose().map(single);
+            let slopes = part.matrix().map(single);
             if part.columns.len() == self.width() {
-                score.gemm(1.0, &transposed, &residuals[part.probe], 1.0);
+                score.gemm(1.0, &residuals[part.probe], &slopes, 1.0);
                 continue;
             }
-            let own = transposed * &residuals[part.probe];
-            for (&column, own) in part.columns.iter().zip(own.row_iter()) {
-                let mut target = score.row_mut(column);
+            let own = &residuals[part.probe] * slopes;
+            for (&column, own) in part.columns.iter().zip(own.column_iter()) {
+                let mut target = score.column_mut(column);
                 target += own;
             }
         }

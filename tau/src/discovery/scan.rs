@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 use tau_codegen::language::Model;
 
 use super::candidates::Candidate;
@@ -131,28 +131,24 @@ impl Scan {
         scores
     }
 
-    /// The statistics over the grid under sign flips: one list per flip. `residuals` are the flipped
-    /// residuals of each probe.
-    pub(super) fn flipped(&self, scores: &Scores, residuals: &[DMatrix<f32>]) -> Vec<Vec<f32>> {
+    /// The statistics over the grid under sign flips: one row per flip, one column per point. `residuals` are
+    /// the flipped residuals of each probe.
+    pub(super) fn flipped(&self, scores: &Scores, residuals: &[DMatrix<f32>]) -> DMatrix<f32> {
         let width = self.width;
-        let coefficients: Vec<f32> = scores.coefficients.iter().copied().map(single).collect();
-        self.columns
-            .flipped(residuals)
-            .column_iter()
-            .map(|column| {
-                let products = column.as_slice().chunks_exact(width);
-                products
-                    .zip(coefficients.chunks_exact(width * width))
-                    .map(|(products, coefficients)| {
-                        let component = |c: &[f32]| -> f32 {
-                            c.iter().zip(products).map(|(c, product)| c * product).sum()
-                        };
-                        let columns = coefficients.chunks_exact(width);
-                        columns.map(|c| component(c).powi(2)).sum()
-                    })
-                    .collect()
-            })
-            .collect()
+        let products = self.columns.flipped(residuals);
+        let mut statistics = DMatrix::zeros(products.nrows(), self.grid.len());
+        let mut component = DVector::zeros(products.nrows());
+        for (point, mut statistic) in statistics.column_iter_mut().enumerate() {
+            let coefficients = scores.coefficients[point * width * width..].chunks_exact(width);
+            for coefficients in coefficients.take(width) {
+                component.fill(0.0);
+                for (column, &coefficient) in (point * width..).zip(coefficients) {
+                    component.axpy(single(coefficient), &products.column(column), 1.0);
+                }
+                statistic += component.component_mul(&component);
+            }
+        }
+        statistics
     }
 
     /// Whether a value is one that the description allows.
@@ -224,17 +220,21 @@ pub(super) fn global_p(statistic: f64, rank: f64, upcrossings: f64) -> f64 {
     (chi2_survival(statistic, rank) + beyond).min(1.0)
 }
 
-/// Mean number of times that null scans cross the level `rank` upwards.
-pub(super) fn upcrossings(null_scans: &[Vec<f32>], rank: f64) -> f64 {
-    let crossings: usize = null_scans
-        .iter()
-        .map(|scan| {
-            scan.windows(2)
-                .filter(|pair| f64::from(pair[0]) < rank && f64::from(pair[1]) >= rank)
+/// Mean number of times that null scans, one in each row, cross the level `rank` upwards.
+pub(super) fn upcrossings(null_scans: &DMatrix<f32>, rank: f64) -> f64 {
+    let is_below = |statistic: f32| f64::from(statistic) < rank;
+    let points = 1..null_scans.ncols();
+    let crossings: usize = points
+        .map(|point| {
+            let before = null_scans.column(point - 1);
+            let here = null_scans.column(point);
+            let pairs = before.iter().zip(here.iter());
+            pairs
+                .filter(|(a, b)| is_below(**a) && !is_below(**b))
                 .count()
         })
         .sum();
-    crossings as f64 / null_scans.len().max(1) as f64
+    crossings as f64 / null_scans.nrows().max(1) as f64
 }
 
 /// Random signs, one row per unit and one column per flip.
@@ -308,17 +308,18 @@ mod tests {
         let commands = commands(150);
         let grid = grid(PERIODS_M, RANGE_M);
         let mut random = Random(7);
-        let scans: Vec<Vec<f32>> = (0..600)
+        let scans: Vec<Vec<f64>> = (0..600)
             .map(|_| {
                 let noise: Vec<f64> = commands.iter().map(|_| normal(&mut random)).collect();
                 grid.iter()
-                    .map(|&period| single(statistic(&noise, &commands, period)))
+                    .map(|&period| statistic(&noise, &commands, period))
                     .collect()
             })
             .collect();
-        let upcrossings = upcrossings(&scans[..100], 2.0);
+        let nulls = DMatrix::from_fn(100, grid.len(), |scan, point| single(scans[scan][point]));
+        let upcrossings = upcrossings(&nulls, 2.0);
         let chances = scans[100..].iter().map(|scan| {
-            let highest = scan.iter().copied().map(f64::from).fold(0.0, f64::max);
+            let highest = scan.iter().copied().fold(0.0, f64::max);
             global_p(highest, 2.0, upcrossings)
         });
         // Of 500 scans 50 are expected, give or take 7, less what peaks between the points.

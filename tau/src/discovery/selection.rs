@@ -11,6 +11,7 @@ use super::bench::{Bench, Score, Table, f_form};
 use super::confirmation::held_out_gain;
 use super::distribution::chi2_survival;
 use super::fit::Fit;
+use super::parallel;
 use super::projection::Subspace;
 use super::results::{Gap, Step};
 use super::scan::AS_GOOD;
@@ -102,14 +103,20 @@ impl Search<'_> {
             };
             let label = self.bench.candidates[winner.candidate].label();
             progress(&format!("{label} scores {:.0}", winner.statistic));
-            let flip_p_value = self.flip_p(&view, &table, &winner);
             let Some(subspace) = self.subspace(&view, &winner) else {
                 break;
             };
+            let (samples, seed) = (&self.bench.samples, self.input.options.seed);
+            let (flip_p_value, (gain, is_serial)) = parallel::both(
+                || self.flip_p(&view, &table, &winner),
+                || {
+                    (
+                        held_out_gain(&view, &subspace, samples, seed),
+                        self.is_serial(&view, &table, &winner, &subspace),
+                    )
+                },
+            );
             let aliases = self.bench.aliases(&table, &winner);
-            let samples = &self.bench.samples;
-            let gain = held_out_gain(&view, &subspace, samples, self.input.options.seed);
-            let is_serial = self.is_serial(&view, &table, &winner, &subspace);
             self.first.get_or_insert(table);
             // So few flips may be made that none can be rarer.
             let rarest = 1.0 / (1.0 + self.input.options.flips as f64);

@@ -1,6 +1,7 @@
 //! Scores under random signs.
 
 use std::collections::BTreeMap;
+use std::ops::Range;
 
 use nalgebra::DMatrix;
 
@@ -54,32 +55,41 @@ impl Bench {
             let crossings = self.crossings[place].get().copied().unwrap_or(0.0);
             let p_value = adjusted * table.weights.of(self.candidates[*candidate].is_named());
             let nulls = scan.flipped(scores, &residuals);
-            let exceeds = |(flip, null): (usize, &Vec<f32>)| {
-                let null: Vec<f64> = null.iter().copied().map(f64::from).collect();
+            let mut highest = vec![0.0_f32; flips];
+            for point in nulls.column_iter() {
+                for (highest, &statistic) in highest.iter_mut().zip(point.iter()) {
+                    *highest = highest.max(statistic);
+                }
+            }
+            let exceeds = |flip: usize| {
                 let does = |statistic: f64| {
                     let (equivalent, _) = f_form(statistic, rank, sums[flip], degrees);
                     global_p(equivalent, rank, crossings) <= p_value
                 };
-                let highest = null.iter().copied().fold(0.0, f64::max);
+                let highest = f64::from(highest[flip]);
                 let refined = |k: usize| {
                     scan.around(k).any(|value| {
                         let point = self.point(&table.responses, *candidate, value);
                         point.is_some_and(|point| {
                             let at = |probe: usize| {
-                                let column = residuals[probe].column(flip);
-                                column.iter().copied().map(f64::from).collect::<Vec<f64>>()
+                                let row = residuals[probe].row(flip);
+                                row.iter().copied().map(f64::from).collect::<Vec<f64>>()
                             };
                             does(point.statistic(&point.columns.products(at)))
                         })
                     })
                 };
+                let is_near = does(highest / LEAST_SHOWN);
                 does(highest)
-                    || (does(highest / LEAST_SHOWN)
-                        && peaks(&null, LEAST_SHOWN * highest)
+                    || (is_near && {
+                        let null: Vec<f64> =
+                            nulls.row(flip).iter().copied().map(f64::from).collect();
+                        peaks(&null, LEAST_SHOWN * highest)
                             .filter(|&k| does(null[k] / LEAST_SHOWN))
-                            .any(refined))
+                            .any(refined)
+                    })
             };
-            Some(nulls.iter().enumerate().map(exceeds).collect::<Vec<bool>>())
+            Some((0..flips).map(exceeds).collect::<Vec<bool>>())
         });
         for of_task in of_tasks.into_iter().flatten() {
             exceeded
@@ -112,11 +122,9 @@ impl Bench {
             let critical = *criticals.entry((c.ncols(), is_named)).or_insert_with(|| {
                 f_quantile_above(adjusted * table.weights.of(is_named), rank, degrees)
             });
-            let statistics = c
-                .map(single)
-                .tr_mul(&flipped.rows(place.start, place.len()));
+            let statistics = flipped.columns(place.start, place.len()) * c.map(single);
             for (flip, exceeded) in exceeded.iter_mut().enumerate() {
-                let statistic = f64::from(statistics.column(flip).norm_squared());
+                let statistic = f64::from(statistics.row(flip).norm_squared());
                 let rest = (sums[flip] - statistic).max(1e-12) / (degrees - rank).max(1.0);
                 *exceeded |= statistic / rank / rest >= critical;
             }
@@ -124,21 +132,25 @@ impl Bench {
         exceeded
     }
 
-    /// Mean upcrossings of a scan in null scans beside a model.
-    pub(super) fn count_crossings(
+    /// Residuals under few random signs, in which upcrossings of scans that have not been counted yet are;
+    /// nothing where all have been.
+    pub(super) fn nulls(
         &self,
         view: &View,
         responses: &Responses,
-        scan: &Scan,
-        scores: &Scores,
-    ) -> f64 {
+        mut scans: Range<usize>,
+    ) -> Vec<DMatrix<f32>> {
+        if scans.all(|place| self.crossings[place].get().is_some()) {
+            return vec![];
+        }
         let flips = signs(self.units, NULL_SCANS, 1);
         let basis = self.flipped_basis(view, &flips);
-        let residuals = responses.flipped(&self.probes, &self.samples, &flips, &basis);
-        upcrossings(
-            &scan.flipped(scores, &residuals),
-            scores.rank().max(1) as f64,
-        )
+        responses.flipped(&self.probes, &self.samples, &flips, &basis)
+    }
+
+    /// Mean upcrossings of a scan in null scans.
+    pub(super) fn count_crossings(scan: &Scan, scores: &Scores, nulls: &[DMatrix<f32>]) -> f64 {
+        upcrossings(&scan.flipped(scores, nulls), scores.rank().max(1) as f64)
     }
 
     /// Qᵀ(s∘e) for each flip.

@@ -31,16 +31,16 @@ impl Bench {
         &self,
         view: &View,
         responses: &Responses,
-        place: usize,
-        scanned: &Scores,
+        (place, scanned): (usize, &Scores),
+        nulls: &[DMatrix<f32>],
     ) -> Option<Score> {
         let (candidate, scan) = self.scan(place)?;
         let rank = scanned.rank() as f64;
         if rank == 0.0 || self.hidden.contains(candidate) {
             return None;
         }
-        let crossings = *self.crossings[place]
-            .get_or_init(|| self.count_crossings(view, responses, scan, scanned));
+        let crossings =
+            *self.crossings[place].get_or_init(|| Self::count_crossings(scan, scanned, nulls));
         let height = LEAST_SHOWN * scanned.highest();
         let (value, statistic) = self
             .refined(responses, place, scanned, height)

@@ -37,7 +37,7 @@ pub(super) fn spectrum(
         let total = left.norm_squared();
         let equivalent =
             |&statistic: &f32| f_form(f64::from(statistic), rank, total, base.degrees).0;
-        scanned[0].iter().map(equivalent).collect::<Vec<f64>>()
+        scanned.iter().map(equivalent).collect::<Vec<f64>>()
     });
     let level = LEVEL / first.scores.len().max(1) as f64;
     let threshold = bisect(rank, 10.0 * rank + 20.0, |statistic| {
@@ -101,8 +101,8 @@ fn by_probe(bench: &Bench, base: &View, residuals: &DVector<f64>) -> Vec<DMatrix
                 sums[sample] += derivative * factor * residual;
             }
             DMatrix::from_iterator(
-                probe.samples.len(),
                 1,
+                probe.samples.len(),
                 probe.samples.iter().map(|&sample| single(sums[sample])),
             )
         })

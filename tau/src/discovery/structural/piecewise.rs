@@ -205,7 +205,9 @@ fn tracks(search: &Search<'_>, base: &Variant) -> Vec<Bent> {
         .filter(|(_, knots)| knots.len() > 2)
         .collect();
     let level = FURTHER / straight.len() as f64;
-    parallel::map(&straight, |(track, knots)| of_track(search, &view, *track, knots, level))
+    parallel::map(&straight, |(track, knots)| {
+        of_track(search, &view, *track, knots, level)
+    })
 }
 
 /// Commands at which set 2 has points of a track.
