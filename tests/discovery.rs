@@ -176,6 +176,16 @@ fn the_noise_of_measured_points_gets_no_name() {
     }
 }
 
+/// What other blocks hardly tell of a held-out stretch of a measured path does not hide what they tell of an
+/// effect.
+#[test]
+fn an_effect_is_confirmed_beside_measured_points() {
+    let found = from_base("03", "BestPerLink", &[1, 2, 3]);
+    assert_eq!(names(&found), ["backlash(one)"]);
+    assert_eq!(found.status, Status::Explained);
+    assert!(found.validation.after.mean_um < 20.0);
+}
+
 /// Poses that lie off in one stretch of a track are no mistakes of the measurement.
 #[test]
 fn what_is_local_is_not_taken_for_outliers() {
