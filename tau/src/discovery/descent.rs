@@ -233,9 +233,12 @@ impl Descent {
 
     /// Noise of each component over the stated one: squares over what the fit leaves of their number.
     fn noise(&self) -> [f64; 4] {
-        let step = self.step(&self.residuals);
+        let Some(b) = self.normal.inverse_factor() else {
+            return self.scales;
+        };
+        let step = -(&b * b.tr_mul(&self.normal.gradient(&self.residuals)));
         let after = &self.residuals + self.normal.moved(&step);
-        let absorbed = self.normal.absorbed();
+        let absorbed = self.normal.absorbed(&b);
         Component::ALL.map(|component| {
             let rows: Vec<usize> = (0..self.joint.rows.len())
                 .filter(|&row| {
@@ -252,10 +255,6 @@ impl Descent {
                 scale * (sum / degrees).sqrt().max(1e-3)
             }
         })
-    }
-
-    fn step(&self, residuals: &DVector<f64>) -> DVector<f64> {
-        -self.normal.solve(residuals)
     }
 
     /// The share of a step that turns no tracker frame further than linear steps go.

@@ -103,7 +103,7 @@ impl Fit {
             normal,
             ..
         } = descent;
-        let Some(basis) = Basis::from(normal) else {
+        let Some(basis) = Basis::from(&normal) else {
             return Err(not_converged(&joint, "the derivatives are not finite"));
         };
         let residuals = basis.residuals_after(&residuals);

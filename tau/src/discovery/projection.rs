@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::ops::Range;
 
-use nalgebra::{Cholesky, DMatrix, DVector, SymmetricEigen};
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn, SymmetricEigen};
 
 use super::grouped::Grouped;
 use super::parallel;
@@ -26,19 +26,16 @@ impl Basis {
     /// Of a Jacobian, as [`Self::from`].
     #[cfg(test)]
     pub(super) fn of(jacobian: &DMatrix<f64>) -> Option<Self> {
-        Self::from(Normal::of(jacobian)?)
+        Self::from(&Normal::of(jacobian)?)
     }
 
     /// By shifted Cholesky QR, repeated until the columns are orthonormal to rounding (Fukaya et al.,
     /// SIAM J. Sci. Comput. 42, 2020): three products of matrices instead of column by column.
     ///
     /// `None` where columns are dependent or not finite.
-    pub(super) fn from(
-        Normal {
-            jacobian, mut b, ..
-        }: Normal,
-    ) -> Option<Self> {
-        let mut q = jacobian.times(&b);
+    pub(super) fn from(normal: &Normal) -> Option<Self> {
+        let mut b = normal.inverse_factor()?;
+        let mut q = normal.jacobian.times(&b);
         for _ in 1..PASSES {
             let gram = gram(&q);
             let off = (&gram - DMatrix::identity(gram.nrows(), gram.ncols())).amax();
@@ -87,8 +84,6 @@ impl Basis {
 /// The normal equations of a Jacobian: enough for a step, at a fraction of what a basis costs.
 pub(super) struct Normal {
     jacobian: Grouped,
-    /// `(JᵀJ)⁻¹ = B·Bᵀ`.
-    b: DMatrix<f64>,
     /// `JᵀJ` of columns scaled to unit length, and the scales.
     gram: DMatrix<f64>,
     scale: DVector<f64>,
@@ -96,13 +91,15 @@ pub(super) struct Normal {
 
 /// The normal equations with a share of each column's square added to it.
 pub(super) struct Damped {
-    b: DMatrix<f64>,
+    factor: Cholesky<f64, Dyn>,
+    scale: DVector<f64>,
 }
 
 impl Damped {
     /// The step against a gradient `Jᵀe`, but for its sign.
     pub(super) fn solve(&self, gradient: &DVector<f64>) -> DVector<f64> {
-        &self.b * self.b.tr_mul(gradient)
+        let solved = self.factor.solve(&gradient.component_mul(&self.scale));
+        solved.component_mul(&self.scale)
     }
 }
 
@@ -133,13 +130,20 @@ impl Normal {
         // Keeps it positive definite beside rounding.
         let rounding = 4.0 * f64::EPSILON * gram.ncols() as f64;
         shift(&mut gram, rounding);
-        let b = inverse_of(gram.clone(), &scale)?;
-        Some(Self {
+        gram.iter().all(|entry| entry.is_finite()).then_some(Self {
             jacobian,
-            b,
             gram,
             scale,
         })
+    }
+
+    /// `B` of `(JᵀJ)⁻¹ = B·Bᵀ`; `None` where columns are dependent.
+    pub(super) fn inverse_factor(&self) -> Option<DMatrix<f64>> {
+        let mut b = inverse_factor(self.gram.clone())?;
+        for (mut row, &factor) in b.row_iter_mut().zip(self.scale.iter()) {
+            row *= factor;
+        }
+        Some(b)
     }
 
     /// Damped by a share of each column's square, without the unknowns that are held.
@@ -151,8 +155,10 @@ impl Normal {
             gram.column_mut(k).fill(0.0);
             gram[(k, k)] = 1.0;
         }
-        let b = inverse_of(gram, &self.scale)?;
-        Some(Damped { b })
+        Some(Damped {
+            factor: Cholesky::new(gram)?,
+            scale: self.scale.clone(),
+        })
     }
 
     /// `Jᵀe`.
@@ -160,19 +166,14 @@ impl Normal {
         self.jacobian.gradient(residuals)
     }
 
-    /// `(JᵀJ)⁻¹ Jᵀe`.
-    pub(super) fn solve(&self, residuals: &DVector<f64>) -> DVector<f64> {
-        &self.b * self.b.tr_mul(&self.gradient(residuals))
-    }
-
     /// What a step adds to the residuals, to first order.
     pub(super) fn moved(&self, step: &DVector<f64>) -> DVector<f64> {
         self.jacobian.moved(step)
     }
 
-    /// How much of a degree of freedom the fit absorbs of each row.
-    pub(super) fn absorbed(&self) -> Vec<f64> {
-        self.jacobian.squares(&self.b)
+    /// How much of a degree of freedom the fit absorbs of each row; `b` is [`Self::inverse_factor`].
+    pub(super) fn absorbed(&self, b: &DMatrix<f64>) -> Vec<f64> {
+        self.jacobian.squares(b)
     }
 }
 
@@ -221,15 +222,6 @@ fn shift(gram: &mut DMatrix<f64>, amount: f64) {
     for k in 0..gram.ncols() {
         gram[(k, k)] += amount;
     }
-}
-
-/// A factor `B` of the inverse `B·Bᵀ` of a Gram matrix whose columns have been scaled.
-fn inverse_of(gram: DMatrix<f64>, scale: &DVector<f64>) -> Option<DMatrix<f64>> {
-    let mut b = inverse_factor(gram)?;
-    for (mut row, &factor) in b.row_iter_mut().zip(scale.iter()) {
-        row *= factor;
-    }
-    Some(b)
 }
 
 /// `L⁻ᵀ` of a Gram matrix `L·Lᵀ`.
