@@ -9,6 +9,7 @@ use super::super::projection::{Subspace, orthonormal};
 use super::super::response::{Displacements, Responses};
 use super::super::samples::Sample;
 use super::super::scan::{AS_GOOD, LEAST_SHOWN, Scan, Scores, global_p, lengths, lobe, peaks};
+use super::super::selection::LEVEL;
 use super::super::view::View;
 use super::{Bench, Score, Table, f_form};
 use crate::calibration::widest;
@@ -41,14 +42,25 @@ impl Bench {
         }
         let crossings =
             *self.crossings[place].get_or_init(|| Self::count_crossings(scan, scanned, nulls));
-        let height = LEAST_SHOWN * scanned.highest();
-        let (value, statistic) = self
-            .refined(responses, place, scanned, height)
+        let p_value = |statistic: f64| {
+            let (equivalent, _) = f_form(statistic, rank, view.total(), view.degrees);
+            global_p(equivalent, rank, crossings)
+        };
+        let highest = scanned.highest();
+        let height = LEAST_SHOWN * highest;
+        let peaks = if p_value(highest / LEAST_SHOWN) > LEVEL {
+            // Nothing between the points of the grid could be significant, not even alone.
+            peaks(&scanned.statistics, height)
+                .map(|k| (scan.grid[k], scanned.statistics[k]))
+                .collect()
+        } else {
+            self.refined(responses, place, scanned, height)
+        };
+        let (value, statistic) = peaks
             .into_iter()
             .filter(|(value, _)| scan.allows(*value))
             .max_by(|a, b| a.1.total_cmp(&b.1))?;
-        let (equivalent, _) = f_form(statistic, rank, view.total(), view.degrees);
-        let p_value = global_p(equivalent, rank, crossings);
+        let p_value = p_value(statistic);
         Some(Score {
             candidate: *candidate,
             statistic,
