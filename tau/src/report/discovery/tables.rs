@@ -24,16 +24,17 @@ pub(in crate::report) fn labels(found: &Discovery) -> Vec<String> {
                     |other: &&str| other.split_once(" with ").map(|own| own.0) == Some(term);
                 terms.iter().any(extended)
             };
-            let came = terms.iter().filter(|term| !before.contains(term));
-            let mut changes: Vec<String> = came
-                .map(|term| match term.split_once(" with ") {
-                    Some((effect, optional)) if before.contains(&effect) => {
-                        format!("+ {optional} of {effect}")
-                    }
-                    _ => format!("+ {term}"),
-                })
-                .collect();
-            let went = before.iter().filter(|term| !terms.contains(term));
+            // The base stands first; where it gives way to another, that is one change.
+            let base = (terms[0] != before[0]).then(|| format!("{} for {}", terms[0], before[0]));
+            let came = terms[1..].iter().filter(|term| !before.contains(term));
+            let mut changes: Vec<String> = base.into_iter().collect();
+            changes.extend(came.map(|term| match term.split_once(" with ") {
+                Some((effect, optional)) if before.contains(&effect) => {
+                    format!("+ {optional} of {effect}")
+                }
+                _ => format!("+ {term}"),
+            }));
+            let went = before[1..].iter().filter(|term| !terms.contains(term));
             changes.extend(
                 went.filter(|term| !is_extended(term))
                     .map(|term| format!("− {term}")),

@@ -205,6 +205,11 @@ fn steps_are_named_by_what_they_change() {
         "− rack_pitch(two) with a, b",
     ];
     assert_eq!(tables::labels(&extended), expected);
+    extended.steps = ["Full", "BestPerLink", "BestPerLink + backlash(one)"]
+        .map(|model| step(model, 1.0))
+        .to_vec();
+    let expected = ["Full", "BestPerLink for Full", "+ backlash(one)"];
+    assert_eq!(tables::labels(&extended), expected);
 }
 
 #[test]
