@@ -139,18 +139,24 @@ impl Search<'_> {
         let table = self.table(&view);
         for effect in 0..self.accepted.len() {
             let acts_on = self.bench.displaces(self.accepted[effect].candidate);
-            let mut there: Vec<(usize, Option<f64>, f64)> = table
+            let families: Vec<&Score> = table
                 .scores
                 .iter()
                 .filter(|score| !self.is_named(score) && self.is_open(score.candidate))
                 .filter(|score| self.bench.displaces(score.candidate).is_subset(&acts_on))
-                .map(|score| (score.candidate, None, score.p_value))
                 .collect();
-            there.extend(self.harmonics(&view, effect, &acts_on));
-            let level = FURTHER / there.len() as f64;
-            let left = there
+            let harmonics = self.harmonics(&view, effect, &acts_on);
+            // Harmonics, where there may be any, get half of the level.
+            let level = FURTHER / if harmonics.is_some() { 2.0 } else { 1.0 };
+            let of_family = level / families.len() as f64;
+            let families = families
                 .into_iter()
-                .filter(|(.., p_value)| *p_value <= level)
+                .map(|score| (score.candidate, None, score.p_value / of_family));
+            let harmonics =
+                harmonics.map(|(family, value, p_value)| (family, Some(value), p_value / level));
+            let left = families
+                .chain(harmonics)
+                .filter(|(.., share)| *share <= 1.0)
                 .min_by(|a, b| a.2.total_cmp(&b.2));
             if let Some((candidate, searched, _)) = left {
                 self.unnamed.push((candidate, searched));
@@ -158,36 +164,41 @@ impl Search<'_> {
         }
     }
 
-    /// Harmonics of a found period, as an unnamed family on the same displacement.
+    /// Harmonics of a found period together, as an unnamed family on the same displacement: the family, the
+    /// strongest harmonic's period and the p-value of all.
     fn harmonics(
         &self,
         view: &View,
         effect: usize,
         acts_on: &BTreeSet<usize>,
-    ) -> Vec<(usize, Option<f64>, f64)> {
+    ) -> Option<(usize, f64, f64)> {
         let described = &self.bench.candidates[self.accepted[effect].candidate];
-        let period = described
-            .search
-            .map(|(place, _)| self.values_of(effect)[place]);
-        let family = self
-            .bench
-            .searched_families()
-            .iter()
-            .copied()
-            .find(|&family| self.bench.displaces(family) == *acts_on);
-        let (Some(period), Some(family)) = (period, family) else {
-            return vec![];
-        };
-        HARMONICS
-            .filter_map(|order| {
-                let value = period / f64::from(order);
-                let (_, subspace) = self.bench.subspace(view, family, Some(value))?;
-                let rank = subspace.rank() as f64;
-                let statistic = subspace.statistic(&view.residuals);
-                let (_, p_value) = f_form(statistic, rank, view.total(), view.degrees);
-                Some((family, Some(value), p_value))
-            })
-            .collect()
+        let (place, _) = described.search?;
+        let period = self.values_of(effect)[place];
+        let mut families = self.bench.searched_families().iter().copied();
+        let family = families.find(|&family| self.bench.displaces(family) == *acts_on)?;
+        let (mut statistic, mut rank) = (0.0, 0);
+        let mut strongest = (0.0, period);
+        let mut beside = None;
+        for order in HARMONICS {
+            let value = period / f64::from(order);
+            let here = beside.as_ref().unwrap_or(view);
+            let Some((_, subspace)) = self.bench.subspace(here, family, Some(value)) else {
+                continue;
+            };
+            let own = subspace.statistic(&view.residuals);
+            if own > strongest.0 {
+                strongest = (own, value);
+            }
+            statistic += own;
+            rank += subspace.rank();
+            beside = Some(here.with(&subspace));
+        }
+        if rank == 0 {
+            return None;
+        }
+        let (_, p_value) = f_form(statistic, rank as f64, view.total(), view.degrees);
+        Some((family, strongest.1, p_value))
     }
 
     /// The measurement that would tell an effect from a rival, in words.
