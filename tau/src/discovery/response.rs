@@ -359,69 +359,82 @@ impl Displacements {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::super::distribution::Random;
+    use super::super::joint::tests::of_set_1;
     use super::super::joint::{Component, Row};
     use super::super::probes::Probe;
     use super::super::projection::Basis;
     use super::super::view::Freed;
     use super::*;
 
-    /// A model that gives back a parameter answers as one that never had it, prior and all.
-    #[test]
-    fn what_is_given_back_is_as_if_never_taken() {
-        let mut random = Random(21);
+    const ROWS: usize = 60;
+    const COLUMNS: usize = 6;
+
+    /// A Jacobian with rows of priors, residuals, a probe that moves every row, and two columns of it.
+    pub(in crate::discovery) fn fixture(
+        random: &mut Random,
+    ) -> (DMatrix<f64>, DVector<f64>, Probes, Displacements) {
         let mut number = || (random.bits() >> 40) as f64 / 1e7 - 0.8;
-        let (rows, columns, removed, amplitude) = (80, 6, 2, 0.7);
-        let mut jacobian = DMatrix::from_fn(rows + columns, columns, |_, _| number());
-        for prior in 0..columns {
-            jacobian.row_mut(rows + prior).fill(0.0);
-            jacobian[(rows + prior, prior)] = 0.5;
+        let mut jacobian = DMatrix::from_fn(ROWS + COLUMNS, COLUMNS, |_, _| number());
+        for prior in 0..COLUMNS {
+            jacobian.row_mut(ROWS + prior).fill(0.0);
+            jacobian[(ROWS + prior, prior)] = 0.5;
         }
-        let basis = Basis::of(&jacobian).unwrap();
-        let measured = DVector::from_fn(rows + columns, |_, _| number());
-        let view = |q: DMatrix<f64>, residuals: &DVector<f64>| View {
-            residuals: residuals - &q * q.tr_mul(residuals),
-            q,
-            factors: vec![1.0; rows],
-            rows: (0..rows)
-                .map(|row| Row {
-                    sample: row / 2,
-                    component: Component::Closure,
-                    residual: row % 2,
-                })
-                .collect(),
-            degrees: rows as f64,
-        };
-        let whole = view(basis.q.clone(), &measured);
+        let measured = DVector::from_fn(ROWS + COLUMNS, |_, _| number());
         let probes = Probes {
             all: vec![Probe {
-                rows: (0..rows).map(|_| number()).collect(),
-                samples: (0..rows / 2).collect(),
+                rows: (0..ROWS).map(|_| number()).collect(),
+                samples: (0..ROWS / 2).collect(),
             }],
             carts: vec![],
             closures: vec![],
             tcp: [0; 3],
-            row_samples: (0..rows).map(|row| row / 2).collect(),
-            sample_count: rows / 2,
+            row_samples: (0..ROWS).map(|row| row / 2).collect(),
+            sample_count: ROWS / 2,
         };
-        let slopes = (0..2).map(|_| Some((0..rows / 2).map(|_| number()).collect()));
+        let slopes = (0..2).map(|_| Some((0..ROWS / 2).map(|_| number()).collect()));
         let mut candidate = Displacements::default();
         candidate.push(&[Entry::plain(0, slopes.collect())], &[0, 1], &probes);
+        (jacobian, measured, probes, candidate)
+    }
+
+    pub(in crate::discovery) fn view(q: DMatrix<f64>, residuals: &DVector<f64>) -> View {
+        let row = |row: usize| Row {
+            sample: row / 2,
+            component: Component::Closure,
+            residual: row % 2,
+        };
+        View {
+            residuals: residuals - &q * q.tr_mul(residuals),
+            q,
+            factors: vec![1.0; ROWS],
+            rows: (0..ROWS).map(row).collect(),
+            degrees: ROWS as f64,
+        }
+    }
+
+    /// A model that gives back a parameter answers as one that never had it, prior and all.
+    #[test]
+    fn what_is_given_back_is_as_if_never_taken() {
+        let (removed, amplitude) = (2, 0.7);
+        let (jacobian, measured, probes, candidate) = fixture(&mut Random(21));
+        let basis = Basis::of(&jacobian).unwrap();
+        let whole = view(basis.q.clone(), &measured);
         let mut pairs = BTreeSet::new();
         candidate.pairs(0..2, &mut pairs);
 
         let mut without = whole.residuals.clone();
-        for row in 0..rows {
+        for row in 0..ROWS {
             without[row] -= amplitude * jacobian[(row, removed)];
         }
-        without[rows + removed] = 0.0;
-        let others: Vec<usize> = (0..columns).filter(|&k| k != removed).collect();
+        without[ROWS + removed] = 0.0;
+        let others: Vec<usize> = (0..COLUMNS).filter(|&k| k != removed).collect();
         let others = Basis::of(&jacobian.select_columns(&others)).unwrap();
         let expected = Responses::of(&view(others.q, &without), &probes, &pairs);
         let freed = Freed::of(&basis, &jacobian, &[removed], &[(removed, amplitude)]);
-        let found =
-            Responses::of(&whole, &probes, &pairs).without(freed.directions, &freed.amounts);
+        let before = Responses::of(&whole, &probes, &pairs);
+        let found = before.without(freed.directions, &freed.amounts);
 
         let left = |responses: &Responses| {
             let absorbed = candidate.absorbed(responses);
@@ -429,7 +442,39 @@ mod tests {
         };
         assert!((left(&found) - left(&expected)).amax() < 1e-10);
         assert!((candidate.score(&found) - candidate.score(&expected)).amax() < 1e-10);
-        let before = Responses::of(&whole, &probes, &pairs);
         assert!((left(&before) - left(&expected)).amax() > 1e-3);
+    }
+
+    /// Scores under random signs are those of residuals whose units have these signs, less what the model
+    /// absorbs of them.
+    #[test]
+    fn flipped_scores_are_those_of_flipped_residuals() {
+        let mut random = Random(22);
+        let (jacobian, measured, probes, candidate) = fixture(&mut random);
+        let (_, samples) = of_set_1();
+        let basis = Basis::of(&jacobian).unwrap();
+        let view = view(basis.q, &measured);
+        let responses = Responses::of(&view, &probes, &BTreeSet::new());
+        let signs = DMatrix::from_fn(Sample::units(&samples), 3, |_, _| random.sign());
+        let flipped = DMatrix::from_fn(ROWS + COLUMNS, 3, |row, flip| {
+            let sign = |row: usize| signs[(samples[row / 2].unit, flip)];
+            if row < ROWS {
+                view.residuals[row] * sign(row)
+            } else {
+                0.0
+            }
+        });
+        let absorbed = view.q.tr_mul(&flipped);
+        let residuals = responses.flipped(&probes, &samples, &signs, &absorbed);
+        let found = candidate.flipped(&residuals);
+        let left = &flipped - &view.q * absorbed;
+        for flip in 0..3 {
+            let sums = Responses::sums(&view, &probes, left.column(flip).as_slice());
+            let expected = candidate.products(|probe| sums[probe].as_slice());
+            for (column, expected) in expected.iter().enumerate() {
+                let found = f64::from(found[(flip, column)]);
+                assert!((found - expected).abs() < 1e-5 * (1.0 + expected.abs()));
+            }
+        }
     }
 }

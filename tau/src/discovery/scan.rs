@@ -256,7 +256,10 @@ fn count(number: f64) -> usize {
 mod tests {
     use std::f64::consts::TAU;
 
+    use super::super::joint::tests::of_set_1;
+    use super::super::projection::Basis;
     use super::super::projection::tests::normal;
+    use super::super::response::tests::{fixture, view};
     use super::*;
 
     const RANGE_M: f64 = 1.4;
@@ -276,6 +279,34 @@ mod tests {
     fn commands(count: usize) -> Vec<f64> {
         let place = |k: usize| (k as f64 + 0.5) / count as f64 - 0.5;
         (0..count).map(|k| RANGE_M * place(k)).collect()
+    }
+
+    /// Under signs that are all the same, a scan scores what it scores.
+    #[test]
+    fn equal_signs_change_no_score() {
+        let (jacobian, measured, probes, columns) = fixture(&mut Random(23));
+        let view = view(Basis::of(&jacobian).unwrap().q, &measured);
+        let mut pairs = BTreeSet::new();
+        columns.pairs(0..2, &mut pairs);
+        let responses = Responses::of(&view, &probes, &pairs);
+        let scan = Scan {
+            grid: vec![1.0],
+            range: (1.0, 1.0),
+            width: 2,
+            columns,
+        };
+        let scores = scan.scores(&responses, None);
+        assert_eq!(scores.rank(), 2);
+        let (_, samples) = of_set_1();
+        let signs = DMatrix::from_element(Sample::units(&samples), 1, -1.0);
+        let absorbed = DMatrix::zeros(view.q.ncols(), 1);
+        let residuals = responses.flipped(&probes, &samples, &signs, &absorbed);
+        let found = f64::from(scan.flipped(&scores, &residuals)[(0, 0)]);
+        let expected = scores.statistics[0];
+        assert!(
+            (found - expected).abs() < 1e-4 * expected,
+            "{found} {expected}"
+        );
     }
 
     #[test]

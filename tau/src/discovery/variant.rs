@@ -115,9 +115,19 @@ pub(super) fn free_turning_from(
 
 /// The model with carts that turn and drift in proportion to their commands.
 fn turning(model: &Model, variant: usize) -> Model {
-    let mut model = with_effects(model, TEXT);
-    let effect = index_of(&model, TURNING);
-    let carts = (0..model.tracks.len()).map(|track| EffectUse {
+    on_carts(model, variant, (TEXT, TURNING), 0..model.tracks.len())
+}
+
+/// The model with an effect, described by a text, on the carts of some tracks in a variant.
+fn on_carts(
+    model: &Model,
+    variant: usize,
+    (text, name): (&str, &str),
+    tracks: impl IntoIterator<Item = usize>,
+) -> Model {
+    let mut model = with_effects(model, text);
+    let effect = index_of(&model, name);
+    let carts = tracks.into_iter().map(|track| EffectUse {
         effect,
         place: Place::Cart {
             track,
@@ -141,21 +151,7 @@ fn stretching(model: &Model, variant: usize) -> Option<Model> {
                 && model.links_of_track(track).len() > 1
         })
         .collect();
-    if tracks.is_empty() {
-        return None;
-    }
-    let mut model = with_effects(model, STRETCHES);
-    let effect = index_of(&model, STRETCHING);
-    let carts = tracks.into_iter().map(|track| EffectUse {
-        effect,
-        place: Place::Cart {
-            track,
-            source: None,
-        },
-        with: vec![],
-    });
-    model.variants[variant].effects.extend(carts);
-    Some(model)
+    (!tracks.is_empty()).then(|| on_carts(model, variant, (STRETCHES, STRETCHING), tracks))
 }
 
 /// Takes over instances of another variant whose parameters are there by the same names.
