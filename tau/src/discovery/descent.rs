@@ -324,3 +324,34 @@ pub(super) fn not_converged(joint: &Joint, why: &str) -> Error {
         why: why.to_owned(),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::distribution::Random;
+    use super::super::joint::tests::of_set_1;
+    use super::super::projection::tests::normal;
+    use super::*;
+
+    /// From values forty tolerances off, where whole steps go too far, descents end at one minimum.
+    #[test]
+    fn far_starts_end_where_near_ones_do() {
+        let mut random = Random(31);
+        let mut cost = |tolerances: f64| {
+            let (joint, samples) = of_set_1();
+            let nominal = joint.fitted(&joint.machine.values);
+            let start = nominal.iter().zip(&joint.priors).map(|(value, prior)| {
+                value + tolerances * prior.tolerance.unwrap_or(0.0) * normal(&mut random)
+            });
+            let start = start.collect();
+            let descent = Descent::from(joint, start, [1.0; 4], vec![1.0; samples.len()]).unwrap();
+            let reached = descent.converged().unwrap();
+            assert!(reached.is_settled);
+            reached.residuals.norm_squared()
+        };
+        let near = cost(0.0);
+        for _ in 0..12 {
+            let far = cost(40.0);
+            assert!((far - near).abs() < 10.0 * CONVERGED, "{far} {near}");
+        }
+    }
+}
