@@ -10,6 +10,7 @@ use nalgebra::{Cholesky, DVector};
 use super::bench::{Bench, Score, Table, f_form};
 use super::confirmation::held_out_gain;
 use super::distribution::chi2_survival;
+use super::encompassing::Pair;
 use super::fit::Fit;
 use super::parallel;
 use super::projection::Subspace;
@@ -107,14 +108,20 @@ impl Search<'_> {
                 break;
             };
             let (samples, seed) = (&self.bench.samples, self.input.options.seed);
-            let (flip_p_value, (gain, is_serial)) = parallel::both(
-                || self.flip_p(&view, &table, &winner),
+            // What follows if it is confirmed takes as long as to confirm it, on another core.
+            let ((flip_p_value, (gain, is_serial)), joined) = parallel::both(
                 || {
-                    (
-                        held_out_gain(&view, &subspace, samples, seed),
-                        self.is_serial(&view, &table, &winner, &subspace),
+                    parallel::both(
+                        || self.flip_p(&view, &table, &winner),
+                        || {
+                            (
+                                held_out_gain(&view, &subspace, samples, seed),
+                                self.is_serial(&view, &table, &winner, &subspace),
+                            )
+                        },
                     )
                 },
+                || self.is_named(&winner).then(|| self.joined(&winner)),
             );
             let aliases = self.bench.aliases(&table, &winner);
             self.first.get_or_insert(table);
@@ -133,14 +140,17 @@ impl Search<'_> {
                 self.imitated.insert(winner.candidate);
                 continue;
             }
-            if !self.bench.candidates[winner.candidate].is_named() {
-                self.unnamed.push((winner.candidate, winner.searched));
-                self.imitated.clear();
-                continue;
-            }
-            if !self.accept(&winner, flip_p_value, aliases)? {
-                self.refused.insert(winner.candidate);
-                continue;
+            match joined {
+                None => {
+                    self.unnamed.push((winner.candidate, winner.searched));
+                    self.imitated.clear();
+                    continue;
+                }
+                Some(None) => {
+                    self.refused.insert(winner.candidate);
+                    continue;
+                }
+                Some(Some(fit)) => self.accept(fit, &winner, flip_p_value, aliases)?,
             }
             self.drop_idle()?;
         }
@@ -176,12 +186,12 @@ impl Search<'_> {
         self.known.insert(known).clone()
     }
 
-    /// Scores beside the model without one of its effects.
-    fn table_without(&mut self, effect: usize, view: &View) -> Table {
-        if !self.unnamed.is_empty() {
+    /// Scores beside the model without one of its effects; `whole` are those beside the model with it, where
+    /// it has no unnamed families.
+    fn table_without(&self, effect: usize, whole: Option<&Table>, view: &View) -> Table {
+        let Some(whole) = whole else {
             return self.bench.table(view);
-        }
-        let whole = self.table(&View::of(&self.fit));
+        };
         let (columns, amplitudes) = self.amplitudes(effect);
         let values: Vec<(usize, f64)> = columns
             .into_iter()
@@ -189,7 +199,7 @@ impl Search<'_> {
             .collect();
         let (basis, jacobian) = (&self.fit.basis, &self.fit.jacobian);
         let freed = Freed::of(basis, jacobian, &self.columns_of(effect), &values);
-        self.bench.table_without(&whole, freed, view)
+        self.bench.table_without(whole, freed, view)
     }
 
     /// The model with its unnamed families.
@@ -269,56 +279,28 @@ impl Search<'_> {
                 .copied()
                 .filter(|score| score.candidate != name.candidate)
                 .collect();
-            let Some(better) = self
-                .encompassing(view, table, &own, &others)
-                .into_iter()
-                .next()
-            else {
+            let pairs = self.bench.pairs_with(view, table, &own, &others);
+            let Some(better) = encompassing(&others, &pairs).into_iter().next() else {
                 break;
             };
             name = better.clone();
         }
         let own = self.subspace(view, &name)?;
-        // A family that is better by far counts as well, whatever the name has beside it.
-        let far_better: Vec<&Score> = families
-            .iter()
-            .copied()
-            .filter(|family| family.bic > name.bic + AS_GOOD)
-            .collect();
-        let pairs = self.bench.pairs_with(view, table, &own, &far_better);
+        let pairs = self.bench.pairs_with(view, table, &own, &families);
         let level = ENCOMPASSES / families.len().max(1) as f64;
+        // A family that is better by far counts as well, whatever the name has beside it.
+        let far_better = families
+            .iter()
+            .zip(&pairs)
+            .filter(|(family, pair)| family.bic > name.bic + AS_GOOD && pair.other_beside <= level);
         let above: Vec<&Score> = far_better
-            .into_iter()
-            .zip(pairs)
-            .filter(|(_, pair)| pair.other_beside <= level)
-            .map(|(family, _)| family)
-            .chain(self.encompassing(view, table, &own, &families))
+            .map(|(family, _)| *family)
+            .chain(encompassing(&families, &pairs))
             .collect();
         match best(&above) {
             Some(family) if !self.is_accounted_for(view, (&own, name.bic), &family) => Some(family),
             _ => Some(name),
         }
-    }
-
-    /// Those of some scores that encompass a subspace, the most significant beside it first.
-    fn encompassing<'t>(
-        &self,
-        view: &View,
-        table: &Table,
-        own: &Subspace,
-        others: &[&'t Score],
-    ) -> Vec<&'t Score> {
-        let pairs = self.bench.pairs_with(view, table, own, others);
-        let mut contenders: Vec<(&Score, f64)> = others
-            .iter()
-            .zip(pairs)
-            .filter(|(_, pair)| pair.beside_other > NOTHING)
-            .map(|(score, pair)| (*score, pair.other_beside))
-            .collect();
-        let level = ENCOMPASSES / contenders.len() as f64;
-        contenders.retain(|(_, p_value)| *p_value <= level);
-        contenders.sort_by(|a, b| a.1.total_cmp(&b.1));
-        contenders.into_iter().map(|(score, _)| score).collect()
     }
 
     /// Whether a score is no longer significant once it is allowed for that the noise is serial.
@@ -473,6 +455,21 @@ impl Search<'_> {
         self.go_on(self.refit(&self.uses(), None)?);
         self.record(None)
     }
+}
+
+/// Those of some scores that encompass a candidate, the most significant beside it first; `pairs` are each of
+/// them beside the candidate.
+fn encompassing<'t>(others: &[&'t Score], pairs: &[Pair]) -> Vec<&'t Score> {
+    let mut contenders: Vec<(&Score, f64)> = others
+        .iter()
+        .zip(pairs)
+        .filter(|(_, pair)| pair.beside_other > NOTHING)
+        .map(|(score, pair)| (*score, pair.other_beside))
+        .collect();
+    let level = ENCOMPASSES / contenders.len() as f64;
+    contenders.retain(|(_, p_value)| *p_value <= level);
+    contenders.sort_by(|a, b| a.1.total_cmp(&b.1));
+    contenders.into_iter().map(|(score, _)| score).collect()
 }
 
 #[expect(

@@ -16,19 +16,13 @@ use crate::evaluation::evaluate;
 use crate::robot::Owner;
 
 impl Search<'_> {
-    /// Adds an effect and refits; whether the fit converged.
-    pub(super) fn accept(
-        &mut self,
-        score: &Score,
-        flip_p_value: f64,
-        aliases: Vec<f64>,
-    ) -> Result<bool, Error> {
+    /// The model with an effect more, refitted from where its score sees it; `None` where that does not
+    /// converge.
+    pub(super) fn joined(&self, score: &Score) -> Option<Fit> {
         let described = &self.bench.candidates[score.candidate];
         let mut values = described.nominal();
         let view = self.view();
-        let Some(subspace) = self.subspace(&view, score) else {
-            return Ok(false);
-        };
+        let subspace = self.subspace(&view, score)?;
         let amplitudes = subspace.amplitudes(&view.residuals);
         for (&place, &amplitude) in described.amplitudes().iter().zip(amplitudes.iter()) {
             values[place] = amplitude;
@@ -43,8 +37,17 @@ impl Search<'_> {
             .collect();
         let mut effects = self.uses();
         effects.push((score.candidate, false));
-        let fit = self.refit(&effects, Some(&start));
-        let Ok(fit) = fit else { return Ok(false) };
+        self.refit(&effects, Some(&start)).ok()
+    }
+
+    /// Goes on with an effect that has [`joined`](Self::joined) the model.
+    pub(super) fn accept(
+        &mut self,
+        fit: Fit,
+        score: &Score,
+        flip_p_value: f64,
+        aliases: Vec<f64>,
+    ) -> Result<(), Error> {
         self.go_on(fit);
         self.imitated.clear();
         self.accepted.push(Accepted {
@@ -58,8 +61,7 @@ impl Search<'_> {
             rivals: vec![],
         });
         self.record(Some(self.accepted.len() - 1))?;
-        self.extend(self.accepted.len() - 1)?;
-        Ok(true)
+        self.extend(self.accepted.len() - 1)
     }
 
     /// Lets the optional parameters of an effect join it where they earn their place.

@@ -3,17 +3,30 @@
 use std::collections::BTreeSet;
 
 use super::super::Error;
-use super::super::bench::{Score, f_form};
+use super::super::bench::{Score, Table, f_form};
+use super::super::parallel;
 use super::super::projection::Subspace;
 use super::super::scan::AS_GOOD;
 use super::super::separation::{Signal, separate_by};
 use super::super::view::View;
-use super::{FURTHER, FoundRival, LEVEL, NOTHING, Search, by_bic};
+use super::{Accepted, FURTHER, FoundRival, LEVEL, NOTHING, Search, by_bic, encompassing};
 
 /// Cosine from which two signals are the same.
 const SAME: f64 = 0.995;
 /// Harmonics of a found period that are looked at.
 const HARMONICS: std::ops::RangeInclusive<u32> = 2..=4;
+
+/// What a review makes of an effect.
+enum Verdict {
+    /// It keeps its place, beside these rivals.
+    Stands(Vec<FoundRival>),
+    /// The others have made it idle.
+    Idle,
+    /// An unnamed family encompasses it.
+    Unnamed((usize, Option<f64>)),
+    /// Another name, with its aliases, is better.
+    Replaced(Score, Vec<f64>),
+}
 
 impl Search<'_> {
     /// With all names found, an unnamed family may turn out to be one of them after all, or nothing.
@@ -33,16 +46,15 @@ impl Search<'_> {
             let winner = self
                 .winner(&view, &table, &significant)
                 .filter(|winner| self.is_named(winner));
-            let is_named = match winner {
-                Some(name) => {
-                    let flip = self.flip_p(&view, &table, &name);
+            let flipped = winner.map(|name| (self.flip_p(&view, &table, &name), name));
+            let confirmed = flipped.filter(|(flip, _)| *flip <= LEVEL);
+            let joined = confirmed.and_then(|(flip, name)| Some((self.joined(&name)?, flip, name)));
+            match joined {
+                Some((fit, flip, name)) => {
                     let aliases = self.bench.aliases(&table, &name);
-                    flip <= LEVEL && self.accept(&name, flip, aliases)?
+                    self.accept(fit, &name, flip, aliases)?;
                 }
-                None => false,
-            };
-            if !is_named {
-                self.unnamed = kept;
+                None => self.unnamed = kept,
             }
         }
         Ok(())
@@ -51,82 +63,118 @@ impl Search<'_> {
     /// Each effect against its rivals in the presence of all others: what is better takes its place, and
     /// what the others have made idle goes.
     pub(super) fn review(&mut self) -> Result<(), Error> {
-        let mut effect = 0;
         let mut replaced = BTreeSet::new();
-        while effect < self.accepted.len() {
-            let (view, own, of_own) = self.without(effect);
-            let table = self.table_without(effect, &view);
-            let significant = self.significant(&table);
-            let scored = table.scores.iter().find(|s| s.candidate == own.candidate);
-            if scored.is_none_or(|scored| scored.adjusted > LEVEL) {
-                self.refused.insert(own.candidate);
-                self.remove(effect)?;
-                effect = 0;
-                continue;
-            }
-            let (names, families): (Vec<&Score>, Vec<&Score>) = significant
-                .iter()
-                .filter(|score| score.candidate != own.candidate)
-                .partition(|score| self.is_named(score));
-            if let Some(family) = self
-                .encompassing(&view, &table, &of_own, &families)
-                .into_iter()
-                .max_by(by_bic)
-            {
-                let family = (family.candidate, family.searched);
-                self.remove(effect)?;
-                self.unnamed.push(family);
-                effect = 0;
-                continue;
-            }
-            let above = self.encompassing(&view, &table, &of_own, &names);
-            let better = above.first().copied().or_else(|| {
-                names
-                    .iter()
-                    .copied()
-                    .filter(|name| name.bic > own.bic)
-                    .max_by(by_bic)
+        loop {
+            let whole = (self.unnamed.is_empty()).then(|| self.table(&View::of(&self.fit)));
+            let effects: Vec<usize> = (0..self.accepted.len()).collect();
+            let verdicts = parallel::map(&effects, |&effect| {
+                self.reviewed(effect, whole.as_ref(), &replaced)
             });
-            if let Some(name) = better
-                && replaced.insert(own.candidate)
-            {
-                let name = name.clone();
-                let kept = self.accepted[effect].clone();
-                let aliases = self.bench.aliases(&table, &name);
-                self.remove(effect)?;
-                if !self.accept(&name, kept.flip_p_value, aliases)? {
-                    break;
+            let mut rivals = Vec::new();
+            let mut change = None;
+            for (effect, verdict) in verdicts.into_iter().enumerate() {
+                match verdict {
+                    Verdict::Stands(own) => rivals.push(own),
+                    other => {
+                        change = Some((effect, other));
+                        break;
+                    }
                 }
-                effect = 0;
-                continue;
             }
-            // What is about as likely, or leaves nothing to the effect.
-            let pairs = self.bench.pairs_with(&view, &table, &of_own, &names);
-            let named = names.iter().zip(pairs).filter(|(score, pair)| {
-                score.bic > own.bic - AS_GOOD || pair.beside_other > NOTHING
-            });
-            // What has no name is a rival only where it is something else.
-            let pairs = self.bench.pairs_with(&view, &table, &of_own, &families);
-            let unnamed = families.iter().zip(pairs).filter(|(score, pair)| {
-                score.bic > own.bic - AS_GOOD && pair.beside_other > NOTHING
-            });
-            let rivals: Vec<FoundRival> = named
-                .map(|(score, _)| (score, true))
-                .chain(unnamed.map(|(score, _)| (score, false)))
-                .filter_map(|(score, is_named)| {
-                    let rival = self.subspace(&view, score)?;
-                    let cosine = cosine(&view, &of_own, &rival);
-                    (is_named || cosine < SAME).then(|| FoundRival {
-                        candidate: score.candidate,
-                        cosine,
-                        separate_by: self.separate_by(effect, score),
-                    })
-                })
-                .collect();
-            self.accepted[effect].rivals = rivals;
-            effect += 1;
+            for (accepted, rivals) in self.accepted.iter_mut().zip(rivals) {
+                accepted.rivals = rivals;
+            }
+            // Each change may change what is said of the others.
+            let Some((effect, verdict)) = change else {
+                return Ok(());
+            };
+            let Accepted {
+                candidate,
+                flip_p_value,
+                ..
+            } = self.accepted[effect];
+            self.remove(effect)?;
+            match verdict {
+                Verdict::Stands(_) => {}
+                Verdict::Idle => {
+                    self.refused.insert(candidate);
+                }
+                Verdict::Unnamed(family) => self.unnamed.push(family),
+                Verdict::Replaced(name, aliases) => {
+                    replaced.insert(candidate);
+                    let Some(fit) = self.joined(&name) else {
+                        return Ok(());
+                    };
+                    self.accept(fit, &name, flip_p_value, aliases)?;
+                }
+            }
         }
-        Ok(())
+    }
+
+    /// What one effect is worth beside all others; those that were `replaced` before are not again.
+    fn reviewed(
+        &self,
+        effect: usize,
+        whole: Option<&Table>,
+        replaced: &BTreeSet<usize>,
+    ) -> Verdict {
+        let (view, own, of_own) = self.without(effect);
+        let table = self.table_without(effect, whole, &view);
+        let significant = self.significant(&table);
+        let scored = table.scores.iter().find(|s| s.candidate == own.candidate);
+        if scored.is_none_or(|scored| scored.adjusted > LEVEL) {
+            return Verdict::Idle;
+        }
+        let (names, families): (Vec<&Score>, Vec<&Score>) = significant
+            .iter()
+            .filter(|score| score.candidate != own.candidate)
+            .partition(|score| self.is_named(score));
+        let pairs_with = |scores: &[&Score]| self.bench.pairs_with(&view, &table, &of_own, scores);
+        let of_families = pairs_with(&families);
+        if let Some(family) = encompassing(&families, &of_families)
+            .into_iter()
+            .max_by(by_bic)
+        {
+            return Verdict::Unnamed((family.candidate, family.searched));
+        }
+        let of_names = pairs_with(&names);
+        let above = encompassing(&names, &of_names);
+        let better = above.first().copied().or_else(|| {
+            names
+                .iter()
+                .copied()
+                .filter(|name| name.bic > own.bic)
+                .max_by(by_bic)
+        });
+        if let Some(name) = better
+            && !replaced.contains(&own.candidate)
+        {
+            return Verdict::Replaced(name.clone(), self.bench.aliases(&table, name));
+        }
+        // What is about as likely, or leaves nothing to the effect.
+        let named = names
+            .iter()
+            .zip(of_names)
+            .filter(|(score, pair)| score.bic > own.bic - AS_GOOD || pair.beside_other > NOTHING);
+        // What has no name is a rival only where it is something else.
+        let unnamed = families
+            .iter()
+            .zip(of_families)
+            .filter(|(score, pair)| score.bic > own.bic - AS_GOOD && pair.beside_other > NOTHING);
+        let rivals = named
+            .map(|(score, _)| (score, true))
+            .chain(unnamed.map(|(score, _)| (score, false)))
+            .filter_map(|(score, is_named)| {
+                let rival = self.subspace(&view, score)?;
+                let cosine = cosine(&view, &of_own, &rival);
+                (is_named || cosine < SAME).then(|| FoundRival {
+                    candidate: score.candidate,
+                    cosine,
+                    separate_by: self.separate_by(effect, score),
+                })
+            })
+            .collect();
+        Verdict::Stands(rivals)
     }
 
     /// Looks for significant structure that the model leaves where its effects act: there are few
