@@ -87,12 +87,13 @@ impl Descent {
                 &descent.scales,
                 samples,
             ));
-            descent = descent.weighted(weights)?;
+            let scales = descent.scales;
+            descent = descent.refactored(scales, weights)?.converged()?;
         }
         descent.without_outliers(samples)?.scaled()
     }
 
-    /// Leaves out the samples that are outliers now and takes back those that are none.
+    /// Leaves out the samples that are outliers now and takes back those that are none; values stay.
     pub(super) fn without_outliers(self, samples: &[Sample]) -> Result<Self, Error> {
         let mut kept = vec![1.0; samples.len()];
         let beyond = outliers::beyond(
@@ -103,15 +104,10 @@ impl Descent {
             kept[sample] = 0.0;
         }
         if kept == self.weights {
-            Ok(self)
-        } else {
-            self.weighted(kept)
+            return Ok(self);
         }
-    }
-
-    fn weighted(self, weights: Vec<f64>) -> Result<Self, Error> {
         let scales = self.scales;
-        self.refactored(scales, weights)?.converged()
+        self.refactored(scales, kept)
     }
 
     /// The same values with other noise and weights. Derivatives stay what they are but for a factor of each
@@ -210,10 +206,10 @@ impl Descent {
         of_fit.filter(is_held).map(|(k, _)| k).collect()
     }
 
-    /// Estimates the noise of each component until it stays (Helmert's variance components): first where the
-    /// fit stands, to first order, then at the minimum with that noise.
+    /// To the minimum with the noise of each component estimated until it stays (Helmert's variance
+    /// components): first where the fit stands, to first order, then at the minimum with that noise.
     pub(super) fn scaled(mut self) -> Result<Self, Error> {
-        for _ in 0..NOISE_ROUNDS {
+        for round in 0..NOISE_ROUNDS {
             let scales = self.scales;
             for _ in 0..NOISE_ROUNDS {
                 let estimate = self.noise();
@@ -223,7 +219,7 @@ impl Descent {
                 let weights = self.weights.clone();
                 self = self.refactored(estimate, weights)?;
             }
-            if is_same(&scales, &self.scales) {
+            if round > 0 && is_same(&scales, &self.scales) {
                 break;
             }
             self = self.converged()?;

@@ -85,10 +85,14 @@ impl Fit {
         weights: Vec<f64>,
         samples: &[Sample],
     ) -> Result<Self, Error> {
-        let descent = Descent::from(joint, start, scales, weights)?
-            .converged()?
-            .scaled()?;
-        Self::of(descent.without_outliers(samples)?.scaled()?)
+        let descent = Descent::from(joint, start, scales, weights)?.scaled()?;
+        let before = descent.weights.clone();
+        let descent = descent.without_outliers(samples)?;
+        if descent.weights == before {
+            Self::of(descent)
+        } else {
+            Self::of(descent.scaled()?)
+        }
     }
 
     fn of(descent: Descent) -> Result<Self, Error> {
