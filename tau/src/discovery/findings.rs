@@ -9,7 +9,7 @@ use super::results::{
 };
 use super::selection::{LEVEL, Search};
 use super::view::View;
-use super::{Error, Input, Outcome, floor, misfit, results, structure, text};
+use super::{Error, Input, Outcome, floor, misfit, parallel, results, structure, text};
 use crate::evaluation::evaluate;
 
 /// Chance in white noise below which residuals are said to follow each other.
@@ -46,7 +46,11 @@ pub(super) fn finish(
     let machine = fit.joint.machine.with_values(fit.joint.values(&fit.fitted));
     let after = Gap::from(evaluate(&machine, folder, &division.validation)?.position_um);
     let before = search.gaps.first().copied().unwrap_or(after);
-    let floor = floor::floor(fit, &machine, folder, &division.validation, file.noise)?;
+    let (floor, evidence) = parallel::both(
+        || floor::floor(fit, &machine, folder, &division.validation, file.noise),
+        || evidence::of_effects(search, &beforehand.view),
+    );
+    let floor = floor?;
     let line = text::line(base, &search.labels());
     let names: Vec<&str> = search
         .accepted
@@ -126,7 +130,7 @@ pub(super) fn finish(
         cannot_see: beforehand.cannot_see,
         detectable: beforehand.detectable,
         ambiguous: beforehand.ambiguous,
-        evidence: evidence::of_effects(search, &beforehand.view),
+        evidence,
         unnamed,
         outliers,
         left_out,

@@ -332,10 +332,20 @@ fn search_from(
     let mut bench = Bench::new(model, variant, &families, samples, probes, &fit);
     let view = View::of(&fit);
     let (detectable, cannot_see) = sight::sight(&mut bench, &view);
+    let (ambiguous, (misfit, serial)) = parallel::both(
+        || evidence::ambiguity::ambiguous(&bench, &view),
+        || {
+            let series = Series::of(&view, &bench.samples);
+            (
+                misfits(&fit, &bench.samples, file.noise),
+                series.map(|series| series.correlation()),
+            )
+        },
+    );
     let beforehand = Beforehand {
-        ambiguous: evidence::ambiguity::ambiguous(&bench, &view),
-        misfit: misfits(&fit, &bench.samples, file.noise),
-        serial: Series::of(&view, &bench.samples).map(|series| series.correlation()),
+        ambiguous,
+        misfit,
+        serial,
         detectable,
         cannot_see,
         floor: before_floor,

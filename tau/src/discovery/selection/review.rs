@@ -185,15 +185,18 @@ impl Search<'_> {
         }
         let view = self.view();
         let table = self.table(&view);
-        for effect in 0..self.accepted.len() {
+        let effects: Vec<usize> = (0..self.accepted.len()).collect();
+        let where_they_act = parallel::map(&effects, |&effect| {
             let acts_on = self.bench.displaces(self.accepted[effect].candidate);
+            (self.harmonics(&view, effect, &acts_on), acts_on)
+        });
+        for (harmonics, acts_on) in where_they_act {
             let families: Vec<&Score> = table
                 .scores
                 .iter()
                 .filter(|score| !self.is_named(score) && self.is_open(score.candidate))
                 .filter(|score| self.bench.displaces(score.candidate).is_subset(&acts_on))
                 .collect();
-            let harmonics = self.harmonics(&view, effect, &acts_on);
             // Harmonics, where there may be any, get half of the level.
             let level = FURTHER / if harmonics.is_some() { 2.0 } else { 1.0 };
             let of_family = level / families.len() as f64;
