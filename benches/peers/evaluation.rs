@@ -173,7 +173,7 @@ impl Contenders {
         let lanes = in_blocks.clone();
         self.blocks(
             "generated, blocks",
-            "AVX2 at run time",
+            chosen_at_run_time(),
             staged,
             move |p, r, j| {
                 family
@@ -208,7 +208,7 @@ impl Contenders {
         let lanes = prepared_blocks(&*interpreted, &self.data);
         self.blocks(
             "interpreted, blocks",
-            "AVX2 at run time",
+            chosen_at_run_time(),
             staged,
             move |p, r, j| {
                 interpreted
@@ -247,7 +247,7 @@ impl Contenders {
             black_box(&mut sums);
         });
         let name = "generated, normal equations";
-        self.add(name, "AVX2 at run time", Some(operations), None, run, 0.0);
+        self.add(name, chosen_at_run_time(), Some(operations), None, run, 0.0);
     }
 
     fn of_others(&mut self) {
@@ -257,7 +257,7 @@ impl Contenders {
         let operations = by_hand::STAGED_OPERATIONS;
         self.blocks(
             "by hand, blocks",
-            "AVX2 at run time",
+            chosen_at_run_time(),
             operations,
             move |p, r, j| {
                 by_hand::in_blocks(&lanes, p, r, j);
@@ -382,6 +382,20 @@ pub(crate) fn print() {
     table(&contenders.list, &peers, &machine, operations_of);
 }
 
+/// What generated code takes on this machine.
+fn chosen_at_run_time() -> &'static str {
+    #[cfg(target_arch = "x86_64")]
+    {
+        if is_x86_feature_detected!("avx512f") {
+            return "AVX-512 at run time";
+        }
+        if is_x86_feature_detected!("avx2") {
+            return "AVX2 at run time";
+        }
+    }
+    "any"
+}
+
 /// What this machine can do, from the same run.
 struct Machine {
     /// Multiply-adds from registers, two operations each (1/s).
@@ -473,7 +487,7 @@ fn table(
     {
         let moved = STAGED_BYTES * SAMPLES as f64 / unit;
         println!(
-            "Peak: {:.1} Gflop/s (multiply-adds from registers, four numbers at once, one core). \
+            "Peak: {:.1} Gflop/s (multiply-adds from registers, one core). \
              A triad moves {:.1} GB/s in cache and {:.1} GB/s in memory; the generated blocks move {:.1} GB/s.\n",
             flops / 1e9,
             cached / 1e9,

@@ -73,8 +73,8 @@ pub trait Kernel {
 
 /// Runs a kernel with the widest instruction set that the machine has.
 ///
-/// On x86-64 that is AVX2, asked for at run time, so that a build for any machine uses it. Lanes are
-/// independent and multiply-add is not fused: the results are the same bit for bit either way.
+/// On x86-64 that is AVX-512 or AVX2, asked for at run time, so that a build for any machine uses it. Lanes
+/// are independent and multiply-add is not fused: the results are the same bit for bit whichever it is.
 #[inline]
 pub fn vectorized<K: Kernel>(
     kernel: K,
@@ -83,23 +83,51 @@ pub fn vectorized<K: Kernel>(
     outputs: &mut [Lanes],
     more_outputs: &mut [Lanes],
 ) {
-    #[cfg(all(feature = "std", target_arch = "x86_64", not(target_feature = "avx2")))]
-    if std::is_x86_feature_detected!("avx2") {
-        // SAFETY: a function compiled for AVX2 is unsafe to call because a machine without it would meet
-        // an illegal instruction; this machine was just found to have it.
+    #[cfg(all(
+        feature = "std",
+        target_arch = "x86_64",
+        not(target_feature = "avx512f")
+    ))]
+    {
+        // SAFETY: a function compiled for an instruction set is unsafe to call because a machine without it
+        // would meet an illegal instruction; this machine was just found to have it.
         #[allow(
             unsafe_code,
-            reason = "AVX2 takes a third off the time of a fit; see ARCHITECTURE.md"
+            reason = "AVX2 takes a third off the time of a fit, AVX-512 more; see ARCHITECTURE.md"
         )]
         unsafe {
-            with_avx2(kernel, inputs, parameters, outputs, more_outputs);
+            if std::is_x86_feature_detected!("avx512f") {
+                return with_avx512(kernel, inputs, parameters, outputs, more_outputs);
+            }
+            if std::is_x86_feature_detected!("avx2") {
+                return with_avx2(kernel, inputs, parameters, outputs, more_outputs);
+            }
         }
-        return;
     }
     kernel.run(inputs, parameters, outputs, more_outputs);
 }
 
-#[cfg(all(feature = "std", target_arch = "x86_64", not(target_feature = "avx2")))]
+#[cfg(all(
+    feature = "std",
+    target_arch = "x86_64",
+    not(target_feature = "avx512f")
+))]
+#[target_feature(enable = "avx512f")]
+fn with_avx512<K: Kernel>(
+    kernel: K,
+    inputs: &[Lanes],
+    parameters: &[f64],
+    outputs: &mut [Lanes],
+    more_outputs: &mut [Lanes],
+) {
+    kernel.run(inputs, parameters, outputs, more_outputs);
+}
+
+#[cfg(all(
+    feature = "std",
+    target_arch = "x86_64",
+    not(target_feature = "avx512f")
+))]
 #[target_feature(enable = "avx2")]
 fn with_avx2<K: Kernel>(
     kernel: K,

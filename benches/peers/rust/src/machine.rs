@@ -7,7 +7,11 @@ use crate::Contender;
 /// Independent sums: enough to hide the latency of a multiply-add, few enough for the registers.
 const SUMS: usize = 10;
 /// Numbers in a register.
-const LANES: usize = 4;
+const LANES: usize = if cfg!(target_feature = "avx512f") {
+    8
+} else {
+    4
+};
 /// Multiply-adds of each number per call.
 const STEPS: usize = 20_000;
 /// Numbers per array of the triad that lies in the second cache, and of the one that lies in memory.
