@@ -8,7 +8,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 use std::sync::Arc;
 
-use nalgebra::{DMatrix, DMatrixView, DVector};
+use nalgebra::{DMatrix, DMatrixView, DVector, DVectorView};
 
 use super::candidates::Entry;
 use super::parallel;
@@ -294,9 +294,9 @@ impl Displacements {
         let mut score = DVector::zeros(self.width());
         for part in &self.parts {
             let residuals = residuals(part.probe);
-            for (place, &column) in part.columns.iter().enumerate() {
-                let products = part.column(place).iter().zip(residuals.as_ref());
-                score[column] += products.map(|(a, b)| a * b).sum::<f64>();
+            let residuals = DVectorView::from_slice(residuals.as_ref(), part.samples);
+            for (own, &column) in part.matrix().column_iter().zip(&part.columns) {
+                score[column] += own.dot(&residuals);
             }
         }
         score
@@ -351,10 +351,17 @@ impl Displacements {
             return 0.0;
         };
         let (p, q) = (a.column(left.1), b.column(right.1));
-        products
-            .iter()
-            .map(|product| product.sum * p[product.left] * q[product.right])
-            .sum()
+        let of = |product: &Product| product.sum * p[product.left] * q[product.right];
+        // One sum would wait for each addition.
+        let mut sums = [0.0; 4];
+        let chunks = products.chunks_exact(sums.len());
+        let rest: f64 = chunks.remainder().iter().map(of).sum();
+        for chunk in chunks {
+            for (sum, product) in sums.iter_mut().zip(chunk) {
+                *sum += of(product);
+            }
+        }
+        sums.iter().sum::<f64>() + rest
     }
 }
 
