@@ -138,3 +138,69 @@ fn with_avx2<K: Kernel>(
 ) {
     kernel.run(inputs, parameters, outputs, more_outputs);
 }
+
+#[cfg(all(test, feature = "std", target_arch = "x86_64"))]
+mod tests {
+    use super::*;
+
+    const BLOCKS: usize = 20;
+
+    /// Products and sums, which a compiler that fused them would round differently.
+    #[derive(Clone, Copy)]
+    struct Polynomial;
+
+    impl Kernel for Polynomial {
+        #[inline(always)]
+        fn run(
+            self,
+            inputs: &[Lanes],
+            parameters: &[f64],
+            outputs: &mut [Lanes],
+            more_outputs: &mut [Lanes],
+        ) {
+            for ((input, output), more) in inputs.iter().zip(outputs).zip(more_outputs) {
+                for lane in 0..LANES {
+                    let x = input[lane];
+                    let value = parameters.iter().fold(0.0, |sum, factor| sum * x + factor);
+                    output[lane] = value;
+                    more[lane] = value * x + 1.0 / x;
+                }
+            }
+        }
+    }
+
+    #[test]
+    #[allow(unsafe_code, reason = "each set is run only where the machine has it")]
+    fn every_instruction_set_gives_the_same_bits() {
+        let inputs: [Lanes; BLOCKS] = core::array::from_fn(|block| {
+            Lanes(core::array::from_fn(|lane| {
+                0.1 + (LANES * block + lane) as f64 / 7.0
+            }))
+        });
+        let parameters = [0.1, -1.7, 3.3, 1e-3];
+        let (mut plain, mut more) = ([Lanes::ZERO; BLOCKS], [Lanes::ZERO; BLOCKS]);
+        Polynomial.run(&inputs, &parameters, &mut plain, &mut more);
+        let expected = (plain, more);
+        let check = |run: &dyn Fn(&mut [Lanes], &mut [Lanes])| {
+            let (mut outputs, mut more) = ([Lanes::ZERO; BLOCKS], [Lanes::ZERO; BLOCKS]);
+            run(&mut outputs, &mut more);
+            assert!((outputs, more) == expected);
+        };
+        check(&|outputs, more| vectorized(Polynomial, &inputs, &parameters, outputs, more));
+        #[cfg(not(target_feature = "avx512f"))]
+        {
+            // SAFETY: the machine was just found to have the instructions.
+            if std::is_x86_feature_detected!("avx2") {
+                check(&|outputs, more| unsafe {
+                    with_avx2(Polynomial, &inputs, &parameters, outputs, more);
+                });
+            }
+            // SAFETY: as above.
+            if std::is_x86_feature_detected!("avx512f") {
+                check(&|outputs, more| unsafe {
+                    with_avx512(Polynomial, &inputs, &parameters, outputs, more);
+                });
+            }
+        }
+    }
+}
