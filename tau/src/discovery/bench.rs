@@ -233,11 +233,11 @@ impl Bench {
         3.0 * self.units as f64
     }
 
-    /// For each candidate its column that shows best for its tolerance, and its rank; of a searched one,
-    /// in the middle of its range. `None` where the model absorbs all of them.
-    pub(super) fn best_columns(&self, view: &View) -> Vec<Option<(Column, f64)>> {
+    /// For each candidate of a table its column that shows best for its tolerance, and its rank; of a
+    /// searched one, in the middle of its range. `None` where the model absorbs all of them.
+    pub(super) fn best_columns(&self, view: &View, table: &Table) -> Vec<Option<(Column, f64)>> {
         let mut best = vec![None; self.candidates.len()];
-        let plain = self.plain(&self.responses(view), None);
+        let plain = &table.plain;
         for ((candidate, place), (gram, coefficients)) in
             (self.places.iter()).zip(plain.grams.iter().zip(&plain.coefficients))
         {
@@ -439,6 +439,15 @@ impl Bench {
             responses,
             scans,
         }
+    }
+
+    /// A table without the candidates that are hidden by now.
+    pub(super) fn in_sight(&self, mut table: Table) -> Table {
+        table
+            .scores
+            .retain(|score| !self.hidden.contains(&score.candidate));
+        table.weights = self.weigh(&mut table.scores);
+        table
     }
 
     /// Adds the unnamed families with a search to a table.

@@ -331,7 +331,9 @@ fn search_from(
     )?;
     let mut bench = Bench::new(model, variant, &families, samples, probes, &fit);
     let view = View::of(&fit);
-    let (detectable, cannot_see) = sight::sight(&mut bench, &view);
+    let table = bench.table(&view);
+    let (detectable, cannot_see) = sight::sight(&mut bench, &view, &table);
+    let table = bench.in_sight(table);
     let (ambiguous, (misfit, serial)) = parallel::both(
         || evidence::ambiguity::ambiguous(&bench, &view),
         || {
@@ -364,7 +366,7 @@ fn search_from(
         steps: vec![],
         gaps: vec![],
         first: None,
-        known: None,
+        known: Some(table),
         is_left: false,
     };
     search.run(progress)?;

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use tau_codegen::language::Model;
 use tau_codegen::language::model::{Formula, Place, Readable};
 
-use super::bench::Bench;
+use super::bench::{Bench, Table};
 use super::candidates::Candidate;
 use super::distribution::detectable_noncentrality;
 use super::results::{Detectable, Unseen};
@@ -19,12 +19,17 @@ pub(super) const IMPLAUSIBLE: f64 = 10.0;
 /// A signal of which the base leaves less than this share is absorbed.
 const ABSORBED: f64 = 1e-4;
 
-/// The table of what can be detected, and of what cannot; candidates out of sight are hidden.
-pub(super) fn sight(bench: &mut Bench, view: &View) -> (Vec<Detectable>, Vec<Unseen>) {
+/// The table of what can be detected beside a model, scored in `table`, and of what cannot; candidates out of
+/// sight are hidden.
+pub(super) fn sight(
+    bench: &mut Bench,
+    view: &View,
+    table: &Table,
+) -> (Vec<Detectable>, Vec<Unseen>) {
     let (mut detectable, mut unseen) = (Vec::new(), Vec::new());
     let tested = bench.candidates.len() as f64;
     let mut thresholds: BTreeMap<u64, f64> = BTreeMap::new();
-    let best_columns = bench.best_columns(view);
+    let best_columns = bench.best_columns(view, table);
     for (index, candidate) in bench.candidates.iter().enumerate() {
         let constant = constant(&bench.model, candidate, &bench.samples);
         if constant.is_some() {
