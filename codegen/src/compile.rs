@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use tau_model_dsl::Model;
-use tau_model_dsl::model::{Arm, TrackShape};
+use tau_model_dsl::model::{Arm, TrackShape, Variant};
 use tau_runtime::{self as runtime, Input, ResidualKind, Shape};
 
 use crate::equations::{self, Context, Equations, Parameter, Staging};
@@ -141,6 +141,47 @@ pub fn compile(model: &Model, description: &str) -> CompiledRobot {
             .map(|variant| compile_known(model, variant, |_, _| true, &mut known))
             .collect(),
     }
+}
+
+impl CompiledRobot {
+    /// Compiles a model that may begin with the same variants: those are taken over.
+    pub fn extended(self, model: &Model, description: &str) -> Self {
+        let mut variants = self.variants;
+        let same = (0..variants.len())
+            .take_while(|&variant| is_same_variant(&self.model, model, variant))
+            .count();
+        variants.truncate(same);
+        let mut known = Known::default();
+        let further = (same..model.variants.len())
+            .map(|variant| compile_known(model, variant, |_, _| true, &mut known));
+        variants.extend(further);
+        Self {
+            model: model.clone(),
+            description: description.to_owned(),
+            variants,
+        }
+    }
+}
+
+/// Whether two models have the same variant at an index; its effects may stand at other places in the
+/// models.
+fn is_same_variant(one: &Model, other: &Model, index: usize) -> bool {
+    let (Some(of_one), Some(of_other)) = (one.variants.get(index), other.variants.get(index))
+    else {
+        return false;
+    };
+    let effects = |model: &Model, variant: &Variant| -> Vec<_> {
+        let uses = variant.effects.iter();
+        uses.map(|used| {
+            let effect = model.effects[used.effect].clone();
+            (effect, used.place, used.with.clone())
+        })
+        .collect()
+    };
+    (&one.tracks, &one.clusters, &one.links) == (&other.tracks, &other.clusters, &other.links)
+        && (&of_one.name, &of_one.docs) == (&of_other.name, &of_other.docs)
+        && (of_one.arm, &of_one.tracks) == (of_other.arm, &of_other.tracks)
+        && effects(one, of_one) == effects(other, of_other)
 }
 
 /// Compiles one variant, by its index.
@@ -290,6 +331,40 @@ impl CompiledVariant {
                 };
                 format!("{base}_{of}")
             };
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use tau_model_dsl::check_text;
+
+    use super::*;
+
+    const TEXT: &str = "
+        effect shift on cart { param gain: ratio tol 10 ppm; along += gain * q; }
+        robot Short {
+            track one;
+            cluster arm on one { link a, b; }
+            variant Plain { arm full; tracks linear per link; }
+            variant Shifted = Plain + shift(one);
+        }";
+
+    /// What is taken over is what would be compiled, and what differs is compiled.
+    #[test]
+    fn a_robot_extended_is_the_robot_compiled() {
+        let before = compile(&check_text(TEXT).unwrap(), TEXT);
+        let further = "
+            effect wave on cart { param size: length tol 1 um; along += size * sin(q / 1 m); }"
+            .to_owned()
+            + &TEXT.replace("(one);", "(one); variant More = Shifted + wave(one);");
+        for text in [further.clone(), further.replace("gain * q", "2 * gain * q")] {
+            let model = check_text(&text).unwrap();
+            let (fresh, extended) = (
+                compile(&model, &text),
+                before.clone().extended(&model, &text),
+            );
+            assert_eq!(format!("{extended:?}"), format!("{fresh:?}"));
         }
     }
 }

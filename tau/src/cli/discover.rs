@@ -1,7 +1,10 @@
 //! `tau discover`.
 
+use std::panic::resume_unwind;
 use std::path::Path;
+use std::thread::ScopedJoinHandle;
 
+use tau_codegen::CompiledRobot;
 use tau_codegen::emit;
 use tau_codegen::language::{self, Model};
 
@@ -49,18 +52,24 @@ pub(super) fn run(
         catalogues: own.into_iter().chain([CATALOGUE.to_owned()]).collect(),
     };
     let spinner = Spinner::new(console);
-    let found = discover(robot, &base, file, folder, &options, &mut |doing| {
-        spinner.show(doing);
-    })?;
+    let (found, compiled) = std::thread::scope(|scope| {
+        // The variants that there are need not wait for what is found to be compiled.
+        let compiled = scope.spawn(|| compiled(robot));
+        let found = discover(robot, &base, file, folder, &options, &mut |doing| {
+            spinner.show(doing);
+        });
+        (found, joined(compiled))
+    });
+    let (found, compiled) = (found?, compiled?);
     spinner.show("calibrating what was found");
     let discovery = &found.discovery;
     let (code, calibrated) = std::thread::scope(|scope| {
-        let code = scope.spawn(|| generated(&discovery.model_text));
+        let code = scope.spawn(|| generated(compiled, &discovery.model_text));
         let robot = found.robot();
         let calibrated = robot.and_then(|robot| found.calibrate(&robot, file, folder));
-        (code.join(), calibrated)
+        (joined(code), calibrated)
     });
-    let code = code.unwrap_or_else(|_| generated(&discovery.model_text))?;
+    let code = code?;
     let calibrated = calibrated?;
     drop(spinner);
 
@@ -104,8 +113,7 @@ fn base(robot: &Robot, named: Option<&str>) -> Result<String, InputError> {
 
 /// The texts of the user's catalogues; mistakes of all of them are reported together.
 fn catalogues(robot: &Robot, paths: &[impl AsRef<Path>]) -> Result<Vec<String>, InputError> {
-    let model = language::check_text(&robot.description)
-        .map_err(|errors| InputError::of_description(&robot.name, &robot.description, &errors))?;
+    let model = checked(&robot.description, &robot.name)?;
     let mut texts = Ok(Vec::new());
     for path in paths {
         texts = both(texts, catalogue(path.as_ref(), &model)).map(|(mut texts, text)| {
@@ -124,13 +132,26 @@ fn catalogue(path: &Path, model: &Model) -> Result<String, InputError> {
     Ok(text)
 }
 
-/// The code of the description that was found, as `tau generate` writes it.
-fn generated(text: &str) -> Result<String, Failure> {
-    let model = language::check_text(text)
-        .map_err(|errors| InputError::of_description(DESCRIPTION, text, &errors))?;
+fn joined<T>(thread: ScopedJoinHandle<'_, T>) -> T {
+    thread.join().unwrap_or_else(|panic| resume_unwind(panic))
+}
+
+fn compiled(robot: &Robot) -> Result<CompiledRobot, InputError> {
+    let text = &robot.description;
+    Ok(tau_codegen::compile(&checked(text, &robot.name)?, text))
+}
+
+/// The code of the description that was found, as `tau generate` writes it; `known` is the robot without it.
+fn generated(known: CompiledRobot, text: &str) -> Result<String, InputError> {
+    let model = checked(text, DESCRIPTION)?;
+    let command = format!("tau generate {DESCRIPTION} --out .");
     Ok(emit::file(
-        &tau_codegen::compile(&model, text),
+        &known.extended(&model, text),
         DESCRIPTION,
-        &format!("tau generate {DESCRIPTION} --out ."),
+        &command,
     ))
+}
+
+fn checked(text: &str, name: &str) -> Result<Model, InputError> {
+    language::check_text(text).map_err(|errors| InputError::of_description(name, text, &errors))
 }
