@@ -14,6 +14,8 @@ const CONVERGED: f64 = 0.1;
 /// Nor is a step that lowers χ² by less than this share: where something is missing, mountings and
 /// turning rates creep along a valley that means nothing.
 const SLOW: f64 = 1e-4;
+/// A descent that ends with steps that still lower χ² by more than this share has not arrived.
+const UNSETTLED: f64 = 1e-3;
 /// Longest turn of a tracker frame in one step (rad).
 const LONGEST_TURN: f64 = 0.1;
 /// Damping of every step, as a share of each unknown's own curvature, and how it grows where steps fail.
@@ -149,7 +151,7 @@ impl Descent {
     /// determine, along which steps go further than the model is linear, and lets all else go its whole way.
     pub(super) fn converged(mut self) -> Result<Self, Error> {
         let mut damping = LEAST_DAMPING;
-        for _ in 0..MAX_ITERATIONS {
+        for iteration in 1..=MAX_ITERATIONS {
             let cost = self.residuals.norm_squared();
             let mut gradient = self.normal.gradient(&self.residuals);
             let held = self.held(&gradient);
@@ -188,8 +190,8 @@ impl Descent {
             if fall < SLOW * cost {
                 return Ok(self);
             }
+            self.is_settled = iteration < MAX_ITERATIONS || fall < UNSETTLED * cost;
         }
-        self.is_settled = false;
         Ok(self)
     }
 
