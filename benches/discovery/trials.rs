@@ -427,11 +427,12 @@ fn sized(
     None
 }
 
-/// The text of an effect in a catalogue.
+/// The text of an effect in a catalogue, with its documentation.
 fn item<'a>(catalogue: &'a str, name: &str) -> &'a str {
-    let start = catalogue
+    let effect = catalogue
         .find(&format!("effect {name} "))
         .expect("an effect of the catalogue");
+    let start = catalogue[..effect].rfind("\n\n").map_or(0, |at| at + 2);
     let length = catalogue[start..].find("\n}\n").expect("its end") + "\n}\n".len();
     &catalogue[start..start + length]
 }
