@@ -145,6 +145,7 @@ pub fn compile(model: &Model, description: &str) -> CompiledRobot {
 
 impl CompiledRobot {
     /// Compiles a model that may begin with the same variants: those are taken over.
+    #[must_use]
     pub fn extended(self, model: &Model, description: &str) -> Self {
         let mut variants = self.variants;
         let same = (0..variants.len())
