@@ -20,11 +20,11 @@ use super::probes::Probes;
 use super::projection::{Subspace, orthonormal};
 use super::response::{Displacements, Responses};
 use super::samples::Sample;
-use super::scan::{Scan, Scores, lengths};
+use super::scan::{Band, Scores, lengths};
 use super::view::{Freed, View};
 use crate::kinematics::Surroundings;
 use crate::robot::Variant;
-use searched::reach;
+use searched::{Scan, Scans, reach};
 
 /// Candidates with their columns.
 pub(super) struct Bench {
@@ -36,14 +36,13 @@ pub(super) struct Bench {
     /// Columns of all candidates without a search, and where each stands.
     columns: Displacements,
     places: Vec<(usize, Range<usize>)>,
-    scans: Vec<(usize, Scan)>,
+    /// Candidates with a search and a name.
+    scans: Scans,
     /// Unnamed families with a search, and their scans once they are wanted.
     searched_families: Vec<usize>,
-    family_scans: OnceLock<Vec<(usize, Scan)>>,
+    family_scans: OnceLock<Scans>,
     /// Pairs of probes whose products scores take.
     pairs: BTreeSet<(usize, usize)>,
-    /// Mean upcrossings of each scan, counted beside the first model that is scored.
-    crossings: Vec<OnceLock<f64>>,
     /// Candidates that the measurements cannot show, and why.
     pub(super) unseen: Vec<(usize, String)>,
     /// Candidates that take no part, because no plausible amplitude of them would show.
@@ -55,7 +54,7 @@ pub(super) struct Bench {
 /// What a candidate adds to the Jacobian.
 enum Columns {
     Plain(Vec<Entry>),
-    Searched(Scan),
+    Searched(Band),
     Later,
 }
 
@@ -90,8 +89,10 @@ pub(super) struct Table {
     pub(super) weights: Weights,
     responses: Responses,
     plain: Arc<Plain>,
-    /// Of each scan that took part, by its place in the bench: unnamed families last.
-    scans: Vec<Arc<Scores>>,
+    /// Of each band that took part, by its place in the bench: those of unnamed families last.
+    bands: Vec<Arc<Scores>>,
+    /// Whether unnamed families with a search take part.
+    has_families: bool,
 }
 
 /// Shares of the family-wise level (a weighted Bonferroni procedure; Genovese, Roeder, Wasserman,
@@ -151,9 +152,9 @@ impl Bench {
             if candidate.search.is_some() && !candidate.is_named() {
                 return Ok(Columns::Later);
             }
-            if candidate.search.is_some() {
-                let range = reach(candidate, &model, &samples);
-                return Scan::new(candidate, &model, &probes, &samples, &surroundings, range)
+            if let Some((_, range)) = candidate.search {
+                let range = (range, reach(candidate, &model, &samples));
+                return Band::new(candidate, &model, &probes, &samples, &surroundings, range)
                     .map(Columns::Searched);
             }
             candidate
@@ -166,7 +167,7 @@ impl Bench {
                 )
                 .map(Columns::Plain)
         });
-        let (mut places, mut scans, mut unseen) = (vec![], vec![], vec![]);
+        let (mut places, mut scans, mut unseen) = (vec![], Scans::default(), vec![]);
         let mut searched_families = vec![];
         let mut columns = Displacements::default();
         let mut pairs = BTreeSet::new();
@@ -177,18 +178,15 @@ impl Bench {
                     columns.pairs(place.clone(), &mut pairs);
                     places.push((index, place));
                 }
-                Ok(Columns::Searched(scan)) => {
-                    scan.pairs(&mut pairs);
-                    scans.push((index, scan));
+                Ok(Columns::Searched(band)) => {
+                    band.pairs(&mut pairs);
+                    scans.push(index, band);
                 }
                 Ok(Columns::Later) => searched_families.push(index),
                 Err(why) => unseen.push((index, why.to_owned())),
             }
         }
         let units = Sample::units(&samples);
-        let crossings = (0..scans.len() + searched_families.len())
-            .map(|_| OnceLock::new())
-            .collect();
         Self {
             model,
             candidates,
@@ -201,7 +199,6 @@ impl Bench {
             searched_families,
             family_scans: OnceLock::new(),
             pairs,
-            crossings,
             unseen,
             hidden: BTreeSet::new(),
             units,
@@ -254,17 +251,17 @@ impl Bench {
                 .collect();
             best[*candidate] = self.best_column(*candidate, &norms, &left, coefficients.ncols());
         }
-        for (candidate, _) in &self.scans {
-            let Some((_, (low, high))) = self.candidates[*candidate].search else {
+        for &Scan { candidate, .. } in &self.scans.scans {
+            let Some((_, (low, high))) = self.candidates[candidate].search else {
                 continue;
             };
-            if let Some((columns, subspace)) = self.at(view, *candidate, (low * high).sqrt()) {
+            if let Some((columns, subspace)) = self.at(view, candidate, (low * high).sqrt()) {
                 let left = view.remainder(&columns);
                 let norms = |matrix: &DMatrix<f64>| -> Vec<f64> {
                     matrix.column_iter().map(|column| column.norm()).collect()
                 };
-                best[*candidate] =
-                    self.best_column(*candidate, &norms(&columns), &norms(&left), subspace.rank());
+                best[candidate] =
+                    self.best_column(candidate, &norms(&columns), &norms(&left), subspace.rank());
             }
         }
         best
@@ -398,38 +395,34 @@ impl Bench {
     }
 
     fn scored(&self, view: &View, responses: Responses, known: Option<&Table>) -> Table {
-        // The plain candidates are one task beside the scans, and the longest.
+        // The plain candidates are one task beside the bands, and the longest.
         let tasks: Vec<Option<usize>> = std::iter::once(None)
-            .chain((0..self.scans.len()).map(Some))
+            .chain((0..self.scans.bands.len()).map(Some))
             .collect();
-        let nulls = self.nulls(view, &responses, 0..self.scans.len());
+        let nulls = self.nulls(view, &responses, &self.scans);
         let mut scores = Vec::new();
         let mut plain = None;
-        let mut scans = Vec::new();
+        let mut bands = Vec::new();
         let of_task = |&task: &Option<usize>| match task {
             None => {
                 let plain = self.plain(&responses, known.map(|known| &*known.plain));
                 Scored::Plain(self.plain_scores(view, &responses, &plain), plain)
             }
             Some(place) => {
-                let known = known.map(|known| &*known.scans[place]);
-                let scanned = self.scans[place].1.scores(&responses, known);
-                let score = self.scan_score(view, &responses, (place, &scanned), &nulls);
-                Scored::Scan(score, scanned)
+                let known = known.map(|known| &*known.bands[place]);
+                Scored::Band(self.scans.bands[place].scored(&responses, known, &nulls))
             }
         };
         for result in parallel::map(&tasks, of_task) {
             match result {
                 Scored::Plain(found, products) => {
-                    scores.extend(found);
+                    scores = found;
                     plain = Some(products);
                 }
-                Scored::Scan(found, scanned) => {
-                    scores.extend(found);
-                    scans.push(Arc::new(scanned));
-                }
+                Scored::Band(scored) => bands.push(Arc::new(scored)),
             }
         }
+        scores.extend(self.scan_scores(view, &responses, &self.scans, &bands));
         let weights = self.weigh(&mut scores);
         let plain = plain.unwrap_or_else(|| self.plain(&responses, None));
         Table {
@@ -437,7 +430,8 @@ impl Bench {
             scores,
             plain: Arc::new(plain),
             responses,
-            scans,
+            bands,
+            has_families: false,
         }
     }
 
@@ -452,21 +446,16 @@ impl Bench {
 
     /// Adds the unnamed families with a search to a table.
     pub(super) fn with_family_scans(&self, view: &View, mut table: Table) -> Table {
-        let places: Vec<usize> = (0..self.family_scans().len())
-            .map(|place| self.scans.len() + place)
-            .collect();
+        let families = self.family_scans();
         let responses = &table.responses;
-        let last = self.scans.len() + places.len();
-        let nulls = self.nulls(view, responses, self.scans.len()..last);
-        let scored = parallel::map(&places, |&place| {
-            let scanned = self.scan(place)?.1.scores(responses, None);
-            let score = self.scan_score(view, responses, (place, &scanned), &nulls);
-            Some((score, scanned))
+        let nulls = self.nulls(view, responses, families);
+        let scored = parallel::map(&families.bands, |band| {
+            Arc::new(band.scored(responses, None, &nulls))
         });
-        for (score, scanned) in scored.into_iter().flatten() {
-            table.scores.extend(score);
-            table.scans.push(Arc::new(scanned));
-        }
+        table.bands.extend(scored);
+        table.has_families = true;
+        let scores = self.scan_scores(view, responses, families, &table.bands);
+        table.scores.extend(scores);
         table.weights = self.weigh(&mut table.scores);
         table
     }
@@ -525,7 +514,7 @@ impl Bench {
 /// What one task of a table yields.
 enum Scored {
     Plain(Vec<Score>, Plain),
-    Scan(Option<Score>, Scores),
+    Band(Scores),
 }
 
 /// A statistic scaled so that its tail is that of χ² were the noise known, and its p-value by the F form.

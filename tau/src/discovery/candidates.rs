@@ -2,7 +2,9 @@
 
 use nalgebra::DMatrix;
 use tau_codegen::equations;
-use tau_codegen::language::model::{Effect, EffectUse, Model, Place, Readable, Target, Term};
+use tau_codegen::language::model::{
+    Effect, EffectUse, Formula, Model, Place, Readable, Target, Term,
+};
 
 use super::formula::{Formulas, Series};
 use super::generic::{self, Family, Stands};
@@ -235,6 +237,33 @@ impl Candidate {
     pub(super) fn is_searched(&self, parameter: usize) -> bool {
         self.search
             .is_some_and(|(searched, _)| searched == parameter)
+    }
+
+    /// Whether a value of the searched parameter is one that the description allows.
+    pub(super) fn allows(&self, value: f64) -> bool {
+        self.search
+            .is_some_and(|(_, (low, high))| (low..=high).contains(&value))
+    }
+
+    /// Whether it has the columns of another, at any value of what is searched.
+    pub(super) fn looks_like(&self, other: &Self, model: &Model) -> bool {
+        self.place == other.place
+            && self.further == other.further
+            && self.form(model) == other.form(model)
+    }
+
+    /// The terms of its columns, whatever the parameters are called.
+    fn form(&self, model: &Model) -> Vec<(Target, Formula)> {
+        let effect = &model.effects[self.effect];
+        let (values, amplitudes) = (self.nominal(), self.amplitudes());
+        let searched = self.search.map(|(searched, _)| searched);
+        let kept: Vec<usize> = amplitudes.iter().copied().chain(searched).collect();
+        let columns = Formulas::new(effect, &values, &amplitudes);
+        let form = Formulas::new(effect, &values, &kept);
+        let terms = effect.terms.iter().filter(|term| columns.concern(term));
+        terms
+            .map(|term| (term.target, form.form(&term.formula)))
+            .collect()
     }
 
     /// Its use in a model, extended by its optional parameters or not.

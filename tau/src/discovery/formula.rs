@@ -154,6 +154,30 @@ impl<'a> Formulas<'a> {
         self.are_in(&term.formula)
     }
 
+    /// A formula with the wanted parameters counted in their order, and the values of all others.
+    pub(super) fn form(&self, formula: &Formula) -> Formula {
+        let form = |part: &Formula| Box::new(self.form(part));
+        match formula {
+            Formula::Number(_) | Formula::Read(_) => formula.clone(),
+            Formula::Parameter(index, component) => {
+                let place = self.starts[*index] + component;
+                let wanted = self.wanted.iter().position(|&wanted| wanted == place);
+                wanted.map_or(Formula::Number(self.values[place]), |wanted| {
+                    Formula::Parameter(wanted, 0)
+                })
+            }
+            Formula::Negate(a) => Formula::Negate(form(a)),
+            Formula::Power(a, n) => Formula::Power(form(a), *n),
+            Formula::Binary(operator, a, b) => Formula::Binary(*operator, form(a), form(b)),
+            Formula::Call(function, parts) => {
+                Formula::Call(*function, parts.iter().map(|part| self.form(part)).collect())
+            }
+            Formula::Vector(parts) => {
+                Formula::Vector(Box::new(parts.each_ref().map(|part| self.form(part))))
+            }
+        }
+    }
+
     fn are_in(&self, formula: &Formula) -> bool {
         match formula {
             Formula::Number(_) | Formula::Read(_) => false,

@@ -1,7 +1,7 @@
 //! Effects with a searched parameter: the score over a fine grid of it.
 
 use std::collections::BTreeSet;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use nalgebra::{DMatrix, DVector};
 use tau_codegen::language::Model;
@@ -25,13 +25,14 @@ pub(super) const AS_GOOD: f64 = 6.0;
 /// Parts of a step of the grid at which peaks are refined.
 const WITHIN_STEP: [f64; 6] = [-0.75, -0.5, -0.25, 0.25, 0.5, 0.75];
 
-/// The columns of a searched effect at every point of the grid.
-pub(super) struct Scan {
+/// The columns of a searched effect at every point of a grid over a range of what is searched.
+pub(super) struct Band {
     /// From one step beyond the range to one step beyond it: what peaks there is no peak within.
     pub(super) grid: Vec<f64>,
-    range: (f64, f64),
     width: usize,
     columns: Displacements,
+    /// Mean upcrossings, counted beside the first model that is scored.
+    crossings: OnceLock<f64>,
 }
 
 /// The score at every point of the grid.
@@ -57,7 +58,7 @@ fn grid((low, high): (f64, f64), range_m: f64) -> Vec<f64> {
         .collect()
 }
 
-impl Scan {
+impl Band {
     /// The grid is even in the reciprocal of the parameter where that is a period, a length in which
     /// the effect repeats along a track; `range_m` is the widest range of the commands.
     pub(super) fn new(
@@ -66,13 +67,13 @@ impl Scan {
         probes: &Probes,
         samples: &[Sample],
         surroundings: &Surroundings,
-        range_m: f64,
+        (range, range_m): ((f64, f64), f64),
     ) -> Result<Self, &'static str> {
-        let Some((searched, (low, high))) = candidate.search else {
+        let Some((searched, _)) = candidate.search else {
             return Err("nothing is searched");
         };
         let amplitudes = candidate.amplitudes();
-        let grid = grid((low, high), range_m);
+        let grid = grid(range, range_m);
         let mut values = candidate.nominal();
         let mut columns = Displacements::default();
         for &value in &grid {
@@ -83,9 +84,9 @@ impl Scan {
         }
         Ok(Self {
             grid,
-            range: (low, high),
             width: amplitudes.len(),
             columns,
+            crossings: OnceLock::new(),
         })
     }
 
@@ -95,7 +96,7 @@ impl Scan {
     }
 
     /// Scores residuals at every grid point; `known` are the scores beside a model with the same basis.
-    pub(super) fn scores(&self, responses: &Responses, known: Option<&Scores>) -> Scores {
+    fn scores(&self, responses: &Responses, known: Option<&Scores>) -> Scores {
         let (points, width) = (self.grid.len(), self.width);
         let range = |point: usize| point * width..(point + 1) * width;
         let (absorbed, grams) = match known {
@@ -131,6 +132,20 @@ impl Scan {
         scores
     }
 
+    /// The same; upcrossings are counted in residuals under random signs, unless they have been.
+    pub(super) fn scored(
+        &self,
+        responses: &Responses,
+        known: Option<&Scores>,
+        nulls: &[DMatrix<f32>],
+    ) -> Scores {
+        let scores = self.scores(responses, known);
+        self.crossings.get_or_init(|| {
+            upcrossings(&self.flipped(&scores, nulls), scores.rank().max(1) as f64)
+        });
+        scores
+    }
+
     /// The statistics over the grid under sign flips: one row per flip, one column per point. `residuals` are
     /// the flipped residuals of each probe.
     pub(super) fn flipped(&self, scores: &Scores, residuals: &[DMatrix<f32>]) -> DMatrix<f32> {
@@ -151,9 +166,9 @@ impl Scan {
         statistics
     }
 
-    /// Whether a value is one that the description allows.
-    pub(super) fn allows(&self, value: f64) -> bool {
-        (self.range.0..=self.range.1).contains(&value)
+    /// Mean number of upcrossings of a scan without an effect, once they have been counted.
+    pub(super) fn crossings(&self) -> Option<f64> {
+        self.crossings.get().copied()
     }
 
     /// Values around a point of the grid at which a peak there is refined.
@@ -221,7 +236,7 @@ pub(super) fn global_p(statistic: f64, rank: f64, upcrossings: f64) -> f64 {
 }
 
 /// Mean number of times that null scans, one in each row, cross the level `rank` upwards.
-pub(super) fn upcrossings(null_scans: &DMatrix<f32>, rank: f64) -> f64 {
+fn upcrossings(null_scans: &DMatrix<f32>, rank: f64) -> f64 {
     let is_below = |statistic: f32| f64::from(statistic) < rank;
     let points = 1..null_scans.ncols();
     let crossings: usize = points
@@ -289,19 +304,19 @@ mod tests {
         let mut pairs = BTreeSet::new();
         columns.pairs(0..2, &mut pairs);
         let responses = Responses::of(&view, &probes, &pairs);
-        let scan = Scan {
+        let band = Band {
             grid: vec![1.0],
-            range: (1.0, 1.0),
             width: 2,
             columns,
+            crossings: OnceLock::new(),
         };
-        let scores = scan.scores(&responses, None);
+        let scores = band.scores(&responses, None);
         assert_eq!(scores.rank(), 2);
         let (_, samples) = of_set_1();
         let signs = DMatrix::from_element(Sample::units(&samples), 1, -1.0);
         let absorbed = DMatrix::zeros(view.q.ncols(), 1);
         let residuals = responses.flipped(&probes, &samples, &signs, &absorbed);
-        let found = f64::from(scan.flipped(&scores, &residuals)[(0, 0)]);
+        let found = f64::from(band.flipped(&scores, &residuals)[(0, 0)]);
         let expected = scores.statistics[0];
         assert!(
             (found - expected).abs() < 1e-4 * expected,

@@ -1,15 +1,15 @@
 //! Scores under random signs.
 
 use std::collections::BTreeMap;
-use std::ops::Range;
 
 use nalgebra::DMatrix;
 
 use super::super::distribution::f_quantile_above;
 use super::super::parallel;
 use super::super::response::{Responses, single};
-use super::super::scan::{LEAST_SHOWN, Scan, Scores, global_p, peaks, signs, upcrossings};
+use super::super::scan::{LEAST_SHOWN, global_p, peaks, signs};
 use super::super::view::View;
+use super::searched::{Scan, Scans};
 use super::{Bench, Table, f_form};
 
 /// Null scans in which upcrossings are counted.
@@ -38,60 +38,19 @@ impl Bench {
         let residuals = table
             .responses
             .flipped(&self.probes, &self.samples, &signs, &basis);
-        // The candidates without a search are one task beside the scans.
+        // The candidates without a search are one task beside the bands.
         let tasks: Vec<Option<usize>> = std::iter::once(None)
-            .chain((0..table.scans.len()).map(Some))
+            .chain((0..table.bands.len()).map(Some))
             .collect();
         let of_tasks = parallel::map(&tasks, |&task| {
-            let Some(place) = task else {
-                return Some(self.plain_exceeds(table, adjusted, degrees, &sums, &residuals));
-            };
-            let (candidate, scan) = self.scan(place)?;
-            let scores = &table.scans[place];
-            if scores.rank() == 0 || self.hidden.contains(candidate) {
-                return None;
-            }
-            let rank = scores.rank() as f64;
-            let crossings = self.crossings[place].get().copied().unwrap_or(0.0);
-            let p_value = adjusted * table.weights.of(self.candidates[*candidate].is_named());
-            let nulls = scan.flipped(scores, &residuals);
-            let mut highest = vec![0.0_f32; flips];
-            for point in nulls.column_iter() {
-                for (highest, &statistic) in highest.iter_mut().zip(point.iter()) {
-                    *highest = highest.max(statistic);
+            match task {
+                None => self.plain_exceeds(table, (adjusted, degrees), &sums, &residuals),
+                Some(place) => {
+                    self.band_exceeds(table, place, (adjusted, degrees), &sums, &residuals)
                 }
             }
-            let exceeds = |flip: usize| {
-                let does = |statistic: f64| {
-                    let (equivalent, _) = f_form(statistic, rank, sums[flip], degrees);
-                    global_p(equivalent, rank, crossings) <= p_value
-                };
-                let highest = f64::from(highest[flip]);
-                let refined = |k: usize| {
-                    scan.around(k).any(|value| {
-                        let point = self.point(&table.responses, *candidate, value);
-                        point.is_some_and(|point| {
-                            let at = |probe: usize| {
-                                let row = residuals[probe].row(flip);
-                                row.iter().copied().map(f64::from).collect::<Vec<f64>>()
-                            };
-                            does(point.statistic(&point.columns.products(at)))
-                        })
-                    })
-                };
-                let is_near = does(highest / LEAST_SHOWN);
-                does(highest)
-                    || (is_near && {
-                        let null: Vec<f64> =
-                            nulls.row(flip).iter().copied().map(f64::from).collect();
-                        peaks(&null, LEAST_SHOWN * highest)
-                            .filter(|&k| does(null[k] / LEAST_SHOWN))
-                            .any(refined)
-                    })
-            };
-            Some((0..flips).map(exceeds).collect::<Vec<bool>>())
         });
-        for of_task in of_tasks.into_iter().flatten() {
+        for of_task in of_tasks {
             exceeded
                 .iter_mut()
                 .zip(of_task)
@@ -105,8 +64,7 @@ impl Bench {
     fn plain_exceeds(
         &self,
         table: &Table,
-        adjusted: f64,
-        degrees: f64,
+        (adjusted, degrees): (f64, f64),
         sums: &[f64],
         residuals: &[DMatrix<f32>],
     ) -> Vec<bool> {
@@ -132,25 +90,82 @@ impl Bench {
         exceeded
     }
 
-    /// Residuals under few random signs, in which upcrossings of scans that have not been counted yet are;
-    /// nothing where all have been.
+    /// For each flip, whether a searched candidate does as well as an adjusted p-value within a band.
+    fn band_exceeds(
+        &self,
+        table: &Table,
+        place: usize,
+        (adjusted, degrees): (f64, f64),
+        sums: &[f64],
+        residuals: &[DMatrix<f32>],
+    ) -> Vec<bool> {
+        let scans: Vec<&Scan> = self
+            .scans_in(table)
+            .filter(|scan| scan.bands.contains(&place) && !self.hidden.contains(&scan.candidate))
+            .collect();
+        let (Some(band), Some(first)) = (self.band(place), scans.first()) else {
+            return vec![false; sums.len()];
+        };
+        let levels: Vec<(f64, f64, f64)> = scans
+            .iter()
+            .map(|scan| {
+                let (rank, crossings) = self.search_of(scan, &table.bands);
+                let is_named = self.candidates[scan.candidate].is_named();
+                (rank, crossings, adjusted * table.weights.of(is_named))
+            })
+            .filter(|(rank, ..)| *rank > 0.0)
+            .collect();
+        let nulls = band.flipped(&table.bands[place], residuals);
+        let mut highest = vec![0.0_f32; sums.len()];
+        for point in nulls.column_iter() {
+            for (highest, &statistic) in highest.iter_mut().zip(point.iter()) {
+                *highest = highest.max(statistic);
+            }
+        }
+        let exceeds = |flip: usize| {
+            let does = |statistic: f64| {
+                levels.iter().any(|&(rank, crossings, p_value)| {
+                    let (equivalent, _) = f_form(statistic, rank, sums[flip], degrees);
+                    global_p(equivalent, rank, crossings) <= p_value
+                })
+            };
+            let highest = f64::from(highest[flip]);
+            let refined = |k: usize| {
+                band.around(k).any(|value| {
+                    let point = self.point(&table.responses, first.candidate, value);
+                    point.is_some_and(|point| {
+                        let at = |probe: usize| {
+                            let row = residuals[probe].row(flip);
+                            row.iter().copied().map(f64::from).collect::<Vec<f64>>()
+                        };
+                        does(point.statistic(&point.columns.products(at)))
+                    })
+                })
+            };
+            does(highest)
+                || (does(highest / LEAST_SHOWN) && {
+                    let null: Vec<f64> = nulls.row(flip).iter().copied().map(f64::from).collect();
+                    peaks(&null, LEAST_SHOWN * highest)
+                        .filter(|&k| does(null[k] / LEAST_SHOWN))
+                        .any(refined)
+                })
+        };
+        (0..sums.len()).map(exceeds).collect()
+    }
+
+    /// Residuals under few random signs, in which upcrossings are counted; nothing where all have been.
     pub(super) fn nulls(
         &self,
         view: &View,
         responses: &Responses,
-        mut scans: Range<usize>,
+        scans: &Scans,
     ) -> Vec<DMatrix<f32>> {
-        if scans.all(|place| self.crossings[place].get().is_some()) {
+        if scans.bands.iter().all(|band| band.crossings().is_some()) {
             return vec![];
         }
         let flips = signs(self.units, NULL_SCANS, 1);
         let basis = self.flipped_basis(view, &flips);
         responses.flipped(&self.probes, &self.samples, &flips, &basis)
-    }
-
-    /// Mean upcrossings of a scan in null scans.
-    pub(super) fn count_crossings(scan: &Scan, scores: &Scores, nulls: &[DMatrix<f32>]) -> f64 {
-        upcrossings(&scan.flipped(scores, nulls), scores.rank().max(1) as f64)
     }
 
     /// Qᵀ(s∘e) for each flip.

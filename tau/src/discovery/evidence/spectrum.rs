@@ -24,28 +24,30 @@ pub(super) fn spectrum(
     residuals: [&DVector<f64>; 2],
     factors: &[f64],
 ) -> Option<Spectrum> {
-    let (scan, scores, crossings) = bench.scanned(first, candidate)?;
+    let (bands, (rank, crossings)) = bench.scanned(first, candidate)?;
     let described = &bench.candidates[candidate];
     let (searched, _) = described.search?;
-    let rank = scores.rank() as f64;
     if rank == 0.0 {
         return None;
     }
     let [before, after] = residuals.map(|residuals| {
         let left = left_by(base, residuals, factors);
-        let scanned = scan.flipped(scores, &by_probe(bench, base, &left));
-        let total = left.norm_squared();
-        let equivalent =
-            |&statistic: &f32| f_form(f64::from(statistic), rank, total, base.degrees).0;
-        scanned.iter().map(equivalent).collect::<Vec<f64>>()
+        let (left, total) = (by_probe(bench, base, &left), left.norm_squared());
+        let mut statistics = Vec::new();
+        for (band, scores) in &bands {
+            let scanned = band.flipped(scores, &left);
+            let scanned = scanned.iter().copied().map(f64::from);
+            statistics.extend(scanned.map(|own| f_form(own, rank, total, base.degrees).0));
+        }
+        statistics
     });
     let level = LEVEL / first.scores.len().max(1) as f64;
     let threshold = bisect(rank, 10.0 * rank + 20.0, |statistic| {
         global_p(statistic, rank, crossings) - level
     });
-    let whole: Vec<[f64; 3]> = scan
-        .grid
+    let whole: Vec<[f64; 3]> = bands
         .iter()
+        .flat_map(|(band, _)| &band.grid)
         .zip(before)
         .zip(after)
         .map(|((&value, before), after)| [value, before, after])
