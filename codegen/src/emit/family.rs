@@ -1,15 +1,18 @@
 //! A residual family as a unit struct that implements the runtime trait.
 
-use proc_macro2::{Ident, Literal, TokenStream};
+use proc_macro2::{Literal, TokenStream};
 use quote::quote;
 
-use super::{camel_case, ident};
+use super::{camel_case, ident, word};
 use crate::compile::Family;
 use crate::graph::Elementary;
 use crate::program::{Operand, Operation, Program};
 
-/// The struct and its implementation.
-pub(super) fn family(family: &Family) -> TokenStream {
+/// The struct and its implementation; `place` makes the tokens that stand for the statements of a function.
+pub(super) fn family(
+    family: &Family,
+    place: &mut dyn FnMut(Vec<String>) -> TokenStream,
+) -> TokenStream {
     let name = ident(&camel_case(&family.name));
     let sizes = [
         family.shape.data,
@@ -41,30 +44,50 @@ pub(super) fn family(family: &Family) -> TokenStream {
     let prepare = body(&family.programs.prepare, family.shape.data);
     let value = body(&family.programs.value, family.shape.prepared);
     let linearize = body(&family.programs.linearize, family.shape.prepared);
-    let read_data = read(&prepare.first, &quote!(data));
-    let write_prepared = write(&quote!(prepared), &prepare.outputs);
-    let read_value_prepared = read_lane(&value.first, &quote!(prepared));
-    let read_value_parameters = read(&value.rest, &quote!(parameters));
-    let write_value = write(&quote!(residuals), &value.outputs);
-    let read_prepared = read_lane(&linearize.first, &quote!(prepared));
-    let read_parameters = read(&linearize.rest, &quote!(parameters));
+    let data_read = read(&prepare.first, "data");
+    let prepared_read_by_value = read_lane(&value.first, "prepared");
+    let parameters_read_by_value = read(&value.rest, "parameters");
+    let prepared_read = read_lane(&linearize.first, "prepared");
+    let parameters_read = read(&linearize.rest, "parameters");
     let (residual_outputs, jacobian_outputs) = linearize.outputs.split_at(family.shape.residuals);
-    let write_residuals = write(&quote!(residuals), residual_outputs);
-    let write_jacobian = write(&quote!(jacobian), jacobian_outputs);
     // Names of arguments that a family has no use for begin with an underscore.
-    let argument = |name: &str, code: &[&TokenStream]| {
-        let used = code.iter().any(|code| !code.is_empty());
-        ident(&format!("{}{name}", if used { "" } else { "_" }))
-    };
-    let prepare_lane = argument("lane", &[&write_prepared]);
-    let prepare_data = argument("data", &[&read_data]);
-    let prepare_prepared = argument("prepared", &[&write_prepared]);
-    let value_prepared = argument("prepared", &[&read_value_prepared]);
-    let value_parameters = argument("parameters", &[&read_value_parameters]);
-    let linearize_prepared = argument("prepared", &[&read_prepared]);
-    let linearize_parameters = argument("parameters", &[&read_parameters]);
-    let linearize_jacobian = argument("jacobian", &[&write_jacobian]);
-    let [prepare, value, linearize] = [prepare, value, linearize].map(|body| body.statements);
+    let argument =
+        |name: &str, is_used: bool| ident(&format!("{}{name}", if is_used { "" } else { "_" }));
+    let prepare_lane = argument("lane", !prepare.outputs.is_empty());
+    let prepare_data = argument("data", !data_read.is_empty());
+    let prepare_prepared = argument("prepared", !prepare.outputs.is_empty());
+    let value_prepared = argument("prepared", !prepared_read_by_value.is_empty());
+    let value_parameters = argument("parameters", !parameters_read_by_value.is_empty());
+    let linearize_prepared = argument("prepared", !prepared_read.is_empty());
+    let linearize_parameters = argument("parameters", !parameters_read.is_empty());
+    let linearize_jacobian = argument("jacobian", !jacobian_outputs.is_empty());
+    let prepare = place(
+        [
+            data_read,
+            prepare.statements,
+            write("prepared", &prepare.outputs),
+        ]
+        .concat(),
+    );
+    let value = place(
+        [
+            prepared_read_by_value,
+            parameters_read_by_value,
+            value.statements,
+            write("residuals", &value.outputs),
+        ]
+        .concat(),
+    );
+    let linearize = place(
+        [
+            prepared_read,
+            parameters_read,
+            linearize.statements,
+            write("residuals", residual_outputs),
+            write("jacobian", jacobian_outputs),
+        ]
+        .concat(),
+    );
     quote! {
         #(#[doc = #docs])*
         #[derive(Debug, Clone, Copy)]
@@ -88,9 +111,7 @@ pub(super) fn family(family: &Family) -> TokenStream {
                 #prepare_data: &[f64],
                 #prepare_prepared: &mut [S],
             ) {
-                #read_data
                 #prepare
-                #write_prepared
             }
 
             #[inline(always)]
@@ -100,10 +121,7 @@ pub(super) fn family(family: &Family) -> TokenStream {
                 #value_parameters: &[f64],
                 residuals: &mut [S],
             ) {
-                #read_value_prepared
-                #read_value_parameters
                 #value
-                #write_value
             }
 
             #[inline(always)]
@@ -114,11 +132,7 @@ pub(super) fn family(family: &Family) -> TokenStream {
                 residuals: &mut [S],
                 #linearize_jacobian: &mut [S],
             ) {
-                #read_prepared
-                #read_parameters
                 #linearize
-                #write_residuals
-                #write_jacobian
             }
         }
     }
@@ -135,49 +149,48 @@ fn list(names: &[String]) -> String {
         .join(", ")
 }
 
-/// Binds the entries of a slice to names.
-fn read(names: &[Option<Ident>], slice: &TokenStream) -> TokenStream {
+/// Binds the entries of a slice to names; nothing where none is read.
+fn read(names: &[Option<String>], slice: &str) -> Vec<String> {
     let count = names.len();
     if names.iter().all(Option::is_none) {
-        return TokenStream::new();
+        return vec![];
     }
+    let names: Vec<&str> = names
+        .iter()
+        .map(|name| name.as_deref().unwrap_or("_"))
+        .collect();
+    let names = names.join(", ");
     let message = format!("`{slice}` must hold {count} numbers");
-    let names = names.iter().map(|name| match name {
-        Some(name) => quote!(#name),
-        None => quote!(_),
-    });
-    quote! {
-        let &[#(#names),*] = #slice else { panic!(#message) };
-    }
+    vec![format!(
+        "let &[{names}] = {slice} else {{ panic!({message:?}) }};"
+    )]
 }
 
 /// Binds what the sample has of each entry of a slice to names.
-fn read_lane(names: &[Option<Ident>], slice: &TokenStream) -> TokenStream {
+fn read_lane(names: &[Option<String>], slice: &str) -> Vec<String> {
     let reads = names.iter().enumerate().filter_map(|(index, name)| {
-        let index = Literal::usize_unsuffixed(index);
         let name = name.as_ref()?;
-        Some(quote!(let #name = #slice[#index][lane];))
+        Some(format!("let {name} = {slice}[{index}][lane];"))
     });
-    quote!(#(#reads)*)
+    reads.collect()
 }
 
 /// Stores the sample's results.
-fn write(slice: &TokenStream, values: &[TokenStream]) -> TokenStream {
-    let writes = values.iter().enumerate().map(|(index, value)| {
-        let index = Literal::usize_unsuffixed(index);
-        quote!(#slice[#index][lane] = #value;)
-    });
-    quote!(#(#writes)*)
+fn write(slice: &str, values: &[String]) -> Vec<String> {
+    let writes = values.iter().enumerate();
+    writes
+        .map(|(index, value)| format!("{slice}[{index}][lane] = {value};"))
+        .collect()
 }
 
 /// A program as Rust.
 struct Body {
     /// Names of the inputs of the first slice, where they are read.
-    first: Vec<Option<Ident>>,
+    first: Vec<Option<String>>,
     /// Names of those of the second.
-    rest: Vec<Option<Ident>>,
-    statements: TokenStream,
-    outputs: Vec<TokenStream>,
+    rest: Vec<Option<String>>,
+    statements: Vec<String>,
+    outputs: Vec<String>,
 }
 
 fn body(program: &Program, split: usize) -> Body {
@@ -187,14 +200,14 @@ fn body(program: &Program, split: usize) -> Body {
         names: program.temporary_names(),
     };
     let reads = program.reads();
-    let mut first: Vec<Option<Ident>> = program
+    let mut first: Vec<Option<String>> = program
         .inputs
         .iter()
         .zip(reads)
-        .map(|(name, read)| read.then(|| ident(name)))
+        .map(|(name, read)| read.then(|| word(name)))
         .collect();
     let rest = first.split_off(split.min(first.len()));
-    let mut statements = TokenStream::new();
+    let mut statements = Vec::new();
     let mut written = vec![false; program.operations.len()];
     for index in 0..program.operations.len() {
         if writer.is_inline(index) || written[index] {
@@ -210,16 +223,18 @@ fn body(program: &Program, split: usize) -> Body {
             } else {
                 (other, index)
             };
-            let (sin_name, cos_name) = (ident(&writer.names[sin]), ident(&writer.names[cos]));
+            let (sin_name, cos_name) = (word(&writer.names[sin]), word(&writer.names[cos]));
             let (angle, _) = writer.operand(angle);
-            statements.extend(quote!(let (#sin_name, #cos_name) = math::sin_cos(#angle);));
+            statements.push(format!(
+                "let ({sin_name}, {cos_name}) = math::sin_cos({angle});"
+            ));
             written[sin] = true;
             written[cos] = true;
             continue;
         }
-        let name = ident(&writer.names[index]);
+        let name = word(&writer.names[index]);
         let (value, _) = writer.operation(index);
-        statements.extend(quote!(let #name = #value;));
+        statements.push(format!("let {name} = {value};"));
         written[index] = true;
     }
     let outputs = program
@@ -288,86 +303,71 @@ impl Writer<'_> {
             .position(|operation| *operation == Operation::Apply(wanted, angle))
     }
 
-    fn operand(&self, operand: Operand) -> (TokenStream, Binding) {
+    fn operand(&self, operand: Operand) -> (String, Binding) {
         match operand {
-            Operand::Constant(value) if value < 0.0 => {
-                let literal = Literal::f64_unsuffixed(-value);
-                (quote!(-#literal), Binding::Unary)
-            }
-            Operand::Constant(value) => {
-                let literal = Literal::f64_unsuffixed(value);
-                (quote!(#literal), Binding::Atom)
-            }
-            Operand::Input(index) => {
-                let name = ident(&self.program.inputs[index]);
-                (quote!(#name), Binding::Atom)
-            }
+            Operand::Constant(value) if value < 0.0 => (literal(value), Binding::Unary),
+            Operand::Constant(value) => (literal(value), Binding::Atom),
+            Operand::Input(index) => (word(&self.program.inputs[index]), Binding::Atom),
             Operand::Temporary(index) if self.is_inline(index) => self.operation(index),
-            Operand::Temporary(index) => {
-                let name = ident(&self.names[index]);
-                (quote!(#name), Binding::Atom)
-            }
+            Operand::Temporary(index) => (word(&self.names[index]), Binding::Atom),
         }
     }
 
     /// An operand, in parentheses if it binds less tightly than required.
-    fn at_least(&self, operand: Operand, binding: Binding) -> TokenStream {
-        let (tokens, own) = self.operand(operand);
+    fn at_least(&self, operand: Operand, binding: Binding) -> String {
+        let (text, own) = self.operand(operand);
         if own < binding {
-            quote!((#tokens))
+            format!("({text})")
         } else {
-            tokens
+            text
         }
     }
 
-    fn operation(&self, index: usize) -> (TokenStream, Binding) {
+    fn operation(&self, index: usize) -> (String, Binding) {
+        let sum = |a, sign, b| {
+            let (a, b) = (
+                self.at_least(a, Binding::Sum),
+                self.at_least(b, Binding::Product),
+            );
+            (format!("{a} {sign} {b}"), Binding::Sum)
+        };
+        let product = |a, sign, b| {
+            let (a, b) = (
+                self.at_least(a, Binding::Product),
+                self.at_least(b, Binding::Unary),
+            );
+            (format!("{a} {sign} {b}"), Binding::Product)
+        };
         match self.program.operations[index] {
-            Operation::Add(a, b) => {
-                let (a, b) = (
-                    self.at_least(a, Binding::Sum),
-                    self.at_least(b, Binding::Product),
-                );
-                (quote!(#a + #b), Binding::Sum)
-            }
-            Operation::Subtract(a, b) => {
-                let (a, b) = (
-                    self.at_least(a, Binding::Sum),
-                    self.at_least(b, Binding::Product),
-                );
-                (quote!(#a - #b), Binding::Sum)
-            }
-            Operation::Multiply(a, b) => {
-                let (a, b) = (
-                    self.at_least(a, Binding::Product),
-                    self.at_least(b, Binding::Unary),
-                );
-                (quote!(#a * #b), Binding::Product)
-            }
-            Operation::Divide(a, b) => {
-                let (a, b) = (
-                    self.at_least(a, Binding::Product),
-                    self.at_least(b, Binding::Unary),
-                );
-                (quote!(#a / #b), Binding::Product)
-            }
+            Operation::Add(a, b) => sum(a, '+', b),
+            Operation::Subtract(a, b) => sum(a, '-', b),
+            Operation::Multiply(a, b) => product(a, '*', b),
+            Operation::Divide(a, b) => product(a, '/', b),
             Operation::Negate(a) => {
                 let a = self.at_least(a, Binding::Atom);
-                (quote!(-#a), Binding::Unary)
+                (format!("-{a}"), Binding::Unary)
             }
             Operation::Apply(function, a) => {
                 let (a, _) = self.operand(a);
-                let name = ident(function.name());
-                (quote!(math::#name(#a)), Binding::Atom)
+                (format!("math::{}({a})", function.name()), Binding::Atom)
             }
             Operation::Select([left, right, below, otherwise]) => {
                 let [left, right] =
                     [left, right].map(|operand| self.at_least(operand, Binding::Sum));
                 let [below, otherwise] = [below, otherwise].map(|operand| self.operand(operand).0);
                 (
-                    quote!(if #left < #right { #below } else { #otherwise }),
+                    format!("if {left} < {right} {{ {below} }} else {{ {otherwise} }}"),
                     Binding::Sum,
                 )
             }
         }
     }
+}
+
+fn literal(value: f64) -> String {
+    let mut text = value.to_string();
+    if !text.contains('.') {
+        text.push_str(".0");
+    }
+    text
 }

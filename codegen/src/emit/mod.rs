@@ -4,6 +4,7 @@
 //! differ only in the path under which generated code finds the runtime crate.
 
 mod family;
+mod layout;
 mod tables;
 
 use std::fmt::Write;
@@ -42,7 +43,13 @@ impl Paths {
 pub fn robot(robot: &CompiledRobot, paths: &Paths) -> TokenStream {
     let table = table(robot, paths);
     let homes = homes(robot);
-    let variants = (0..robot.variants.len()).map(|variant| module(robot, variant, &homes, paths));
+    let mut place = |statements: Vec<String>| {
+        let tokens: Result<TokenStream, _> = statements.join("\n").parse();
+        tokens.expect("statements are tokens of Rust")
+    };
+    let variants =
+        (0..robot.variants.len()).map(|variant| module(robot, variant, &homes, paths, &mut place));
+    let variants: Vec<TokenStream> = variants.collect();
     quote! {
         #table
         #(#variants)*
@@ -83,6 +90,7 @@ fn module(
     variant: usize,
     homes: &[Vec<(usize, usize)>],
     paths: &Paths,
+    place: &mut dyn FnMut(Vec<String>) -> TokenStream,
 ) -> TokenStream {
     let imports = imports(paths);
     let compiled = &robot.variants[variant];
@@ -92,7 +100,7 @@ fn module(
         let (home, known) = homes[variant][index];
         let name = ident(&camel_case(&robot.variants[home].families[known].name));
         if (home, known) == (variant, index) {
-            items.push(family::family(family));
+            items.push(family::family(family, place));
             names.push(quote!(#name));
         } else {
             let home = ident(&snake_case(&robot.variants[home].name));
@@ -133,10 +141,18 @@ pub fn file(compiled: &CompiledRobot, source: &str, command: &str) -> String {
     let paths = Paths::runtime_crate;
     let formatted = |tokens: TokenStream| {
         let items = syn::parse2(tokens).expect("generated tokens are Rust items");
-        prettyplease::unparse(&items)
+        pack_lists(&prettyplease::unparse(&items))
     };
     let homes = homes(compiled);
-    let module = |variant| formatted(module(compiled, variant, &homes, &paths()));
+    let module = |variant| {
+        let mut bodies = Vec::new();
+        let mut place = |statements| {
+            bodies.push(statements);
+            quote!(statements!();)
+        };
+        let items = module(compiled, variant, &homes, &paths(), &mut place);
+        layout::with_bodies(&formatted(items), "statements!();", bodies)
+    };
     let items = std::iter::once(formatted(table(compiled, &paths())))
         .chain(on_all_cores(compiled.variants.len(), module));
     let items: Vec<String> = items.collect();
@@ -158,7 +174,7 @@ pub fn file(compiled: &CompiledRobot, source: &str, command: &str) -> String {
         }
     }
     text.push('\n');
-    text.push_str(&pack_lists(&items.concat()));
+    text.push_str(&items.concat());
     text
 }
 
@@ -258,6 +274,12 @@ const KEYWORDS: [&str; 48] = [
     "static", "struct", "trait", "true", "try", "type", "typeof", "unsafe", "unsized", "use",
     "virtual", "where", "while", "yield",
 ];
+
+/// A name as Rust writes it.
+pub(crate) fn word(name: &str) -> String {
+    let raw = if KEYWORDS.contains(&name) { "r#" } else { "" };
+    format!("{raw}{name}")
+}
 
 pub(crate) fn ident(name: &str) -> Ident {
     // Names of the description that are words of Rust become raw identifiers. To ask syn about each name

@@ -738,15 +738,13 @@ pub mod nominal {
             let y = prepared[1][lane];
             let z = prepared[2][lane];
             let q = prepared[3][lane];
-            let &[length, track_offset_x, track_offset_y, track_offset_z,
-            track_direction_x, track_direction_y, track_direction_z] = parameters else {
-                panic!("`parameters` must hold 7 numbers")
-            };
+            let &[length, track_offset_x, track_offset_y, track_offset_z, track_direction_x,
+                track_direction_y,
+                track_direction_z] = parameters else { panic!("`parameters` must hold 7 numbers") };
             let rod_x = x - track_offset_x - q * track_direction_x;
             let rod_y = y - track_offset_y - q * track_direction_y;
             let rod_z = z - track_offset_z - q * track_direction_z;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x
-                - rod_y * rod_y;
+            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             residuals[0][lane] = residual;
         }
         #[inline(always)]
@@ -761,15 +759,13 @@ pub mod nominal {
             let y = prepared[1][lane];
             let z = prepared[2][lane];
             let q = prepared[3][lane];
-            let &[length, track_offset_x, track_offset_y, track_offset_z,
-            track_direction_x, track_direction_y, track_direction_z] = parameters else {
-                panic!("`parameters` must hold 7 numbers")
-            };
+            let &[length, track_offset_x, track_offset_y, track_offset_z, track_direction_x,
+                track_direction_y,
+                track_direction_z] = parameters else { panic!("`parameters` must hold 7 numbers") };
             let rod_x = x - track_offset_x - q * track_direction_x;
             let rod_y = y - track_offset_y - q * track_direction_y;
             let rod_z = z - track_offset_z - q * track_direction_z;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x
-                - rod_y * rod_y;
+            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             let t18 = 2.0 * rod_z;
             let t19 = 2.0 * rod_y;
             let t20 = 2.0 * rod_x;
@@ -806,7 +802,8 @@ pub mod nominal {
             columns: &[0, 1, 2, 6],
         };
         #[inline(always)]
-        fn prepare<S: Samples>(_lane: usize, _data: &[f64], _prepared: &mut [S]) {}
+        fn prepare<S: Samples>(_lane: usize, _data: &[f64], _prepared: &mut [S]) {
+        }
         #[inline(always)]
         fn value<S: Samples>(
             lane: usize,
@@ -815,13 +812,13 @@ pub mod nominal {
             residuals: &mut [S],
         ) {
             let &[x, y, z, _, _, _, q1, _, _, length, track_offset_x, track_offset_y,
-            track_offset_z, track_direction_x, track_direction_y, track_direction_z] = parameters
-            else { panic!("`parameters` must hold 16 numbers") };
+                track_offset_z, track_direction_x, track_direction_y,
+                track_direction_z] =
+                parameters else { panic!("`parameters` must hold 16 numbers") };
             let rod_x = x - track_offset_x - q1 * track_direction_x;
             let rod_y = y - track_offset_y - q1 * track_direction_y;
             let rod_z = z - track_offset_z - q1 * track_direction_z;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x
-                - rod_y * rod_y;
+            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             residuals[0][lane] = residual;
         }
         #[inline(always)]
@@ -833,13 +830,13 @@ pub mod nominal {
             jacobian: &mut [S],
         ) {
             let &[x, y, z, _, _, _, q1, _, _, length, track_offset_x, track_offset_y,
-            track_offset_z, track_direction_x, track_direction_y, track_direction_z] = parameters
-            else { panic!("`parameters` must hold 16 numbers") };
+                track_offset_z, track_direction_x, track_direction_y,
+                track_direction_z] =
+                parameters else { panic!("`parameters` must hold 16 numbers") };
             let rod_x = x - track_offset_x - q1 * track_direction_x;
             let rod_y = y - track_offset_y - q1 * track_direction_y;
             let rod_z = z - track_offset_z - q1 * track_direction_z;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x
-                - rod_y * rod_y;
+            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             let t17 = -2.0 * rod_z;
             let t18 = -2.0 * rod_y;
             let t19 = 2.0 * rod_x;
@@ -874,7 +871,8 @@ pub mod nominal {
             columns: &[0, 1, 2, 7],
         };
         #[inline(always)]
-        fn prepare<S: Samples>(_lane: usize, _data: &[f64], _prepared: &mut [S]) {}
+        fn prepare<S: Samples>(_lane: usize, _data: &[f64], _prepared: &mut [S]) {
+        }
         #[inline(always)]
         fn value<S: Samples>(
             lane: usize,
@@ -883,13 +881,13 @@ pub mod nominal {
             residuals: &mut [S],
         ) {
             let &[x, y, z, _, _, _, _, q2, _, length, track_offset_x, track_offset_y,
-            track_offset_z, track_direction_x, track_direction_y, track_direction_z] = parameters
-            else { panic!("`parameters` must hold 16 numbers") };
+                track_offset_z, track_direction_x, track_direction_y,
+                track_direction_z] =
+                parameters else { panic!("`parameters` must hold 16 numbers") };
             let rod_x = x - track_offset_x - q2 * track_direction_x;
             let rod_y = y - track_offset_y - q2 * track_direction_y;
             let rod_z = z - track_offset_z - q2 * track_direction_z;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x
-                - rod_y * rod_y;
+            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             residuals[0][lane] = residual;
         }
         #[inline(always)]
@@ -901,13 +899,13 @@ pub mod nominal {
             jacobian: &mut [S],
         ) {
             let &[x, y, z, _, _, _, _, q2, _, length, track_offset_x, track_offset_y,
-            track_offset_z, track_direction_x, track_direction_y, track_direction_z] = parameters
-            else { panic!("`parameters` must hold 16 numbers") };
+                track_offset_z, track_direction_x, track_direction_y,
+                track_direction_z] =
+                parameters else { panic!("`parameters` must hold 16 numbers") };
             let rod_x = x - track_offset_x - q2 * track_direction_x;
             let rod_y = y - track_offset_y - q2 * track_direction_y;
             let rod_z = z - track_offset_z - q2 * track_direction_z;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x
-                - rod_y * rod_y;
+            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             let t17 = -2.0 * rod_z;
             let t18 = -2.0 * rod_y;
             let t19 = 2.0 * rod_x;
@@ -942,7 +940,8 @@ pub mod nominal {
             columns: &[0, 1, 2, 8],
         };
         #[inline(always)]
-        fn prepare<S: Samples>(_lane: usize, _data: &[f64], _prepared: &mut [S]) {}
+        fn prepare<S: Samples>(_lane: usize, _data: &[f64], _prepared: &mut [S]) {
+        }
         #[inline(always)]
         fn value<S: Samples>(
             lane: usize,
@@ -951,13 +950,13 @@ pub mod nominal {
             residuals: &mut [S],
         ) {
             let &[x, y, z, _, _, _, _, _, q3, length, track_offset_x, track_offset_y,
-            track_offset_z, track_direction_x, track_direction_y, track_direction_z] = parameters
-            else { panic!("`parameters` must hold 16 numbers") };
+                track_offset_z, track_direction_x, track_direction_y,
+                track_direction_z] =
+                parameters else { panic!("`parameters` must hold 16 numbers") };
             let rod_x = x - track_offset_x - q3 * track_direction_x;
             let rod_y = y - track_offset_y - q3 * track_direction_y;
             let rod_z = z - track_offset_z - q3 * track_direction_z;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x
-                - rod_y * rod_y;
+            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             residuals[0][lane] = residual;
         }
         #[inline(always)]
@@ -969,13 +968,13 @@ pub mod nominal {
             jacobian: &mut [S],
         ) {
             let &[x, y, z, _, _, _, _, _, q3, length, track_offset_x, track_offset_y,
-            track_offset_z, track_direction_x, track_direction_y, track_direction_z] = parameters
-            else { panic!("`parameters` must hold 16 numbers") };
+                track_offset_z, track_direction_x, track_direction_y,
+                track_direction_z] =
+                parameters else { panic!("`parameters` must hold 16 numbers") };
             let rod_x = x - track_offset_x - q3 * track_direction_x;
             let rod_y = y - track_offset_y - q3 * track_direction_y;
             let rod_z = z - track_offset_z - q3 * track_direction_z;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x
-                - rod_y * rod_y;
+            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             let t17 = -2.0 * rod_z;
             let t18 = -2.0 * rod_y;
             let t19 = 2.0 * rod_x;
@@ -1015,9 +1014,8 @@ pub mod nominal {
         };
         #[inline(always)]
         fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[q, x, y, z, alpha, beta, gamma] = data else {
-                panic!("`data` must hold 7 numbers")
-            };
+            let &[q, x, y, z, alpha, beta,
+                gamma] = data else { panic!("`data` must hold 7 numbers") };
             let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
             let (sin_beta, prepared_4) = math::sin_cos(beta);
             let prepared_5 = cos_gamma * sin_beta;
@@ -1084,54 +1082,36 @@ pub mod nominal {
             let prepared_16 = prepared[16][lane];
             let prepared_17 = prepared[17][lane];
             let &[track_offset_x, track_offset_y, track_offset_z, track_direction_x,
-            track_direction_y, track_direction_z, frame_translation_x,
-            frame_translation_y, frame_translation_z, frame_rotation_x, frame_rotation_y,
-            frame_rotation_z, target_position_x, target_position_y, target_position_z,
-            target_rotation_x, target_rotation_y, target_rotation_z] = parameters else {
-                panic!("`parameters` must hold 18 numbers")
-            };
+                track_direction_y, track_direction_z, frame_translation_x, frame_translation_y,
+                frame_translation_z, frame_rotation_x, frame_rotation_y, frame_rotation_z,
+                target_position_x, target_position_y, target_position_z, target_rotation_x,
+                target_rotation_y,
+                target_rotation_z] =
+                parameters else { panic!("`parameters` must hold 18 numbers") };
             let t5 = track_offset_x + q * track_direction_x + target_position_x;
             let t7 = track_offset_y + q * track_direction_y + target_position_y;
             let t9 = track_offset_z + q * track_direction_z + target_position_z;
-            let (sin_target_rotation_y, cos_target_rotation_y) = math::sin_cos(
-                target_rotation_y,
-            );
-            let (sin_target_rotation_z, cos_target_rotation_z) = math::sin_cos(
-                target_rotation_z,
-            );
+            let (sin_target_rotation_y, cos_target_rotation_y) = math::sin_cos(target_rotation_y);
+            let (sin_target_rotation_z, cos_target_rotation_z) = math::sin_cos(target_rotation_z);
             let t14 = cos_target_rotation_y * cos_target_rotation_z;
             let t15 = cos_target_rotation_y * sin_target_rotation_z;
-            let (sin_target_rotation_x, cos_target_rotation_x) = math::sin_cos(
-                target_rotation_x,
-            );
+            let (sin_target_rotation_x, cos_target_rotation_x) = math::sin_cos(target_rotation_x);
             let t18 = cos_target_rotation_y * sin_target_rotation_x;
             let t19 = sin_target_rotation_y * sin_target_rotation_x;
             let t20 = cos_target_rotation_y * cos_target_rotation_x;
             let t21 = sin_target_rotation_y * cos_target_rotation_x;
-            let (sin_frame_rotation_z, cos_frame_rotation_z) = math::sin_cos(
-                frame_rotation_z,
-            );
-            let (sin_frame_rotation_y, cos_frame_rotation_y) = math::sin_cos(
-                frame_rotation_y,
-            );
-            let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(
-                frame_rotation_x,
-            );
+            let (sin_frame_rotation_z, cos_frame_rotation_z) = math::sin_cos(frame_rotation_z);
+            let (sin_frame_rotation_y, cos_frame_rotation_y) = math::sin_cos(frame_rotation_y);
+            let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(frame_rotation_x);
             let t32 = t7 * cos_frame_rotation_x - t9 * sin_frame_rotation_x;
             let t33 = t7 * sin_frame_rotation_x + t9 * cos_frame_rotation_x;
             let t38 = sin_frame_rotation_y * t33 + t5 * cos_frame_rotation_y;
-            let t47 = cos_target_rotation_z * t19
-                - sin_target_rotation_z * cos_target_rotation_x;
-            let t48 = sin_target_rotation_z * t19
-                + cos_target_rotation_z * cos_target_rotation_x;
-            let t53 = cos_target_rotation_z * t21
-                + sin_target_rotation_z * sin_target_rotation_x;
-            let t54 = sin_target_rotation_z * t21
-                - cos_target_rotation_z * sin_target_rotation_x;
-            let t59 = t15 * cos_frame_rotation_x
-                + sin_target_rotation_y * sin_frame_rotation_x;
-            let t60 = t15 * sin_frame_rotation_x
-                - sin_target_rotation_y * cos_frame_rotation_x;
+            let t47 = cos_target_rotation_z * t19 - sin_target_rotation_z * cos_target_rotation_x;
+            let t48 = sin_target_rotation_z * t19 + cos_target_rotation_z * cos_target_rotation_x;
+            let t53 = cos_target_rotation_z * t21 + sin_target_rotation_z * sin_target_rotation_x;
+            let t54 = sin_target_rotation_z * t21 - cos_target_rotation_z * sin_target_rotation_x;
+            let t59 = t15 * cos_frame_rotation_x + sin_target_rotation_y * sin_frame_rotation_x;
+            let t60 = t15 * sin_frame_rotation_x - sin_target_rotation_y * cos_frame_rotation_x;
             let t65 = cos_frame_rotation_y * t60 - t14 * sin_frame_rotation_y;
             let t66 = sin_frame_rotation_y * t60 + t14 * cos_frame_rotation_y;
             let t71 = cos_frame_rotation_z * t66 - sin_frame_rotation_z * t59;
@@ -1155,14 +1135,14 @@ pub mod nominal {
             residuals[2][lane] = cos_frame_rotation_y * t33 - t5 * sin_frame_rotation_y
                 + frame_translation_z - z;
             residuals[3][lane] = 0.5
-                * (prepared_8 * t113 - prepared_4 * t120 - prepared_6 * t96
-                    + prepared_15 * t65 + prepared_5 * t72 + prepared_17 * t89);
+                * (prepared_8 * t113 - prepared_4 * t120 - prepared_6 * t96 + prepared_15 * t65
+                + prepared_5 * t72 + prepared_17 * t89);
             residuals[4][lane] = 0.5
-                * (prepared_4 * t119 - prepared_7 * t113 + prepared_16 * t89
-                    - prepared_5 * t71 - prepared_14 * t65 + prepared_6 * t95);
+                * (prepared_4 * t119 - prepared_7 * t113 + prepared_16 * t89 - prepared_5 * t71
+                - prepared_14 * t65 + prepared_6 * t95);
             residuals[5][lane] = 0.5
-                * (prepared_7 * t120 - prepared_8 * t119 - prepared_17 * t95
-                    + prepared_14 * t72 - prepared_15 * t71 - prepared_16 * t96);
+                * (prepared_7 * t120 - prepared_8 * t119 - prepared_17 * t95 + prepared_14 * t72
+                - prepared_15 * t71 - prepared_16 * t96);
         }
         #[inline(always)]
         fn linearize<S: Samples>(
@@ -1195,51 +1175,35 @@ pub mod nominal {
             let prepared_20 = prepared[20][lane];
             let prepared_21 = prepared[21][lane];
             let &[track_offset_x, track_offset_y, track_offset_z, track_direction_x,
-            track_direction_y, track_direction_z, frame_translation_x,
-            frame_translation_y, frame_translation_z, frame_rotation_x, frame_rotation_y,
-            frame_rotation_z, target_position_x, target_position_y, target_position_z,
-            target_rotation_x, target_rotation_y, target_rotation_z] = parameters else {
-                panic!("`parameters` must hold 18 numbers")
-            };
+                track_direction_y, track_direction_z, frame_translation_x, frame_translation_y,
+                frame_translation_z, frame_rotation_x, frame_rotation_y, frame_rotation_z,
+                target_position_x, target_position_y, target_position_z, target_rotation_x,
+                target_rotation_y,
+                target_rotation_z] =
+                parameters else { panic!("`parameters` must hold 18 numbers") };
             let t5 = track_offset_x + q * track_direction_x + target_position_x;
             let t7 = track_offset_y + q * track_direction_y + target_position_y;
             let t9 = track_offset_z + q * track_direction_z + target_position_z;
-            let (sin_target_rotation_y, cos_target_rotation_y) = math::sin_cos(
-                target_rotation_y,
-            );
-            let (sin_target_rotation_z, cos_target_rotation_z) = math::sin_cos(
-                target_rotation_z,
-            );
+            let (sin_target_rotation_y, cos_target_rotation_y) = math::sin_cos(target_rotation_y);
+            let (sin_target_rotation_z, cos_target_rotation_z) = math::sin_cos(target_rotation_z);
             let t14 = cos_target_rotation_y * cos_target_rotation_z;
             let t15 = cos_target_rotation_y * sin_target_rotation_z;
-            let (sin_target_rotation_x, cos_target_rotation_x) = math::sin_cos(
-                target_rotation_x,
-            );
+            let (sin_target_rotation_x, cos_target_rotation_x) = math::sin_cos(target_rotation_x);
             let t18 = cos_target_rotation_y * sin_target_rotation_x;
             let t19 = sin_target_rotation_y * sin_target_rotation_x;
             let t20 = cos_target_rotation_y * cos_target_rotation_x;
             let t21 = sin_target_rotation_y * cos_target_rotation_x;
-            let (sin_frame_rotation_z, cos_frame_rotation_z) = math::sin_cos(
-                frame_rotation_z,
-            );
-            let (sin_frame_rotation_y, cos_frame_rotation_y) = math::sin_cos(
-                frame_rotation_y,
-            );
+            let (sin_frame_rotation_z, cos_frame_rotation_z) = math::sin_cos(frame_rotation_z);
+            let (sin_frame_rotation_y, cos_frame_rotation_y) = math::sin_cos(frame_rotation_y);
             let t26 = cos_frame_rotation_z * sin_frame_rotation_y;
             let t27 = cos_frame_rotation_z * cos_frame_rotation_y;
-            let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(
-                frame_rotation_x,
-            );
-            let t34 = t26 * sin_frame_rotation_x
-                - sin_frame_rotation_z * cos_frame_rotation_x;
-            let t35 = t26 * cos_frame_rotation_x
-                + sin_frame_rotation_z * sin_frame_rotation_x;
+            let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(frame_rotation_x);
+            let t34 = t26 * sin_frame_rotation_x - sin_frame_rotation_z * cos_frame_rotation_x;
+            let t35 = t26 * cos_frame_rotation_x + sin_frame_rotation_z * sin_frame_rotation_x;
             let t39 = sin_frame_rotation_z * sin_frame_rotation_y;
             let t40 = sin_frame_rotation_z * cos_frame_rotation_y;
-            let t45 = sin_frame_rotation_x * t39
-                + cos_frame_rotation_z * cos_frame_rotation_x;
-            let t46 = cos_frame_rotation_x * t39
-                - cos_frame_rotation_z * sin_frame_rotation_x;
+            let t45 = sin_frame_rotation_x * t39 + cos_frame_rotation_z * cos_frame_rotation_x;
+            let t46 = cos_frame_rotation_x * t39 - cos_frame_rotation_z * sin_frame_rotation_x;
             let t50 = cos_frame_rotation_y * sin_frame_rotation_x;
             let t51 = cos_frame_rotation_y * cos_frame_rotation_x;
             let t55 = sin_frame_rotation_z * prepared_9;
@@ -1258,10 +1222,8 @@ pub mod nominal {
             let t100 = sin_frame_rotation_x * t94 - cos_frame_rotation_x * t55;
             let t101 = cos_frame_rotation_x * t94 + sin_frame_rotation_x * t55;
             let t114 = sin_target_rotation_z * t100 + cos_target_rotation_z * t95;
-            let t123 = sin_frame_rotation_z * prepared_13
-                - cos_frame_rotation_z * prepared_10;
-            let t124 = cos_frame_rotation_z * prepared_13
-                + sin_frame_rotation_z * prepared_10;
+            let t123 = sin_frame_rotation_z * prepared_13 - cos_frame_rotation_z * prepared_10;
+            let t124 = cos_frame_rotation_z * prepared_13 + sin_frame_rotation_z * prepared_10;
             let t125 = sin_frame_rotation_y * t123;
             let t126 = cos_frame_rotation_y * t123;
             let t131 = sin_frame_rotation_x * t125 + cos_frame_rotation_x * t124;
@@ -1273,18 +1235,12 @@ pub mod nominal {
             let t153 = sin_frame_rotation_y * t147 + t5 * cos_frame_rotation_y;
             let t158 = cos_frame_rotation_z * t153 - sin_frame_rotation_z * t146;
             let t159 = sin_frame_rotation_z * t153 + cos_frame_rotation_z * t146;
-            let t164 = cos_target_rotation_z * t19
-                - sin_target_rotation_z * cos_target_rotation_x;
-            let t165 = sin_target_rotation_z * t19
-                + cos_target_rotation_z * cos_target_rotation_x;
-            let t170 = cos_target_rotation_z * t21
-                + sin_target_rotation_z * sin_target_rotation_x;
-            let t171 = sin_target_rotation_z * t21
-                - cos_target_rotation_z * sin_target_rotation_x;
-            let t176 = t15 * cos_frame_rotation_x
-                + sin_target_rotation_y * sin_frame_rotation_x;
-            let t177 = t15 * sin_frame_rotation_x
-                - sin_target_rotation_y * cos_frame_rotation_x;
+            let t164 = cos_target_rotation_z * t19 - sin_target_rotation_z * cos_target_rotation_x;
+            let t165 = sin_target_rotation_z * t19 + cos_target_rotation_z * cos_target_rotation_x;
+            let t170 = cos_target_rotation_z * t21 + sin_target_rotation_z * sin_target_rotation_x;
+            let t171 = sin_target_rotation_z * t21 - cos_target_rotation_z * sin_target_rotation_x;
+            let t176 = t15 * cos_frame_rotation_x + sin_target_rotation_y * sin_frame_rotation_x;
+            let t177 = t15 * sin_frame_rotation_x - sin_target_rotation_y * cos_frame_rotation_x;
             let t182 = cos_frame_rotation_y * t177 - t14 * sin_frame_rotation_y;
             let t183 = sin_frame_rotation_y * t177 + t14 * cos_frame_rotation_y;
             let t188 = cos_frame_rotation_z * t183 - sin_frame_rotation_z * t176;
@@ -1317,18 +1273,14 @@ pub mod nominal {
             let t354 = sin_frame_rotation_y * prepared_21 - cos_frame_rotation_y * t76;
             let t364 = cos_frame_rotation_x * t75 - sin_frame_rotation_x * t353;
             let t373 = sin_target_rotation_z * t339 + cos_target_rotation_z * t334;
-            let t399 = sin_frame_rotation_z * prepared_20
-                + cos_frame_rotation_z * prepared_18;
-            let t400 = sin_frame_rotation_z * prepared_18
-                - cos_frame_rotation_z * prepared_20;
+            let t399 = sin_frame_rotation_z * prepared_20 + cos_frame_rotation_z * prepared_18;
+            let t400 = sin_frame_rotation_z * prepared_18 - cos_frame_rotation_z * prepared_20;
             let t401 = sin_frame_rotation_y * t399;
             let t402 = cos_frame_rotation_y * t399;
             let t410 = cos_frame_rotation_x * t400 - sin_frame_rotation_x * t401;
             let t411 = cos_frame_rotation_x * t401 + sin_frame_rotation_x * t400;
-            let t423 = sin_frame_rotation_z * prepared_21
-                - cos_frame_rotation_z * prepared_19;
-            let t424 = cos_frame_rotation_z * prepared_21
-                + sin_frame_rotation_z * prepared_19;
+            let t423 = sin_frame_rotation_z * prepared_21 - cos_frame_rotation_z * prepared_19;
+            let t424 = cos_frame_rotation_z * prepared_21 + sin_frame_rotation_z * prepared_19;
             let t425 = sin_frame_rotation_y * t423;
             let t426 = cos_frame_rotation_y * t423;
             let t441 = sin_frame_rotation_x * t425 + cos_frame_rotation_x * t424;
@@ -1338,14 +1290,14 @@ pub mod nominal {
             residuals[1][lane] = t159 + frame_translation_y - y;
             residuals[2][lane] = t152 + frame_translation_z - z;
             residuals[3][lane] = 0.5
-                * (prepared_8 * t230 - prepared_4 * t237 - prepared_6 * t213
-                    + prepared_15 * t182 + prepared_5 * t189 + prepared_17 * t206);
+                * (prepared_8 * t230 - prepared_4 * t237 - prepared_6 * t213 + prepared_15 * t182
+                + prepared_5 * t189 + prepared_17 * t206);
             residuals[4][lane] = 0.5
-                * (prepared_4 * t236 - prepared_7 * t230 + prepared_16 * t206
-                    - prepared_5 * t188 - prepared_14 * t182 + prepared_6 * t212);
+                * (prepared_4 * t236 - prepared_7 * t230 + prepared_16 * t206 - prepared_5 * t188
+                - prepared_14 * t182 + prepared_6 * t212);
             residuals[5][lane] = 0.5
-                * (prepared_7 * t237 - prepared_8 * t236 - prepared_17 * t212
-                    + prepared_14 * t189 - prepared_15 * t188 - prepared_16 * t213);
+                * (prepared_7 * t237 - prepared_8 * t236 - prepared_17 * t212 + prepared_14 * t189
+                - prepared_15 * t188 - prepared_16 * t213);
             jacobian[0][lane] = t27;
             jacobian[1][lane] = t34;
             jacobian[2][lane] = t35;
@@ -1384,69 +1336,66 @@ pub mod nominal {
             jacobian[35][lane] = t539;
             jacobian[36][lane] = t50;
             jacobian[37][lane] = t51;
-            jacobian[38][lane] = t61 * t224 + t56 * t225 + t200 * t263 + t70 * t201
-                + t176 * t283 - t76 * t177;
-            jacobian[39][lane] = t75 * t182 - t55 * t230 - prepared_10 * t231
-                - t69 * t206 - t207 * prepared_18 - t183 * prepared_19;
-            jacobian[40][lane] = prepared_12 * t188 - prepared_9 * t236
-                - prepared_11 * t212;
+            jacobian[38][lane] = t61 * t224 + t56 * t225 + t200 * t263 + t70 * t201 + t176 * t283
+                - t76 * t177;
+            jacobian[39][lane] = t75 * t182 - t55 * t230 - prepared_10 * t231 - t69 * t206
+                - t207 * prepared_18 - t183 * prepared_19;
+            jacobian[40][lane] = prepared_12 * t188 - prepared_9 * t236 - prepared_11 * t212;
             jacobian[41][lane] = cos_target_rotation_x
                 * (sin_target_rotation_y * t303 - cos_target_rotation_z * t67
-                    - sin_target_rotation_z * t62 + cos_target_rotation_y * t270)
+                - sin_target_rotation_z * t62 + cos_target_rotation_y * t270)
                 - sin_target_rotation_x
-                    * (sin_target_rotation_y * t85 + cos_target_rotation_y * t68
-                        + cos_target_rotation_z * t269 + sin_target_rotation_z * t264);
+                * (sin_target_rotation_y * t85 + cos_target_rotation_y * t68
+                + cos_target_rotation_z * t269 + sin_target_rotation_z * t264);
             jacobian[42][lane] = cos_target_rotation_y
                 * (sin_frame_rotation_x * t76 + cos_target_rotation_x * t85
-                    + sin_target_rotation_x * t303 - cos_frame_rotation_x * t283)
+                + sin_target_rotation_x * t303 - cos_frame_rotation_x * t283)
                 - sin_target_rotation_y
-                    * (cos_target_rotation_x * t68 + sin_target_rotation_x * t270
-                        + sin_target_rotation_z * t294 + cos_target_rotation_z * t284);
+                * (cos_target_rotation_x * t68 + sin_target_rotation_x * t270
+                + sin_target_rotation_z * t294 + cos_target_rotation_z * t284);
             jacobian[43][lane] = t67 * t170 + t62 * t171 + t164 * t269 + t165 * t264
                 + cos_target_rotation_y
-                    * (cos_target_rotation_z * t294 - sin_target_rotation_z * t284);
-            jacobian[44][lane] = t94 * t224 + t55 * t225 + t200 * t333 + t69 * t201
-                - t176 * t353 - t75 * t177;
-            jacobian[45][lane] = t56 * t230 + prepared_13 * t231 + t70 * t206
-                - t207 * prepared_20 - t76 * t182 + t183 * prepared_21;
-            jacobian[46][lane] = prepared_12 * t189 - prepared_9 * t237
-                - prepared_11 * t213;
+                * (cos_target_rotation_z * t294 - sin_target_rotation_z * t284);
+            jacobian[44][lane] = t94 * t224 + t55 * t225 + t200 * t333 + t69 * t201 - t176 * t353
+                - t75 * t177;
+            jacobian[45][lane] = t56 * t230 + prepared_13 * t231 + t70 * t206 - t207 * prepared_20
+                - t76 * t182 + t183 * prepared_21;
+            jacobian[46][lane] = prepared_12 * t189 - prepared_9 * t237 - prepared_11 * t213;
             jacobian[47][lane] = cos_target_rotation_x
                 * (cos_target_rotation_y * t340 + sin_target_rotation_y * t373
-                    + sin_target_rotation_z * t95 - cos_target_rotation_z * t100)
+                + sin_target_rotation_z * t95 - cos_target_rotation_z * t100)
                 - sin_target_rotation_x
-                    * (sin_target_rotation_y * t114 + cos_target_rotation_y * t101
-                        + cos_target_rotation_z * t339 - sin_target_rotation_z * t334);
+                * (sin_target_rotation_y * t114 + cos_target_rotation_y * t101
+                + cos_target_rotation_z * t339 - sin_target_rotation_z * t334);
             jacobian[48][lane] = cos_target_rotation_y
                 * (sin_target_rotation_x * t373 + cos_target_rotation_x * t114
-                    + sin_frame_rotation_x * t75 + cos_frame_rotation_x * t353)
+                + sin_frame_rotation_x * t75 + cos_frame_rotation_x * t353)
                 - sin_target_rotation_y
-                    * (cos_target_rotation_x * t101 + sin_target_rotation_x * t340
-                        + sin_target_rotation_z * t364 + cos_target_rotation_z * t354);
+                * (cos_target_rotation_x * t101 + sin_target_rotation_x * t340
+                + sin_target_rotation_z * t364 + cos_target_rotation_z * t354);
             jacobian[49][lane] = t100 * t170 - t95 * t171 + t164 * t339 - t165 * t334
                 + cos_target_rotation_y
-                    * (cos_target_rotation_z * t364 - sin_target_rotation_z * t354);
-            jacobian[50][lane] = t125 * t224 - t124 * t225 - t200 * t401 - t201 * t400
-                + t176 * t425 - t177 * t424;
+                * (cos_target_rotation_z * t364 - sin_target_rotation_z * t354);
+            jacobian[50][lane] = t125 * t224 - t124 * t225 - t200 * t401 - t201 * t400 + t176 * t425
+                - t177 * t424;
             jacobian[51][lane] = t123 * t230 - t206 * t399 + t182 * t423;
-            jacobian[52][lane] = prepared_13 * t236 + prepared_10 * t237
-                - t212 * prepared_20 + t213 * prepared_18 + t188 * prepared_21
-                + t189 * prepared_19;
+            jacobian[52][lane] = prepared_13 * t236 + prepared_10 * t237 - t212 * prepared_20
+                + t213 * prepared_18 + t188 * prepared_21 + t189 * prepared_19;
             jacobian[53][lane] = cos_target_rotation_x
                 * (sin_target_rotation_y * t450 - cos_target_rotation_y * t411
-                    + sin_target_rotation_z * t126 - cos_target_rotation_z * t131)
+                + sin_target_rotation_z * t126 - cos_target_rotation_z * t131)
                 - sin_target_rotation_x
-                    * (sin_target_rotation_y * t137 + cos_target_rotation_y * t132
-                        + cos_target_rotation_z * t410 + sin_target_rotation_z * t402);
+                * (sin_target_rotation_y * t137 + cos_target_rotation_y * t132
+                + cos_target_rotation_z * t410 + sin_target_rotation_z * t402);
             jacobian[54][lane] = cos_target_rotation_y
                 * (sin_frame_rotation_x * t424 + cos_target_rotation_x * t137
-                    + sin_target_rotation_x * t450 - cos_frame_rotation_x * t425)
+                + sin_target_rotation_x * t450 - cos_frame_rotation_x * t425)
                 - sin_target_rotation_y
-                    * (cos_target_rotation_x * t132 - sin_target_rotation_x * t411
-                        + sin_target_rotation_z * t441 + cos_target_rotation_z * t426);
+                * (cos_target_rotation_x * t132 - sin_target_rotation_x * t411
+                + sin_target_rotation_z * t441 + cos_target_rotation_z * t426);
             jacobian[55][lane] = t131 * t170 - t126 * t171 + t164 * t410 + t165 * t402
                 + cos_target_rotation_y
-                    * (cos_target_rotation_z * t441 - sin_target_rotation_z * t426);
+                * (cos_target_rotation_z * t441 - sin_target_rotation_z * t426);
         }
     }
     /// `F·(C(q) + A(q)·m) + t − x`
@@ -1494,22 +1443,17 @@ pub mod nominal {
             let y = prepared[2][lane];
             let z = prepared[3][lane];
             let &[track_offset_x, track_offset_y, track_offset_z, track_direction_x,
-            track_direction_y, track_direction_z, frame_translation_x,
-            frame_translation_y, frame_translation_z, frame_rotation_x, frame_rotation_y,
-            frame_rotation_z, target_position_x, target_position_y, target_position_z] = parameters
-            else { panic!("`parameters` must hold 15 numbers") };
+                track_direction_y, track_direction_z, frame_translation_x, frame_translation_y,
+                frame_translation_z, frame_rotation_x, frame_rotation_y, frame_rotation_z,
+                target_position_x, target_position_y,
+                target_position_z] =
+                parameters else { panic!("`parameters` must hold 15 numbers") };
             let t5 = track_offset_x + q * track_direction_x + target_position_x;
             let t7 = track_offset_y + q * track_direction_y + target_position_y;
             let t9 = track_offset_z + q * track_direction_z + target_position_z;
-            let (sin_frame_rotation_z, cos_frame_rotation_z) = math::sin_cos(
-                frame_rotation_z,
-            );
-            let (sin_frame_rotation_y, cos_frame_rotation_y) = math::sin_cos(
-                frame_rotation_y,
-            );
-            let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(
-                frame_rotation_x,
-            );
+            let (sin_frame_rotation_z, cos_frame_rotation_z) = math::sin_cos(frame_rotation_z);
+            let (sin_frame_rotation_y, cos_frame_rotation_y) = math::sin_cos(frame_rotation_y);
+            let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(frame_rotation_x);
             let t20 = t7 * cos_frame_rotation_x - t9 * sin_frame_rotation_x;
             let t21 = t7 * sin_frame_rotation_x + t9 * cos_frame_rotation_x;
             let t26 = sin_frame_rotation_y * t21 + t5 * cos_frame_rotation_y;
@@ -1533,34 +1477,25 @@ pub mod nominal {
             let y = prepared[2][lane];
             let z = prepared[3][lane];
             let &[track_offset_x, track_offset_y, track_offset_z, track_direction_x,
-            track_direction_y, track_direction_z, frame_translation_x,
-            frame_translation_y, frame_translation_z, frame_rotation_x, frame_rotation_y,
-            frame_rotation_z, target_position_x, target_position_y, target_position_z] = parameters
-            else { panic!("`parameters` must hold 15 numbers") };
+                track_direction_y, track_direction_z, frame_translation_x, frame_translation_y,
+                frame_translation_z, frame_rotation_x, frame_rotation_y, frame_rotation_z,
+                target_position_x, target_position_y,
+                target_position_z] =
+                parameters else { panic!("`parameters` must hold 15 numbers") };
             let t5 = track_offset_x + q * track_direction_x + target_position_x;
             let t7 = track_offset_y + q * track_direction_y + target_position_y;
             let t9 = track_offset_z + q * track_direction_z + target_position_z;
-            let (sin_frame_rotation_z, cos_frame_rotation_z) = math::sin_cos(
-                frame_rotation_z,
-            );
-            let (sin_frame_rotation_y, cos_frame_rotation_y) = math::sin_cos(
-                frame_rotation_y,
-            );
+            let (sin_frame_rotation_z, cos_frame_rotation_z) = math::sin_cos(frame_rotation_z);
+            let (sin_frame_rotation_y, cos_frame_rotation_y) = math::sin_cos(frame_rotation_y);
             let t14 = cos_frame_rotation_z * sin_frame_rotation_y;
             let t15 = cos_frame_rotation_z * cos_frame_rotation_y;
-            let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(
-                frame_rotation_x,
-            );
-            let t22 = t14 * sin_frame_rotation_x
-                - sin_frame_rotation_z * cos_frame_rotation_x;
-            let t23 = t14 * cos_frame_rotation_x
-                + sin_frame_rotation_z * sin_frame_rotation_x;
+            let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(frame_rotation_x);
+            let t22 = t14 * sin_frame_rotation_x - sin_frame_rotation_z * cos_frame_rotation_x;
+            let t23 = t14 * cos_frame_rotation_x + sin_frame_rotation_z * sin_frame_rotation_x;
             let t27 = sin_frame_rotation_z * sin_frame_rotation_y;
             let t28 = sin_frame_rotation_z * cos_frame_rotation_y;
-            let t33 = sin_frame_rotation_x * t27
-                + cos_frame_rotation_z * cos_frame_rotation_x;
-            let t34 = cos_frame_rotation_x * t27
-                - cos_frame_rotation_z * sin_frame_rotation_x;
+            let t33 = sin_frame_rotation_x * t27 + cos_frame_rotation_z * cos_frame_rotation_x;
+            let t34 = cos_frame_rotation_x * t27 - cos_frame_rotation_z * sin_frame_rotation_x;
             let t38 = cos_frame_rotation_y * sin_frame_rotation_x;
             let t39 = cos_frame_rotation_y * cos_frame_rotation_x;
             let t47 = t7 * cos_frame_rotation_x - t9 * sin_frame_rotation_x;
@@ -2499,9 +2434,9 @@ pub mod piecewise {
         };
         #[inline(always)]
         fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[q, x, y, z, segment_start_x, segment_start_y, segment_start_z,
-            segment_end_x, segment_end_y, segment_end_z, segment_start_q, segment_end_q,
-            ] = data else { panic!("`data` must hold 12 numbers") };
+            let &[q, x, y, z, segment_start_x, segment_start_y, segment_start_z, segment_end_x,
+                segment_end_y, segment_end_z, segment_start_q,
+                segment_end_q] = data else { panic!("`data` must hold 12 numbers") };
             let t1 = segment_end_q - segment_start_q;
             let t2 = q - segment_start_q;
             let slope_x = (segment_end_x - segment_start_x) / t1;
@@ -2530,19 +2465,12 @@ pub mod piecewise {
             let point_x = prepared[3][lane];
             let point_y = prepared[4][lane];
             let point_z = prepared[5][lane];
-            let &[length, track_offset_x, track_offset_y, track_offset_z,
-            track_rotation_x, track_rotation_y, track_rotation_z] = parameters else {
-                panic!("`parameters` must hold 7 numbers")
-            };
-            let (sin_track_rotation_z, cos_track_rotation_z) = math::sin_cos(
-                track_rotation_z,
-            );
-            let (sin_track_rotation_y, cos_track_rotation_y) = math::sin_cos(
+            let &[length, track_offset_x, track_offset_y, track_offset_z, track_rotation_x,
                 track_rotation_y,
-            );
-            let (sin_track_rotation_x, cos_track_rotation_x) = math::sin_cos(
-                track_rotation_x,
-            );
+                track_rotation_z] = parameters else { panic!("`parameters` must hold 7 numbers") };
+            let (sin_track_rotation_z, cos_track_rotation_z) = math::sin_cos(track_rotation_z);
+            let (sin_track_rotation_y, cos_track_rotation_y) = math::sin_cos(track_rotation_y);
+            let (sin_track_rotation_x, cos_track_rotation_x) = math::sin_cos(track_rotation_x);
             let t12 = point_y * cos_track_rotation_x - point_z * sin_track_rotation_x;
             let t13 = point_y * sin_track_rotation_x + point_z * cos_track_rotation_x;
             let t18 = sin_track_rotation_y * t13 + point_x * cos_track_rotation_y;
@@ -2552,8 +2480,7 @@ pub mod piecewise {
                 - cos_track_rotation_z * t12;
             let rod_z = z - track_offset_z - cos_track_rotation_y * t13
                 + point_x * sin_track_rotation_y;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x
-                - rod_y * rod_y;
+            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             residuals[0][lane] = residual;
         }
         #[inline(always)]
@@ -2570,19 +2497,12 @@ pub mod piecewise {
             let point_x = prepared[3][lane];
             let point_y = prepared[4][lane];
             let point_z = prepared[5][lane];
-            let &[length, track_offset_x, track_offset_y, track_offset_z,
-            track_rotation_x, track_rotation_y, track_rotation_z] = parameters else {
-                panic!("`parameters` must hold 7 numbers")
-            };
-            let (sin_track_rotation_z, cos_track_rotation_z) = math::sin_cos(
-                track_rotation_z,
-            );
-            let (sin_track_rotation_y, cos_track_rotation_y) = math::sin_cos(
+            let &[length, track_offset_x, track_offset_y, track_offset_z, track_rotation_x,
                 track_rotation_y,
-            );
-            let (sin_track_rotation_x, cos_track_rotation_x) = math::sin_cos(
-                track_rotation_x,
-            );
+                track_rotation_z] = parameters else { panic!("`parameters` must hold 7 numbers") };
+            let (sin_track_rotation_z, cos_track_rotation_z) = math::sin_cos(track_rotation_z);
+            let (sin_track_rotation_y, cos_track_rotation_y) = math::sin_cos(track_rotation_y);
+            let (sin_track_rotation_x, cos_track_rotation_x) = math::sin_cos(track_rotation_x);
             let t13 = point_y * cos_track_rotation_x - point_z * sin_track_rotation_x;
             let t14 = point_y * sin_track_rotation_x + point_z * cos_track_rotation_x;
             let t19 = cos_track_rotation_y * t14 - point_x * sin_track_rotation_y;
@@ -2592,8 +2512,7 @@ pub mod piecewise {
             let rod_x = x - track_offset_x - t25;
             let rod_y = y - track_offset_y - t26;
             let rod_z = z - track_offset_z - t19;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x
-                - rod_y * rod_y;
+            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             let t39 = 2.0 * rod_z;
             let t40 = 2.0 * rod_y;
             let t41 = 2.0 * rod_x;
@@ -2603,8 +2522,7 @@ pub mod piecewise {
             jacobian[1][lane] = t41;
             jacobian[2][lane] = t40;
             jacobian[3][lane] = t39;
-            jacobian[4][lane] = t13
-                * (sin_track_rotation_y * t49 + cos_track_rotation_y * t39)
+            jacobian[4][lane] = t13 * (sin_track_rotation_y * t49 + cos_track_rotation_y * t39)
                 - t14 * (cos_track_rotation_z * t40 - sin_track_rotation_z * t41);
             jacobian[5][lane] = t19 * t49 - t20 * t39;
             jacobian[6][lane] = t25 * t40 - t26 * t41;
@@ -2634,10 +2552,9 @@ pub mod piecewise {
         };
         #[inline(always)]
         fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[segment_start_x, segment_start_y, segment_start_z, segment_end_x,
-            segment_end_y, segment_end_z, segment_start_q, segment_end_q] = data else {
-                panic!("`data` must hold 8 numbers")
-            };
+            let &[segment_start_x, segment_start_y, segment_start_z, segment_end_x, segment_end_y,
+                segment_end_z, segment_start_q,
+                segment_end_q] = data else { panic!("`data` must hold 8 numbers") };
             let t1 = segment_end_q - segment_start_q;
             let slope_x = (segment_end_x - segment_start_x) / t1;
             let slope_y = (segment_end_y - segment_start_y) / t1;
@@ -2665,21 +2582,15 @@ pub mod piecewise {
             let slope_y = prepared[5][lane];
             let slope_z = prepared[6][lane];
             let &[x, y, z, _, _, _, q1, _, _, length, track_offset_x, track_offset_y,
-            track_offset_z, track_rotation_x, track_rotation_y, track_rotation_z] = parameters
-            else { panic!("`parameters` must hold 16 numbers") };
+                track_offset_z, track_rotation_x, track_rotation_y,
+                track_rotation_z] = parameters else { panic!("`parameters` must hold 16 numbers") };
             let t1 = q1 - segment_start_q;
             let t5 = segment_start_x + t1 * slope_x;
             let t6 = segment_start_y + t1 * slope_y;
             let t7 = segment_start_z + t1 * slope_z;
-            let (sin_track_rotation_z, cos_track_rotation_z) = math::sin_cos(
-                track_rotation_z,
-            );
-            let (sin_track_rotation_y, cos_track_rotation_y) = math::sin_cos(
-                track_rotation_y,
-            );
-            let (sin_track_rotation_x, cos_track_rotation_x) = math::sin_cos(
-                track_rotation_x,
-            );
+            let (sin_track_rotation_z, cos_track_rotation_z) = math::sin_cos(track_rotation_z);
+            let (sin_track_rotation_y, cos_track_rotation_y) = math::sin_cos(track_rotation_y);
+            let (sin_track_rotation_x, cos_track_rotation_x) = math::sin_cos(track_rotation_x);
             let t19 = t6 * cos_track_rotation_x - t7 * sin_track_rotation_x;
             let t20 = t6 * sin_track_rotation_x + t7 * cos_track_rotation_x;
             let t25 = sin_track_rotation_y * t20 + t5 * cos_track_rotation_y;
@@ -2687,10 +2598,8 @@ pub mod piecewise {
                 - cos_track_rotation_z * t25;
             let rod_y = y - track_offset_y - sin_track_rotation_z * t25
                 - cos_track_rotation_z * t19;
-            let rod_z = t5 * sin_track_rotation_y + z - track_offset_z
-                - cos_track_rotation_y * t20;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x
-                - rod_y * rod_y;
+            let rod_z = t5 * sin_track_rotation_y + z - track_offset_z - cos_track_rotation_y * t20;
+            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             residuals[0][lane] = residual;
         }
         #[inline(always)]
@@ -2709,21 +2618,15 @@ pub mod piecewise {
             let slope_y = prepared[5][lane];
             let slope_z = prepared[6][lane];
             let &[x, y, z, _, _, _, q1, _, _, length, track_offset_x, track_offset_y,
-            track_offset_z, track_rotation_x, track_rotation_y, track_rotation_z] = parameters
-            else { panic!("`parameters` must hold 16 numbers") };
+                track_offset_z, track_rotation_x, track_rotation_y,
+                track_rotation_z] = parameters else { panic!("`parameters` must hold 16 numbers") };
             let t1 = q1 - segment_start_q;
             let t5 = segment_start_x + t1 * slope_x;
             let t6 = segment_start_y + t1 * slope_y;
             let t7 = segment_start_z + t1 * slope_z;
-            let (sin_track_rotation_z, cos_track_rotation_z) = math::sin_cos(
-                track_rotation_z,
-            );
-            let (sin_track_rotation_y, cos_track_rotation_y) = math::sin_cos(
-                track_rotation_y,
-            );
-            let (sin_track_rotation_x, cos_track_rotation_x) = math::sin_cos(
-                track_rotation_x,
-            );
+            let (sin_track_rotation_z, cos_track_rotation_z) = math::sin_cos(track_rotation_z);
+            let (sin_track_rotation_y, cos_track_rotation_y) = math::sin_cos(track_rotation_y);
+            let (sin_track_rotation_x, cos_track_rotation_x) = math::sin_cos(track_rotation_x);
             let t19 = t6 * cos_track_rotation_x - t7 * sin_track_rotation_x;
             let t20 = t6 * sin_track_rotation_x + t7 * cos_track_rotation_x;
             let t25 = sin_track_rotation_y * t20 + t5 * cos_track_rotation_y;
@@ -2731,10 +2634,8 @@ pub mod piecewise {
                 - cos_track_rotation_z * t25;
             let rod_y = y - track_offset_y - sin_track_rotation_z * t25
                 - cos_track_rotation_z * t19;
-            let rod_z = t5 * sin_track_rotation_y + z - track_offset_z
-                - cos_track_rotation_y * t20;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x
-                - rod_y * rod_y;
+            let rod_z = t5 * sin_track_rotation_y + z - track_offset_z - cos_track_rotation_y * t20;
+            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             let t45 = -2.0 * rod_z;
             let t46 = 2.0 * rod_y;
             let t47 = -2.0 * rod_x;
@@ -2745,8 +2646,7 @@ pub mod piecewise {
             jacobian[0][lane] = t47;
             jacobian[1][lane] = -t46;
             jacobian[2][lane] = t45;
-            jacobian[3][lane] = slope_z
-                * (cos_track_rotation_x * t58 - sin_track_rotation_x * t53)
+            jacobian[3][lane] = slope_z * (cos_track_rotation_x * t58 - sin_track_rotation_x * t53)
                 + slope_y * (sin_track_rotation_x * t58 + cos_track_rotation_x * t53)
                 + slope_x * (cos_track_rotation_y * t52 + sin_track_rotation_y * t45);
         }
@@ -2775,10 +2675,9 @@ pub mod piecewise {
         };
         #[inline(always)]
         fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[segment_start_x, segment_start_y, segment_start_z, segment_end_x,
-            segment_end_y, segment_end_z, segment_start_q, segment_end_q] = data else {
-                panic!("`data` must hold 8 numbers")
-            };
+            let &[segment_start_x, segment_start_y, segment_start_z, segment_end_x, segment_end_y,
+                segment_end_z, segment_start_q,
+                segment_end_q] = data else { panic!("`data` must hold 8 numbers") };
             let t1 = segment_end_q - segment_start_q;
             let slope_x = (segment_end_x - segment_start_x) / t1;
             let slope_y = (segment_end_y - segment_start_y) / t1;
@@ -2806,21 +2705,15 @@ pub mod piecewise {
             let slope_y = prepared[5][lane];
             let slope_z = prepared[6][lane];
             let &[x, y, z, _, _, _, _, q2, _, length, track_offset_x, track_offset_y,
-            track_offset_z, track_rotation_x, track_rotation_y, track_rotation_z] = parameters
-            else { panic!("`parameters` must hold 16 numbers") };
+                track_offset_z, track_rotation_x, track_rotation_y,
+                track_rotation_z] = parameters else { panic!("`parameters` must hold 16 numbers") };
             let t1 = q2 - segment_start_q;
             let t5 = segment_start_x + t1 * slope_x;
             let t6 = segment_start_y + t1 * slope_y;
             let t7 = segment_start_z + t1 * slope_z;
-            let (sin_track_rotation_z, cos_track_rotation_z) = math::sin_cos(
-                track_rotation_z,
-            );
-            let (sin_track_rotation_y, cos_track_rotation_y) = math::sin_cos(
-                track_rotation_y,
-            );
-            let (sin_track_rotation_x, cos_track_rotation_x) = math::sin_cos(
-                track_rotation_x,
-            );
+            let (sin_track_rotation_z, cos_track_rotation_z) = math::sin_cos(track_rotation_z);
+            let (sin_track_rotation_y, cos_track_rotation_y) = math::sin_cos(track_rotation_y);
+            let (sin_track_rotation_x, cos_track_rotation_x) = math::sin_cos(track_rotation_x);
             let t19 = t6 * cos_track_rotation_x - t7 * sin_track_rotation_x;
             let t20 = t6 * sin_track_rotation_x + t7 * cos_track_rotation_x;
             let t25 = sin_track_rotation_y * t20 + t5 * cos_track_rotation_y;
@@ -2828,10 +2721,8 @@ pub mod piecewise {
                 - cos_track_rotation_z * t25;
             let rod_y = y - track_offset_y - sin_track_rotation_z * t25
                 - cos_track_rotation_z * t19;
-            let rod_z = t5 * sin_track_rotation_y + z - track_offset_z
-                - cos_track_rotation_y * t20;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x
-                - rod_y * rod_y;
+            let rod_z = t5 * sin_track_rotation_y + z - track_offset_z - cos_track_rotation_y * t20;
+            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             residuals[0][lane] = residual;
         }
         #[inline(always)]
@@ -2850,21 +2741,15 @@ pub mod piecewise {
             let slope_y = prepared[5][lane];
             let slope_z = prepared[6][lane];
             let &[x, y, z, _, _, _, _, q2, _, length, track_offset_x, track_offset_y,
-            track_offset_z, track_rotation_x, track_rotation_y, track_rotation_z] = parameters
-            else { panic!("`parameters` must hold 16 numbers") };
+                track_offset_z, track_rotation_x, track_rotation_y,
+                track_rotation_z] = parameters else { panic!("`parameters` must hold 16 numbers") };
             let t1 = q2 - segment_start_q;
             let t5 = segment_start_x + t1 * slope_x;
             let t6 = segment_start_y + t1 * slope_y;
             let t7 = segment_start_z + t1 * slope_z;
-            let (sin_track_rotation_z, cos_track_rotation_z) = math::sin_cos(
-                track_rotation_z,
-            );
-            let (sin_track_rotation_y, cos_track_rotation_y) = math::sin_cos(
-                track_rotation_y,
-            );
-            let (sin_track_rotation_x, cos_track_rotation_x) = math::sin_cos(
-                track_rotation_x,
-            );
+            let (sin_track_rotation_z, cos_track_rotation_z) = math::sin_cos(track_rotation_z);
+            let (sin_track_rotation_y, cos_track_rotation_y) = math::sin_cos(track_rotation_y);
+            let (sin_track_rotation_x, cos_track_rotation_x) = math::sin_cos(track_rotation_x);
             let t19 = t6 * cos_track_rotation_x - t7 * sin_track_rotation_x;
             let t20 = t6 * sin_track_rotation_x + t7 * cos_track_rotation_x;
             let t25 = sin_track_rotation_y * t20 + t5 * cos_track_rotation_y;
@@ -2872,10 +2757,8 @@ pub mod piecewise {
                 - cos_track_rotation_z * t25;
             let rod_y = y - track_offset_y - sin_track_rotation_z * t25
                 - cos_track_rotation_z * t19;
-            let rod_z = t5 * sin_track_rotation_y + z - track_offset_z
-                - cos_track_rotation_y * t20;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x
-                - rod_y * rod_y;
+            let rod_z = t5 * sin_track_rotation_y + z - track_offset_z - cos_track_rotation_y * t20;
+            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             let t45 = -2.0 * rod_z;
             let t46 = 2.0 * rod_y;
             let t47 = -2.0 * rod_x;
@@ -2886,8 +2769,7 @@ pub mod piecewise {
             jacobian[0][lane] = t47;
             jacobian[1][lane] = -t46;
             jacobian[2][lane] = t45;
-            jacobian[3][lane] = slope_z
-                * (cos_track_rotation_x * t58 - sin_track_rotation_x * t53)
+            jacobian[3][lane] = slope_z * (cos_track_rotation_x * t58 - sin_track_rotation_x * t53)
                 + slope_y * (sin_track_rotation_x * t58 + cos_track_rotation_x * t53)
                 + slope_x * (cos_track_rotation_y * t52 + sin_track_rotation_y * t45);
         }
@@ -2916,10 +2798,9 @@ pub mod piecewise {
         };
         #[inline(always)]
         fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[segment_start_x, segment_start_y, segment_start_z, segment_end_x,
-            segment_end_y, segment_end_z, segment_start_q, segment_end_q] = data else {
-                panic!("`data` must hold 8 numbers")
-            };
+            let &[segment_start_x, segment_start_y, segment_start_z, segment_end_x, segment_end_y,
+                segment_end_z, segment_start_q,
+                segment_end_q] = data else { panic!("`data` must hold 8 numbers") };
             let t1 = segment_end_q - segment_start_q;
             let slope_x = (segment_end_x - segment_start_x) / t1;
             let slope_y = (segment_end_y - segment_start_y) / t1;
@@ -2947,21 +2828,15 @@ pub mod piecewise {
             let slope_y = prepared[5][lane];
             let slope_z = prepared[6][lane];
             let &[x, y, z, _, _, _, _, _, q3, length, track_offset_x, track_offset_y,
-            track_offset_z, track_rotation_x, track_rotation_y, track_rotation_z] = parameters
-            else { panic!("`parameters` must hold 16 numbers") };
+                track_offset_z, track_rotation_x, track_rotation_y,
+                track_rotation_z] = parameters else { panic!("`parameters` must hold 16 numbers") };
             let t1 = q3 - segment_start_q;
             let t5 = segment_start_x + t1 * slope_x;
             let t6 = segment_start_y + t1 * slope_y;
             let t7 = segment_start_z + t1 * slope_z;
-            let (sin_track_rotation_z, cos_track_rotation_z) = math::sin_cos(
-                track_rotation_z,
-            );
-            let (sin_track_rotation_y, cos_track_rotation_y) = math::sin_cos(
-                track_rotation_y,
-            );
-            let (sin_track_rotation_x, cos_track_rotation_x) = math::sin_cos(
-                track_rotation_x,
-            );
+            let (sin_track_rotation_z, cos_track_rotation_z) = math::sin_cos(track_rotation_z);
+            let (sin_track_rotation_y, cos_track_rotation_y) = math::sin_cos(track_rotation_y);
+            let (sin_track_rotation_x, cos_track_rotation_x) = math::sin_cos(track_rotation_x);
             let t19 = t6 * cos_track_rotation_x - t7 * sin_track_rotation_x;
             let t20 = t6 * sin_track_rotation_x + t7 * cos_track_rotation_x;
             let t25 = sin_track_rotation_y * t20 + t5 * cos_track_rotation_y;
@@ -2969,10 +2844,8 @@ pub mod piecewise {
                 - cos_track_rotation_z * t25;
             let rod_y = y - track_offset_y - sin_track_rotation_z * t25
                 - cos_track_rotation_z * t19;
-            let rod_z = t5 * sin_track_rotation_y + z - track_offset_z
-                - cos_track_rotation_y * t20;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x
-                - rod_y * rod_y;
+            let rod_z = t5 * sin_track_rotation_y + z - track_offset_z - cos_track_rotation_y * t20;
+            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             residuals[0][lane] = residual;
         }
         #[inline(always)]
@@ -2991,21 +2864,15 @@ pub mod piecewise {
             let slope_y = prepared[5][lane];
             let slope_z = prepared[6][lane];
             let &[x, y, z, _, _, _, _, _, q3, length, track_offset_x, track_offset_y,
-            track_offset_z, track_rotation_x, track_rotation_y, track_rotation_z] = parameters
-            else { panic!("`parameters` must hold 16 numbers") };
+                track_offset_z, track_rotation_x, track_rotation_y,
+                track_rotation_z] = parameters else { panic!("`parameters` must hold 16 numbers") };
             let t1 = q3 - segment_start_q;
             let t5 = segment_start_x + t1 * slope_x;
             let t6 = segment_start_y + t1 * slope_y;
             let t7 = segment_start_z + t1 * slope_z;
-            let (sin_track_rotation_z, cos_track_rotation_z) = math::sin_cos(
-                track_rotation_z,
-            );
-            let (sin_track_rotation_y, cos_track_rotation_y) = math::sin_cos(
-                track_rotation_y,
-            );
-            let (sin_track_rotation_x, cos_track_rotation_x) = math::sin_cos(
-                track_rotation_x,
-            );
+            let (sin_track_rotation_z, cos_track_rotation_z) = math::sin_cos(track_rotation_z);
+            let (sin_track_rotation_y, cos_track_rotation_y) = math::sin_cos(track_rotation_y);
+            let (sin_track_rotation_x, cos_track_rotation_x) = math::sin_cos(track_rotation_x);
             let t19 = t6 * cos_track_rotation_x - t7 * sin_track_rotation_x;
             let t20 = t6 * sin_track_rotation_x + t7 * cos_track_rotation_x;
             let t25 = sin_track_rotation_y * t20 + t5 * cos_track_rotation_y;
@@ -3013,10 +2880,8 @@ pub mod piecewise {
                 - cos_track_rotation_z * t25;
             let rod_y = y - track_offset_y - sin_track_rotation_z * t25
                 - cos_track_rotation_z * t19;
-            let rod_z = t5 * sin_track_rotation_y + z - track_offset_z
-                - cos_track_rotation_y * t20;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x
-                - rod_y * rod_y;
+            let rod_z = t5 * sin_track_rotation_y + z - track_offset_z - cos_track_rotation_y * t20;
+            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             let t45 = -2.0 * rod_z;
             let t46 = 2.0 * rod_y;
             let t47 = -2.0 * rod_x;
@@ -3027,8 +2892,7 @@ pub mod piecewise {
             jacobian[0][lane] = t47;
             jacobian[1][lane] = -t46;
             jacobian[2][lane] = t45;
-            jacobian[3][lane] = slope_z
-                * (cos_track_rotation_x * t58 - sin_track_rotation_x * t53)
+            jacobian[3][lane] = slope_z * (cos_track_rotation_x * t58 - sin_track_rotation_x * t53)
                 + slope_y * (sin_track_rotation_x * t58 + cos_track_rotation_x * t53)
                 + slope_x * (cos_track_rotation_y * t52 + sin_track_rotation_y * t45);
         }
@@ -3061,11 +2925,9 @@ pub mod piecewise {
         };
         #[inline(always)]
         fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[q, x, y, z, alpha, beta, gamma, segment_start_x, segment_start_y,
-            segment_start_z, segment_end_x, segment_end_y, segment_end_z,
-            segment_start_q, segment_end_q] = data else {
-                panic!("`data` must hold 15 numbers")
-            };
+            let &[q, x, y, z, alpha, beta, gamma, segment_start_x, segment_start_y, segment_start_z,
+                segment_end_x, segment_end_y, segment_end_z, segment_start_q,
+                segment_end_q] = data else { panic!("`data` must hold 15 numbers") };
             let t1 = segment_end_q - segment_start_q;
             let t2 = q - segment_start_q;
             let slope_x = (segment_end_x - segment_start_x) / t1;
@@ -3144,60 +3006,36 @@ pub mod piecewise {
             let prepared_18 = prepared[18][lane];
             let prepared_19 = prepared[19][lane];
             let &[track_offset_x, track_offset_y, track_offset_z, track_rotation_x,
-            track_rotation_y, track_rotation_z, frame_translation_x, frame_translation_y,
-            frame_translation_z, frame_rotation_x, frame_rotation_y, frame_rotation_z,
-            target_position_x, target_position_y, target_position_z, target_rotation_x,
-            target_rotation_y, target_rotation_z] = parameters else {
-                panic!("`parameters` must hold 18 numbers")
-            };
-            let (sin_target_rotation_y, cos_target_rotation_y) = math::sin_cos(
+                track_rotation_y, track_rotation_z, frame_translation_x, frame_translation_y,
+                frame_translation_z, frame_rotation_x, frame_rotation_y, frame_rotation_z,
+                target_position_x, target_position_y, target_position_z, target_rotation_x,
                 target_rotation_y,
-            );
-            let (sin_target_rotation_z, cos_target_rotation_z) = math::sin_cos(
-                target_rotation_z,
-            );
+                target_rotation_z] =
+                parameters else { panic!("`parameters` must hold 18 numbers") };
+            let (sin_target_rotation_y, cos_target_rotation_y) = math::sin_cos(target_rotation_y);
+            let (sin_target_rotation_z, cos_target_rotation_z) = math::sin_cos(target_rotation_z);
             let t5 = cos_target_rotation_y * cos_target_rotation_z;
             let t6 = cos_target_rotation_y * sin_target_rotation_z;
-            let (sin_target_rotation_x, cos_target_rotation_x) = math::sin_cos(
-                target_rotation_x,
-            );
+            let (sin_target_rotation_x, cos_target_rotation_x) = math::sin_cos(target_rotation_x);
             let t9 = cos_target_rotation_y * sin_target_rotation_x;
             let t10 = sin_target_rotation_y * sin_target_rotation_x;
             let t11 = cos_target_rotation_y * cos_target_rotation_x;
             let t12 = sin_target_rotation_y * cos_target_rotation_x;
-            let (sin_frame_rotation_z, cos_frame_rotation_z) = math::sin_cos(
-                frame_rotation_z,
-            );
-            let (sin_frame_rotation_y, cos_frame_rotation_y) = math::sin_cos(
-                frame_rotation_y,
-            );
-            let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(
-                frame_rotation_x,
-            );
-            let (sin_track_rotation_z, cos_track_rotation_z) = math::sin_cos(
-                track_rotation_z,
-            );
-            let (sin_track_rotation_y, cos_track_rotation_y) = math::sin_cos(
-                track_rotation_y,
-            );
-            let (sin_track_rotation_x, cos_track_rotation_x) = math::sin_cos(
-                track_rotation_x,
-            );
+            let (sin_frame_rotation_z, cos_frame_rotation_z) = math::sin_cos(frame_rotation_z);
+            let (sin_frame_rotation_y, cos_frame_rotation_y) = math::sin_cos(frame_rotation_y);
+            let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(frame_rotation_x);
+            let (sin_track_rotation_z, cos_track_rotation_z) = math::sin_cos(track_rotation_z);
+            let (sin_track_rotation_y, cos_track_rotation_y) = math::sin_cos(track_rotation_y);
+            let (sin_track_rotation_x, cos_track_rotation_x) = math::sin_cos(track_rotation_x);
             let t29 = point_y * cos_track_rotation_x - point_z * sin_track_rotation_x;
             let t30 = point_y * sin_track_rotation_x + point_z * cos_track_rotation_x;
             let t35 = sin_track_rotation_y * t30 + point_x * cos_track_rotation_y;
-            let t44 = cos_target_rotation_z * t10
-                - sin_target_rotation_z * cos_target_rotation_x;
-            let t45 = sin_target_rotation_z * t10
-                + cos_target_rotation_z * cos_target_rotation_x;
-            let t50 = cos_target_rotation_z * t12
-                + sin_target_rotation_z * sin_target_rotation_x;
-            let t51 = sin_target_rotation_z * t12
-                - cos_target_rotation_z * sin_target_rotation_x;
-            let t56 = t6 * cos_frame_rotation_x
-                + sin_target_rotation_y * sin_frame_rotation_x;
-            let t57 = t6 * sin_frame_rotation_x
-                - sin_target_rotation_y * cos_frame_rotation_x;
+            let t44 = cos_target_rotation_z * t10 - sin_target_rotation_z * cos_target_rotation_x;
+            let t45 = sin_target_rotation_z * t10 + cos_target_rotation_z * cos_target_rotation_x;
+            let t50 = cos_target_rotation_z * t12 + sin_target_rotation_z * sin_target_rotation_x;
+            let t51 = sin_target_rotation_z * t12 - cos_target_rotation_z * sin_target_rotation_x;
+            let t56 = t6 * cos_frame_rotation_x + sin_target_rotation_y * sin_frame_rotation_x;
+            let t57 = t6 * sin_frame_rotation_x - sin_target_rotation_y * cos_frame_rotation_x;
             let t62 = cos_frame_rotation_y * t57 - t5 * sin_frame_rotation_y;
             let t63 = sin_frame_rotation_y * t57 + t5 * cos_frame_rotation_y;
             let t68 = cos_frame_rotation_z * t63 - sin_frame_rotation_z * t56;
@@ -3214,30 +3052,30 @@ pub mod piecewise {
             let t111 = sin_frame_rotation_y * t105 + cos_frame_rotation_y * t50;
             let t116 = cos_frame_rotation_z * t111 - sin_frame_rotation_z * t104;
             let t117 = sin_frame_rotation_z * t111 + cos_frame_rotation_z * t104;
-            let t126 = cos_track_rotation_z * t35 - sin_track_rotation_z * t29
-                + track_offset_x + target_position_x;
-            let t129 = sin_track_rotation_z * t35 + cos_track_rotation_z * t29
-                + track_offset_y + target_position_y;
-            let t132 = cos_track_rotation_y * t30 - point_x * sin_track_rotation_y
-                + track_offset_z + target_position_z;
+            let t126 = cos_track_rotation_z * t35 - sin_track_rotation_z * t29 + track_offset_x
+                + target_position_x;
+            let t129 = sin_track_rotation_z * t35 + cos_track_rotation_z * t29 + track_offset_y
+                + target_position_y;
+            let t132 = cos_track_rotation_y * t30 - point_x * sin_track_rotation_y + track_offset_z
+                + target_position_z;
             let t137 = cos_frame_rotation_x * t129 - sin_frame_rotation_x * t132;
             let t138 = sin_frame_rotation_x * t129 + cos_frame_rotation_x * t132;
             let t143 = sin_frame_rotation_y * t138 + cos_frame_rotation_y * t126;
-            residuals[0][lane] = cos_frame_rotation_z * t143
-                - sin_frame_rotation_z * t137 + frame_translation_x - x;
-            residuals[1][lane] = sin_frame_rotation_z * t143
-                + cos_frame_rotation_z * t137 + frame_translation_y - y;
-            residuals[2][lane] = cos_frame_rotation_y * t138
-                - sin_frame_rotation_y * t126 + frame_translation_z - z;
+            residuals[0][lane] = cos_frame_rotation_z * t143 - sin_frame_rotation_z * t137
+                + frame_translation_x - x;
+            residuals[1][lane] = sin_frame_rotation_z * t143 + cos_frame_rotation_z * t137
+                + frame_translation_y - y;
+            residuals[2][lane] = cos_frame_rotation_y * t138 - sin_frame_rotation_y * t126
+                + frame_translation_z - z;
             residuals[3][lane] = 0.5
-                * (prepared_10 * t110 - prepared_6 * t117 - prepared_8 * t93
-                    + prepared_17 * t62 + prepared_7 * t69 + prepared_19 * t86);
+                * (prepared_10 * t110 - prepared_6 * t117 - prepared_8 * t93 + prepared_17 * t62
+                + prepared_7 * t69 + prepared_19 * t86);
             residuals[4][lane] = 0.5
-                * (prepared_6 * t116 - prepared_9 * t110 + prepared_18 * t86
-                    - prepared_7 * t68 - prepared_16 * t62 + prepared_8 * t92);
+                * (prepared_6 * t116 - prepared_9 * t110 + prepared_18 * t86 - prepared_7 * t68
+                - prepared_16 * t62 + prepared_8 * t92);
             residuals[5][lane] = 0.5
-                * (prepared_9 * t117 - prepared_10 * t116 - prepared_19 * t92
-                    + prepared_16 * t69 - prepared_17 * t68 - prepared_18 * t93);
+                * (prepared_9 * t117 - prepared_10 * t116 - prepared_19 * t92 + prepared_16 * t69
+                - prepared_17 * t68 - prepared_18 * t93);
         }
         #[inline(always)]
         fn linearize<S: Samples>(
@@ -3272,63 +3110,40 @@ pub mod piecewise {
             let prepared_22 = prepared[22][lane];
             let prepared_23 = prepared[23][lane];
             let &[track_offset_x, track_offset_y, track_offset_z, track_rotation_x,
-            track_rotation_y, track_rotation_z, frame_translation_x, frame_translation_y,
-            frame_translation_z, frame_rotation_x, frame_rotation_y, frame_rotation_z,
-            target_position_x, target_position_y, target_position_z, target_rotation_x,
-            target_rotation_y, target_rotation_z] = parameters else {
-                panic!("`parameters` must hold 18 numbers")
-            };
-            let (sin_target_rotation_y, cos_target_rotation_y) = math::sin_cos(
+                track_rotation_y, track_rotation_z, frame_translation_x, frame_translation_y,
+                frame_translation_z, frame_rotation_x, frame_rotation_y, frame_rotation_z,
+                target_position_x, target_position_y, target_position_z, target_rotation_x,
                 target_rotation_y,
-            );
-            let (sin_target_rotation_z, cos_target_rotation_z) = math::sin_cos(
-                target_rotation_z,
-            );
+                target_rotation_z] =
+                parameters else { panic!("`parameters` must hold 18 numbers") };
+            let (sin_target_rotation_y, cos_target_rotation_y) = math::sin_cos(target_rotation_y);
+            let (sin_target_rotation_z, cos_target_rotation_z) = math::sin_cos(target_rotation_z);
             let t5 = cos_target_rotation_y * cos_target_rotation_z;
             let t6 = cos_target_rotation_y * sin_target_rotation_z;
-            let (sin_target_rotation_x, cos_target_rotation_x) = math::sin_cos(
-                target_rotation_x,
-            );
+            let (sin_target_rotation_x, cos_target_rotation_x) = math::sin_cos(target_rotation_x);
             let t9 = cos_target_rotation_y * sin_target_rotation_x;
             let t10 = sin_target_rotation_y * sin_target_rotation_x;
             let t11 = cos_target_rotation_y * cos_target_rotation_x;
             let t12 = sin_target_rotation_y * cos_target_rotation_x;
-            let (sin_frame_rotation_z, cos_frame_rotation_z) = math::sin_cos(
-                frame_rotation_z,
-            );
-            let (sin_frame_rotation_y, cos_frame_rotation_y) = math::sin_cos(
-                frame_rotation_y,
-            );
+            let (sin_frame_rotation_z, cos_frame_rotation_z) = math::sin_cos(frame_rotation_z);
+            let (sin_frame_rotation_y, cos_frame_rotation_y) = math::sin_cos(frame_rotation_y);
             let t17 = cos_frame_rotation_z * sin_frame_rotation_y;
             let t18 = cos_frame_rotation_z * cos_frame_rotation_y;
-            let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(
-                frame_rotation_x,
-            );
-            let t25 = t17 * sin_frame_rotation_x
-                - sin_frame_rotation_z * cos_frame_rotation_x;
-            let t26 = t17 * cos_frame_rotation_x
-                + sin_frame_rotation_z * sin_frame_rotation_x;
-            let (sin_track_rotation_z, cos_track_rotation_z) = math::sin_cos(
-                track_rotation_z,
-            );
+            let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(frame_rotation_x);
+            let t25 = t17 * sin_frame_rotation_x - sin_frame_rotation_z * cos_frame_rotation_x;
+            let t26 = t17 * cos_frame_rotation_x + sin_frame_rotation_z * sin_frame_rotation_x;
+            let (sin_track_rotation_z, cos_track_rotation_z) = math::sin_cos(track_rotation_z);
             let t33 = t25 * sin_track_rotation_z + t18 * cos_track_rotation_z;
-            let (sin_track_rotation_y, cos_track_rotation_y) = math::sin_cos(
-                track_rotation_y,
-            );
-            let (sin_track_rotation_x, cos_track_rotation_x) = math::sin_cos(
-                track_rotation_x,
-            );
+            let (sin_track_rotation_y, cos_track_rotation_y) = math::sin_cos(track_rotation_y);
+            let (sin_track_rotation_x, cos_track_rotation_x) = math::sin_cos(track_rotation_x);
             let t42 = sin_frame_rotation_z * sin_frame_rotation_y;
             let t43 = sin_frame_rotation_z * cos_frame_rotation_y;
-            let t48 = sin_frame_rotation_x * t42
-                + cos_frame_rotation_z * cos_frame_rotation_x;
-            let t49 = cos_frame_rotation_x * t42
-                - cos_frame_rotation_z * sin_frame_rotation_x;
+            let t48 = sin_frame_rotation_x * t42 + cos_frame_rotation_z * cos_frame_rotation_x;
+            let t49 = cos_frame_rotation_x * t42 - cos_frame_rotation_z * sin_frame_rotation_x;
             let t54 = sin_track_rotation_z * t48 + cos_track_rotation_z * t43;
             let t59 = cos_frame_rotation_y * sin_frame_rotation_x;
             let t60 = cos_frame_rotation_y * cos_frame_rotation_x;
-            let t65 = sin_track_rotation_z * t59
-                - sin_frame_rotation_y * cos_track_rotation_z;
+            let t65 = sin_track_rotation_z * t59 - sin_frame_rotation_y * cos_track_rotation_z;
             let t70 = sin_frame_rotation_z * prepared_11;
             let t71 = cos_frame_rotation_z * prepared_11;
             let t76 = cos_frame_rotation_y * prepared_12 - sin_frame_rotation_y * t70;
@@ -3345,10 +3160,8 @@ pub mod piecewise {
             let t115 = sin_frame_rotation_x * t109 - cos_frame_rotation_x * t70;
             let t116 = cos_frame_rotation_x * t109 + sin_frame_rotation_x * t70;
             let t129 = sin_target_rotation_z * t115 + cos_target_rotation_z * t110;
-            let t138 = sin_frame_rotation_z * prepared_15
-                - cos_frame_rotation_z * prepared_12;
-            let t139 = cos_frame_rotation_z * prepared_15
-                + sin_frame_rotation_z * prepared_12;
+            let t138 = sin_frame_rotation_z * prepared_15 - cos_frame_rotation_z * prepared_12;
+            let t139 = cos_frame_rotation_z * prepared_15 + sin_frame_rotation_z * prepared_12;
             let t140 = sin_frame_rotation_y * t138;
             let t141 = cos_frame_rotation_y * t138;
             let t146 = sin_frame_rotation_x * t140 + cos_frame_rotation_x * t139;
@@ -3360,18 +3173,12 @@ pub mod piecewise {
             let t168 = sin_track_rotation_y * t162 + point_x * cos_track_rotation_y;
             let t173 = cos_track_rotation_z * t168 - sin_track_rotation_z * t161;
             let t174 = sin_track_rotation_z * t168 + cos_track_rotation_z * t161;
-            let t179 = cos_target_rotation_z * t10
-                - sin_target_rotation_z * cos_target_rotation_x;
-            let t180 = sin_target_rotation_z * t10
-                + cos_target_rotation_z * cos_target_rotation_x;
-            let t185 = cos_target_rotation_z * t12
-                + sin_target_rotation_z * sin_target_rotation_x;
-            let t186 = sin_target_rotation_z * t12
-                - cos_target_rotation_z * sin_target_rotation_x;
-            let t191 = t6 * cos_frame_rotation_x
-                + sin_target_rotation_y * sin_frame_rotation_x;
-            let t192 = t6 * sin_frame_rotation_x
-                - sin_target_rotation_y * cos_frame_rotation_x;
+            let t179 = cos_target_rotation_z * t10 - sin_target_rotation_z * cos_target_rotation_x;
+            let t180 = sin_target_rotation_z * t10 + cos_target_rotation_z * cos_target_rotation_x;
+            let t185 = cos_target_rotation_z * t12 + sin_target_rotation_z * sin_target_rotation_x;
+            let t186 = sin_target_rotation_z * t12 - cos_target_rotation_z * sin_target_rotation_x;
+            let t191 = t6 * cos_frame_rotation_x + sin_target_rotation_y * sin_frame_rotation_x;
+            let t192 = t6 * sin_frame_rotation_x - sin_target_rotation_y * cos_frame_rotation_x;
             let t197 = cos_frame_rotation_y * t192 - t5 * sin_frame_rotation_y;
             let t198 = sin_frame_rotation_y * t192 + t5 * cos_frame_rotation_y;
             let t203 = cos_frame_rotation_z * t198 - sin_frame_rotation_z * t191;
@@ -3404,18 +3211,14 @@ pub mod piecewise {
             let t387 = sin_frame_rotation_y * prepared_23 - cos_frame_rotation_y * t91;
             let t397 = cos_frame_rotation_x * t90 - sin_frame_rotation_x * t386;
             let t406 = sin_target_rotation_z * t372 + cos_target_rotation_z * t367;
-            let t432 = sin_frame_rotation_z * prepared_22
-                + cos_frame_rotation_z * prepared_20;
-            let t433 = sin_frame_rotation_z * prepared_20
-                - cos_frame_rotation_z * prepared_22;
+            let t432 = sin_frame_rotation_z * prepared_22 + cos_frame_rotation_z * prepared_20;
+            let t433 = sin_frame_rotation_z * prepared_20 - cos_frame_rotation_z * prepared_22;
             let t434 = sin_frame_rotation_y * t432;
             let t435 = cos_frame_rotation_y * t432;
             let t443 = cos_frame_rotation_x * t433 - sin_frame_rotation_x * t434;
             let t444 = cos_frame_rotation_x * t434 + sin_frame_rotation_x * t433;
-            let t456 = sin_frame_rotation_z * prepared_23
-                - cos_frame_rotation_z * prepared_21;
-            let t457 = cos_frame_rotation_z * prepared_23
-                + sin_frame_rotation_z * prepared_21;
+            let t456 = sin_frame_rotation_z * prepared_23 - cos_frame_rotation_z * prepared_21;
+            let t457 = cos_frame_rotation_z * prepared_23 + sin_frame_rotation_z * prepared_21;
             let t458 = sin_frame_rotation_y * t456;
             let t459 = cos_frame_rotation_y * t456;
             let t474 = sin_frame_rotation_x * t458 + cos_frame_rotation_x * t457;
@@ -3434,19 +3237,18 @@ pub mod piecewise {
             residuals[1][lane] = t521 + frame_translation_y - y;
             residuals[2][lane] = t514 + frame_translation_z - z;
             residuals[3][lane] = 0.5
-                * (prepared_10 * t245 - prepared_6 * t252 - prepared_8 * t228
-                    + prepared_17 * t197 + prepared_7 * t204 + prepared_19 * t221);
+                * (prepared_10 * t245 - prepared_6 * t252 - prepared_8 * t228 + prepared_17 * t197
+                + prepared_7 * t204 + prepared_19 * t221);
             residuals[4][lane] = 0.5
-                * (prepared_6 * t251 - prepared_9 * t245 + prepared_18 * t221
-                    - prepared_7 * t203 - prepared_16 * t197 + prepared_8 * t227);
+                * (prepared_6 * t251 - prepared_9 * t245 + prepared_18 * t221 - prepared_7 * t203
+                - prepared_16 * t197 + prepared_8 * t227);
             residuals[5][lane] = 0.5
-                * (prepared_9 * t252 - prepared_10 * t251 - prepared_19 * t227
-                    + prepared_16 * t204 - prepared_17 * t203 - prepared_18 * t228);
+                * (prepared_9 * t252 - prepared_10 * t251 - prepared_19 * t227 + prepared_16 * t204
+                - prepared_17 * t203 - prepared_18 * t228);
             jacobian[0][lane] = t18;
             jacobian[1][lane] = t25;
             jacobian[2][lane] = t26;
-            jacobian[3][lane] = (t33 * sin_track_rotation_y + t26 * cos_track_rotation_y)
-                * t161
+            jacobian[3][lane] = (t33 * sin_track_rotation_y + t26 * cos_track_rotation_y) * t161
                 - (t25 * cos_track_rotation_z - t18 * sin_track_rotation_z) * t162;
             jacobian[4][lane] = t33 * t167 - t26 * t168;
             jacobian[5][lane] = t25 * t173 - t18 * t174;
@@ -3460,8 +3262,7 @@ pub mod piecewise {
             jacobian[13][lane] = t43;
             jacobian[14][lane] = t48;
             jacobian[15][lane] = t49;
-            jacobian[16][lane] = (sin_track_rotation_y * t54
-                + cos_track_rotation_y * t49) * t161
+            jacobian[16][lane] = (sin_track_rotation_y * t54 + cos_track_rotation_y * t49) * t161
                 - (cos_track_rotation_z * t48 - sin_track_rotation_z * t43) * t162;
             jacobian[17][lane] = t54 * t167 - t49 * t168;
             jacobian[18][lane] = t48 * t173 - t43 * t174;
@@ -3475,10 +3276,8 @@ pub mod piecewise {
             jacobian[26][lane] = t605;
             jacobian[27][lane] = t59;
             jacobian[28][lane] = t60;
-            jacobian[29][lane] = (sin_track_rotation_y * t65
-                + cos_track_rotation_y * t60) * t161
-                - (cos_track_rotation_z * t59
-                    + sin_frame_rotation_y * sin_track_rotation_z) * t162;
+            jacobian[29][lane] = (sin_track_rotation_y * t65 + cos_track_rotation_y * t60) * t161
+                - (cos_track_rotation_z * t59 + sin_frame_rotation_y * sin_track_rotation_z) * t162;
             jacobian[30][lane] = t65 * t167 - t60 * t168;
             jacobian[31][lane] = t59 * t173 + sin_frame_rotation_y * t174;
             jacobian[32][lane] = 1.0;
@@ -3487,69 +3286,66 @@ pub mod piecewise {
             jacobian[35][lane] = t605;
             jacobian[36][lane] = t59;
             jacobian[37][lane] = t60;
-            jacobian[38][lane] = t76 * t239 + t71 * t240 + t215 * t296 + t85 * t216
-                + t191 * t316 - t91 * t192;
-            jacobian[39][lane] = t90 * t197 - t70 * t245 - prepared_12 * t246
-                - t84 * t221 - t222 * prepared_20 - t198 * prepared_21;
-            jacobian[40][lane] = prepared_14 * t203 - prepared_11 * t251
-                - prepared_13 * t227;
+            jacobian[38][lane] = t76 * t239 + t71 * t240 + t215 * t296 + t85 * t216 + t191 * t316
+                - t91 * t192;
+            jacobian[39][lane] = t90 * t197 - t70 * t245 - prepared_12 * t246 - t84 * t221
+                - t222 * prepared_20 - t198 * prepared_21;
+            jacobian[40][lane] = prepared_14 * t203 - prepared_11 * t251 - prepared_13 * t227;
             jacobian[41][lane] = cos_target_rotation_x
                 * (sin_target_rotation_y * t336 - cos_target_rotation_z * t82
-                    - sin_target_rotation_z * t77 + cos_target_rotation_y * t303)
+                - sin_target_rotation_z * t77 + cos_target_rotation_y * t303)
                 - sin_target_rotation_x
-                    * (sin_target_rotation_y * t100 + cos_target_rotation_y * t83
-                        + cos_target_rotation_z * t302 + sin_target_rotation_z * t297);
+                * (sin_target_rotation_y * t100 + cos_target_rotation_y * t83
+                + cos_target_rotation_z * t302 + sin_target_rotation_z * t297);
             jacobian[42][lane] = cos_target_rotation_y
                 * (sin_frame_rotation_x * t91 + cos_target_rotation_x * t100
-                    + sin_target_rotation_x * t336 - cos_frame_rotation_x * t316)
+                + sin_target_rotation_x * t336 - cos_frame_rotation_x * t316)
                 - sin_target_rotation_y
-                    * (cos_target_rotation_x * t83 + sin_target_rotation_x * t303
-                        + sin_target_rotation_z * t327 + cos_target_rotation_z * t317);
+                * (cos_target_rotation_x * t83 + sin_target_rotation_x * t303
+                + sin_target_rotation_z * t327 + cos_target_rotation_z * t317);
             jacobian[43][lane] = t82 * t185 + t77 * t186 + t179 * t302 + t180 * t297
                 + cos_target_rotation_y
-                    * (cos_target_rotation_z * t327 - sin_target_rotation_z * t317);
-            jacobian[44][lane] = t109 * t239 + t70 * t240 + t215 * t366 + t84 * t216
-                - t191 * t386 - t90 * t192;
-            jacobian[45][lane] = t71 * t245 + prepared_15 * t246 + t85 * t221
-                - t222 * prepared_22 - t91 * t197 + t198 * prepared_23;
-            jacobian[46][lane] = prepared_14 * t204 - prepared_11 * t252
-                - prepared_13 * t228;
+                * (cos_target_rotation_z * t327 - sin_target_rotation_z * t317);
+            jacobian[44][lane] = t109 * t239 + t70 * t240 + t215 * t366 + t84 * t216 - t191 * t386
+                - t90 * t192;
+            jacobian[45][lane] = t71 * t245 + prepared_15 * t246 + t85 * t221 - t222 * prepared_22
+                - t91 * t197 + t198 * prepared_23;
+            jacobian[46][lane] = prepared_14 * t204 - prepared_11 * t252 - prepared_13 * t228;
             jacobian[47][lane] = cos_target_rotation_x
                 * (cos_target_rotation_y * t373 + sin_target_rotation_y * t406
-                    + sin_target_rotation_z * t110 - cos_target_rotation_z * t115)
+                + sin_target_rotation_z * t110 - cos_target_rotation_z * t115)
                 - sin_target_rotation_x
-                    * (sin_target_rotation_y * t129 + cos_target_rotation_y * t116
-                        + cos_target_rotation_z * t372 - sin_target_rotation_z * t367);
+                * (sin_target_rotation_y * t129 + cos_target_rotation_y * t116
+                + cos_target_rotation_z * t372 - sin_target_rotation_z * t367);
             jacobian[48][lane] = cos_target_rotation_y
                 * (sin_target_rotation_x * t406 + cos_target_rotation_x * t129
-                    + sin_frame_rotation_x * t90 + cos_frame_rotation_x * t386)
+                + sin_frame_rotation_x * t90 + cos_frame_rotation_x * t386)
                 - sin_target_rotation_y
-                    * (cos_target_rotation_x * t116 + sin_target_rotation_x * t373
-                        + sin_target_rotation_z * t397 + cos_target_rotation_z * t387);
+                * (cos_target_rotation_x * t116 + sin_target_rotation_x * t373
+                + sin_target_rotation_z * t397 + cos_target_rotation_z * t387);
             jacobian[49][lane] = t115 * t185 - t110 * t186 + t179 * t372 - t180 * t367
                 + cos_target_rotation_y
-                    * (cos_target_rotation_z * t397 - sin_target_rotation_z * t387);
-            jacobian[50][lane] = t140 * t239 - t139 * t240 - t215 * t434 - t216 * t433
-                + t191 * t458 - t192 * t457;
+                * (cos_target_rotation_z * t397 - sin_target_rotation_z * t387);
+            jacobian[50][lane] = t140 * t239 - t139 * t240 - t215 * t434 - t216 * t433 + t191 * t458
+                - t192 * t457;
             jacobian[51][lane] = t138 * t245 - t221 * t432 + t197 * t456;
-            jacobian[52][lane] = prepared_15 * t251 + prepared_12 * t252
-                - t227 * prepared_22 + t228 * prepared_20 + t203 * prepared_23
-                + t204 * prepared_21;
+            jacobian[52][lane] = prepared_15 * t251 + prepared_12 * t252 - t227 * prepared_22
+                + t228 * prepared_20 + t203 * prepared_23 + t204 * prepared_21;
             jacobian[53][lane] = cos_target_rotation_x
                 * (sin_target_rotation_y * t483 - cos_target_rotation_y * t444
-                    + sin_target_rotation_z * t141 - cos_target_rotation_z * t146)
+                + sin_target_rotation_z * t141 - cos_target_rotation_z * t146)
                 - sin_target_rotation_x
-                    * (sin_target_rotation_y * t152 + cos_target_rotation_y * t147
-                        + cos_target_rotation_z * t443 + sin_target_rotation_z * t435);
+                * (sin_target_rotation_y * t152 + cos_target_rotation_y * t147
+                + cos_target_rotation_z * t443 + sin_target_rotation_z * t435);
             jacobian[54][lane] = cos_target_rotation_y
                 * (sin_frame_rotation_x * t457 + cos_target_rotation_x * t152
-                    + sin_target_rotation_x * t483 - cos_frame_rotation_x * t458)
+                + sin_target_rotation_x * t483 - cos_frame_rotation_x * t458)
                 - sin_target_rotation_y
-                    * (cos_target_rotation_x * t147 - sin_target_rotation_x * t444
-                        + sin_target_rotation_z * t474 + cos_target_rotation_z * t459);
+                * (cos_target_rotation_x * t147 - sin_target_rotation_x * t444
+                + sin_target_rotation_z * t474 + cos_target_rotation_z * t459);
             jacobian[55][lane] = t146 * t185 - t141 * t186 + t179 * t443 + t180 * t435
                 + cos_target_rotation_y
-                    * (cos_target_rotation_z * t474 - sin_target_rotation_z * t459);
+                * (cos_target_rotation_z * t474 - sin_target_rotation_z * t459);
         }
     }
     /// `F·(C(q) + A(q)·m) + t − x`
@@ -3579,9 +3375,9 @@ pub mod piecewise {
         };
         #[inline(always)]
         fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[q, x, y, z, segment_start_x, segment_start_y, segment_start_z,
-            segment_end_x, segment_end_y, segment_end_z, segment_start_q, segment_end_q,
-            ] = data else { panic!("`data` must hold 12 numbers") };
+            let &[q, x, y, z, segment_start_x, segment_start_y, segment_start_z, segment_end_x,
+                segment_end_y, segment_end_z, segment_start_q,
+                segment_end_q] = data else { panic!("`data` must hold 12 numbers") };
             let t1 = segment_end_q - segment_start_q;
             let t2 = q - segment_start_q;
             let slope_x = (segment_end_x - segment_start_x) / t1;
@@ -3611,38 +3407,26 @@ pub mod piecewise {
             let y = prepared[4][lane];
             let z = prepared[5][lane];
             let &[track_offset_x, track_offset_y, track_offset_z, track_rotation_x,
-            track_rotation_y, track_rotation_z, frame_translation_x, frame_translation_y,
-            frame_translation_z, frame_rotation_x, frame_rotation_y, frame_rotation_z,
-            target_position_x, target_position_y, target_position_z] = parameters else {
-                panic!("`parameters` must hold 15 numbers")
-            };
-            let (sin_frame_rotation_z, cos_frame_rotation_z) = math::sin_cos(
-                frame_rotation_z,
-            );
-            let (sin_frame_rotation_y, cos_frame_rotation_y) = math::sin_cos(
-                frame_rotation_y,
-            );
-            let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(
-                frame_rotation_x,
-            );
-            let (sin_track_rotation_z, cos_track_rotation_z) = math::sin_cos(
-                track_rotation_z,
-            );
-            let (sin_track_rotation_y, cos_track_rotation_y) = math::sin_cos(
-                track_rotation_y,
-            );
-            let (sin_track_rotation_x, cos_track_rotation_x) = math::sin_cos(
-                track_rotation_x,
-            );
+                track_rotation_y, track_rotation_z, frame_translation_x, frame_translation_y,
+                frame_translation_z, frame_rotation_x, frame_rotation_y, frame_rotation_z,
+                target_position_x, target_position_y,
+                target_position_z] =
+                parameters else { panic!("`parameters` must hold 15 numbers") };
+            let (sin_frame_rotation_z, cos_frame_rotation_z) = math::sin_cos(frame_rotation_z);
+            let (sin_frame_rotation_y, cos_frame_rotation_y) = math::sin_cos(frame_rotation_y);
+            let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(frame_rotation_x);
+            let (sin_track_rotation_z, cos_track_rotation_z) = math::sin_cos(track_rotation_z);
+            let (sin_track_rotation_y, cos_track_rotation_y) = math::sin_cos(track_rotation_y);
+            let (sin_track_rotation_x, cos_track_rotation_x) = math::sin_cos(track_rotation_x);
             let t17 = point_y * cos_track_rotation_x - point_z * sin_track_rotation_x;
             let t18 = point_y * sin_track_rotation_x + point_z * cos_track_rotation_x;
             let t23 = sin_track_rotation_y * t18 + point_x * cos_track_rotation_y;
-            let t30 = cos_track_rotation_z * t23 - sin_track_rotation_z * t17
-                + track_offset_x + target_position_x;
-            let t33 = sin_track_rotation_z * t23 + cos_track_rotation_z * t17
-                + track_offset_y + target_position_y;
-            let t36 = cos_track_rotation_y * t18 - point_x * sin_track_rotation_y
-                + track_offset_z + target_position_z;
+            let t30 = cos_track_rotation_z * t23 - sin_track_rotation_z * t17 + track_offset_x
+                + target_position_x;
+            let t33 = sin_track_rotation_z * t23 + cos_track_rotation_z * t17 + track_offset_y
+                + target_position_y;
+            let t36 = cos_track_rotation_y * t18 - point_x * sin_track_rotation_y + track_offset_z
+                + target_position_z;
             let t41 = cos_frame_rotation_x * t33 - sin_frame_rotation_x * t36;
             let t42 = sin_frame_rotation_x * t33 + cos_frame_rotation_x * t36;
             let t47 = sin_frame_rotation_y * t42 + cos_frame_rotation_y * t30;
@@ -3668,47 +3452,30 @@ pub mod piecewise {
             let y = prepared[4][lane];
             let z = prepared[5][lane];
             let &[track_offset_x, track_offset_y, track_offset_z, track_rotation_x,
-            track_rotation_y, track_rotation_z, frame_translation_x, frame_translation_y,
-            frame_translation_z, frame_rotation_x, frame_rotation_y, frame_rotation_z,
-            target_position_x, target_position_y, target_position_z] = parameters else {
-                panic!("`parameters` must hold 15 numbers")
-            };
-            let (sin_frame_rotation_z, cos_frame_rotation_z) = math::sin_cos(
-                frame_rotation_z,
-            );
-            let (sin_frame_rotation_y, cos_frame_rotation_y) = math::sin_cos(
-                frame_rotation_y,
-            );
+                track_rotation_y, track_rotation_z, frame_translation_x, frame_translation_y,
+                frame_translation_z, frame_rotation_x, frame_rotation_y, frame_rotation_z,
+                target_position_x, target_position_y,
+                target_position_z] =
+                parameters else { panic!("`parameters` must hold 15 numbers") };
+            let (sin_frame_rotation_z, cos_frame_rotation_z) = math::sin_cos(frame_rotation_z);
+            let (sin_frame_rotation_y, cos_frame_rotation_y) = math::sin_cos(frame_rotation_y);
             let t5 = cos_frame_rotation_z * sin_frame_rotation_y;
             let t6 = cos_frame_rotation_z * cos_frame_rotation_y;
-            let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(
-                frame_rotation_x,
-            );
-            let t13 = t5 * sin_frame_rotation_x
-                - sin_frame_rotation_z * cos_frame_rotation_x;
-            let t14 = t5 * cos_frame_rotation_x
-                + sin_frame_rotation_z * sin_frame_rotation_x;
-            let (sin_track_rotation_z, cos_track_rotation_z) = math::sin_cos(
-                track_rotation_z,
-            );
+            let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(frame_rotation_x);
+            let t13 = t5 * sin_frame_rotation_x - sin_frame_rotation_z * cos_frame_rotation_x;
+            let t14 = t5 * cos_frame_rotation_x + sin_frame_rotation_z * sin_frame_rotation_x;
+            let (sin_track_rotation_z, cos_track_rotation_z) = math::sin_cos(track_rotation_z);
             let t21 = t13 * sin_track_rotation_z + t6 * cos_track_rotation_z;
-            let (sin_track_rotation_y, cos_track_rotation_y) = math::sin_cos(
-                track_rotation_y,
-            );
-            let (sin_track_rotation_x, cos_track_rotation_x) = math::sin_cos(
-                track_rotation_x,
-            );
+            let (sin_track_rotation_y, cos_track_rotation_y) = math::sin_cos(track_rotation_y);
+            let (sin_track_rotation_x, cos_track_rotation_x) = math::sin_cos(track_rotation_x);
             let t30 = sin_frame_rotation_z * sin_frame_rotation_y;
             let t31 = sin_frame_rotation_z * cos_frame_rotation_y;
-            let t36 = sin_frame_rotation_x * t30
-                + cos_frame_rotation_z * cos_frame_rotation_x;
-            let t37 = cos_frame_rotation_x * t30
-                - cos_frame_rotation_z * sin_frame_rotation_x;
+            let t36 = sin_frame_rotation_x * t30 + cos_frame_rotation_z * cos_frame_rotation_x;
+            let t37 = cos_frame_rotation_x * t30 - cos_frame_rotation_z * sin_frame_rotation_x;
             let t42 = sin_track_rotation_z * t36 + cos_track_rotation_z * t31;
             let t47 = cos_frame_rotation_y * sin_frame_rotation_x;
             let t48 = cos_frame_rotation_y * cos_frame_rotation_x;
-            let t53 = sin_track_rotation_z * t47
-                - sin_frame_rotation_y * cos_track_rotation_z;
+            let t53 = sin_track_rotation_z * t47 - sin_frame_rotation_y * cos_track_rotation_z;
             let t62 = point_y * cos_track_rotation_x - point_z * sin_track_rotation_x;
             let t63 = point_y * sin_track_rotation_x + point_z * cos_track_rotation_x;
             let t68 = cos_track_rotation_y * t63 - point_x * sin_track_rotation_y;
@@ -3731,8 +3498,8 @@ pub mod piecewise {
             jacobian[0][lane] = t6;
             jacobian[1][lane] = t13;
             jacobian[2][lane] = t14;
-            jacobian[3][lane] = (t21 * sin_track_rotation_y + t14 * cos_track_rotation_y)
-                * t62 - (t13 * cos_track_rotation_z - t6 * sin_track_rotation_z) * t63;
+            jacobian[3][lane] = (t21 * sin_track_rotation_y + t14 * cos_track_rotation_y) * t62
+                - (t13 * cos_track_rotation_z - t6 * sin_track_rotation_z) * t63;
             jacobian[4][lane] = t21 * t68 - t14 * t69;
             jacobian[5][lane] = t13 * t74 - t6 * t75;
             jacobian[6][lane] = 1.0;
@@ -3745,8 +3512,7 @@ pub mod piecewise {
             jacobian[13][lane] = t31;
             jacobian[14][lane] = t36;
             jacobian[15][lane] = t37;
-            jacobian[16][lane] = (sin_track_rotation_y * t42
-                + cos_track_rotation_y * t37) * t62
+            jacobian[16][lane] = (sin_track_rotation_y * t42 + cos_track_rotation_y * t37) * t62
                 - (cos_track_rotation_z * t36 - sin_track_rotation_z * t31) * t63;
             jacobian[17][lane] = t42 * t68 - t37 * t69;
             jacobian[18][lane] = t36 * t74 - t31 * t75;
@@ -3760,10 +3526,8 @@ pub mod piecewise {
             jacobian[26][lane] = t143;
             jacobian[27][lane] = t47;
             jacobian[28][lane] = t48;
-            jacobian[29][lane] = (sin_track_rotation_y * t53
-                + cos_track_rotation_y * t48) * t62
-                - (cos_track_rotation_z * t47
-                    + sin_frame_rotation_y * sin_track_rotation_z) * t63;
+            jacobian[29][lane] = (sin_track_rotation_y * t53 + cos_track_rotation_y * t48) * t62
+                - (cos_track_rotation_z * t47 + sin_frame_rotation_y * sin_track_rotation_z) * t63;
             jacobian[30][lane] = t53 * t68 - t48 * t69;
             jacobian[31][lane] = t47 * t74 + sin_frame_rotation_y * t75;
             jacobian[32][lane] = 1.0;
@@ -4662,9 +4426,8 @@ pub mod full {
         };
         #[inline(always)]
         fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[q, x, y, z, alpha, beta, gamma] = data else {
-                panic!("`data` must hold 7 numbers")
-            };
+            let &[q, x, y, z, alpha, beta,
+                gamma] = data else { panic!("`data` must hold 7 numbers") };
             let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
             let (sin_beta, r_zz) = math::sin_cos(beta);
             let prepared_5 = cos_gamma * sin_beta;
@@ -4714,18 +4477,16 @@ pub mod full {
             let prepared_11 = prepared[11][lane];
             let r_yy = prepared[12][lane];
             let &[length, plate_joint_x, plate_joint_y, plate_joint_z, track_offset_x,
-            track_offset_y, track_offset_z, track_direction_x, track_direction_y,
-            track_direction_z] = parameters else {
-                panic!("`parameters` must hold 10 numbers")
-            };
-            let rod_z = plate_joint_y * r_zy - plate_joint_z * r_zz + z
-                - plate_joint_x * prepared_5 - track_offset_z - q * track_direction_z;
-            let rod_x = plate_joint_x * r_xx - plate_joint_y * prepared_11
-                + plate_joint_z * r_xz + x - track_offset_x - q * track_direction_x;
-            let rod_y = plate_joint_y * r_yy + plate_joint_x * r_yx
-                + plate_joint_z * r_yz + y - track_offset_y - q * track_direction_y;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x
-                - rod_y * rod_y;
+                track_offset_y, track_offset_z, track_direction_x, track_direction_y,
+                track_direction_z] =
+                parameters else { panic!("`parameters` must hold 10 numbers") };
+            let rod_z = plate_joint_y * r_zy - plate_joint_z * r_zz + z - plate_joint_x * prepared_5
+                - track_offset_z - q * track_direction_z;
+            let rod_x = plate_joint_x * r_xx - plate_joint_y * prepared_11 + plate_joint_z * r_xz
+                + x - track_offset_x - q * track_direction_x;
+            let rod_y = plate_joint_y * r_yy + plate_joint_x * r_yx + plate_joint_z * r_yz + y
+                - track_offset_y - q * track_direction_y;
+            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             residuals[0][lane] = residual;
         }
         #[inline(always)]
@@ -4750,19 +4511,17 @@ pub mod full {
             let prepared_11 = prepared[11][lane];
             let r_yy = prepared[12][lane];
             let &[length, plate_joint_x, plate_joint_y, plate_joint_z, track_offset_x,
-            track_offset_y, track_offset_z, track_direction_x, track_direction_y,
-            track_direction_z] = parameters else {
-                panic!("`parameters` must hold 10 numbers")
-            };
-            let rod_z = plate_joint_y * r_zy - plate_joint_z * r_zz + z
-                - plate_joint_x * prepared_5 - track_offset_z - q * track_direction_z;
+                track_offset_y, track_offset_z, track_direction_x, track_direction_y,
+                track_direction_z] =
+                parameters else { panic!("`parameters` must hold 10 numbers") };
+            let rod_z = plate_joint_y * r_zy - plate_joint_z * r_zz + z - plate_joint_x * prepared_5
+                - track_offset_z - q * track_direction_z;
             let t21 = 2.0 * rod_z;
-            let rod_x = plate_joint_x * r_xx - plate_joint_y * prepared_11
-                + plate_joint_z * r_xz + x - track_offset_x - q * track_direction_x;
-            let rod_y = plate_joint_y * r_yy + plate_joint_x * r_yx
-                + plate_joint_z * r_yz + y - track_offset_y - q * track_direction_y;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x
-                - rod_y * rod_y;
+            let rod_x = plate_joint_x * r_xx - plate_joint_y * prepared_11 + plate_joint_z * r_xz
+                + x - track_offset_x - q * track_direction_x;
+            let rod_y = plate_joint_y * r_yy + plate_joint_x * r_yx + plate_joint_z * r_yz + y
+                - track_offset_y - q * track_direction_y;
+            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             let t41 = 2.0 * rod_y;
             let t42 = 2.0 * rod_x;
             residuals[0][lane] = residual;
@@ -4801,7 +4560,8 @@ pub mod full {
             columns: &[0, 1, 2, 3, 4, 5, 6],
         };
         #[inline(always)]
-        fn prepare<S: Samples>(_lane: usize, _data: &[f64], _prepared: &mut [S]) {}
+        fn prepare<S: Samples>(_lane: usize, _data: &[f64], _prepared: &mut [S]) {
+        }
         #[inline(always)]
         fn value<S: Samples>(
             lane: usize,
@@ -4809,11 +4569,11 @@ pub mod full {
             parameters: &[f64],
             residuals: &mut [S],
         ) {
-            let &[x, y, z, alpha, beta, gamma, q1, _, _, length, plate_joint_x,
-            plate_joint_y, plate_joint_z, track_offset_x, track_offset_y, track_offset_z,
-            track_direction_x, track_direction_y, track_direction_z] = parameters else {
-                panic!("`parameters` must hold 19 numbers")
-            };
+            let &[x, y, z, alpha, beta, gamma, q1, _, _, length, plate_joint_x, plate_joint_y,
+                plate_joint_z, track_offset_x, track_offset_y, track_offset_z, track_direction_x,
+                track_direction_y,
+                track_direction_z] =
+                parameters else { panic!("`parameters` must hold 19 numbers") };
             let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
             let t11 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
             let t12 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
@@ -4826,8 +4586,7 @@ pub mod full {
                 - q1 * track_direction_y;
             let rod_z = plate_joint_z * cos_beta - t11 * sin_beta + z - track_offset_z
                 - q1 * track_direction_z;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x
-                - rod_y * rod_y;
+            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             residuals[0][lane] = residual;
         }
         #[inline(always)]
@@ -4838,11 +4597,11 @@ pub mod full {
             residuals: &mut [S],
             jacobian: &mut [S],
         ) {
-            let &[x, y, z, alpha, beta, gamma, q1, _, _, length, plate_joint_x,
-            plate_joint_y, plate_joint_z, track_offset_x, track_offset_y, track_offset_z,
-            track_direction_x, track_direction_y, track_direction_z] = parameters else {
-                panic!("`parameters` must hold 19 numbers")
-            };
+            let &[x, y, z, alpha, beta, gamma, q1, _, _, length, plate_joint_x, plate_joint_y,
+                plate_joint_z, track_offset_x, track_offset_y, track_offset_z, track_direction_x,
+                track_direction_y,
+                track_direction_z] =
+                parameters else { panic!("`parameters` must hold 19 numbers") };
             let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
             let t11 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
             let t12 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
@@ -4855,8 +4614,7 @@ pub mod full {
             let rod_x = x - t27 - track_offset_x - q1 * track_direction_x;
             let rod_y = t28 + y - track_offset_y - q1 * track_direction_y;
             let rod_z = z - t19 - track_offset_z - q1 * track_direction_z;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x
-                - rod_y * rod_y;
+            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             let t44 = -2.0 * rod_z;
             let t45 = -2.0 * rod_y;
             let t46 = 2.0 * rod_x;
@@ -4894,7 +4652,8 @@ pub mod full {
             columns: &[0, 1, 2, 3, 4, 5, 7],
         };
         #[inline(always)]
-        fn prepare<S: Samples>(_lane: usize, _data: &[f64], _prepared: &mut [S]) {}
+        fn prepare<S: Samples>(_lane: usize, _data: &[f64], _prepared: &mut [S]) {
+        }
         #[inline(always)]
         fn value<S: Samples>(
             lane: usize,
@@ -4902,11 +4661,11 @@ pub mod full {
             parameters: &[f64],
             residuals: &mut [S],
         ) {
-            let &[x, y, z, alpha, beta, gamma, _, q2, _, length, plate_joint_x,
-            plate_joint_y, plate_joint_z, track_offset_x, track_offset_y, track_offset_z,
-            track_direction_x, track_direction_y, track_direction_z] = parameters else {
-                panic!("`parameters` must hold 19 numbers")
-            };
+            let &[x, y, z, alpha, beta, gamma, _, q2, _, length, plate_joint_x, plate_joint_y,
+                plate_joint_z, track_offset_x, track_offset_y, track_offset_z, track_direction_x,
+                track_direction_y,
+                track_direction_z] =
+                parameters else { panic!("`parameters` must hold 19 numbers") };
             let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
             let t11 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
             let t12 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
@@ -4919,8 +4678,7 @@ pub mod full {
                 - q2 * track_direction_y;
             let rod_z = plate_joint_z * cos_beta - t11 * sin_beta + z - track_offset_z
                 - q2 * track_direction_z;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x
-                - rod_y * rod_y;
+            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             residuals[0][lane] = residual;
         }
         #[inline(always)]
@@ -4931,11 +4689,11 @@ pub mod full {
             residuals: &mut [S],
             jacobian: &mut [S],
         ) {
-            let &[x, y, z, alpha, beta, gamma, _, q2, _, length, plate_joint_x,
-            plate_joint_y, plate_joint_z, track_offset_x, track_offset_y, track_offset_z,
-            track_direction_x, track_direction_y, track_direction_z] = parameters else {
-                panic!("`parameters` must hold 19 numbers")
-            };
+            let &[x, y, z, alpha, beta, gamma, _, q2, _, length, plate_joint_x, plate_joint_y,
+                plate_joint_z, track_offset_x, track_offset_y, track_offset_z, track_direction_x,
+                track_direction_y,
+                track_direction_z] =
+                parameters else { panic!("`parameters` must hold 19 numbers") };
             let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
             let t11 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
             let t12 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
@@ -4948,8 +4706,7 @@ pub mod full {
             let rod_x = x - t27 - track_offset_x - q2 * track_direction_x;
             let rod_y = t28 + y - track_offset_y - q2 * track_direction_y;
             let rod_z = z - t19 - track_offset_z - q2 * track_direction_z;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x
-                - rod_y * rod_y;
+            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             let t44 = -2.0 * rod_z;
             let t45 = -2.0 * rod_y;
             let t46 = 2.0 * rod_x;
@@ -4987,7 +4744,8 @@ pub mod full {
             columns: &[0, 1, 2, 3, 4, 5, 8],
         };
         #[inline(always)]
-        fn prepare<S: Samples>(_lane: usize, _data: &[f64], _prepared: &mut [S]) {}
+        fn prepare<S: Samples>(_lane: usize, _data: &[f64], _prepared: &mut [S]) {
+        }
         #[inline(always)]
         fn value<S: Samples>(
             lane: usize,
@@ -4995,11 +4753,11 @@ pub mod full {
             parameters: &[f64],
             residuals: &mut [S],
         ) {
-            let &[x, y, z, alpha, beta, gamma, _, _, q3, length, plate_joint_x,
-            plate_joint_y, plate_joint_z, track_offset_x, track_offset_y, track_offset_z,
-            track_direction_x, track_direction_y, track_direction_z] = parameters else {
-                panic!("`parameters` must hold 19 numbers")
-            };
+            let &[x, y, z, alpha, beta, gamma, _, _, q3, length, plate_joint_x, plate_joint_y,
+                plate_joint_z, track_offset_x, track_offset_y, track_offset_z, track_direction_x,
+                track_direction_y,
+                track_direction_z] =
+                parameters else { panic!("`parameters` must hold 19 numbers") };
             let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
             let t11 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
             let t12 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
@@ -5012,8 +4770,7 @@ pub mod full {
                 - q3 * track_direction_y;
             let rod_z = plate_joint_z * cos_beta - t11 * sin_beta + z - track_offset_z
                 - q3 * track_direction_z;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x
-                - rod_y * rod_y;
+            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             residuals[0][lane] = residual;
         }
         #[inline(always)]
@@ -5024,11 +4781,11 @@ pub mod full {
             residuals: &mut [S],
             jacobian: &mut [S],
         ) {
-            let &[x, y, z, alpha, beta, gamma, _, _, q3, length, plate_joint_x,
-            plate_joint_y, plate_joint_z, track_offset_x, track_offset_y, track_offset_z,
-            track_direction_x, track_direction_y, track_direction_z] = parameters else {
-                panic!("`parameters` must hold 19 numbers")
-            };
+            let &[x, y, z, alpha, beta, gamma, _, _, q3, length, plate_joint_x, plate_joint_y,
+                plate_joint_z, track_offset_x, track_offset_y, track_offset_z, track_direction_x,
+                track_direction_y,
+                track_direction_z] =
+                parameters else { panic!("`parameters` must hold 19 numbers") };
             let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
             let t11 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
             let t12 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
@@ -5041,8 +4798,7 @@ pub mod full {
             let rod_x = x - t27 - track_offset_x - q3 * track_direction_x;
             let rod_y = t28 + y - track_offset_y - q3 * track_direction_y;
             let rod_z = z - t19 - track_offset_z - q3 * track_direction_z;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x
-                - rod_y * rod_y;
+            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             let t44 = -2.0 * rod_z;
             let t45 = -2.0 * rod_y;
             let t46 = 2.0 * rod_x;
@@ -5088,9 +4844,8 @@ pub mod full {
         };
         #[inline(always)]
         fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[q, x, y, z, alpha, beta, gamma] = data else {
-                panic!("`data` must hold 7 numbers")
-            };
+            let &[q, x, y, z, alpha, beta,
+                gamma] = data else { panic!("`data` must hold 7 numbers") };
             let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
             let (sin_beta, prepared_4) = math::sin_cos(beta);
             let prepared_5 = cos_gamma * sin_beta;
@@ -5157,15 +4912,14 @@ pub mod full {
             let prepared_16 = prepared[16][lane];
             let prepared_17 = prepared[17][lane];
             let &[joint1_track_offset_x, joint1_track_offset_y, joint1_track_offset_z,
-            joint1_track_direction_x, joint1_track_direction_y, joint1_track_direction_z,
-            joint2_track_offset_x, joint2_track_offset_y, joint2_track_offset_z,
-            joint2_track_direction_x, joint2_track_direction_y, joint2_track_direction_z,
-            frame_translation_x, frame_translation_y, frame_translation_z,
-            frame_rotation_x, frame_rotation_y, frame_rotation_z, target_position_x,
-            target_position_y, target_position_z, target_rotation_x, target_rotation_y,
-            target_rotation_z] = parameters else {
-                panic!("`parameters` must hold 24 numbers")
-            };
+                joint1_track_direction_x, joint1_track_direction_y, joint1_track_direction_z,
+                joint2_track_offset_x, joint2_track_offset_y, joint2_track_offset_z,
+                joint2_track_direction_x, joint2_track_direction_y, joint2_track_direction_z,
+                frame_translation_x, frame_translation_y, frame_translation_z, frame_rotation_x,
+                frame_rotation_y, frame_rotation_z, target_position_x, target_position_y,
+                target_position_z, target_rotation_x, target_rotation_y,
+                target_rotation_z] =
+                parameters else { panic!("`parameters` must hold 24 numbers") };
             let t1 = q * joint1_track_direction_x;
             let t2 = q * joint1_track_direction_y;
             let t3 = q * joint1_track_direction_z;
@@ -5178,50 +4932,31 @@ pub mod full {
             let t10 = t1 - t4;
             let t11 = t2 - t5;
             let t12 = t3 - t6;
-            let (sin_target_rotation_y, cos_target_rotation_y) = math::sin_cos(
-                target_rotation_y,
-            );
-            let (sin_target_rotation_z, cos_target_rotation_z) = math::sin_cos(
-                target_rotation_z,
-            );
+            let (sin_target_rotation_y, cos_target_rotation_y) = math::sin_cos(target_rotation_y);
+            let (sin_target_rotation_z, cos_target_rotation_z) = math::sin_cos(target_rotation_z);
             let t29 = cos_target_rotation_y * cos_target_rotation_z;
             let t30 = cos_target_rotation_y * sin_target_rotation_z;
-            let (sin_target_rotation_x, cos_target_rotation_x) = math::sin_cos(
-                target_rotation_x,
-            );
+            let (sin_target_rotation_x, cos_target_rotation_x) = math::sin_cos(target_rotation_x);
             let t33 = cos_target_rotation_y * sin_target_rotation_x;
             let t34 = sin_target_rotation_y * sin_target_rotation_x;
             let t35 = cos_target_rotation_y * cos_target_rotation_x;
             let t36 = sin_target_rotation_y * cos_target_rotation_x;
-            let (sin_frame_rotation_z, cos_frame_rotation_z) = math::sin_cos(
-                frame_rotation_z,
-            );
-            let (sin_frame_rotation_y, cos_frame_rotation_y) = math::sin_cos(
-                frame_rotation_y,
-            );
-            let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(
-                frame_rotation_x,
-            );
-            let t47 = cos_target_rotation_z * t34
-                - sin_target_rotation_z * cos_target_rotation_x;
-            let t48 = sin_target_rotation_z * t34
-                + cos_target_rotation_z * cos_target_rotation_x;
-            let t53 = cos_target_rotation_z * t36
-                + sin_target_rotation_z * sin_target_rotation_x;
-            let t54 = sin_target_rotation_z * t36
-                - cos_target_rotation_z * sin_target_rotation_x;
+            let (sin_frame_rotation_z, cos_frame_rotation_z) = math::sin_cos(frame_rotation_z);
+            let (sin_frame_rotation_y, cos_frame_rotation_y) = math::sin_cos(frame_rotation_y);
+            let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(frame_rotation_x);
+            let t47 = cos_target_rotation_z * t34 - sin_target_rotation_z * cos_target_rotation_x;
+            let t48 = sin_target_rotation_z * t34 + cos_target_rotation_z * cos_target_rotation_x;
+            let t53 = cos_target_rotation_z * t36 + sin_target_rotation_z * sin_target_rotation_x;
+            let t54 = sin_target_rotation_z * t36 - cos_target_rotation_z * sin_target_rotation_x;
             let t68 = t8 * t8 + t7 * t7 + t9 * t9;
             let t69 = (t8 * t12 - t9 * t11) / t68;
             let t70 = (t9 * t10 - t7 * t12) / t68;
             let t71 = (t7 * t11 - t8 * t10) / t68;
-            let t80 = target_position_z * t70 - target_position_y * t71
-                + target_position_x
+            let t80 = target_position_z * t70 - target_position_y * t71 + target_position_x
                 + 0.5 * (t4 + joint1_track_offset_x + t1 + joint2_track_offset_x);
-            let t83 = target_position_x * t71 - target_position_z * t69
-                + target_position_y
+            let t83 = target_position_x * t71 - target_position_z * t69 + target_position_y
                 + 0.5 * (t5 + joint1_track_offset_y + t2 + joint2_track_offset_y);
-            let t86 = target_position_y * t69 - target_position_x * t70
-                + target_position_z
+            let t86 = target_position_y * t69 - target_position_x * t70 + target_position_z
                 + 0.5 * (t6 + joint1_track_offset_z + t3 + joint2_track_offset_z);
             let t94 = t29 - sin_target_rotation_y * t70 - t30 * t71;
             let t96 = sin_target_rotation_y * t69 + t30 + t29 * t71;
@@ -5253,21 +4988,21 @@ pub mod full {
             let t206 = sin_frame_rotation_y * t200 + cos_frame_rotation_y * t190;
             let t211 = cos_frame_rotation_z * t206 - sin_frame_rotation_z * t199;
             let t212 = sin_frame_rotation_z * t206 + cos_frame_rotation_z * t199;
-            residuals[0][lane] = cos_frame_rotation_z * t113
-                - sin_frame_rotation_z * t107 + frame_translation_x - x;
-            residuals[1][lane] = sin_frame_rotation_z * t113
-                + cos_frame_rotation_z * t107 + frame_translation_y - y;
+            residuals[0][lane] = cos_frame_rotation_z * t113 - sin_frame_rotation_z * t107
+                + frame_translation_x - x;
+            residuals[1][lane] = sin_frame_rotation_z * t113 + cos_frame_rotation_z * t107
+                + frame_translation_y - y;
             residuals[2][lane] = cos_frame_rotation_y * t108 - sin_frame_rotation_y * t80
                 + frame_translation_z - z;
             residuals[3][lane] = 0.5
-                * (prepared_15 * t137 - prepared_4 * t212 - prepared_6 * t178
-                    + prepared_5 * t144 + prepared_17 * t171 + prepared_8 * t205);
+                * (prepared_15 * t137 - prepared_4 * t212 - prepared_6 * t178 + prepared_5 * t144
+                + prepared_17 * t171 + prepared_8 * t205);
             residuals[4][lane] = 0.5
-                * (prepared_16 * t171 - prepared_7 * t205 - prepared_5 * t143
-                    - prepared_14 * t137 + prepared_6 * t177 + prepared_4 * t211);
+                * (prepared_16 * t171 - prepared_7 * t205 - prepared_5 * t143 - prepared_14 * t137
+                + prepared_6 * t177 + prepared_4 * t211);
             residuals[5][lane] = 0.5
-                * (prepared_14 * t144 - prepared_8 * t211 - prepared_15 * t143
-                    - prepared_16 * t178 - prepared_17 * t177 + prepared_7 * t212);
+                * (prepared_14 * t144 - prepared_8 * t211 - prepared_15 * t143 - prepared_16 * t178
+                - prepared_17 * t177 + prepared_7 * t212);
         }
         #[inline(always)]
         fn linearize<S: Samples>(
@@ -5300,15 +5035,14 @@ pub mod full {
             let prepared_20 = prepared[20][lane];
             let prepared_21 = prepared[21][lane];
             let &[joint1_track_offset_x, joint1_track_offset_y, joint1_track_offset_z,
-            joint1_track_direction_x, joint1_track_direction_y, joint1_track_direction_z,
-            joint2_track_offset_x, joint2_track_offset_y, joint2_track_offset_z,
-            joint2_track_direction_x, joint2_track_direction_y, joint2_track_direction_z,
-            frame_translation_x, frame_translation_y, frame_translation_z,
-            frame_rotation_x, frame_rotation_y, frame_rotation_z, target_position_x,
-            target_position_y, target_position_z, target_rotation_x, target_rotation_y,
-            target_rotation_z] = parameters else {
-                panic!("`parameters` must hold 24 numbers")
-            };
+                joint1_track_direction_x, joint1_track_direction_y, joint1_track_direction_z,
+                joint2_track_offset_x, joint2_track_offset_y, joint2_track_offset_z,
+                joint2_track_direction_x, joint2_track_direction_y, joint2_track_direction_z,
+                frame_translation_x, frame_translation_y, frame_translation_z, frame_rotation_x,
+                frame_rotation_y, frame_rotation_z, target_position_x, target_position_y,
+                target_position_z, target_rotation_x, target_rotation_y,
+                target_rotation_z] =
+                parameters else { panic!("`parameters` must hold 24 numbers") };
             let t1 = q * joint1_track_direction_x;
             let t2 = q * joint1_track_direction_y;
             let t3 = q * joint1_track_direction_z;
@@ -5321,45 +5055,29 @@ pub mod full {
             let t10 = t1 - t4;
             let t11 = t2 - t5;
             let t12 = t3 - t6;
-            let (sin_target_rotation_y, cos_target_rotation_y) = math::sin_cos(
-                target_rotation_y,
-            );
-            let (sin_target_rotation_z, cos_target_rotation_z) = math::sin_cos(
-                target_rotation_z,
-            );
+            let (sin_target_rotation_y, cos_target_rotation_y) = math::sin_cos(target_rotation_y);
+            let (sin_target_rotation_z, cos_target_rotation_z) = math::sin_cos(target_rotation_z);
             let t29 = cos_target_rotation_y * cos_target_rotation_z;
             let t30 = cos_target_rotation_y * sin_target_rotation_z;
-            let (sin_target_rotation_x, cos_target_rotation_x) = math::sin_cos(
-                target_rotation_x,
-            );
+            let (sin_target_rotation_x, cos_target_rotation_x) = math::sin_cos(target_rotation_x);
             let t33 = cos_target_rotation_y * sin_target_rotation_x;
             let t34 = sin_target_rotation_y * sin_target_rotation_x;
             let t35 = cos_target_rotation_y * cos_target_rotation_x;
             let t36 = sin_target_rotation_y * cos_target_rotation_x;
-            let (sin_frame_rotation_z, cos_frame_rotation_z) = math::sin_cos(
-                frame_rotation_z,
-            );
-            let (sin_frame_rotation_y, cos_frame_rotation_y) = math::sin_cos(
-                frame_rotation_y,
-            );
+            let (sin_frame_rotation_z, cos_frame_rotation_z) = math::sin_cos(frame_rotation_z);
+            let (sin_frame_rotation_y, cos_frame_rotation_y) = math::sin_cos(frame_rotation_y);
             let t41 = cos_frame_rotation_z * sin_frame_rotation_y;
             let t42 = cos_frame_rotation_z * cos_frame_rotation_y;
-            let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(
-                frame_rotation_x,
-            );
-            let t49 = t41 * sin_frame_rotation_x
-                - sin_frame_rotation_z * cos_frame_rotation_x;
-            let t50 = t41 * cos_frame_rotation_x
-                + sin_frame_rotation_z * sin_frame_rotation_x;
+            let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(frame_rotation_x);
+            let t49 = t41 * sin_frame_rotation_x - sin_frame_rotation_z * cos_frame_rotation_x;
+            let t50 = t41 * cos_frame_rotation_x + sin_frame_rotation_z * sin_frame_rotation_x;
             let t60 = 0.5 * t50;
             let t61 = 0.5 * t49;
             let t62 = 0.5 * t42;
             let t63 = sin_frame_rotation_z * sin_frame_rotation_y;
             let t64 = sin_frame_rotation_z * cos_frame_rotation_y;
-            let t69 = sin_frame_rotation_x * t63
-                + cos_frame_rotation_z * cos_frame_rotation_x;
-            let t70 = cos_frame_rotation_x * t63
-                - cos_frame_rotation_z * sin_frame_rotation_x;
+            let t69 = sin_frame_rotation_x * t63 + cos_frame_rotation_z * cos_frame_rotation_x;
+            let t70 = cos_frame_rotation_x * t63 - cos_frame_rotation_z * sin_frame_rotation_x;
             let t80 = 0.5 * t70;
             let t81 = 0.5 * t69;
             let t82 = 0.5 * t64;
@@ -5382,22 +5100,16 @@ pub mod full {
             let t130 = cos_frame_rotation_y * t98 + sin_frame_rotation_y * prepared_13;
             let t135 = sin_frame_rotation_x * t129 - cos_frame_rotation_x * t97;
             let t136 = cos_frame_rotation_x * t129 + sin_frame_rotation_x * t97;
-            let t151 = sin_frame_rotation_z * prepared_13
-                - cos_frame_rotation_z * prepared_10;
-            let t152 = cos_frame_rotation_z * prepared_13
-                + sin_frame_rotation_z * prepared_10;
+            let t151 = sin_frame_rotation_z * prepared_13 - cos_frame_rotation_z * prepared_10;
+            let t152 = cos_frame_rotation_z * prepared_13 + sin_frame_rotation_z * prepared_10;
             let t153 = sin_frame_rotation_y * t151;
             let t154 = cos_frame_rotation_y * t151;
             let t159 = sin_frame_rotation_x * t153 + cos_frame_rotation_x * t152;
             let t160 = cos_frame_rotation_x * t153 - sin_frame_rotation_x * t152;
-            let t167 = cos_target_rotation_z * t34
-                - sin_target_rotation_z * cos_target_rotation_x;
-            let t168 = sin_target_rotation_z * t34
-                + cos_target_rotation_z * cos_target_rotation_x;
-            let t173 = cos_target_rotation_z * t36
-                + sin_target_rotation_z * sin_target_rotation_x;
-            let t174 = sin_target_rotation_z * t36
-                - cos_target_rotation_z * sin_target_rotation_x;
+            let t167 = cos_target_rotation_z * t34 - sin_target_rotation_z * cos_target_rotation_x;
+            let t168 = sin_target_rotation_z * t34 + cos_target_rotation_z * cos_target_rotation_x;
+            let t173 = cos_target_rotation_z * t36 + sin_target_rotation_z * sin_target_rotation_x;
+            let t174 = sin_target_rotation_z * t36 - cos_target_rotation_z * sin_target_rotation_x;
             let t181 = cos_frame_rotation_y * prepared_18 - sin_frame_rotation_y * t113;
             let t182 = cos_frame_rotation_y * t113 + sin_frame_rotation_y * prepared_18;
             let t185 = sin_frame_rotation_x * t181 - cos_frame_rotation_x * t114;
@@ -5414,18 +5126,14 @@ pub mod full {
             let t243 = sin_frame_rotation_y * prepared_21 - cos_frame_rotation_y * t120;
             let t246 = cos_frame_rotation_x * t119 - sin_frame_rotation_x * t242;
             let t247 = sin_frame_rotation_x * t119 + cos_frame_rotation_x * t242;
-            let t277 = sin_frame_rotation_z * prepared_20
-                + cos_frame_rotation_z * prepared_18;
-            let t278 = sin_frame_rotation_z * prepared_18
-                - cos_frame_rotation_z * prepared_20;
+            let t277 = sin_frame_rotation_z * prepared_20 + cos_frame_rotation_z * prepared_18;
+            let t278 = sin_frame_rotation_z * prepared_18 - cos_frame_rotation_z * prepared_20;
             let t279 = sin_frame_rotation_y * t277;
             let t280 = cos_frame_rotation_y * t277;
             let t285 = cos_frame_rotation_x * t278 - sin_frame_rotation_x * t279;
             let t286 = cos_frame_rotation_x * t279 + sin_frame_rotation_x * t278;
-            let t297 = sin_frame_rotation_z * prepared_21
-                - cos_frame_rotation_z * prepared_19;
-            let t298 = cos_frame_rotation_z * prepared_21
-                + sin_frame_rotation_z * prepared_19;
+            let t297 = sin_frame_rotation_z * prepared_21 - cos_frame_rotation_z * prepared_19;
+            let t298 = cos_frame_rotation_z * prepared_21 + sin_frame_rotation_z * prepared_19;
             let t299 = sin_frame_rotation_y * t297;
             let t300 = cos_frame_rotation_y * t297;
             let t305 = sin_frame_rotation_x * t299 + cos_frame_rotation_x * t298;
@@ -5434,14 +5142,11 @@ pub mod full {
             let t342 = (t8 * t12 - t9 * t11) / t341;
             let t343 = (t9 * t10 - t7 * t12) / t341;
             let t344 = (t7 * t11 - t8 * t10) / t341;
-            let t353 = target_position_z * t343 - target_position_y * t344
-                + target_position_x
+            let t353 = target_position_z * t343 - target_position_y * t344 + target_position_x
                 + 0.5 * (t4 + joint1_track_offset_x + t1 + joint2_track_offset_x);
-            let t356 = target_position_x * t344 - target_position_z * t342
-                + target_position_y
+            let t356 = target_position_x * t344 - target_position_z * t342 + target_position_y
                 + 0.5 * (t5 + joint1_track_offset_y + t2 + joint2_track_offset_y);
-            let t359 = target_position_y * t342 - target_position_x * t343
-                + target_position_z
+            let t359 = target_position_y * t342 - target_position_x * t343 + target_position_z
                 + 0.5 * (t6 + joint1_track_offset_z + t3 + joint2_track_offset_z);
             let t367 = t29 - sin_target_rotation_y * t343 - t30 * t344;
             let t369 = sin_target_rotation_y * t342 + t30 + t29 * t344;
@@ -5469,10 +5174,8 @@ pub mod full {
             let t479 = t7 * t453 - t9 * t457;
             let t483 = t12 * t457 - t398 * t460 - t10 * t453;
             let t484 = t8 * t457 - t7 * t455;
-            let t515 = (target_position_x * t83
-                + target_position_y * sin_frame_rotation_y) / t341;
-            let t517 = (target_position_x * t84
-                + target_position_z * sin_frame_rotation_y) / t341;
+            let t515 = (target_position_x * t83 + target_position_y * sin_frame_rotation_y) / t341;
+            let t517 = (target_position_x * t84 + target_position_z * sin_frame_rotation_y) / t341;
             let t519 = (target_position_y * t84 - target_position_z * t83) / t341;
             let t522 = t343 * t517 - t344 * t515 - t342 * t519;
             let t533 = t400 * t522 + t11 * t515 + t12 * t517;
@@ -5529,11 +5232,14 @@ pub mod full {
             let t815 = t196 - t200 * t343 + t199 * t344;
             let t818 = t199 + t200 * t342 - t196 * t344;
             let t828 = sin_target_rotation_z * t789 + cos_target_rotation_z * t786;
-            let t862 = (t109 * t173 + t104 * t174 + t167 * t185 + t168 * t182
-                + t29 * t199 - t30 * t196) / t341;
-            let t864 = (t35 * t104 + t110 * t173 + t167 * t186 + t33 * t182 + t29 * t200
+            let t862 =
+                (t109 * t173 + t104 * t174 + t167 * t185 + t168 * t182 + t29 * t199 - t30 * t196)
+                / t341;
+            let t864 =
+                (t35 * t104 + t110 * t173 + t167 * t186 + t33 * t182 + t29 * t200
                 + sin_target_rotation_y * t196) / t341;
-            let t866 = (t110 * t174 - t35 * t109 + t168 * t186 - t33 * t185 + t30 * t200
+            let t866 =
+                (t110 * t174 - t35 * t109 + t168 * t186 - t33 * t185 + t30 * t200
                 + sin_target_rotation_y * t199) / t341;
             let t869 = t343 * t864 - t344 * t862 - t342 * t866;
             let t880 = t400 * t869 + t11 * t862 + t12 * t864;
@@ -5548,11 +5254,14 @@ pub mod full {
             let t941 = t243 + t247 * t343 + t246 * t344;
             let t944 = t246 - t247 * t342 - t243 * t344;
             let t954 = sin_target_rotation_z * t915 + cos_target_rotation_z * t912;
-            let t988 = (t135 * t173 - t130 * t174 + t167 * t232 - t168 * t229
-                + t29 * t246 - t30 * t243) / t341;
-            let t990 = (t35 * t130 - t136 * t173 - t167 * t233 + t33 * t229 + t29 * t247
+            let t988 =
+                (t135 * t173 - t130 * t174 + t167 * t232 - t168 * t229 + t29 * t246 - t30 * t243)
+                / t341;
+            let t990 =
+                (t35 * t130 - t136 * t173 - t167 * t233 + t33 * t229 + t29 * t247
                 - sin_target_rotation_y * t243) / t341;
-            let t992 = (t136 * t174 - t35 * t135 + t168 * t233 - t33 * t232 - t30 * t247
+            let t992 =
+                (t136 * t174 - t35 * t135 + t168 * t233 - t33 * t232 - t30 * t247
                 + sin_target_rotation_y * t246) / t341;
             let t995 = t344 * t988 + t343 * t990 + t342 * t992;
             let t1006 = t11 * t988 - t400 * t995 - t12 * t990;
@@ -5567,11 +5276,14 @@ pub mod full {
             let t1067 = t300 - t306 * t343 + t305 * t344;
             let t1070 = t305 + t306 * t342 - t300 * t344;
             let t1080 = sin_target_rotation_z * t1041 + cos_target_rotation_z * t1038;
-            let t1114 = (t159 * t173 - t154 * t174 + t167 * t285 + t168 * t280
-                + t29 * t305 - t30 * t300) / t341;
-            let t1116 = (t35 * t154 - t160 * t173 + t167 * t286 - t33 * t280 - t29 * t306
+            let t1114 =
+                (t159 * t173 - t154 * t174 + t167 * t285 + t168 * t280 + t29 * t305 - t30 * t300)
+                / t341;
+            let t1116 =
+                (t35 * t154 - t160 * t173 + t167 * t286 - t33 * t280 - t29 * t306
                 - sin_target_rotation_y * t300) / t341;
-            let t1118 = (t160 * t174 - t35 * t159 - t168 * t286 - t33 * t285 + t30 * t306
+            let t1118 =
+                (t160 * t174 - t35 * t159 - t168 * t286 - t33 * t285 + t30 * t306
                 + sin_target_rotation_y * t305) / t341;
             let t1121 = t344 * t1114 + t343 * t1116 + t342 * t1118;
             let t1132 = t11 * t1114 - t400 * t1121 - t12 * t1116;
@@ -5584,14 +5296,14 @@ pub mod full {
             residuals[1][lane] = t645 + frame_translation_y - y;
             residuals[2][lane] = t638 + frame_translation_z - z;
             residuals[3][lane] = 0.5
-                * (prepared_15 * t662 - prepared_4 * t737 - prepared_6 * t703
-                    + prepared_5 * t669 + prepared_17 * t696 + prepared_8 * t730);
+                * (prepared_15 * t662 - prepared_4 * t737 - prepared_6 * t703 + prepared_5 * t669
+                + prepared_17 * t696 + prepared_8 * t730);
             residuals[4][lane] = 0.5
-                * (prepared_16 * t696 - prepared_7 * t730 - prepared_5 * t668
-                    - prepared_14 * t662 + prepared_6 * t702 + prepared_4 * t736);
+                * (prepared_16 * t696 - prepared_7 * t730 - prepared_5 * t668 - prepared_14 * t662
+                + prepared_6 * t702 + prepared_4 * t736);
             residuals[5][lane] = 0.5
-                * (prepared_14 * t669 - prepared_8 * t736 - prepared_15 * t668
-                    - prepared_16 * t703 - prepared_17 * t702 + prepared_7 * t737);
+                * (prepared_14 * t669 - prepared_8 * t736 - prepared_15 * t668 - prepared_16 * t703
+                - prepared_17 * t702 + prepared_7 * t737);
             jacobian[0][lane] = t62 + t409;
             jacobian[1][lane] = t61 + t421;
             jacobian[2][lane] = t60 + t416;
@@ -5660,27 +5372,26 @@ pub mod full {
             jacobian[65][lane] = t896;
             jacobian[66][lane] = -t895;
             jacobian[67][lane] = -t894;
-            jacobian[68][lane] = t103 * t724 + t98 * t725 + t181 * t690 + t114 * t691
-                + t195 * t656 - t120 * t657;
-            jacobian[69][lane] = t119 * t662 - t97 * t730 - prepared_10 * t731
-                - t113 * t696 - prepared_18 * t697 - prepared_19 * t663;
-            jacobian[70][lane] = prepared_12 * t668 - prepared_9 * t736
-                - prepared_11 * t702;
+            jacobian[68][lane] = t103 * t724 + t98 * t725 + t181 * t690 + t114 * t691 + t195 * t656
+                - t120 * t657;
+            jacobian[69][lane] = t119 * t662 - t97 * t730 - prepared_10 * t731 - t113 * t696
+                - prepared_18 * t697 - prepared_19 * t663;
+            jacobian[70][lane] = prepared_12 * t668 - prepared_9 * t736 - prepared_11 * t702;
             jacobian[71][lane] = cos_target_rotation_x
                 * (sin_target_rotation_y * t828 + sin_target_rotation_z * t570
-                    - cos_target_rotation_z * t573 + cos_target_rotation_y * t792)
+                - cos_target_rotation_z * t573 + cos_target_rotation_y * t792)
                 - sin_target_rotation_x
-                    * (sin_target_rotation_y * t581 + cos_target_rotation_y * t576
-                        + cos_target_rotation_z * t789 - sin_target_rotation_z * t786);
+                * (sin_target_rotation_y * t581 + cos_target_rotation_y * t576
+                + cos_target_rotation_z * t789 - sin_target_rotation_z * t786);
             jacobian[72][lane] = cos_target_rotation_y
                 * (sin_target_rotation_x * t828 - t196 * t343 + t199 * t342 - t200
-                    + cos_target_rotation_x * t581)
+                + cos_target_rotation_x * t581)
                 - sin_target_rotation_y
-                    * (cos_target_rotation_x * t576 + sin_target_rotation_x * t792
-                        + sin_target_rotation_z * t818 + cos_target_rotation_z * t815);
+                * (cos_target_rotation_x * t576 + sin_target_rotation_x * t792
+                + sin_target_rotation_z * t818 + cos_target_rotation_z * t815);
             jacobian[73][lane] = t173 * t573 - t174 * t570 + t167 * t789 - t168 * t786
                 + cos_target_rotation_y
-                    * (cos_target_rotation_z * t818 - sin_target_rotation_z * t815);
+                * (cos_target_rotation_z * t818 - sin_target_rotation_z * t815);
             jacobian[74][lane] = t1006;
             jacobian[75][lane] = t1018;
             jacobian[76][lane] = t1013;
@@ -5693,27 +5404,26 @@ pub mod full {
             jacobian[83][lane] = -t1022;
             jacobian[84][lane] = -t1021;
             jacobian[85][lane] = -t1020;
-            jacobian[86][lane] = t129 * t724 + t97 * t725 + t228 * t690 + t113 * t691
-                - t242 * t656 - t119 * t657;
-            jacobian[87][lane] = t98 * t730 + prepared_13 * t731 + t114 * t696
-                - prepared_20 * t697 - t120 * t662 + prepared_21 * t663;
-            jacobian[88][lane] = prepared_12 * t669 - prepared_9 * t737
-                - prepared_11 * t703;
+            jacobian[86][lane] = t129 * t724 + t97 * t725 + t228 * t690 + t113 * t691 - t242 * t656
+                - t119 * t657;
+            jacobian[87][lane] = t98 * t730 + prepared_13 * t731 + t114 * t696 - prepared_20 * t697
+                - t120 * t662 + prepared_21 * t663;
+            jacobian[88][lane] = prepared_12 * t669 - prepared_9 * t737 - prepared_11 * t703;
             jacobian[89][lane] = cos_target_rotation_x
                 * (sin_target_rotation_y * t954 + sin_target_rotation_z * t591
-                    - cos_target_rotation_z * t594 + cos_target_rotation_y * t918)
+                - cos_target_rotation_z * t594 + cos_target_rotation_y * t918)
                 - sin_target_rotation_x
-                    * (sin_target_rotation_y * t602 + cos_target_rotation_y * t597
-                        + cos_target_rotation_z * t915 - sin_target_rotation_z * t912);
+                * (sin_target_rotation_y * t602 + cos_target_rotation_y * t597
+                + cos_target_rotation_z * t915 - sin_target_rotation_z * t912);
             jacobian[90][lane] = cos_target_rotation_y
                 * (sin_target_rotation_x * t954 - t243 * t343 + t246 * t342 + t247
-                    + cos_target_rotation_x * t602)
+                + cos_target_rotation_x * t602)
                 - sin_target_rotation_y
-                    * (cos_target_rotation_x * t597 + sin_target_rotation_x * t918
-                        + sin_target_rotation_z * t944 + cos_target_rotation_z * t941);
+                * (cos_target_rotation_x * t597 + sin_target_rotation_x * t918
+                + sin_target_rotation_z * t944 + cos_target_rotation_z * t941);
             jacobian[91][lane] = t173 * t594 - t174 * t591 + t167 * t915 - t168 * t912
                 + cos_target_rotation_y
-                    * (cos_target_rotation_z * t944 - sin_target_rotation_z * t941);
+                * (cos_target_rotation_z * t944 - sin_target_rotation_z * t941);
             jacobian[92][lane] = t1132;
             jacobian[93][lane] = t1144;
             jacobian[94][lane] = t1139;
@@ -5729,24 +5439,23 @@ pub mod full {
             jacobian[104][lane] = t153 * t724 - t152 * t725 - t279 * t690 - t278 * t691
                 + t299 * t656 - t298 * t657;
             jacobian[105][lane] = t151 * t730 - t277 * t696 + t297 * t662;
-            jacobian[106][lane] = prepared_13 * t736 + prepared_10 * t737
-                - prepared_20 * t702 + prepared_18 * t703 + prepared_21 * t668
-                + prepared_19 * t669;
+            jacobian[106][lane] = prepared_13 * t736 + prepared_10 * t737 - prepared_20 * t702
+                + prepared_18 * t703 + prepared_21 * t668 + prepared_19 * t669;
             jacobian[107][lane] = cos_target_rotation_x
                 * (sin_target_rotation_y * t1080 + sin_target_rotation_z * t612
-                    - cos_target_rotation_z * t615 - cos_target_rotation_y * t1044)
+                - cos_target_rotation_z * t615 - cos_target_rotation_y * t1044)
                 - sin_target_rotation_x
-                    * (sin_target_rotation_y * t623 + cos_target_rotation_y * t618
-                        + cos_target_rotation_z * t1041 - sin_target_rotation_z * t1038);
+                * (sin_target_rotation_y * t623 + cos_target_rotation_y * t618
+                + cos_target_rotation_z * t1041 - sin_target_rotation_z * t1038);
             jacobian[108][lane] = cos_target_rotation_y
                 * (sin_target_rotation_x * t1080 - t300 * t343 + t305 * t342 - t306
-                    + cos_target_rotation_x * t623)
+                + cos_target_rotation_x * t623)
                 - sin_target_rotation_y
-                    * (cos_target_rotation_x * t618 - sin_target_rotation_x * t1044
-                        + sin_target_rotation_z * t1070 + cos_target_rotation_z * t1067);
+                * (cos_target_rotation_x * t618 - sin_target_rotation_x * t1044
+                + sin_target_rotation_z * t1070 + cos_target_rotation_z * t1067);
             jacobian[109][lane] = t173 * t615 - t174 * t612 + t167 * t1041 - t168 * t1038
                 + cos_target_rotation_y
-                    * (cos_target_rotation_z * t1070 - sin_target_rotation_z * t1067);
+                * (cos_target_rotation_z * t1070 - sin_target_rotation_z * t1067);
         }
     }
     /// `F·(C(q) + A(q)·m) + t − x; axial vector of F·A(q)·M·Rᵀ`
@@ -5782,9 +5491,8 @@ pub mod full {
         };
         #[inline(always)]
         fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[q, x, y, z, alpha, beta, gamma] = data else {
-                panic!("`data` must hold 7 numbers")
-            };
+            let &[q, x, y, z, alpha, beta,
+                gamma] = data else { panic!("`data` must hold 7 numbers") };
             let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
             let (sin_beta, prepared_4) = math::sin_cos(beta);
             let prepared_5 = cos_gamma * sin_beta;
@@ -5851,17 +5559,16 @@ pub mod full {
             let prepared_16 = prepared[16][lane];
             let prepared_17 = prepared[17][lane];
             let &[joint1_track_offset_x, joint1_track_offset_y, joint1_track_offset_z,
-            joint1_track_direction_x, joint1_track_direction_y, joint1_track_direction_z,
-            joint2_track_offset_x, joint2_track_offset_y, joint2_track_offset_z,
-            joint2_track_direction_x, joint2_track_direction_y, joint2_track_direction_z,
-            joint3_track_offset_x, joint3_track_offset_y, joint3_track_offset_z,
-            joint3_track_direction_x, joint3_track_direction_y, joint3_track_direction_z,
-            frame_translation_x, frame_translation_y, frame_translation_z,
-            frame_rotation_x, frame_rotation_y, frame_rotation_z, target_position_x,
-            target_position_y, target_position_z, target_rotation_x, target_rotation_y,
-            target_rotation_z] = parameters else {
-                panic!("`parameters` must hold 30 numbers")
-            };
+                joint1_track_direction_x, joint1_track_direction_y, joint1_track_direction_z,
+                joint2_track_offset_x, joint2_track_offset_y, joint2_track_offset_z,
+                joint2_track_direction_x, joint2_track_direction_y, joint2_track_direction_z,
+                joint3_track_offset_x, joint3_track_offset_y, joint3_track_offset_z,
+                joint3_track_direction_x, joint3_track_direction_y, joint3_track_direction_z,
+                frame_translation_x, frame_translation_y, frame_translation_z, frame_rotation_x,
+                frame_rotation_y, frame_rotation_z, target_position_x, target_position_y,
+                target_position_z, target_rotation_x, target_rotation_y,
+                target_rotation_z] =
+                parameters else { panic!("`parameters` must hold 30 numbers") };
             let t1 = q * joint1_track_direction_x;
             let t2 = q * joint1_track_direction_y;
             let t3 = q * joint1_track_direction_z;
@@ -5871,47 +5578,28 @@ pub mod full {
             let t7 = q * joint3_track_direction_x;
             let t8 = q * joint3_track_direction_y;
             let t9 = q * joint3_track_direction_z;
-            let (sin_target_rotation_y, cos_target_rotation_y) = math::sin_cos(
-                target_rotation_y,
-            );
-            let (sin_target_rotation_z, cos_target_rotation_z) = math::sin_cos(
-                target_rotation_z,
-            );
+            let (sin_target_rotation_y, cos_target_rotation_y) = math::sin_cos(target_rotation_y);
+            let (sin_target_rotation_z, cos_target_rotation_z) = math::sin_cos(target_rotation_z);
             let t14 = cos_target_rotation_y * cos_target_rotation_z;
             let t15 = cos_target_rotation_y * sin_target_rotation_z;
-            let (sin_target_rotation_x, cos_target_rotation_x) = math::sin_cos(
-                target_rotation_x,
-            );
+            let (sin_target_rotation_x, cos_target_rotation_x) = math::sin_cos(target_rotation_x);
             let t18 = cos_target_rotation_y * sin_target_rotation_x;
             let t19 = sin_target_rotation_y * sin_target_rotation_x;
             let t20 = cos_target_rotation_y * cos_target_rotation_x;
             let t21 = sin_target_rotation_y * cos_target_rotation_x;
-            let (sin_frame_rotation_z, cos_frame_rotation_z) = math::sin_cos(
-                frame_rotation_z,
-            );
-            let (sin_frame_rotation_y, cos_frame_rotation_y) = math::sin_cos(
-                frame_rotation_y,
-            );
-            let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(
-                frame_rotation_x,
-            );
-            let t32 = cos_target_rotation_z * t19
-                - sin_target_rotation_z * cos_target_rotation_x;
-            let t33 = sin_target_rotation_z * t19
-                + cos_target_rotation_z * cos_target_rotation_x;
-            let t38 = cos_target_rotation_z * t21
-                + sin_target_rotation_z * sin_target_rotation_x;
-            let t39 = sin_target_rotation_z * t21
-                - cos_target_rotation_z * sin_target_rotation_x;
+            let (sin_frame_rotation_z, cos_frame_rotation_z) = math::sin_cos(frame_rotation_z);
+            let (sin_frame_rotation_y, cos_frame_rotation_y) = math::sin_cos(frame_rotation_y);
+            let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(frame_rotation_x);
+            let t32 = cos_target_rotation_z * t19 - sin_target_rotation_z * cos_target_rotation_x;
+            let t33 = sin_target_rotation_z * t19 + cos_target_rotation_z * cos_target_rotation_x;
+            let t38 = cos_target_rotation_z * t21 + sin_target_rotation_z * sin_target_rotation_x;
+            let t39 = sin_target_rotation_z * t21 - cos_target_rotation_z * sin_target_rotation_x;
             let t64 = 0.3333333333333333
-                * (joint2_track_offset_x + joint1_track_offset_x
-                    + joint3_track_offset_x);
+                * (joint2_track_offset_x + joint1_track_offset_x + joint3_track_offset_x);
             let t65 = 0.3333333333333333
-                * (joint2_track_offset_y + joint1_track_offset_y
-                    + joint3_track_offset_y);
+                * (joint2_track_offset_y + joint1_track_offset_y + joint3_track_offset_y);
             let t66 = 0.3333333333333333
-                * (joint2_track_offset_z + joint1_track_offset_z
-                    + joint3_track_offset_z);
+                * (joint2_track_offset_z + joint1_track_offset_z + joint3_track_offset_z);
             let t73 = 0.3333333333333333 * (t4 + t1 + t7);
             let t74 = 0.3333333333333333 * (t5 + t2 + t8);
             let t75 = 0.3333333333333333 * (t6 + t3 + t9);
@@ -5941,12 +5629,9 @@ pub mod full {
             let t119 = t7 - t73;
             let t120 = t8 - t74;
             let t121 = t9 - t75;
-            let t132 = t77 * t81 - t118 * t120 - t98 * t100 - t78 * t80 + t97 * t101
-                + t117 * t121;
-            let t137 = t78 * t79 - t116 * t121 - t96 * t101 - t76 * t81 + t98 * t99
-                + t118 * t119;
-            let t142 = t76 * t80 - t117 * t119 - t97 * t99 - t77 * t79 + t96 * t100
-                + t116 * t120;
+            let t132 = t77 * t81 - t118 * t120 - t98 * t100 - t78 * t80 + t97 * t101 + t117 * t121;
+            let t137 = t78 * t79 - t116 * t121 - t96 * t101 - t76 * t81 + t98 * t99 + t118 * t119;
+            let t142 = t76 * t80 - t117 * t119 - t97 * t99 - t77 * t79 + t96 * t100 + t116 * t120;
             let t143 = t116 * t116;
             let t144 = t117 * t117;
             let t145 = t118 * t118;
@@ -5963,25 +5648,20 @@ pub mod full {
             let t186 = t155 * t158 + t152 * t166;
             let t194 = t152 * t174 - t155 * t177 - t158 * t180;
             let t200 = (t137 * t177 + t132 * t174 + t142 * t180) / t194;
-            let t206 = (t137 * (t152 * t171 - t158 * t158) + t132 * t177 + t142 * t186)
-                / t194;
-            let t212 = (t137 * t186 + t132 * t180 + t142 * (t152 * t163 - t155 * t155))
-                / t194;
-            let t221 = target_position_z * t206 - target_position_y * t212
-                + target_position_x
+            let t206 = (t137 * (t152 * t171 - t158 * t158) + t132 * t177 + t142 * t186) / t194;
+            let t212 = (t137 * t186 + t132 * t180 + t142 * (t152 * t163 - t155 * t155)) / t194;
+            let t221 = target_position_z * t206 - target_position_y * t212 + target_position_x
                 + 0.3333333333333333
-                    * (t4 + joint2_track_offset_x + t1 + joint1_track_offset_x
-                        + joint3_track_offset_x + t7);
-            let t224 = target_position_x * t212 - target_position_z * t200
-                + target_position_y
+                * (t4 + joint2_track_offset_x + t1 + joint1_track_offset_x + joint3_track_offset_x
+                + t7);
+            let t224 = target_position_x * t212 - target_position_z * t200 + target_position_y
                 + 0.3333333333333333
-                    * (t5 + joint2_track_offset_y + t2 + joint1_track_offset_y
-                        + joint3_track_offset_y + t8);
-            let t227 = target_position_y * t200 - target_position_x * t206
-                + target_position_z
+                * (t5 + joint2_track_offset_y + t2 + joint1_track_offset_y + joint3_track_offset_y
+                + t8);
+            let t227 = target_position_y * t200 - target_position_x * t206 + target_position_z
                 + 0.3333333333333333
-                    * (t6 + joint2_track_offset_z + t3 + joint1_track_offset_z
-                        + joint3_track_offset_z + t9);
+                * (t6 + joint2_track_offset_z + t3 + joint1_track_offset_z + joint3_track_offset_z
+                + t9);
             let t235 = t14 - sin_target_rotation_y * t206 - t15 * t212;
             let t237 = sin_target_rotation_y * t200 + t15 + t14 * t212;
             let t239 = t15 * t200 - t14 * t206 - sin_target_rotation_y;
@@ -6012,21 +5692,21 @@ pub mod full {
             let t347 = sin_frame_rotation_y * t341 + cos_frame_rotation_y * t331;
             let t352 = cos_frame_rotation_z * t347 - sin_frame_rotation_z * t340;
             let t353 = sin_frame_rotation_z * t347 + cos_frame_rotation_z * t340;
-            residuals[0][lane] = cos_frame_rotation_z * t254
-                - sin_frame_rotation_z * t248 + frame_translation_x - x;
-            residuals[1][lane] = sin_frame_rotation_z * t254
-                + cos_frame_rotation_z * t248 + frame_translation_y - y;
-            residuals[2][lane] = cos_frame_rotation_y * t249
-                - sin_frame_rotation_y * t221 + frame_translation_z - z;
+            residuals[0][lane] = cos_frame_rotation_z * t254 - sin_frame_rotation_z * t248
+                + frame_translation_x - x;
+            residuals[1][lane] = sin_frame_rotation_z * t254 + cos_frame_rotation_z * t248
+                + frame_translation_y - y;
+            residuals[2][lane] = cos_frame_rotation_y * t249 - sin_frame_rotation_y * t221
+                + frame_translation_z - z;
             residuals[3][lane] = 0.5
-                * (prepared_15 * t278 - prepared_4 * t353 - prepared_6 * t319
-                    + prepared_5 * t285 + prepared_17 * t312 + prepared_8 * t346);
+                * (prepared_15 * t278 - prepared_4 * t353 - prepared_6 * t319 + prepared_5 * t285
+                + prepared_17 * t312 + prepared_8 * t346);
             residuals[4][lane] = 0.5
-                * (prepared_16 * t312 - prepared_7 * t346 - prepared_5 * t284
-                    - prepared_14 * t278 + prepared_6 * t318 + prepared_4 * t352);
+                * (prepared_16 * t312 - prepared_7 * t346 - prepared_5 * t284 - prepared_14 * t278
+                + prepared_6 * t318 + prepared_4 * t352);
             residuals[5][lane] = 0.5
-                * (prepared_14 * t285 - prepared_8 * t352 - prepared_15 * t284
-                    - prepared_16 * t319 - prepared_17 * t318 + prepared_7 * t353);
+                * (prepared_14 * t285 - prepared_8 * t352 - prepared_15 * t284 - prepared_16 * t319
+                - prepared_17 * t318 + prepared_7 * t353);
         }
         #[inline(always)]
         fn linearize<S: Samples>(
@@ -6059,17 +5739,16 @@ pub mod full {
             let prepared_20 = prepared[20][lane];
             let prepared_21 = prepared[21][lane];
             let &[joint1_track_offset_x, joint1_track_offset_y, joint1_track_offset_z,
-            joint1_track_direction_x, joint1_track_direction_y, joint1_track_direction_z,
-            joint2_track_offset_x, joint2_track_offset_y, joint2_track_offset_z,
-            joint2_track_direction_x, joint2_track_direction_y, joint2_track_direction_z,
-            joint3_track_offset_x, joint3_track_offset_y, joint3_track_offset_z,
-            joint3_track_direction_x, joint3_track_direction_y, joint3_track_direction_z,
-            frame_translation_x, frame_translation_y, frame_translation_z,
-            frame_rotation_x, frame_rotation_y, frame_rotation_z, target_position_x,
-            target_position_y, target_position_z, target_rotation_x, target_rotation_y,
-            target_rotation_z] = parameters else {
-                panic!("`parameters` must hold 30 numbers")
-            };
+                joint1_track_direction_x, joint1_track_direction_y, joint1_track_direction_z,
+                joint2_track_offset_x, joint2_track_offset_y, joint2_track_offset_z,
+                joint2_track_direction_x, joint2_track_direction_y, joint2_track_direction_z,
+                joint3_track_offset_x, joint3_track_offset_y, joint3_track_offset_z,
+                joint3_track_direction_x, joint3_track_direction_y, joint3_track_direction_z,
+                frame_translation_x, frame_translation_y, frame_translation_z, frame_rotation_x,
+                frame_rotation_y, frame_rotation_z, target_position_x, target_position_y,
+                target_position_z, target_rotation_x, target_rotation_y,
+                target_rotation_z] =
+                parameters else { panic!("`parameters` must hold 30 numbers") };
             let t1 = q * joint1_track_direction_x;
             let t2 = q * joint1_track_direction_y;
             let t3 = q * joint1_track_direction_z;
@@ -6079,45 +5758,29 @@ pub mod full {
             let t7 = q * joint3_track_direction_x;
             let t8 = q * joint3_track_direction_y;
             let t9 = q * joint3_track_direction_z;
-            let (sin_target_rotation_y, cos_target_rotation_y) = math::sin_cos(
-                target_rotation_y,
-            );
-            let (sin_target_rotation_z, cos_target_rotation_z) = math::sin_cos(
-                target_rotation_z,
-            );
+            let (sin_target_rotation_y, cos_target_rotation_y) = math::sin_cos(target_rotation_y);
+            let (sin_target_rotation_z, cos_target_rotation_z) = math::sin_cos(target_rotation_z);
             let t14 = cos_target_rotation_y * cos_target_rotation_z;
             let t15 = cos_target_rotation_y * sin_target_rotation_z;
-            let (sin_target_rotation_x, cos_target_rotation_x) = math::sin_cos(
-                target_rotation_x,
-            );
+            let (sin_target_rotation_x, cos_target_rotation_x) = math::sin_cos(target_rotation_x);
             let t18 = cos_target_rotation_y * sin_target_rotation_x;
             let t19 = sin_target_rotation_y * sin_target_rotation_x;
             let t20 = cos_target_rotation_y * cos_target_rotation_x;
             let t21 = sin_target_rotation_y * cos_target_rotation_x;
-            let (sin_frame_rotation_z, cos_frame_rotation_z) = math::sin_cos(
-                frame_rotation_z,
-            );
-            let (sin_frame_rotation_y, cos_frame_rotation_y) = math::sin_cos(
-                frame_rotation_y,
-            );
+            let (sin_frame_rotation_z, cos_frame_rotation_z) = math::sin_cos(frame_rotation_z);
+            let (sin_frame_rotation_y, cos_frame_rotation_y) = math::sin_cos(frame_rotation_y);
             let t26 = cos_frame_rotation_z * sin_frame_rotation_y;
             let t27 = cos_frame_rotation_z * cos_frame_rotation_y;
-            let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(
-                frame_rotation_x,
-            );
-            let t34 = t26 * sin_frame_rotation_x
-                - sin_frame_rotation_z * cos_frame_rotation_x;
-            let t35 = t26 * cos_frame_rotation_x
-                + sin_frame_rotation_z * sin_frame_rotation_x;
+            let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(frame_rotation_x);
+            let t34 = t26 * sin_frame_rotation_x - sin_frame_rotation_z * cos_frame_rotation_x;
+            let t35 = t26 * cos_frame_rotation_x + sin_frame_rotation_z * sin_frame_rotation_x;
             let t45 = 0.3333333333333333 * t35;
             let t46 = 0.3333333333333333 * t34;
             let t47 = 0.3333333333333333 * t27;
             let t48 = sin_frame_rotation_z * sin_frame_rotation_y;
             let t49 = sin_frame_rotation_z * cos_frame_rotation_y;
-            let t54 = sin_frame_rotation_x * t48
-                + cos_frame_rotation_z * cos_frame_rotation_x;
-            let t55 = cos_frame_rotation_x * t48
-                - cos_frame_rotation_z * sin_frame_rotation_x;
+            let t54 = sin_frame_rotation_x * t48 + cos_frame_rotation_z * cos_frame_rotation_x;
+            let t55 = cos_frame_rotation_x * t48 - cos_frame_rotation_z * sin_frame_rotation_x;
             let t65 = 0.3333333333333333 * t55;
             let t66 = 0.3333333333333333 * t54;
             let t67 = 0.3333333333333333 * t49;
@@ -6140,22 +5803,16 @@ pub mod full {
             let t115 = cos_frame_rotation_y * t83 + sin_frame_rotation_y * prepared_13;
             let t120 = sin_frame_rotation_x * t114 - cos_frame_rotation_x * t82;
             let t121 = cos_frame_rotation_x * t114 + sin_frame_rotation_x * t82;
-            let t136 = sin_frame_rotation_z * prepared_13
-                - cos_frame_rotation_z * prepared_10;
-            let t137 = cos_frame_rotation_z * prepared_13
-                + sin_frame_rotation_z * prepared_10;
+            let t136 = sin_frame_rotation_z * prepared_13 - cos_frame_rotation_z * prepared_10;
+            let t137 = cos_frame_rotation_z * prepared_13 + sin_frame_rotation_z * prepared_10;
             let t138 = sin_frame_rotation_y * t136;
             let t139 = cos_frame_rotation_y * t136;
             let t144 = sin_frame_rotation_x * t138 + cos_frame_rotation_x * t137;
             let t145 = cos_frame_rotation_x * t138 - sin_frame_rotation_x * t137;
-            let t152 = cos_target_rotation_z * t19
-                - sin_target_rotation_z * cos_target_rotation_x;
-            let t153 = sin_target_rotation_z * t19
-                + cos_target_rotation_z * cos_target_rotation_x;
-            let t158 = cos_target_rotation_z * t21
-                + sin_target_rotation_z * sin_target_rotation_x;
-            let t159 = sin_target_rotation_z * t21
-                - cos_target_rotation_z * sin_target_rotation_x;
+            let t152 = cos_target_rotation_z * t19 - sin_target_rotation_z * cos_target_rotation_x;
+            let t153 = sin_target_rotation_z * t19 + cos_target_rotation_z * cos_target_rotation_x;
+            let t158 = cos_target_rotation_z * t21 + sin_target_rotation_z * sin_target_rotation_x;
+            let t159 = sin_target_rotation_z * t21 - cos_target_rotation_z * sin_target_rotation_x;
             let t166 = cos_frame_rotation_y * prepared_18 - sin_frame_rotation_y * t98;
             let t167 = cos_frame_rotation_y * t98 + sin_frame_rotation_y * prepared_18;
             let t170 = sin_frame_rotation_x * t166 - cos_frame_rotation_x * t99;
@@ -6172,31 +5829,24 @@ pub mod full {
             let t228 = sin_frame_rotation_y * prepared_21 - cos_frame_rotation_y * t105;
             let t231 = cos_frame_rotation_x * t104 - sin_frame_rotation_x * t227;
             let t232 = sin_frame_rotation_x * t104 + cos_frame_rotation_x * t227;
-            let t262 = sin_frame_rotation_z * prepared_20
-                + cos_frame_rotation_z * prepared_18;
-            let t263 = sin_frame_rotation_z * prepared_18
-                - cos_frame_rotation_z * prepared_20;
+            let t262 = sin_frame_rotation_z * prepared_20 + cos_frame_rotation_z * prepared_18;
+            let t263 = sin_frame_rotation_z * prepared_18 - cos_frame_rotation_z * prepared_20;
             let t264 = sin_frame_rotation_y * t262;
             let t265 = cos_frame_rotation_y * t262;
             let t270 = cos_frame_rotation_x * t263 - sin_frame_rotation_x * t264;
             let t271 = cos_frame_rotation_x * t264 + sin_frame_rotation_x * t263;
-            let t282 = sin_frame_rotation_z * prepared_21
-                - cos_frame_rotation_z * prepared_19;
-            let t283 = cos_frame_rotation_z * prepared_21
-                + sin_frame_rotation_z * prepared_19;
+            let t282 = sin_frame_rotation_z * prepared_21 - cos_frame_rotation_z * prepared_19;
+            let t283 = cos_frame_rotation_z * prepared_21 + sin_frame_rotation_z * prepared_19;
             let t284 = sin_frame_rotation_y * t282;
             let t285 = cos_frame_rotation_y * t282;
             let t290 = sin_frame_rotation_x * t284 + cos_frame_rotation_x * t283;
             let t291 = cos_frame_rotation_x * t284 - sin_frame_rotation_x * t283;
             let t337 = 0.3333333333333333
-                * (joint2_track_offset_x + joint1_track_offset_x
-                    + joint3_track_offset_x);
+                * (joint2_track_offset_x + joint1_track_offset_x + joint3_track_offset_x);
             let t338 = 0.3333333333333333
-                * (joint2_track_offset_y + joint1_track_offset_y
-                    + joint3_track_offset_y);
+                * (joint2_track_offset_y + joint1_track_offset_y + joint3_track_offset_y);
             let t339 = 0.3333333333333333
-                * (joint2_track_offset_z + joint1_track_offset_z
-                    + joint3_track_offset_z);
+                * (joint2_track_offset_z + joint1_track_offset_z + joint3_track_offset_z);
             let t346 = 0.3333333333333333 * (t4 + t1 + t7);
             let t347 = 0.3333333333333333 * (t5 + t2 + t8);
             let t348 = 0.3333333333333333 * (t6 + t3 + t9);
@@ -6226,12 +5876,12 @@ pub mod full {
             let t392 = t7 - t346;
             let t393 = t8 - t347;
             let t394 = t9 - t348;
-            let t405 = t350 * t354 - t391 * t393 - t371 * t373 - t351 * t353
-                + t370 * t374 + t390 * t394;
-            let t410 = t351 * t352 - t389 * t394 - t369 * t374 - t349 * t354
-                + t371 * t372 + t391 * t392;
-            let t415 = t349 * t353 - t390 * t392 - t370 * t372 - t350 * t352
-                + t369 * t373 + t389 * t393;
+            let t405 = t350 * t354 - t391 * t393 - t371 * t373 - t351 * t353 + t370 * t374
+                + t390 * t394;
+            let t410 = t351 * t352 - t389 * t394 - t369 * t374 - t349 * t354 + t371 * t372
+                + t391 * t392;
+            let t415 = t349 * t353 - t390 * t392 - t370 * t372 - t350 * t352 + t369 * t373
+                + t389 * t393;
             let t416 = t389 * t389;
             let t417 = t390 * t390;
             let t418 = t391 * t391;
@@ -6252,21 +5902,18 @@ pub mod full {
             let t473 = (t410 * t450 + t405 * t447 + t415 * t453) / t467;
             let t479 = (t410 * t456 + t405 * t450 + t415 * t459) / t467;
             let t485 = (t410 * t459 + t405 * t453 + t415 * t462) / t467;
-            let t494 = target_position_z * t479 - target_position_y * t485
-                + target_position_x
+            let t494 = target_position_z * t479 - target_position_y * t485 + target_position_x
                 + 0.3333333333333333
-                    * (t4 + joint2_track_offset_x + t1 + joint1_track_offset_x
-                        + joint3_track_offset_x + t7);
-            let t497 = target_position_x * t485 - target_position_z * t473
-                + target_position_y
+                * (t4 + joint2_track_offset_x + t1 + joint1_track_offset_x + joint3_track_offset_x
+                + t7);
+            let t497 = target_position_x * t485 - target_position_z * t473 + target_position_y
                 + 0.3333333333333333
-                    * (t5 + joint2_track_offset_y + t2 + joint1_track_offset_y
-                        + joint3_track_offset_y + t8);
-            let t500 = target_position_y * t473 - target_position_x * t479
-                + target_position_z
+                * (t5 + joint2_track_offset_y + t2 + joint1_track_offset_y + joint3_track_offset_y
+                + t8);
+            let t500 = target_position_y * t473 - target_position_x * t479 + target_position_z
                 + 0.3333333333333333
-                    * (t6 + joint2_track_offset_z + t3 + joint1_track_offset_z
-                        + joint3_track_offset_z + t9);
+                * (t6 + joint2_track_offset_z + t3 + joint1_track_offset_z + joint3_track_offset_z
+                + t9);
             let t508 = t14 - sin_target_rotation_y * t479 - t15 * t485;
             let t510 = sin_target_rotation_y * t473 + t15 + t14 * t485;
             let t512 = t15 * t473 - t14 * t479 - sin_target_rotation_y;
@@ -6286,10 +5933,8 @@ pub mod full {
             let t573 = t428 * t532;
             let t580 = t431 * t543;
             let t585 = t436 * t532 - t447 * t549 + t439 * t541 + t444 * t543;
-            let t596 = t450 * t549 - t573 - t573 + t431 * t541 + t439 * t565
-                + t444 * t569;
-            let t603 = t428 * t541 - t580 + t453 * t549 - t580 + t436 * t565
-                + t439 * t569;
+            let t596 = t450 * t549 - t573 - t573 + t431 * t541 + t439 * t565 + t444 * t569;
+            let t603 = t428 * t541 - t580 + t453 * t549 - t580 + t436 * t565 + t439 * t569;
             let t604 = t439 * t572;
             let t608 = t431 * t569 - t604 + t428 * t565 + t425 * t541 - t604;
             let t612 = t425 * t532 + t431 * t565 + t444 * t572;
@@ -6301,38 +5946,29 @@ pub mod full {
             let t626 = t391 * t623;
             let t627 = t390 * t625;
             let t628 = t389 * t624;
-            let t639 = t628 + t390 * t596 + t391 * t603 + t628 + t393 * t553
-                - t394 * t557;
+            let t639 = t628 + t390 * t596 + t391 * t603 + t628 + t393 * t553 - t394 * t557;
             let t642 = t391 * t557 - t390 * t553;
-            let t649 = t626 + t389 * t603 + t390 * t608 + t626 + t392 * t557
-                - t393 * t561;
+            let t649 = t626 + t389 * t603 + t390 * t608 + t626 + t392 * t557 - t393 * t561;
             let t650 = t389 * t553 - t391 * t561;
-            let t657 = t627 + t389 * t596 + t391 * t608 + t627 - t392 * t553
-                + t394 * t561;
+            let t657 = t627 + t389 * t596 + t391 * t608 + t627 - t392 * t553 + t394 * t561;
             let t658 = t390 * t561 - t389 * t557;
             let t665 = t371 * t623;
             let t666 = t370 * t625;
             let t667 = t369 * t624;
-            let t678 = t667 + t370 * t596 + t371 * t603 + t667 + t373 * t553
-                - t374 * t557;
+            let t678 = t667 + t370 * t596 + t371 * t603 + t667 + t373 * t553 - t374 * t557;
             let t681 = t371 * t557 - t370 * t553;
-            let t688 = t665 + t369 * t603 + t370 * t608 + t665 + t372 * t557
-                - t373 * t561;
+            let t688 = t665 + t369 * t603 + t370 * t608 + t665 + t372 * t557 - t373 * t561;
             let t689 = t369 * t553 - t371 * t561;
-            let t696 = t666 + t369 * t596 + t371 * t608 + t666 - t372 * t553
-                + t374 * t561;
+            let t696 = t666 + t369 * t596 + t371 * t608 + t666 - t372 * t553 + t374 * t561;
             let t697 = t370 * t561 - t369 * t557;
             let t704 = t351 * t623;
             let t705 = t350 * t625;
             let t706 = t349 * t624;
-            let t717 = t706 + t350 * t596 + t351 * t603 + t706 + t353 * t553
-                - t354 * t557;
+            let t717 = t706 + t350 * t596 + t351 * t603 + t706 + t353 * t553 - t354 * t557;
             let t720 = t351 * t557 - t350 * t553;
-            let t727 = t704 + t349 * t603 + t350 * t608 + t704 + t352 * t557
-                - t353 * t561;
+            let t727 = t704 + t349 * t603 + t350 * t608 + t704 + t352 * t557 - t353 * t561;
             let t728 = t349 * t553 - t351 * t561;
-            let t735 = t705 + t349 * t596 + t351 * t608 + t705 - t352 * t553
-                + t354 * t561;
+            let t735 = t705 + t349 * t596 + t351 * t608 + t705 - t352 * t553 + t354 * t561;
             let t736 = t350 * t561 - t349 * t557;
             let t749 = 0.3333333333333333 * (t658 + t697 + t736);
             let t750 = 0.3333333333333333 * (t650 + t689 + t728);
@@ -6356,10 +5992,8 @@ pub mod full {
             let t856 = t428 * t815;
             let t863 = t431 * t826;
             let t868 = t436 * t815 - t447 * t832 + t439 * t824 + t444 * t826;
-            let t879 = t450 * t832 - t856 - t856 + t431 * t824 + t439 * t848
-                + t444 * t852;
-            let t886 = t428 * t824 - t863 + t453 * t832 - t863 + t436 * t848
-                + t439 * t852;
+            let t879 = t450 * t832 - t856 - t856 + t431 * t824 + t439 * t848 + t444 * t852;
+            let t886 = t428 * t824 - t863 + t453 * t832 - t863 + t436 * t848 + t439 * t852;
             let t887 = t439 * t855;
             let t891 = t431 * t852 - t887 + t428 * t848 + t425 * t824 - t887;
             let t895 = t425 * t815 + t431 * t848 + t444 * t855;
@@ -6371,38 +6005,29 @@ pub mod full {
             let t909 = t391 * t906;
             let t910 = t390 * t908;
             let t911 = t389 * t907;
-            let t922 = t911 + t390 * t879 + t391 * t886 + t911 + t393 * t836
-                - t394 * t840;
+            let t922 = t911 + t390 * t879 + t391 * t886 + t911 + t393 * t836 - t394 * t840;
             let t925 = t391 * t840 - t390 * t836;
-            let t932 = t909 + t389 * t886 + t390 * t891 + t909 + t392 * t840
-                - t393 * t844;
+            let t932 = t909 + t389 * t886 + t390 * t891 + t909 + t392 * t840 - t393 * t844;
             let t933 = t389 * t836 - t391 * t844;
-            let t940 = t910 + t389 * t879 + t391 * t891 + t910 - t392 * t836
-                + t394 * t844;
+            let t940 = t910 + t389 * t879 + t391 * t891 + t910 - t392 * t836 + t394 * t844;
             let t941 = t390 * t844 - t389 * t840;
             let t948 = t371 * t906;
             let t949 = t370 * t908;
             let t950 = t369 * t907;
-            let t961 = t950 + t370 * t879 + t371 * t886 + t950 + t373 * t836
-                - t374 * t840;
+            let t961 = t950 + t370 * t879 + t371 * t886 + t950 + t373 * t836 - t374 * t840;
             let t964 = t371 * t840 - t370 * t836;
-            let t971 = t948 + t369 * t886 + t370 * t891 + t948 + t372 * t840
-                - t373 * t844;
+            let t971 = t948 + t369 * t886 + t370 * t891 + t948 + t372 * t840 - t373 * t844;
             let t972 = t369 * t836 - t371 * t844;
-            let t979 = t949 + t369 * t879 + t371 * t891 + t949 - t372 * t836
-                + t374 * t844;
+            let t979 = t949 + t369 * t879 + t371 * t891 + t949 - t372 * t836 + t374 * t844;
             let t980 = t370 * t844 - t369 * t840;
             let t987 = t351 * t906;
             let t988 = t350 * t908;
             let t989 = t349 * t907;
-            let t1000 = t989 + t350 * t879 + t351 * t886 + t989 + t353 * t836
-                - t354 * t840;
+            let t1000 = t989 + t350 * t879 + t351 * t886 + t989 + t353 * t836 - t354 * t840;
             let t1003 = t351 * t840 - t350 * t836;
-            let t1010 = t987 + t349 * t886 + t350 * t891 + t987 + t352 * t840
-                - t353 * t844;
+            let t1010 = t987 + t349 * t886 + t350 * t891 + t987 + t352 * t840 - t353 * t844;
             let t1011 = t349 * t836 - t351 * t844;
-            let t1018 = t988 + t349 * t879 + t351 * t891 + t988 - t352 * t836
-                + t354 * t844;
+            let t1018 = t988 + t349 * t879 + t351 * t891 + t988 - t352 * t836 + t354 * t844;
             let t1019 = t350 * t844 - t349 * t840;
             let t1032 = 0.3333333333333333 * (t941 + t980 + t1019);
             let t1033 = 0.3333333333333333 * (t933 + t972 + t1011);
@@ -6410,11 +6035,9 @@ pub mod full {
             let t1035 = 0.3333333333333333 * (t932 + t971 + t1010);
             let t1036 = 0.3333333333333333 * (t940 + t979 + t1018);
             let t1037 = 0.3333333333333333 * (t922 + t961 + t1000);
-            let t1095 = (target_position_x * t68
-                + target_position_y * sin_frame_rotation_y) / t467;
+            let t1095 = (target_position_x * t68 + target_position_y * sin_frame_rotation_y) / t467;
             let t1098 = t415 * t1095;
-            let t1103 = (target_position_x * t69
-                + target_position_z * sin_frame_rotation_y) / t467;
+            let t1103 = (target_position_x * t69 + target_position_z * sin_frame_rotation_y) / t467;
             let t1107 = t410 * t1095 - t415 * t1103;
             let t1109 = t410 * t1103;
             let t1112 = (target_position_y * t69 - target_position_z * t68) / t467;
@@ -6428,10 +6051,8 @@ pub mod full {
             let t1139 = t428 * t1098;
             let t1146 = t431 * t1109;
             let t1151 = t447 * t1115 + t436 * t1098 + t439 * t1107 - t444 * t1109;
-            let t1162 = t431 * t1107 - t1139 - t450 * t1115 - t1139 + t439 * t1131
-                + t444 * t1135;
-            let t1169 = t1146 + t428 * t1107 - t453 * t1115 + t1146 + t436 * t1131
-                + t439 * t1135;
+            let t1162 = t431 * t1107 - t1139 - t450 * t1115 - t1139 + t439 * t1131 + t444 * t1135;
+            let t1169 = t1146 + t428 * t1107 - t453 * t1115 + t1146 + t436 * t1131 + t439 * t1135;
             let t1170 = t439 * t1138;
             let t1174 = t431 * t1135 - t1170 + t428 * t1131 + t425 * t1107 - t1170;
             let t1178 = t425 * t1098 + t431 * t1131 + t444 * t1138;
@@ -6443,38 +6064,29 @@ pub mod full {
             let t1192 = t391 * t1189;
             let t1193 = t390 * t1191;
             let t1194 = t389 * t1190;
-            let t1205 = t1194 + t390 * t1162 + t391 * t1169 + t1194 + t393 * t1119
-                - t394 * t1123;
+            let t1205 = t1194 + t390 * t1162 + t391 * t1169 + t1194 + t393 * t1119 - t394 * t1123;
             let t1208 = t391 * t1123 - t390 * t1119;
-            let t1215 = t1192 + t389 * t1169 + t390 * t1174 + t1192 + t392 * t1123
-                - t393 * t1127;
+            let t1215 = t1192 + t389 * t1169 + t390 * t1174 + t1192 + t392 * t1123 - t393 * t1127;
             let t1216 = t389 * t1119 - t391 * t1127;
-            let t1223 = t1193 + t389 * t1162 + t391 * t1174 + t1193 - t392 * t1119
-                + t394 * t1127;
+            let t1223 = t1193 + t389 * t1162 + t391 * t1174 + t1193 - t392 * t1119 + t394 * t1127;
             let t1224 = t390 * t1127 - t389 * t1123;
             let t1231 = t371 * t1189;
             let t1232 = t370 * t1191;
             let t1233 = t369 * t1190;
-            let t1244 = t1233 + t370 * t1162 + t371 * t1169 + t1233 + t373 * t1119
-                - t374 * t1123;
+            let t1244 = t1233 + t370 * t1162 + t371 * t1169 + t1233 + t373 * t1119 - t374 * t1123;
             let t1247 = t371 * t1123 - t370 * t1119;
-            let t1254 = t1231 + t369 * t1169 + t370 * t1174 + t1231 + t372 * t1123
-                - t373 * t1127;
+            let t1254 = t1231 + t369 * t1169 + t370 * t1174 + t1231 + t372 * t1123 - t373 * t1127;
             let t1255 = t369 * t1119 - t371 * t1127;
-            let t1262 = t1232 + t369 * t1162 + t371 * t1174 + t1232 - t372 * t1119
-                + t374 * t1127;
+            let t1262 = t1232 + t369 * t1162 + t371 * t1174 + t1232 - t372 * t1119 + t374 * t1127;
             let t1263 = t370 * t1127 - t369 * t1123;
             let t1270 = t351 * t1189;
             let t1271 = t350 * t1191;
             let t1272 = t349 * t1190;
-            let t1283 = t1272 + t350 * t1162 + t351 * t1169 + t1272 + t353 * t1119
-                - t354 * t1123;
+            let t1283 = t1272 + t350 * t1162 + t351 * t1169 + t1272 + t353 * t1119 - t354 * t1123;
             let t1286 = t351 * t1123 - t350 * t1119;
-            let t1293 = t1270 + t349 * t1169 + t350 * t1174 + t1270 + t352 * t1123
-                - t353 * t1127;
+            let t1293 = t1270 + t349 * t1169 + t350 * t1174 + t1270 + t352 * t1123 - t353 * t1127;
             let t1294 = t349 * t1119 - t351 * t1127;
-            let t1301 = t1271 + t349 * t1162 + t351 * t1174 + t1271 - t352 * t1119
-                + t354 * t1127;
+            let t1301 = t1271 + t349 * t1162 + t351 * t1174 + t1271 - t352 * t1119 + t354 * t1127;
             let t1302 = t350 * t1127 - t349 * t1123;
             let t1315 = 0.3333333333333333 * (t1224 + t1263 + t1302);
             let t1316 = 0.3333333333333333 * (t1216 + t1255 + t1294);
@@ -6530,14 +6142,17 @@ pub mod full {
             let t1616 = t181 - t185 * t479 + t184 * t485;
             let t1619 = t184 + t185 * t473 - t181 * t485;
             let t1629 = sin_target_rotation_z * t1590 + cos_target_rotation_z * t1587;
-            let t1663 = (t94 * t158 + t89 * t159 + t152 * t170 + t153 * t167 + t14 * t184
-                - t15 * t181) / t467;
+            let t1663 =
+                (t94 * t158 + t89 * t159 + t152 * t170 + t153 * t167 + t14 * t184 - t15 * t181)
+                / t467;
             let t1666 = t415 * t1663;
-            let t1671 = (t20 * t89 + t95 * t158 + t152 * t171 + t18 * t167 + t14 * t185
+            let t1671 =
+                (t20 * t89 + t95 * t158 + t152 * t171 + t18 * t167 + t14 * t185
                 + sin_target_rotation_y * t181) / t467;
             let t1675 = t410 * t1663 - t415 * t1671;
             let t1677 = t410 * t1671;
-            let t1680 = (t95 * t159 - t20 * t94 + t153 * t171 - t18 * t170 + t15 * t185
+            let t1680 =
+                (t95 * t159 - t20 * t94 + t153 * t171 - t18 * t170 + t15 * t185
                 + sin_target_rotation_y * t184) / t467;
             let t1683 = t479 * t1671 - t485 * t1663 - t473 * t1680;
             let t1687 = t462 * t1663 - t459 * t1671 + t453 * t1680;
@@ -6549,10 +6164,8 @@ pub mod full {
             let t1707 = t428 * t1666;
             let t1714 = t431 * t1677;
             let t1719 = t447 * t1683 + t436 * t1666 + t439 * t1675 - t444 * t1677;
-            let t1730 = t431 * t1675 - t1707 - t450 * t1683 - t1707 + t439 * t1699
-                + t444 * t1703;
-            let t1737 = t1714 + t428 * t1675 - t453 * t1683 + t1714 + t436 * t1699
-                + t439 * t1703;
+            let t1730 = t431 * t1675 - t1707 - t450 * t1683 - t1707 + t439 * t1699 + t444 * t1703;
+            let t1737 = t1714 + t428 * t1675 - t453 * t1683 + t1714 + t436 * t1699 + t439 * t1703;
             let t1738 = t439 * t1706;
             let t1742 = t431 * t1703 - t1738 + t428 * t1699 + t425 * t1675 - t1738;
             let t1746 = t425 * t1666 + t431 * t1699 + t444 * t1706;
@@ -6564,38 +6177,29 @@ pub mod full {
             let t1760 = t391 * t1757;
             let t1761 = t390 * t1759;
             let t1762 = t389 * t1758;
-            let t1773 = t1762 + t390 * t1730 + t391 * t1737 + t1762 + t393 * t1687
-                - t394 * t1691;
+            let t1773 = t1762 + t390 * t1730 + t391 * t1737 + t1762 + t393 * t1687 - t394 * t1691;
             let t1776 = t391 * t1691 - t390 * t1687;
-            let t1783 = t1760 + t389 * t1737 + t390 * t1742 + t1760 + t392 * t1691
-                - t393 * t1695;
+            let t1783 = t1760 + t389 * t1737 + t390 * t1742 + t1760 + t392 * t1691 - t393 * t1695;
             let t1784 = t389 * t1687 - t391 * t1695;
-            let t1791 = t1761 + t389 * t1730 + t391 * t1742 + t1761 - t392 * t1687
-                + t394 * t1695;
+            let t1791 = t1761 + t389 * t1730 + t391 * t1742 + t1761 - t392 * t1687 + t394 * t1695;
             let t1792 = t390 * t1695 - t389 * t1691;
             let t1799 = t371 * t1757;
             let t1800 = t370 * t1759;
             let t1801 = t369 * t1758;
-            let t1812 = t1801 + t370 * t1730 + t371 * t1737 + t1801 + t373 * t1687
-                - t374 * t1691;
+            let t1812 = t1801 + t370 * t1730 + t371 * t1737 + t1801 + t373 * t1687 - t374 * t1691;
             let t1815 = t371 * t1691 - t370 * t1687;
-            let t1822 = t1799 + t369 * t1737 + t370 * t1742 + t1799 + t372 * t1691
-                - t373 * t1695;
+            let t1822 = t1799 + t369 * t1737 + t370 * t1742 + t1799 + t372 * t1691 - t373 * t1695;
             let t1823 = t369 * t1687 - t371 * t1695;
-            let t1830 = t1800 + t369 * t1730 + t371 * t1742 + t1800 - t372 * t1687
-                + t374 * t1695;
+            let t1830 = t1800 + t369 * t1730 + t371 * t1742 + t1800 - t372 * t1687 + t374 * t1695;
             let t1831 = t370 * t1695 - t369 * t1691;
             let t1838 = t351 * t1757;
             let t1839 = t350 * t1759;
             let t1840 = t349 * t1758;
-            let t1851 = t1840 + t350 * t1730 + t351 * t1737 + t1840 + t353 * t1687
-                - t354 * t1691;
+            let t1851 = t1840 + t350 * t1730 + t351 * t1737 + t1840 + t353 * t1687 - t354 * t1691;
             let t1854 = t351 * t1691 - t350 * t1687;
-            let t1861 = t1838 + t349 * t1737 + t350 * t1742 + t1838 + t352 * t1691
-                - t353 * t1695;
+            let t1861 = t1838 + t349 * t1737 + t350 * t1742 + t1838 + t352 * t1691 - t353 * t1695;
             let t1862 = t349 * t1687 - t351 * t1695;
-            let t1869 = t1839 + t349 * t1730 + t351 * t1742 + t1839 - t352 * t1687
-                + t354 * t1695;
+            let t1869 = t1839 + t349 * t1730 + t351 * t1742 + t1839 - t352 * t1687 + t354 * t1695;
             let t1870 = t350 * t1695 - t349 * t1691;
             let t1883 = 0.3333333333333333 * (t1792 + t1831 + t1870);
             let t1884 = 0.3333333333333333 * (t1784 + t1823 + t1862);
@@ -6609,14 +6213,17 @@ pub mod full {
             let t1960 = t228 + t232 * t479 + t231 * t485;
             let t1963 = t231 - t232 * t473 - t228 * t485;
             let t1973 = sin_target_rotation_z * t1934 + cos_target_rotation_z * t1931;
-            let t2007 = (t120 * t158 - t115 * t159 + t152 * t217 - t153 * t214
-                + t14 * t231 - t15 * t228) / t467;
+            let t2007 =
+                (t120 * t158 - t115 * t159 + t152 * t217 - t153 * t214 + t14 * t231 - t15 * t228)
+                / t467;
             let t2010 = t415 * t2007;
-            let t2015 = (t20 * t115 - t121 * t158 - t152 * t218 + t18 * t214 + t14 * t232
+            let t2015 =
+                (t20 * t115 - t121 * t158 - t152 * t218 + t18 * t214 + t14 * t232
                 - sin_target_rotation_y * t228) / t467;
             let t2019 = t410 * t2007 + t415 * t2015;
             let t2021 = t410 * t2015;
-            let t2024 = (t121 * t159 - t20 * t120 + t153 * t218 - t18 * t217 - t15 * t232
+            let t2024 =
+                (t121 * t159 - t20 * t120 + t153 * t218 - t18 * t217 - t15 * t232
                 + sin_target_rotation_y * t231) / t467;
             let t2027 = t485 * t2007 + t479 * t2015 + t473 * t2024;
             let t2031 = t462 * t2007 + t459 * t2015 + t453 * t2024;
@@ -6628,10 +6235,8 @@ pub mod full {
             let t2051 = t428 * t2010;
             let t2058 = t431 * t2021;
             let t2063 = t436 * t2010 - t447 * t2027 + t439 * t2019 + t444 * t2021;
-            let t2074 = t450 * t2027 - t2051 - t2051 + t431 * t2019 + t439 * t2043
-                + t444 * t2047;
-            let t2081 = t428 * t2019 - t2058 + t453 * t2027 - t2058 + t436 * t2043
-                + t439 * t2047;
+            let t2074 = t450 * t2027 - t2051 - t2051 + t431 * t2019 + t439 * t2043 + t444 * t2047;
+            let t2081 = t428 * t2019 - t2058 + t453 * t2027 - t2058 + t436 * t2043 + t439 * t2047;
             let t2082 = t439 * t2050;
             let t2086 = t431 * t2047 - t2082 + t428 * t2043 + t425 * t2019 - t2082;
             let t2090 = t425 * t2010 + t431 * t2043 + t444 * t2050;
@@ -6643,38 +6248,29 @@ pub mod full {
             let t2104 = t391 * t2101;
             let t2105 = t390 * t2103;
             let t2106 = t389 * t2102;
-            let t2117 = t2106 + t390 * t2074 + t391 * t2081 + t2106 + t393 * t2031
-                - t394 * t2035;
+            let t2117 = t2106 + t390 * t2074 + t391 * t2081 + t2106 + t393 * t2031 - t394 * t2035;
             let t2120 = t391 * t2035 - t390 * t2031;
-            let t2127 = t2104 + t389 * t2081 + t390 * t2086 + t2104 + t392 * t2035
-                - t393 * t2039;
+            let t2127 = t2104 + t389 * t2081 + t390 * t2086 + t2104 + t392 * t2035 - t393 * t2039;
             let t2128 = t389 * t2031 - t391 * t2039;
-            let t2135 = t2105 + t389 * t2074 + t391 * t2086 + t2105 - t392 * t2031
-                + t394 * t2039;
+            let t2135 = t2105 + t389 * t2074 + t391 * t2086 + t2105 - t392 * t2031 + t394 * t2039;
             let t2136 = t390 * t2039 - t389 * t2035;
             let t2143 = t371 * t2101;
             let t2144 = t370 * t2103;
             let t2145 = t369 * t2102;
-            let t2156 = t2145 + t370 * t2074 + t371 * t2081 + t2145 + t373 * t2031
-                - t374 * t2035;
+            let t2156 = t2145 + t370 * t2074 + t371 * t2081 + t2145 + t373 * t2031 - t374 * t2035;
             let t2159 = t371 * t2035 - t370 * t2031;
-            let t2166 = t2143 + t369 * t2081 + t370 * t2086 + t2143 + t372 * t2035
-                - t373 * t2039;
+            let t2166 = t2143 + t369 * t2081 + t370 * t2086 + t2143 + t372 * t2035 - t373 * t2039;
             let t2167 = t369 * t2031 - t371 * t2039;
-            let t2174 = t2144 + t369 * t2074 + t371 * t2086 + t2144 - t372 * t2031
-                + t374 * t2039;
+            let t2174 = t2144 + t369 * t2074 + t371 * t2086 + t2144 - t372 * t2031 + t374 * t2039;
             let t2175 = t370 * t2039 - t369 * t2035;
             let t2182 = t351 * t2101;
             let t2183 = t350 * t2103;
             let t2184 = t349 * t2102;
-            let t2195 = t2184 + t350 * t2074 + t351 * t2081 + t2184 + t353 * t2031
-                - t354 * t2035;
+            let t2195 = t2184 + t350 * t2074 + t351 * t2081 + t2184 + t353 * t2031 - t354 * t2035;
             let t2198 = t351 * t2035 - t350 * t2031;
-            let t2205 = t2182 + t349 * t2081 + t350 * t2086 + t2182 + t352 * t2035
-                - t353 * t2039;
+            let t2205 = t2182 + t349 * t2081 + t350 * t2086 + t2182 + t352 * t2035 - t353 * t2039;
             let t2206 = t349 * t2031 - t351 * t2039;
-            let t2213 = t2183 + t349 * t2074 + t351 * t2086 + t2183 - t352 * t2031
-                + t354 * t2039;
+            let t2213 = t2183 + t349 * t2074 + t351 * t2086 + t2183 - t352 * t2031 + t354 * t2039;
             let t2214 = t350 * t2039 - t349 * t2035;
             let t2227 = 0.3333333333333333 * (t2136 + t2175 + t2214);
             let t2228 = 0.3333333333333333 * (t2128 + t2167 + t2206);
@@ -6688,14 +6284,17 @@ pub mod full {
             let t2304 = t285 - t291 * t479 + t290 * t485;
             let t2307 = t290 + t291 * t473 - t285 * t485;
             let t2317 = sin_target_rotation_z * t2278 + cos_target_rotation_z * t2275;
-            let t2351 = (t144 * t158 - t139 * t159 + t152 * t270 + t153 * t265
-                + t14 * t290 - t15 * t285) / t467;
+            let t2351 =
+                (t144 * t158 - t139 * t159 + t152 * t270 + t153 * t265 + t14 * t290 - t15 * t285)
+                / t467;
             let t2354 = t415 * t2351;
-            let t2359 = (t20 * t139 - t145 * t158 + t152 * t271 - t18 * t265 - t14 * t291
+            let t2359 =
+                (t20 * t139 - t145 * t158 + t152 * t271 - t18 * t265 - t14 * t291
                 - sin_target_rotation_y * t285) / t467;
             let t2363 = t410 * t2351 + t415 * t2359;
             let t2365 = t410 * t2359;
-            let t2368 = (t145 * t159 - t20 * t144 - t153 * t271 - t18 * t270 + t15 * t291
+            let t2368 =
+                (t145 * t159 - t20 * t144 - t153 * t271 - t18 * t270 + t15 * t291
                 + sin_target_rotation_y * t290) / t467;
             let t2371 = t485 * t2351 + t479 * t2359 + t473 * t2368;
             let t2375 = t462 * t2351 + t459 * t2359 + t453 * t2368;
@@ -6707,10 +6306,8 @@ pub mod full {
             let t2395 = t428 * t2354;
             let t2402 = t431 * t2365;
             let t2407 = t436 * t2354 - t447 * t2371 + t439 * t2363 + t444 * t2365;
-            let t2418 = t450 * t2371 - t2395 - t2395 + t431 * t2363 + t439 * t2387
-                + t444 * t2391;
-            let t2425 = t428 * t2363 - t2402 + t453 * t2371 - t2402 + t436 * t2387
-                + t439 * t2391;
+            let t2418 = t450 * t2371 - t2395 - t2395 + t431 * t2363 + t439 * t2387 + t444 * t2391;
+            let t2425 = t428 * t2363 - t2402 + t453 * t2371 - t2402 + t436 * t2387 + t439 * t2391;
             let t2426 = t439 * t2394;
             let t2430 = t431 * t2391 - t2426 + t428 * t2387 + t425 * t2363 - t2426;
             let t2434 = t425 * t2354 + t431 * t2387 + t444 * t2394;
@@ -6722,38 +6319,29 @@ pub mod full {
             let t2448 = t391 * t2445;
             let t2449 = t390 * t2447;
             let t2450 = t389 * t2446;
-            let t2461 = t2450 + t390 * t2418 + t391 * t2425 + t2450 + t393 * t2375
-                - t394 * t2379;
+            let t2461 = t2450 + t390 * t2418 + t391 * t2425 + t2450 + t393 * t2375 - t394 * t2379;
             let t2464 = t391 * t2379 - t390 * t2375;
-            let t2471 = t2448 + t389 * t2425 + t390 * t2430 + t2448 + t392 * t2379
-                - t393 * t2383;
+            let t2471 = t2448 + t389 * t2425 + t390 * t2430 + t2448 + t392 * t2379 - t393 * t2383;
             let t2472 = t389 * t2375 - t391 * t2383;
-            let t2479 = t2449 + t389 * t2418 + t391 * t2430 + t2449 - t392 * t2375
-                + t394 * t2383;
+            let t2479 = t2449 + t389 * t2418 + t391 * t2430 + t2449 - t392 * t2375 + t394 * t2383;
             let t2480 = t390 * t2383 - t389 * t2379;
             let t2487 = t371 * t2445;
             let t2488 = t370 * t2447;
             let t2489 = t369 * t2446;
-            let t2500 = t2489 + t370 * t2418 + t371 * t2425 + t2489 + t373 * t2375
-                - t374 * t2379;
+            let t2500 = t2489 + t370 * t2418 + t371 * t2425 + t2489 + t373 * t2375 - t374 * t2379;
             let t2503 = t371 * t2379 - t370 * t2375;
-            let t2510 = t2487 + t369 * t2425 + t370 * t2430 + t2487 + t372 * t2379
-                - t373 * t2383;
+            let t2510 = t2487 + t369 * t2425 + t370 * t2430 + t2487 + t372 * t2379 - t373 * t2383;
             let t2511 = t369 * t2375 - t371 * t2383;
-            let t2518 = t2488 + t369 * t2418 + t371 * t2430 + t2488 - t372 * t2375
-                + t374 * t2383;
+            let t2518 = t2488 + t369 * t2418 + t371 * t2430 + t2488 - t372 * t2375 + t374 * t2383;
             let t2519 = t370 * t2383 - t369 * t2379;
             let t2526 = t351 * t2445;
             let t2527 = t350 * t2447;
             let t2528 = t349 * t2446;
-            let t2539 = t2528 + t350 * t2418 + t351 * t2425 + t2528 + t353 * t2375
-                - t354 * t2379;
+            let t2539 = t2528 + t350 * t2418 + t351 * t2425 + t2528 + t353 * t2375 - t354 * t2379;
             let t2542 = t351 * t2379 - t350 * t2375;
-            let t2549 = t2526 + t349 * t2425 + t350 * t2430 + t2526 + t352 * t2379
-                - t353 * t2383;
+            let t2549 = t2526 + t349 * t2425 + t350 * t2430 + t2526 + t352 * t2379 - t353 * t2383;
             let t2550 = t349 * t2375 - t351 * t2383;
-            let t2557 = t2527 + t349 * t2418 + t351 * t2430 + t2527 - t352 * t2375
-                + t354 * t2383;
+            let t2557 = t2527 + t349 * t2418 + t351 * t2430 + t2527 - t352 * t2375 + t354 * t2383;
             let t2558 = t350 * t2383 - t349 * t2379;
             let t2571 = 0.3333333333333333 * (t2480 + t2519 + t2558);
             let t2572 = 0.3333333333333333 * (t2472 + t2511 + t2550);
@@ -6766,13 +6354,13 @@ pub mod full {
             residuals[2][lane] = t1439 + frame_translation_z - z;
             residuals[3][lane] = 0.5
                 * (prepared_15 * t1463 - prepared_4 * t1538 - prepared_6 * t1504
-                    + prepared_5 * t1470 + prepared_17 * t1497 + prepared_8 * t1531);
+                + prepared_5 * t1470 + prepared_17 * t1497 + prepared_8 * t1531);
             residuals[4][lane] = 0.5
                 * (prepared_16 * t1497 - prepared_7 * t1531 - prepared_5 * t1469
-                    - prepared_14 * t1463 + prepared_6 * t1503 + prepared_4 * t1537);
+                - prepared_14 * t1463 + prepared_6 * t1503 + prepared_4 * t1537);
             residuals[5][lane] = 0.5
                 * (prepared_14 * t1470 - prepared_8 * t1537 - prepared_15 * t1469
-                    - prepared_16 * t1504 - prepared_17 * t1503 + prepared_7 * t1538);
+                - prepared_16 * t1504 - prepared_17 * t1503 + prepared_7 * t1538);
             jacobian[0][lane] = t47 + t717 - t754;
             jacobian[1][lane] = t46 + t735 - t753;
             jacobian[2][lane] = t45 + t727 - t752;
@@ -6867,26 +6455,24 @@ pub mod full {
             jacobian[91][lane] = q * (t1792 - t1883);
             jacobian[92][lane] = t88 * t1525 + t83 * t1526 + t166 * t1491 + t99 * t1492
                 + t180 * t1457 - t105 * t1458;
-            jacobian[93][lane] = t104 * t1463 - t82 * t1531 - prepared_10 * t1532
-                - t98 * t1497 - prepared_18 * t1498 - prepared_19 * t1464;
-            jacobian[94][lane] = prepared_12 * t1469 - prepared_9 * t1537
-                - prepared_11 * t1503;
+            jacobian[93][lane] = t104 * t1463 - t82 * t1531 - prepared_10 * t1532 - t98 * t1497
+                - prepared_18 * t1498 - prepared_19 * t1464;
+            jacobian[94][lane] = prepared_12 * t1469 - prepared_9 * t1537 - prepared_11 * t1503;
             jacobian[95][lane] = cos_target_rotation_x
                 * (sin_target_rotation_y * t1629 + sin_target_rotation_z * t1371
-                    - cos_target_rotation_z * t1374 + cos_target_rotation_y * t1593)
+                - cos_target_rotation_z * t1374 + cos_target_rotation_y * t1593)
                 - sin_target_rotation_x
-                    * (sin_target_rotation_y * t1382 + cos_target_rotation_y * t1377
-                        + cos_target_rotation_z * t1590 - sin_target_rotation_z * t1587);
+                * (sin_target_rotation_y * t1382 + cos_target_rotation_y * t1377
+                + cos_target_rotation_z * t1590 - sin_target_rotation_z * t1587);
             jacobian[96][lane] = cos_target_rotation_y
                 * (sin_target_rotation_x * t1629 - t181 * t479 + t184 * t473 - t185
-                    + cos_target_rotation_x * t1382)
+                + cos_target_rotation_x * t1382)
                 - sin_target_rotation_y
-                    * (cos_target_rotation_x * t1377 + sin_target_rotation_x * t1593
-                        + sin_target_rotation_z * t1619 + cos_target_rotation_z * t1616);
-            jacobian[97][lane] = t158 * t1374 - t159 * t1371 + t152 * t1590
-                - t153 * t1587
+                * (cos_target_rotation_x * t1377 + sin_target_rotation_x * t1593
+                + sin_target_rotation_z * t1619 + cos_target_rotation_z * t1616);
+            jacobian[97][lane] = t158 * t1374 - t159 * t1371 + t152 * t1590 - t153 * t1587
                 + cos_target_rotation_y
-                    * (cos_target_rotation_z * t1619 - sin_target_rotation_z * t1616);
+                * (cos_target_rotation_z * t1619 - sin_target_rotation_z * t1616);
             jacobian[98][lane] = t2195 - t2241;
             jacobian[99][lane] = t2213 - t2240;
             jacobian[100][lane] = t2205 - t2239;
@@ -6909,24 +6495,22 @@ pub mod full {
                 - t227 * t1457 - t104 * t1458;
             jacobian[117][lane] = t83 * t1531 + prepared_13 * t1532 + t99 * t1497
                 - prepared_20 * t1498 - t105 * t1463 + prepared_21 * t1464;
-            jacobian[118][lane] = prepared_12 * t1470 - prepared_9 * t1538
-                - prepared_11 * t1504;
+            jacobian[118][lane] = prepared_12 * t1470 - prepared_9 * t1538 - prepared_11 * t1504;
             jacobian[119][lane] = cos_target_rotation_x
                 * (sin_target_rotation_y * t1973 + sin_target_rotation_z * t1392
-                    - cos_target_rotation_z * t1395 + cos_target_rotation_y * t1937)
+                - cos_target_rotation_z * t1395 + cos_target_rotation_y * t1937)
                 - sin_target_rotation_x
-                    * (sin_target_rotation_y * t1403 + cos_target_rotation_y * t1398
-                        + cos_target_rotation_z * t1934 - sin_target_rotation_z * t1931);
+                * (sin_target_rotation_y * t1403 + cos_target_rotation_y * t1398
+                + cos_target_rotation_z * t1934 - sin_target_rotation_z * t1931);
             jacobian[120][lane] = cos_target_rotation_y
                 * (sin_target_rotation_x * t1973 - t228 * t479 + t231 * t473 + t232
-                    + cos_target_rotation_x * t1403)
+                + cos_target_rotation_x * t1403)
                 - sin_target_rotation_y
-                    * (cos_target_rotation_x * t1398 + sin_target_rotation_x * t1937
-                        + sin_target_rotation_z * t1963 + cos_target_rotation_z * t1960);
-            jacobian[121][lane] = t158 * t1395 - t159 * t1392 + t152 * t1934
-                - t153 * t1931
+                * (cos_target_rotation_x * t1398 + sin_target_rotation_x * t1937
+                + sin_target_rotation_z * t1963 + cos_target_rotation_z * t1960);
+            jacobian[121][lane] = t158 * t1395 - t159 * t1392 + t152 * t1934 - t153 * t1931
                 + cos_target_rotation_y
-                    * (cos_target_rotation_z * t1963 - sin_target_rotation_z * t1960);
+                * (cos_target_rotation_z * t1963 - sin_target_rotation_z * t1960);
             jacobian[122][lane] = t2539 - t2585;
             jacobian[123][lane] = t2557 - t2584;
             jacobian[124][lane] = t2549 - t2583;
@@ -6945,28 +6529,26 @@ pub mod full {
             jacobian[137][lane] = q * (t2464 - t2573);
             jacobian[138][lane] = q * (t2472 - t2572);
             jacobian[139][lane] = q * (t2480 - t2571);
-            jacobian[140][lane] = t138 * t1525 - t137 * t1526 - t264 * t1491
-                - t263 * t1492 + t284 * t1457 - t283 * t1458;
+            jacobian[140][lane] = t138 * t1525 - t137 * t1526 - t264 * t1491 - t263 * t1492
+                + t284 * t1457 - t283 * t1458;
             jacobian[141][lane] = t136 * t1531 - t262 * t1497 + t282 * t1463;
-            jacobian[142][lane] = prepared_13 * t1537 + prepared_10 * t1538
-                - prepared_20 * t1503 + prepared_18 * t1504 + prepared_21 * t1469
-                + prepared_19 * t1470;
+            jacobian[142][lane] = prepared_13 * t1537 + prepared_10 * t1538 - prepared_20 * t1503
+                + prepared_18 * t1504 + prepared_21 * t1469 + prepared_19 * t1470;
             jacobian[143][lane] = cos_target_rotation_x
                 * (sin_target_rotation_y * t2317 + sin_target_rotation_z * t1413
-                    - cos_target_rotation_z * t1416 - cos_target_rotation_y * t2281)
+                - cos_target_rotation_z * t1416 - cos_target_rotation_y * t2281)
                 - sin_target_rotation_x
-                    * (sin_target_rotation_y * t1424 + cos_target_rotation_y * t1419
-                        + cos_target_rotation_z * t2278 - sin_target_rotation_z * t2275);
+                * (sin_target_rotation_y * t1424 + cos_target_rotation_y * t1419
+                + cos_target_rotation_z * t2278 - sin_target_rotation_z * t2275);
             jacobian[144][lane] = cos_target_rotation_y
                 * (sin_target_rotation_x * t2317 - t285 * t479 + t290 * t473 - t291
-                    + cos_target_rotation_x * t1424)
+                + cos_target_rotation_x * t1424)
                 - sin_target_rotation_y
-                    * (cos_target_rotation_x * t1419 - sin_target_rotation_x * t2281
-                        + sin_target_rotation_z * t2307 + cos_target_rotation_z * t2304);
-            jacobian[145][lane] = t158 * t1416 - t159 * t1413 + t152 * t2278
-                - t153 * t2275
+                * (cos_target_rotation_x * t1419 - sin_target_rotation_x * t2281
+                + sin_target_rotation_z * t2307 + cos_target_rotation_z * t2304);
+            jacobian[145][lane] = t158 * t1416 - t159 * t1413 + t152 * t2278 - t153 * t2275
                 + cos_target_rotation_y
-                    * (cos_target_rotation_z * t2307 - sin_target_rotation_z * t2304);
+                * (cos_target_rotation_z * t2307 - sin_target_rotation_z * t2304);
         }
     }
     /// `F·(C(q) + A(q)·m) + t − x`
@@ -7015,14 +6597,13 @@ pub mod full {
             let y = prepared[2][lane];
             let z = prepared[3][lane];
             let &[joint1_track_offset_x, joint1_track_offset_y, joint1_track_offset_z,
-            joint1_track_direction_x, joint1_track_direction_y, joint1_track_direction_z,
-            joint2_track_offset_x, joint2_track_offset_y, joint2_track_offset_z,
-            joint2_track_direction_x, joint2_track_direction_y, joint2_track_direction_z,
-            frame_translation_x, frame_translation_y, frame_translation_z,
-            frame_rotation_x, frame_rotation_y, frame_rotation_z, target_position_x,
-            target_position_y, target_position_z] = parameters else {
-                panic!("`parameters` must hold 21 numbers")
-            };
+                joint1_track_direction_x, joint1_track_direction_y, joint1_track_direction_z,
+                joint2_track_offset_x, joint2_track_offset_y, joint2_track_offset_z,
+                joint2_track_direction_x, joint2_track_direction_y, joint2_track_direction_z,
+                frame_translation_x, frame_translation_y, frame_translation_z, frame_rotation_x,
+                frame_rotation_y, frame_rotation_z, target_position_x, target_position_y,
+                target_position_z] =
+                parameters else { panic!("`parameters` must hold 21 numbers") };
             let t1 = q * joint1_track_direction_x;
             let t2 = q * joint1_track_direction_y;
             let t3 = q * joint1_track_direction_z;
@@ -7035,27 +6616,18 @@ pub mod full {
             let t10 = t1 - t4;
             let t11 = t2 - t5;
             let t12 = t3 - t6;
-            let (sin_frame_rotation_z, cos_frame_rotation_z) = math::sin_cos(
-                frame_rotation_z,
-            );
-            let (sin_frame_rotation_y, cos_frame_rotation_y) = math::sin_cos(
-                frame_rotation_y,
-            );
-            let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(
-                frame_rotation_x,
-            );
+            let (sin_frame_rotation_z, cos_frame_rotation_z) = math::sin_cos(frame_rotation_z);
+            let (sin_frame_rotation_y, cos_frame_rotation_y) = math::sin_cos(frame_rotation_y);
+            let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(frame_rotation_x);
             let t44 = t8 * t8 + t7 * t7 + t9 * t9;
             let t45 = (t8 * t12 - t9 * t11) / t44;
             let t46 = (t9 * t10 - t7 * t12) / t44;
             let t47 = (t7 * t11 - t8 * t10) / t44;
-            let t56 = target_position_z * t46 - target_position_y * t47
-                + target_position_x
+            let t56 = target_position_z * t46 - target_position_y * t47 + target_position_x
                 + 0.5 * (t4 + joint1_track_offset_x + t1 + joint2_track_offset_x);
-            let t59 = target_position_x * t47 - target_position_z * t45
-                + target_position_y
+            let t59 = target_position_x * t47 - target_position_z * t45 + target_position_y
                 + 0.5 * (t5 + joint1_track_offset_y + t2 + joint2_track_offset_y);
-            let t62 = target_position_y * t45 - target_position_x * t46
-                + target_position_z
+            let t62 = target_position_y * t45 - target_position_x * t46 + target_position_z
                 + 0.5 * (t6 + joint1_track_offset_z + t3 + joint2_track_offset_z);
             let t67 = cos_frame_rotation_x * t59 - sin_frame_rotation_x * t62;
             let t68 = sin_frame_rotation_x * t59 + cos_frame_rotation_x * t62;
@@ -7080,14 +6652,13 @@ pub mod full {
             let y = prepared[2][lane];
             let z = prepared[3][lane];
             let &[joint1_track_offset_x, joint1_track_offset_y, joint1_track_offset_z,
-            joint1_track_direction_x, joint1_track_direction_y, joint1_track_direction_z,
-            joint2_track_offset_x, joint2_track_offset_y, joint2_track_offset_z,
-            joint2_track_direction_x, joint2_track_direction_y, joint2_track_direction_z,
-            frame_translation_x, frame_translation_y, frame_translation_z,
-            frame_rotation_x, frame_rotation_y, frame_rotation_z, target_position_x,
-            target_position_y, target_position_z] = parameters else {
-                panic!("`parameters` must hold 21 numbers")
-            };
+                joint1_track_direction_x, joint1_track_direction_y, joint1_track_direction_z,
+                joint2_track_offset_x, joint2_track_offset_y, joint2_track_offset_z,
+                joint2_track_direction_x, joint2_track_direction_y, joint2_track_direction_z,
+                frame_translation_x, frame_translation_y, frame_translation_z, frame_rotation_x,
+                frame_rotation_y, frame_rotation_z, target_position_x, target_position_y,
+                target_position_z] =
+                parameters else { panic!("`parameters` must hold 21 numbers") };
             let t1 = q * joint1_track_direction_x;
             let t2 = q * joint1_track_direction_y;
             let t3 = q * joint1_track_direction_z;
@@ -7100,30 +6671,20 @@ pub mod full {
             let t10 = t1 - t4;
             let t11 = t2 - t5;
             let t12 = t3 - t6;
-            let (sin_frame_rotation_z, cos_frame_rotation_z) = math::sin_cos(
-                frame_rotation_z,
-            );
-            let (sin_frame_rotation_y, cos_frame_rotation_y) = math::sin_cos(
-                frame_rotation_y,
-            );
+            let (sin_frame_rotation_z, cos_frame_rotation_z) = math::sin_cos(frame_rotation_z);
+            let (sin_frame_rotation_y, cos_frame_rotation_y) = math::sin_cos(frame_rotation_y);
             let t29 = cos_frame_rotation_z * sin_frame_rotation_y;
             let t30 = cos_frame_rotation_z * cos_frame_rotation_y;
-            let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(
-                frame_rotation_x,
-            );
-            let t37 = t29 * sin_frame_rotation_x
-                - sin_frame_rotation_z * cos_frame_rotation_x;
-            let t38 = t29 * cos_frame_rotation_x
-                + sin_frame_rotation_z * sin_frame_rotation_x;
+            let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(frame_rotation_x);
+            let t37 = t29 * sin_frame_rotation_x - sin_frame_rotation_z * cos_frame_rotation_x;
+            let t38 = t29 * cos_frame_rotation_x + sin_frame_rotation_z * sin_frame_rotation_x;
             let t48 = 0.5 * t38;
             let t49 = 0.5 * t37;
             let t50 = 0.5 * t30;
             let t51 = sin_frame_rotation_z * sin_frame_rotation_y;
             let t52 = sin_frame_rotation_z * cos_frame_rotation_y;
-            let t57 = sin_frame_rotation_x * t51
-                + cos_frame_rotation_z * cos_frame_rotation_x;
-            let t58 = cos_frame_rotation_x * t51
-                - cos_frame_rotation_z * sin_frame_rotation_x;
+            let t57 = sin_frame_rotation_x * t51 + cos_frame_rotation_z * cos_frame_rotation_x;
+            let t58 = cos_frame_rotation_x * t51 - cos_frame_rotation_z * sin_frame_rotation_x;
             let t68 = 0.5 * t58;
             let t69 = 0.5 * t57;
             let t70 = 0.5 * t52;
@@ -7136,14 +6697,11 @@ pub mod full {
             let t99 = (t8 * t12 - t9 * t11) / t98;
             let t100 = (t9 * t10 - t7 * t12) / t98;
             let t101 = (t7 * t11 - t8 * t10) / t98;
-            let t110 = target_position_z * t100 - target_position_y * t101
-                + target_position_x
+            let t110 = target_position_z * t100 - target_position_y * t101 + target_position_x
                 + 0.5 * (t4 + joint1_track_offset_x + t1 + joint2_track_offset_x);
-            let t113 = target_position_x * t101 - target_position_z * t99
-                + target_position_y
+            let t113 = target_position_x * t101 - target_position_z * t99 + target_position_y
                 + 0.5 * (t5 + joint1_track_offset_y + t2 + joint2_track_offset_y);
-            let t116 = target_position_y * t99 - target_position_x * t100
-                + target_position_z
+            let t116 = target_position_y * t99 - target_position_x * t100 + target_position_z
                 + 0.5 * (t6 + joint1_track_offset_z + t3 + joint2_track_offset_z);
             let t129 = (target_position_x * t37 - target_position_y * t30) / t98;
             let t131 = (target_position_z * t30 - target_position_x * t38) / t98;
@@ -7168,10 +6726,8 @@ pub mod full {
             let t220 = t7 * t194 - t9 * t198;
             let t224 = t12 * t198 - t139 * t201 - t10 * t194;
             let t225 = t8 * t198 - t7 * t196;
-            let t256 = (target_position_x * t71
-                + target_position_y * sin_frame_rotation_y) / t98;
-            let t258 = (target_position_x * t72
-                + target_position_z * sin_frame_rotation_y) / t98;
+            let t256 = (target_position_x * t71 + target_position_y * sin_frame_rotation_y) / t98;
+            let t258 = (target_position_x * t72 + target_position_z * sin_frame_rotation_y) / t98;
             let t260 = (target_position_y * t72 - target_position_z * t71) / t98;
             let t263 = t100 * t258 - t101 * t256 - t99 * t260;
             let t274 = t141 * t263 + t11 * t256 + t12 * t258;
@@ -7294,16 +6850,15 @@ pub mod full {
             let y = prepared[2][lane];
             let z = prepared[3][lane];
             let &[joint1_track_offset_x, joint1_track_offset_y, joint1_track_offset_z,
-            joint1_track_direction_x, joint1_track_direction_y, joint1_track_direction_z,
-            joint2_track_offset_x, joint2_track_offset_y, joint2_track_offset_z,
-            joint2_track_direction_x, joint2_track_direction_y, joint2_track_direction_z,
-            joint3_track_offset_x, joint3_track_offset_y, joint3_track_offset_z,
-            joint3_track_direction_x, joint3_track_direction_y, joint3_track_direction_z,
-            frame_translation_x, frame_translation_y, frame_translation_z,
-            frame_rotation_x, frame_rotation_y, frame_rotation_z, target_position_x,
-            target_position_y, target_position_z] = parameters else {
-                panic!("`parameters` must hold 27 numbers")
-            };
+                joint1_track_direction_x, joint1_track_direction_y, joint1_track_direction_z,
+                joint2_track_offset_x, joint2_track_offset_y, joint2_track_offset_z,
+                joint2_track_direction_x, joint2_track_direction_y, joint2_track_direction_z,
+                joint3_track_offset_x, joint3_track_offset_y, joint3_track_offset_z,
+                joint3_track_direction_x, joint3_track_direction_y, joint3_track_direction_z,
+                frame_translation_x, frame_translation_y, frame_translation_z, frame_rotation_x,
+                frame_rotation_y, frame_rotation_z, target_position_x, target_position_y,
+                target_position_z] =
+                parameters else { panic!("`parameters` must hold 27 numbers") };
             let t1 = q * joint1_track_direction_x;
             let t2 = q * joint1_track_direction_y;
             let t3 = q * joint1_track_direction_z;
@@ -7313,24 +6868,15 @@ pub mod full {
             let t7 = q * joint3_track_direction_x;
             let t8 = q * joint3_track_direction_y;
             let t9 = q * joint3_track_direction_z;
-            let (sin_frame_rotation_z, cos_frame_rotation_z) = math::sin_cos(
-                frame_rotation_z,
-            );
-            let (sin_frame_rotation_y, cos_frame_rotation_y) = math::sin_cos(
-                frame_rotation_y,
-            );
-            let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(
-                frame_rotation_x,
-            );
+            let (sin_frame_rotation_z, cos_frame_rotation_z) = math::sin_cos(frame_rotation_z);
+            let (sin_frame_rotation_y, cos_frame_rotation_y) = math::sin_cos(frame_rotation_y);
+            let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(frame_rotation_x);
             let t40 = 0.3333333333333333
-                * (joint2_track_offset_x + joint1_track_offset_x
-                    + joint3_track_offset_x);
+                * (joint2_track_offset_x + joint1_track_offset_x + joint3_track_offset_x);
             let t41 = 0.3333333333333333
-                * (joint2_track_offset_y + joint1_track_offset_y
-                    + joint3_track_offset_y);
+                * (joint2_track_offset_y + joint1_track_offset_y + joint3_track_offset_y);
             let t42 = 0.3333333333333333
-                * (joint2_track_offset_z + joint1_track_offset_z
-                    + joint3_track_offset_z);
+                * (joint2_track_offset_z + joint1_track_offset_z + joint3_track_offset_z);
             let t49 = 0.3333333333333333 * (t4 + t1 + t7);
             let t50 = 0.3333333333333333 * (t5 + t2 + t8);
             let t51 = 0.3333333333333333 * (t6 + t3 + t9);
@@ -7360,12 +6906,9 @@ pub mod full {
             let t95 = t7 - t49;
             let t96 = t8 - t50;
             let t97 = t9 - t51;
-            let t108 = t53 * t57 - t94 * t96 - t74 * t76 - t54 * t56 + t73 * t77
-                + t93 * t97;
-            let t113 = t54 * t55 - t92 * t97 - t72 * t77 - t52 * t57 + t74 * t75
-                + t94 * t95;
-            let t118 = t52 * t56 - t93 * t95 - t73 * t75 - t53 * t55 + t72 * t76
-                + t92 * t96;
+            let t108 = t53 * t57 - t94 * t96 - t74 * t76 - t54 * t56 + t73 * t77 + t93 * t97;
+            let t113 = t54 * t55 - t92 * t97 - t72 * t77 - t52 * t57 + t74 * t75 + t94 * t95;
+            let t118 = t52 * t56 - t93 * t95 - t73 * t75 - t53 * t55 + t72 * t76 + t92 * t96;
             let t119 = t92 * t92;
             let t120 = t93 * t93;
             let t121 = t94 * t94;
@@ -7382,34 +6925,29 @@ pub mod full {
             let t162 = t131 * t134 + t128 * t142;
             let t170 = t128 * t150 - t131 * t153 - t134 * t156;
             let t176 = (t113 * t153 + t108 * t150 + t118 * t156) / t170;
-            let t182 = (t113 * (t128 * t147 - t134 * t134) + t108 * t153 + t118 * t162)
-                / t170;
-            let t188 = (t113 * t162 + t108 * t156 + t118 * (t128 * t139 - t131 * t131))
-                / t170;
-            let t197 = target_position_z * t182 - target_position_y * t188
-                + target_position_x
+            let t182 = (t113 * (t128 * t147 - t134 * t134) + t108 * t153 + t118 * t162) / t170;
+            let t188 = (t113 * t162 + t108 * t156 + t118 * (t128 * t139 - t131 * t131)) / t170;
+            let t197 = target_position_z * t182 - target_position_y * t188 + target_position_x
                 + 0.3333333333333333
-                    * (t4 + joint2_track_offset_x + t1 + joint1_track_offset_x
-                        + joint3_track_offset_x + t7);
-            let t200 = target_position_x * t188 - target_position_z * t176
-                + target_position_y
+                * (t4 + joint2_track_offset_x + t1 + joint1_track_offset_x + joint3_track_offset_x
+                + t7);
+            let t200 = target_position_x * t188 - target_position_z * t176 + target_position_y
                 + 0.3333333333333333
-                    * (t5 + joint2_track_offset_y + t2 + joint1_track_offset_y
-                        + joint3_track_offset_y + t8);
-            let t203 = target_position_y * t176 - target_position_x * t182
-                + target_position_z
+                * (t5 + joint2_track_offset_y + t2 + joint1_track_offset_y + joint3_track_offset_y
+                + t8);
+            let t203 = target_position_y * t176 - target_position_x * t182 + target_position_z
                 + 0.3333333333333333
-                    * (t6 + joint2_track_offset_z + t3 + joint1_track_offset_z
-                        + joint3_track_offset_z + t9);
+                * (t6 + joint2_track_offset_z + t3 + joint1_track_offset_z + joint3_track_offset_z
+                + t9);
             let t208 = cos_frame_rotation_x * t200 - sin_frame_rotation_x * t203;
             let t209 = sin_frame_rotation_x * t200 + cos_frame_rotation_x * t203;
             let t214 = sin_frame_rotation_y * t209 + cos_frame_rotation_y * t197;
-            residuals[0][lane] = cos_frame_rotation_z * t214
-                - sin_frame_rotation_z * t208 + frame_translation_x - x;
-            residuals[1][lane] = sin_frame_rotation_z * t214
-                + cos_frame_rotation_z * t208 + frame_translation_y - y;
-            residuals[2][lane] = cos_frame_rotation_y * t209
-                - sin_frame_rotation_y * t197 + frame_translation_z - z;
+            residuals[0][lane] = cos_frame_rotation_z * t214 - sin_frame_rotation_z * t208
+                + frame_translation_x - x;
+            residuals[1][lane] = sin_frame_rotation_z * t214 + cos_frame_rotation_z * t208
+                + frame_translation_y - y;
+            residuals[2][lane] = cos_frame_rotation_y * t209 - sin_frame_rotation_y * t197
+                + frame_translation_z - z;
         }
         #[inline(always)]
         fn linearize<S: Samples>(
@@ -7424,16 +6962,15 @@ pub mod full {
             let y = prepared[2][lane];
             let z = prepared[3][lane];
             let &[joint1_track_offset_x, joint1_track_offset_y, joint1_track_offset_z,
-            joint1_track_direction_x, joint1_track_direction_y, joint1_track_direction_z,
-            joint2_track_offset_x, joint2_track_offset_y, joint2_track_offset_z,
-            joint2_track_direction_x, joint2_track_direction_y, joint2_track_direction_z,
-            joint3_track_offset_x, joint3_track_offset_y, joint3_track_offset_z,
-            joint3_track_direction_x, joint3_track_direction_y, joint3_track_direction_z,
-            frame_translation_x, frame_translation_y, frame_translation_z,
-            frame_rotation_x, frame_rotation_y, frame_rotation_z, target_position_x,
-            target_position_y, target_position_z] = parameters else {
-                panic!("`parameters` must hold 27 numbers")
-            };
+                joint1_track_direction_x, joint1_track_direction_y, joint1_track_direction_z,
+                joint2_track_offset_x, joint2_track_offset_y, joint2_track_offset_z,
+                joint2_track_direction_x, joint2_track_direction_y, joint2_track_direction_z,
+                joint3_track_offset_x, joint3_track_offset_y, joint3_track_offset_z,
+                joint3_track_direction_x, joint3_track_direction_y, joint3_track_direction_z,
+                frame_translation_x, frame_translation_y, frame_translation_z, frame_rotation_x,
+                frame_rotation_y, frame_rotation_z, target_position_x, target_position_y,
+                target_position_z] =
+                parameters else { panic!("`parameters` must hold 27 numbers") };
             let t1 = q * joint1_track_direction_x;
             let t2 = q * joint1_track_direction_y;
             let t3 = q * joint1_track_direction_z;
@@ -7443,30 +6980,20 @@ pub mod full {
             let t7 = q * joint3_track_direction_x;
             let t8 = q * joint3_track_direction_y;
             let t9 = q * joint3_track_direction_z;
-            let (sin_frame_rotation_z, cos_frame_rotation_z) = math::sin_cos(
-                frame_rotation_z,
-            );
-            let (sin_frame_rotation_y, cos_frame_rotation_y) = math::sin_cos(
-                frame_rotation_y,
-            );
+            let (sin_frame_rotation_z, cos_frame_rotation_z) = math::sin_cos(frame_rotation_z);
+            let (sin_frame_rotation_y, cos_frame_rotation_y) = math::sin_cos(frame_rotation_y);
             let t14 = cos_frame_rotation_z * sin_frame_rotation_y;
             let t15 = cos_frame_rotation_z * cos_frame_rotation_y;
-            let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(
-                frame_rotation_x,
-            );
-            let t22 = t14 * sin_frame_rotation_x
-                - sin_frame_rotation_z * cos_frame_rotation_x;
-            let t23 = t14 * cos_frame_rotation_x
-                + sin_frame_rotation_z * sin_frame_rotation_x;
+            let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(frame_rotation_x);
+            let t22 = t14 * sin_frame_rotation_x - sin_frame_rotation_z * cos_frame_rotation_x;
+            let t23 = t14 * cos_frame_rotation_x + sin_frame_rotation_z * sin_frame_rotation_x;
             let t33 = 0.3333333333333333 * t23;
             let t34 = 0.3333333333333333 * t22;
             let t35 = 0.3333333333333333 * t15;
             let t36 = sin_frame_rotation_z * sin_frame_rotation_y;
             let t37 = sin_frame_rotation_z * cos_frame_rotation_y;
-            let t42 = sin_frame_rotation_x * t36
-                + cos_frame_rotation_z * cos_frame_rotation_x;
-            let t43 = cos_frame_rotation_x * t36
-                - cos_frame_rotation_z * sin_frame_rotation_x;
+            let t42 = sin_frame_rotation_x * t36 + cos_frame_rotation_z * cos_frame_rotation_x;
+            let t43 = cos_frame_rotation_x * t36 - cos_frame_rotation_z * sin_frame_rotation_x;
             let t53 = 0.3333333333333333 * t43;
             let t54 = 0.3333333333333333 * t42;
             let t55 = 0.3333333333333333 * t37;
@@ -7476,14 +7003,11 @@ pub mod full {
             let t68 = 0.3333333333333333 * t56;
             let t69 = 0.3333333333333333 * sin_frame_rotation_y;
             let t94 = 0.3333333333333333
-                * (joint2_track_offset_x + joint1_track_offset_x
-                    + joint3_track_offset_x);
+                * (joint2_track_offset_x + joint1_track_offset_x + joint3_track_offset_x);
             let t95 = 0.3333333333333333
-                * (joint2_track_offset_y + joint1_track_offset_y
-                    + joint3_track_offset_y);
+                * (joint2_track_offset_y + joint1_track_offset_y + joint3_track_offset_y);
             let t96 = 0.3333333333333333
-                * (joint2_track_offset_z + joint1_track_offset_z
-                    + joint3_track_offset_z);
+                * (joint2_track_offset_z + joint1_track_offset_z + joint3_track_offset_z);
             let t103 = 0.3333333333333333 * (t4 + t1 + t7);
             let t104 = 0.3333333333333333 * (t5 + t2 + t8);
             let t105 = 0.3333333333333333 * (t6 + t3 + t9);
@@ -7513,12 +7037,12 @@ pub mod full {
             let t149 = t7 - t103;
             let t150 = t8 - t104;
             let t151 = t9 - t105;
-            let t162 = t107 * t111 - t148 * t150 - t128 * t130 - t108 * t110
-                + t127 * t131 + t147 * t151;
-            let t167 = t108 * t109 - t146 * t151 - t126 * t131 - t106 * t111
-                + t128 * t129 + t148 * t149;
-            let t172 = t106 * t110 - t147 * t149 - t127 * t129 - t107 * t109
-                + t126 * t130 + t146 * t150;
+            let t162 = t107 * t111 - t148 * t150 - t128 * t130 - t108 * t110 + t127 * t131
+                + t147 * t151;
+            let t167 = t108 * t109 - t146 * t151 - t126 * t131 - t106 * t111 + t128 * t129
+                + t148 * t149;
+            let t172 = t106 * t110 - t147 * t149 - t127 * t129 - t107 * t109 + t126 * t130
+                + t146 * t150;
             let t173 = t146 * t146;
             let t174 = t147 * t147;
             let t175 = t148 * t148;
@@ -7539,21 +7063,18 @@ pub mod full {
             let t230 = (t167 * t207 + t162 * t204 + t172 * t210) / t224;
             let t236 = (t167 * t213 + t162 * t207 + t172 * t216) / t224;
             let t242 = (t167 * t216 + t162 * t210 + t172 * t219) / t224;
-            let t251 = target_position_z * t236 - target_position_y * t242
-                + target_position_x
+            let t251 = target_position_z * t236 - target_position_y * t242 + target_position_x
                 + 0.3333333333333333
-                    * (t4 + joint2_track_offset_x + t1 + joint1_track_offset_x
-                        + joint3_track_offset_x + t7);
-            let t254 = target_position_x * t242 - target_position_z * t230
-                + target_position_y
+                * (t4 + joint2_track_offset_x + t1 + joint1_track_offset_x + joint3_track_offset_x
+                + t7);
+            let t254 = target_position_x * t242 - target_position_z * t230 + target_position_y
                 + 0.3333333333333333
-                    * (t5 + joint2_track_offset_y + t2 + joint1_track_offset_y
-                        + joint3_track_offset_y + t8);
-            let t257 = target_position_y * t230 - target_position_x * t236
-                + target_position_z
+                * (t5 + joint2_track_offset_y + t2 + joint1_track_offset_y + joint3_track_offset_y
+                + t8);
+            let t257 = target_position_y * t230 - target_position_x * t236 + target_position_z
                 + 0.3333333333333333
-                    * (t6 + joint2_track_offset_z + t3 + joint1_track_offset_z
-                        + joint3_track_offset_z + t9);
+                * (t6 + joint2_track_offset_z + t3 + joint1_track_offset_z + joint3_track_offset_z
+                + t9);
             let t270 = (target_position_x * t22 - target_position_y * t15) / t224;
             let t273 = t172 * t270;
             let t278 = (target_position_z * t15 - target_position_x * t23) / t224;
@@ -7570,10 +7091,8 @@ pub mod full {
             let t314 = t185 * t273;
             let t321 = t188 * t284;
             let t326 = t193 * t273 - t204 * t290 + t196 * t282 + t201 * t284;
-            let t337 = t207 * t290 - t314 - t314 + t188 * t282 + t196 * t306
-                + t201 * t310;
-            let t344 = t185 * t282 - t321 + t210 * t290 - t321 + t193 * t306
-                + t196 * t310;
+            let t337 = t207 * t290 - t314 - t314 + t188 * t282 + t196 * t306 + t201 * t310;
+            let t344 = t185 * t282 - t321 + t210 * t290 - t321 + t193 * t306 + t196 * t310;
             let t345 = t196 * t313;
             let t349 = t188 * t310 - t345 + t185 * t306 + t182 * t282 - t345;
             let t353 = t182 * t273 + t188 * t306 + t201 * t313;
@@ -7585,38 +7104,29 @@ pub mod full {
             let t367 = t148 * t364;
             let t368 = t147 * t366;
             let t369 = t146 * t365;
-            let t380 = t369 + t147 * t337 + t148 * t344 + t369 + t150 * t294
-                - t151 * t298;
+            let t380 = t369 + t147 * t337 + t148 * t344 + t369 + t150 * t294 - t151 * t298;
             let t383 = t148 * t298 - t147 * t294;
-            let t390 = t367 + t146 * t344 + t147 * t349 + t367 + t149 * t298
-                - t150 * t302;
+            let t390 = t367 + t146 * t344 + t147 * t349 + t367 + t149 * t298 - t150 * t302;
             let t391 = t146 * t294 - t148 * t302;
-            let t398 = t368 + t146 * t337 + t148 * t349 + t368 - t149 * t294
-                + t151 * t302;
+            let t398 = t368 + t146 * t337 + t148 * t349 + t368 - t149 * t294 + t151 * t302;
             let t399 = t147 * t302 - t146 * t298;
             let t406 = t128 * t364;
             let t407 = t127 * t366;
             let t408 = t126 * t365;
-            let t419 = t408 + t127 * t337 + t128 * t344 + t408 + t130 * t294
-                - t131 * t298;
+            let t419 = t408 + t127 * t337 + t128 * t344 + t408 + t130 * t294 - t131 * t298;
             let t422 = t128 * t298 - t127 * t294;
-            let t429 = t406 + t126 * t344 + t127 * t349 + t406 + t129 * t298
-                - t130 * t302;
+            let t429 = t406 + t126 * t344 + t127 * t349 + t406 + t129 * t298 - t130 * t302;
             let t430 = t126 * t294 - t128 * t302;
-            let t437 = t407 + t126 * t337 + t128 * t349 + t407 - t129 * t294
-                + t131 * t302;
+            let t437 = t407 + t126 * t337 + t128 * t349 + t407 - t129 * t294 + t131 * t302;
             let t438 = t127 * t302 - t126 * t298;
             let t445 = t108 * t364;
             let t446 = t107 * t366;
             let t447 = t106 * t365;
-            let t458 = t447 + t107 * t337 + t108 * t344 + t447 + t110 * t294
-                - t111 * t298;
+            let t458 = t447 + t107 * t337 + t108 * t344 + t447 + t110 * t294 - t111 * t298;
             let t461 = t108 * t298 - t107 * t294;
-            let t468 = t445 + t106 * t344 + t107 * t349 + t445 + t109 * t298
-                - t110 * t302;
+            let t468 = t445 + t106 * t344 + t107 * t349 + t445 + t109 * t298 - t110 * t302;
             let t469 = t106 * t294 - t108 * t302;
-            let t476 = t446 + t106 * t337 + t108 * t349 + t446 - t109 * t294
-                + t111 * t302;
+            let t476 = t446 + t106 * t337 + t108 * t349 + t446 - t109 * t294 + t111 * t302;
             let t477 = t107 * t302 - t106 * t298;
             let t490 = 0.3333333333333333 * (t399 + t438 + t477);
             let t491 = 0.3333333333333333 * (t391 + t430 + t469);
@@ -7640,10 +7150,8 @@ pub mod full {
             let t597 = t185 * t556;
             let t604 = t188 * t567;
             let t609 = t193 * t556 - t204 * t573 + t196 * t565 + t201 * t567;
-            let t620 = t207 * t573 - t597 - t597 + t188 * t565 + t196 * t589
-                + t201 * t593;
-            let t627 = t185 * t565 - t604 + t210 * t573 - t604 + t193 * t589
-                + t196 * t593;
+            let t620 = t207 * t573 - t597 - t597 + t188 * t565 + t196 * t589 + t201 * t593;
+            let t627 = t185 * t565 - t604 + t210 * t573 - t604 + t193 * t589 + t196 * t593;
             let t628 = t196 * t596;
             let t632 = t188 * t593 - t628 + t185 * t589 + t182 * t565 - t628;
             let t636 = t182 * t556 + t188 * t589 + t201 * t596;
@@ -7655,38 +7163,29 @@ pub mod full {
             let t650 = t148 * t647;
             let t651 = t147 * t649;
             let t652 = t146 * t648;
-            let t663 = t652 + t147 * t620 + t148 * t627 + t652 + t150 * t577
-                - t151 * t581;
+            let t663 = t652 + t147 * t620 + t148 * t627 + t652 + t150 * t577 - t151 * t581;
             let t666 = t148 * t581 - t147 * t577;
-            let t673 = t650 + t146 * t627 + t147 * t632 + t650 + t149 * t581
-                - t150 * t585;
+            let t673 = t650 + t146 * t627 + t147 * t632 + t650 + t149 * t581 - t150 * t585;
             let t674 = t146 * t577 - t148 * t585;
-            let t681 = t651 + t146 * t620 + t148 * t632 + t651 - t149 * t577
-                + t151 * t585;
+            let t681 = t651 + t146 * t620 + t148 * t632 + t651 - t149 * t577 + t151 * t585;
             let t682 = t147 * t585 - t146 * t581;
             let t689 = t128 * t647;
             let t690 = t127 * t649;
             let t691 = t126 * t648;
-            let t702 = t691 + t127 * t620 + t128 * t627 + t691 + t130 * t577
-                - t131 * t581;
+            let t702 = t691 + t127 * t620 + t128 * t627 + t691 + t130 * t577 - t131 * t581;
             let t705 = t128 * t581 - t127 * t577;
-            let t712 = t689 + t126 * t627 + t127 * t632 + t689 + t129 * t581
-                - t130 * t585;
+            let t712 = t689 + t126 * t627 + t127 * t632 + t689 + t129 * t581 - t130 * t585;
             let t713 = t126 * t577 - t128 * t585;
-            let t720 = t690 + t126 * t620 + t128 * t632 + t690 - t129 * t577
-                + t131 * t585;
+            let t720 = t690 + t126 * t620 + t128 * t632 + t690 - t129 * t577 + t131 * t585;
             let t721 = t127 * t585 - t126 * t581;
             let t728 = t108 * t647;
             let t729 = t107 * t649;
             let t730 = t106 * t648;
-            let t741 = t730 + t107 * t620 + t108 * t627 + t730 + t110 * t577
-                - t111 * t581;
+            let t741 = t730 + t107 * t620 + t108 * t627 + t730 + t110 * t577 - t111 * t581;
             let t744 = t108 * t581 - t107 * t577;
-            let t751 = t728 + t106 * t627 + t107 * t632 + t728 + t109 * t581
-                - t110 * t585;
+            let t751 = t728 + t106 * t627 + t107 * t632 + t728 + t109 * t581 - t110 * t585;
             let t752 = t106 * t577 - t108 * t585;
-            let t759 = t729 + t106 * t620 + t108 * t632 + t729 - t109 * t577
-                + t111 * t585;
+            let t759 = t729 + t106 * t620 + t108 * t632 + t729 - t109 * t577 + t111 * t585;
             let t760 = t107 * t585 - t106 * t581;
             let t773 = 0.3333333333333333 * (t682 + t721 + t760);
             let t774 = 0.3333333333333333 * (t674 + t713 + t752);
@@ -7694,11 +7193,9 @@ pub mod full {
             let t776 = 0.3333333333333333 * (t673 + t712 + t751);
             let t777 = 0.3333333333333333 * (t681 + t720 + t759);
             let t778 = 0.3333333333333333 * (t663 + t702 + t741);
-            let t836 = (target_position_x * t56
-                + target_position_y * sin_frame_rotation_y) / t224;
+            let t836 = (target_position_x * t56 + target_position_y * sin_frame_rotation_y) / t224;
             let t839 = t172 * t836;
-            let t844 = (target_position_x * t57
-                + target_position_z * sin_frame_rotation_y) / t224;
+            let t844 = (target_position_x * t57 + target_position_z * sin_frame_rotation_y) / t224;
             let t848 = t167 * t836 - t172 * t844;
             let t850 = t167 * t844;
             let t853 = (target_position_y * t57 - target_position_z * t56) / t224;
@@ -7712,10 +7209,8 @@ pub mod full {
             let t880 = t185 * t839;
             let t887 = t188 * t850;
             let t892 = t204 * t856 + t193 * t839 + t196 * t848 - t201 * t850;
-            let t903 = t188 * t848 - t880 - t207 * t856 - t880 + t196 * t872
-                + t201 * t876;
-            let t910 = t887 + t185 * t848 - t210 * t856 + t887 + t193 * t872
-                + t196 * t876;
+            let t903 = t188 * t848 - t880 - t207 * t856 - t880 + t196 * t872 + t201 * t876;
+            let t910 = t887 + t185 * t848 - t210 * t856 + t887 + t193 * t872 + t196 * t876;
             let t911 = t196 * t879;
             let t915 = t188 * t876 - t911 + t185 * t872 + t182 * t848 - t911;
             let t919 = t182 * t839 + t188 * t872 + t201 * t879;
@@ -7727,38 +7222,29 @@ pub mod full {
             let t933 = t148 * t930;
             let t934 = t147 * t932;
             let t935 = t146 * t931;
-            let t946 = t935 + t147 * t903 + t148 * t910 + t935 + t150 * t860
-                - t151 * t864;
+            let t946 = t935 + t147 * t903 + t148 * t910 + t935 + t150 * t860 - t151 * t864;
             let t949 = t148 * t864 - t147 * t860;
-            let t956 = t933 + t146 * t910 + t147 * t915 + t933 + t149 * t864
-                - t150 * t868;
+            let t956 = t933 + t146 * t910 + t147 * t915 + t933 + t149 * t864 - t150 * t868;
             let t957 = t146 * t860 - t148 * t868;
-            let t964 = t934 + t146 * t903 + t148 * t915 + t934 - t149 * t860
-                + t151 * t868;
+            let t964 = t934 + t146 * t903 + t148 * t915 + t934 - t149 * t860 + t151 * t868;
             let t965 = t147 * t868 - t146 * t864;
             let t972 = t128 * t930;
             let t973 = t127 * t932;
             let t974 = t126 * t931;
-            let t985 = t974 + t127 * t903 + t128 * t910 + t974 + t130 * t860
-                - t131 * t864;
+            let t985 = t974 + t127 * t903 + t128 * t910 + t974 + t130 * t860 - t131 * t864;
             let t988 = t128 * t864 - t127 * t860;
-            let t995 = t972 + t126 * t910 + t127 * t915 + t972 + t129 * t864
-                - t130 * t868;
+            let t995 = t972 + t126 * t910 + t127 * t915 + t972 + t129 * t864 - t130 * t868;
             let t996 = t126 * t860 - t128 * t868;
-            let t1003 = t973 + t126 * t903 + t128 * t915 + t973 - t129 * t860
-                + t131 * t868;
+            let t1003 = t973 + t126 * t903 + t128 * t915 + t973 - t129 * t860 + t131 * t868;
             let t1004 = t127 * t868 - t126 * t864;
             let t1011 = t108 * t930;
             let t1012 = t107 * t932;
             let t1013 = t106 * t931;
-            let t1024 = t1013 + t107 * t903 + t108 * t910 + t1013 + t110 * t860
-                - t111 * t864;
+            let t1024 = t1013 + t107 * t903 + t108 * t910 + t1013 + t110 * t860 - t111 * t864;
             let t1027 = t108 * t864 - t107 * t860;
-            let t1034 = t1011 + t106 * t910 + t107 * t915 + t1011 + t109 * t864
-                - t110 * t868;
+            let t1034 = t1011 + t106 * t910 + t107 * t915 + t1011 + t109 * t864 - t110 * t868;
             let t1035 = t106 * t860 - t108 * t868;
-            let t1042 = t1012 + t106 * t903 + t108 * t915 + t1012 - t109 * t860
-                + t111 * t868;
+            let t1042 = t1012 + t106 * t903 + t108 * t915 + t1012 - t109 * t860 + t111 * t868;
             let t1043 = t107 * t868 - t106 * t864;
             let t1056 = 0.3333333333333333 * (t965 + t1004 + t1043);
             let t1057 = 0.3333333333333333 * (t957 + t996 + t1035);
@@ -9213,11 +8699,9 @@ pub mod full_piecewise {
         };
         #[inline(always)]
         fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[q, x, y, z, alpha, beta, gamma, segment_start_x, segment_start_y,
-            segment_start_z, segment_end_x, segment_end_y, segment_end_z,
-            segment_start_q, segment_end_q] = data else {
-                panic!("`data` must hold 15 numbers")
-            };
+            let &[q, x, y, z, alpha, beta, gamma, segment_start_x, segment_start_y, segment_start_z,
+                segment_end_x, segment_end_y, segment_end_z, segment_start_q,
+                segment_end_q] = data else { panic!("`data` must hold 15 numbers") };
             let t1 = segment_end_q - segment_start_q;
             let t2 = q - segment_start_q;
             let slope_x = (segment_end_x - segment_start_x) / t1;
@@ -9279,33 +8763,22 @@ pub mod full_piecewise {
             let prepared_13 = prepared[13][lane];
             let r_yy = prepared[14][lane];
             let &[length, plate_joint_x, plate_joint_y, plate_joint_z, track_offset_x,
-            track_offset_y, track_offset_z, track_rotation_x, track_rotation_y,
-            track_rotation_z] = parameters else {
-                panic!("`parameters` must hold 10 numbers")
-            };
-            let (sin_track_rotation_z, cos_track_rotation_z) = math::sin_cos(
-                track_rotation_z,
-            );
-            let (sin_track_rotation_y, cos_track_rotation_y) = math::sin_cos(
-                track_rotation_y,
-            );
-            let (sin_track_rotation_x, cos_track_rotation_x) = math::sin_cos(
-                track_rotation_x,
-            );
+                track_offset_y, track_offset_z, track_rotation_x, track_rotation_y,
+                track_rotation_z] = parameters else { panic!("`parameters` must hold 10 numbers") };
+            let (sin_track_rotation_z, cos_track_rotation_z) = math::sin_cos(track_rotation_z);
+            let (sin_track_rotation_y, cos_track_rotation_y) = math::sin_cos(track_rotation_y);
+            let (sin_track_rotation_x, cos_track_rotation_x) = math::sin_cos(track_rotation_x);
             let t17 = point_y * cos_track_rotation_x - point_z * sin_track_rotation_x;
             let t18 = point_y * sin_track_rotation_x + point_z * cos_track_rotation_x;
             let t23 = sin_track_rotation_y * t18 + point_x * cos_track_rotation_y;
             let rod_x = plate_joint_x * r_xx - plate_joint_y * prepared_13 + x
                 + plate_joint_z * r_xz - track_offset_x - cos_track_rotation_z * t23
                 + sin_track_rotation_z * t17;
-            let rod_y = plate_joint_y * r_yy + plate_joint_x * r_yx + y
-                + plate_joint_z * r_yz - track_offset_y - sin_track_rotation_z * t23
-                - cos_track_rotation_z * t17;
-            let rod_z = plate_joint_y * r_zy - plate_joint_z * r_zz + z
-                - plate_joint_x * prepared_7 - track_offset_z
-                - cos_track_rotation_y * t18 + point_x * sin_track_rotation_y;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x
-                - rod_y * rod_y;
+            let rod_y = plate_joint_y * r_yy + plate_joint_x * r_yx + y + plate_joint_z * r_yz
+                - track_offset_y - sin_track_rotation_z * t23 - cos_track_rotation_z * t17;
+            let rod_z = plate_joint_y * r_zy - plate_joint_z * r_zz + z - plate_joint_x * prepared_7
+                - track_offset_z - cos_track_rotation_y * t18 + point_x * sin_track_rotation_y;
+            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             residuals[0][lane] = residual;
         }
         #[inline(always)]
@@ -9332,19 +8805,11 @@ pub mod full_piecewise {
             let prepared_13 = prepared[13][lane];
             let r_yy = prepared[14][lane];
             let &[length, plate_joint_x, plate_joint_y, plate_joint_z, track_offset_x,
-            track_offset_y, track_offset_z, track_rotation_x, track_rotation_y,
-            track_rotation_z] = parameters else {
-                panic!("`parameters` must hold 10 numbers")
-            };
-            let (sin_track_rotation_z, cos_track_rotation_z) = math::sin_cos(
-                track_rotation_z,
-            );
-            let (sin_track_rotation_y, cos_track_rotation_y) = math::sin_cos(
-                track_rotation_y,
-            );
-            let (sin_track_rotation_x, cos_track_rotation_x) = math::sin_cos(
-                track_rotation_x,
-            );
+                track_offset_y, track_offset_z, track_rotation_x, track_rotation_y,
+                track_rotation_z] = parameters else { panic!("`parameters` must hold 10 numbers") };
+            let (sin_track_rotation_z, cos_track_rotation_z) = math::sin_cos(track_rotation_z);
+            let (sin_track_rotation_y, cos_track_rotation_y) = math::sin_cos(track_rotation_y);
+            let (sin_track_rotation_x, cos_track_rotation_x) = math::sin_cos(track_rotation_x);
             let t18 = point_y * cos_track_rotation_x - point_z * sin_track_rotation_x;
             let t19 = point_y * sin_track_rotation_x + point_z * cos_track_rotation_x;
             let t24 = cos_track_rotation_y * t19 - point_x * sin_track_rotation_y;
@@ -9353,12 +8818,11 @@ pub mod full_piecewise {
             let t31 = sin_track_rotation_z * t25 + cos_track_rotation_z * t18;
             let rod_x = plate_joint_x * r_xx - plate_joint_y * prepared_13 + x
                 + plate_joint_z * r_xz - track_offset_x - t30;
-            let rod_y = plate_joint_y * r_yy + plate_joint_x * r_yx + y
-                + plate_joint_z * r_yz - track_offset_y - t31;
-            let rod_z = plate_joint_y * r_zy - plate_joint_z * r_zz + z
-                - plate_joint_x * prepared_7 - track_offset_z - t24;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x
-                - rod_y * rod_y;
+            let rod_y = plate_joint_y * r_yy + plate_joint_x * r_yx + y + plate_joint_z * r_yz
+                - track_offset_y - t31;
+            let rod_z = plate_joint_y * r_zy - plate_joint_z * r_zz + z - plate_joint_x * prepared_7
+                - track_offset_z - t24;
+            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             let t57 = 2.0 * rod_z;
             let t58 = 2.0 * rod_y;
             let t59 = 2.0 * rod_x;
@@ -9371,8 +8835,7 @@ pub mod full_piecewise {
             jacobian[4][lane] = t59;
             jacobian[5][lane] = t58;
             jacobian[6][lane] = t57;
-            jacobian[7][lane] = t18
-                * (sin_track_rotation_y * t82 + cos_track_rotation_y * t57)
+            jacobian[7][lane] = t18 * (sin_track_rotation_y * t82 + cos_track_rotation_y * t57)
                 - t19 * (cos_track_rotation_z * t58 - sin_track_rotation_z * t59);
             jacobian[8][lane] = t24 * t82 - t25 * t57;
             jacobian[9][lane] = t30 * t58 - t31 * t59;
@@ -9402,10 +8865,9 @@ pub mod full_piecewise {
         };
         #[inline(always)]
         fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[segment_start_x, segment_start_y, segment_start_z, segment_end_x,
-            segment_end_y, segment_end_z, segment_start_q, segment_end_q] = data else {
-                panic!("`data` must hold 8 numbers")
-            };
+            let &[segment_start_x, segment_start_y, segment_start_z, segment_end_x, segment_end_y,
+                segment_end_z, segment_start_q,
+                segment_end_q] = data else { panic!("`data` must hold 8 numbers") };
             let t1 = segment_end_q - segment_start_q;
             let slope_x = (segment_end_x - segment_start_x) / t1;
             let slope_y = (segment_end_y - segment_start_y) / t1;
@@ -9432,24 +8894,17 @@ pub mod full_piecewise {
             let slope_x = prepared[4][lane];
             let slope_y = prepared[5][lane];
             let slope_z = prepared[6][lane];
-            let &[x, y, z, alpha, beta, gamma, q1, _, _, length, plate_joint_x,
-            plate_joint_y, plate_joint_z, track_offset_x, track_offset_y, track_offset_z,
-            track_rotation_x, track_rotation_y, track_rotation_z] = parameters else {
-                panic!("`parameters` must hold 19 numbers")
-            };
+            let &[x, y, z, alpha, beta, gamma, q1, _, _, length, plate_joint_x, plate_joint_y,
+                plate_joint_z, track_offset_x, track_offset_y, track_offset_z, track_rotation_x,
+                track_rotation_y,
+                track_rotation_z] = parameters else { panic!("`parameters` must hold 19 numbers") };
             let t1 = q1 - segment_start_q;
             let t5 = segment_start_x + t1 * slope_x;
             let t6 = segment_start_y + t1 * slope_y;
             let t7 = segment_start_z + t1 * slope_z;
-            let (sin_track_rotation_z, cos_track_rotation_z) = math::sin_cos(
-                track_rotation_z,
-            );
-            let (sin_track_rotation_y, cos_track_rotation_y) = math::sin_cos(
-                track_rotation_y,
-            );
-            let (sin_track_rotation_x, cos_track_rotation_x) = math::sin_cos(
-                track_rotation_x,
-            );
+            let (sin_track_rotation_z, cos_track_rotation_z) = math::sin_cos(track_rotation_z);
+            let (sin_track_rotation_y, cos_track_rotation_y) = math::sin_cos(track_rotation_y);
+            let (sin_track_rotation_x, cos_track_rotation_x) = math::sin_cos(track_rotation_x);
             let t19 = t6 * cos_track_rotation_x - t7 * sin_track_rotation_x;
             let t20 = t6 * sin_track_rotation_x + t7 * cos_track_rotation_x;
             let t25 = sin_track_rotation_y * t20 + t5 * cos_track_rotation_y;
@@ -9459,17 +8914,13 @@ pub mod full_piecewise {
             let (sin_beta, cos_beta) = math::sin_cos(beta);
             let t44 = plate_joint_z * sin_beta + t36 * cos_beta;
             let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let rod_x = t44 * cos_alpha - t37 * sin_alpha + x
-                + sin_track_rotation_z * t19 - track_offset_x
-                - cos_track_rotation_z * t25;
-            let rod_y = t44 * sin_alpha + t37 * cos_alpha + y
-                - cos_track_rotation_z * t19 - track_offset_y
-                - sin_track_rotation_z * t25;
-            let rod_z = plate_joint_z * cos_beta - t36 * sin_beta + z
-                + t5 * sin_track_rotation_y - track_offset_z
-                - cos_track_rotation_y * t20;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x
-                - rod_y * rod_y;
+            let rod_x = t44 * cos_alpha - t37 * sin_alpha + x + sin_track_rotation_z * t19
+                - track_offset_x - cos_track_rotation_z * t25;
+            let rod_y = t44 * sin_alpha + t37 * cos_alpha + y - cos_track_rotation_z * t19
+                - track_offset_y - sin_track_rotation_z * t25;
+            let rod_z = plate_joint_z * cos_beta - t36 * sin_beta + z + t5 * sin_track_rotation_y
+                - track_offset_z - cos_track_rotation_y * t20;
+            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             residuals[0][lane] = residual;
         }
         #[inline(always)]
@@ -9487,24 +8938,17 @@ pub mod full_piecewise {
             let slope_x = prepared[4][lane];
             let slope_y = prepared[5][lane];
             let slope_z = prepared[6][lane];
-            let &[x, y, z, alpha, beta, gamma, q1, _, _, length, plate_joint_x,
-            plate_joint_y, plate_joint_z, track_offset_x, track_offset_y, track_offset_z,
-            track_rotation_x, track_rotation_y, track_rotation_z] = parameters else {
-                panic!("`parameters` must hold 19 numbers")
-            };
+            let &[x, y, z, alpha, beta, gamma, q1, _, _, length, plate_joint_x, plate_joint_y,
+                plate_joint_z, track_offset_x, track_offset_y, track_offset_z, track_rotation_x,
+                track_rotation_y,
+                track_rotation_z] = parameters else { panic!("`parameters` must hold 19 numbers") };
             let t1 = q1 - segment_start_q;
             let t5 = segment_start_x + t1 * slope_x;
             let t6 = segment_start_y + t1 * slope_y;
             let t7 = segment_start_z + t1 * slope_z;
-            let (sin_track_rotation_z, cos_track_rotation_z) = math::sin_cos(
-                track_rotation_z,
-            );
-            let (sin_track_rotation_y, cos_track_rotation_y) = math::sin_cos(
-                track_rotation_y,
-            );
-            let (sin_track_rotation_x, cos_track_rotation_x) = math::sin_cos(
-                track_rotation_x,
-            );
+            let (sin_track_rotation_z, cos_track_rotation_z) = math::sin_cos(track_rotation_z);
+            let (sin_track_rotation_y, cos_track_rotation_y) = math::sin_cos(track_rotation_y);
+            let (sin_track_rotation_x, cos_track_rotation_x) = math::sin_cos(track_rotation_x);
             let t19 = t6 * cos_track_rotation_x - t7 * sin_track_rotation_x;
             let t20 = t6 * sin_track_rotation_x + t7 * cos_track_rotation_x;
             let t25 = sin_track_rotation_y * t20 + t5 * cos_track_rotation_y;
@@ -9523,8 +8967,7 @@ pub mod full_piecewise {
                 - sin_track_rotation_z * t25;
             let rod_z = z - t44 + t5 * sin_track_rotation_y - track_offset_z
                 - cos_track_rotation_y * t20;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x
-                - rod_y * rod_y;
+            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             let t72 = -2.0 * rod_z;
             let t73 = 2.0 * rod_y;
             let t74 = -2.0 * rod_x;
@@ -9538,8 +8981,7 @@ pub mod full_piecewise {
             jacobian[3][lane] = t53 * t72 - t44 * t73;
             jacobian[4][lane] = t52 * t72 - t44 * t74;
             jacobian[5][lane] = t52 * t73 - t53 * t74;
-            jacobian[6][lane] = slope_z
-                * (cos_track_rotation_x * t94 - sin_track_rotation_x * t89)
+            jacobian[6][lane] = slope_z * (cos_track_rotation_x * t94 - sin_track_rotation_x * t89)
                 + slope_y * (sin_track_rotation_x * t94 + cos_track_rotation_x * t89)
                 + slope_x * (cos_track_rotation_y * t88 + sin_track_rotation_y * t72);
         }
@@ -9568,10 +9010,9 @@ pub mod full_piecewise {
         };
         #[inline(always)]
         fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[segment_start_x, segment_start_y, segment_start_z, segment_end_x,
-            segment_end_y, segment_end_z, segment_start_q, segment_end_q] = data else {
-                panic!("`data` must hold 8 numbers")
-            };
+            let &[segment_start_x, segment_start_y, segment_start_z, segment_end_x, segment_end_y,
+                segment_end_z, segment_start_q,
+                segment_end_q] = data else { panic!("`data` must hold 8 numbers") };
             let t1 = segment_end_q - segment_start_q;
             let slope_x = (segment_end_x - segment_start_x) / t1;
             let slope_y = (segment_end_y - segment_start_y) / t1;
@@ -9598,24 +9039,17 @@ pub mod full_piecewise {
             let slope_x = prepared[4][lane];
             let slope_y = prepared[5][lane];
             let slope_z = prepared[6][lane];
-            let &[x, y, z, alpha, beta, gamma, _, q2, _, length, plate_joint_x,
-            plate_joint_y, plate_joint_z, track_offset_x, track_offset_y, track_offset_z,
-            track_rotation_x, track_rotation_y, track_rotation_z] = parameters else {
-                panic!("`parameters` must hold 19 numbers")
-            };
+            let &[x, y, z, alpha, beta, gamma, _, q2, _, length, plate_joint_x, plate_joint_y,
+                plate_joint_z, track_offset_x, track_offset_y, track_offset_z, track_rotation_x,
+                track_rotation_y,
+                track_rotation_z] = parameters else { panic!("`parameters` must hold 19 numbers") };
             let t1 = q2 - segment_start_q;
             let t5 = segment_start_x + t1 * slope_x;
             let t6 = segment_start_y + t1 * slope_y;
             let t7 = segment_start_z + t1 * slope_z;
-            let (sin_track_rotation_z, cos_track_rotation_z) = math::sin_cos(
-                track_rotation_z,
-            );
-            let (sin_track_rotation_y, cos_track_rotation_y) = math::sin_cos(
-                track_rotation_y,
-            );
-            let (sin_track_rotation_x, cos_track_rotation_x) = math::sin_cos(
-                track_rotation_x,
-            );
+            let (sin_track_rotation_z, cos_track_rotation_z) = math::sin_cos(track_rotation_z);
+            let (sin_track_rotation_y, cos_track_rotation_y) = math::sin_cos(track_rotation_y);
+            let (sin_track_rotation_x, cos_track_rotation_x) = math::sin_cos(track_rotation_x);
             let t19 = t6 * cos_track_rotation_x - t7 * sin_track_rotation_x;
             let t20 = t6 * sin_track_rotation_x + t7 * cos_track_rotation_x;
             let t25 = sin_track_rotation_y * t20 + t5 * cos_track_rotation_y;
@@ -9625,17 +9059,13 @@ pub mod full_piecewise {
             let (sin_beta, cos_beta) = math::sin_cos(beta);
             let t44 = plate_joint_z * sin_beta + t36 * cos_beta;
             let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let rod_x = t44 * cos_alpha - t37 * sin_alpha + x
-                + sin_track_rotation_z * t19 - track_offset_x
-                - cos_track_rotation_z * t25;
-            let rod_y = t44 * sin_alpha + t37 * cos_alpha + y
-                - cos_track_rotation_z * t19 - track_offset_y
-                - sin_track_rotation_z * t25;
-            let rod_z = plate_joint_z * cos_beta - t36 * sin_beta + z
-                + t5 * sin_track_rotation_y - track_offset_z
-                - cos_track_rotation_y * t20;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x
-                - rod_y * rod_y;
+            let rod_x = t44 * cos_alpha - t37 * sin_alpha + x + sin_track_rotation_z * t19
+                - track_offset_x - cos_track_rotation_z * t25;
+            let rod_y = t44 * sin_alpha + t37 * cos_alpha + y - cos_track_rotation_z * t19
+                - track_offset_y - sin_track_rotation_z * t25;
+            let rod_z = plate_joint_z * cos_beta - t36 * sin_beta + z + t5 * sin_track_rotation_y
+                - track_offset_z - cos_track_rotation_y * t20;
+            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             residuals[0][lane] = residual;
         }
         #[inline(always)]
@@ -9653,24 +9083,17 @@ pub mod full_piecewise {
             let slope_x = prepared[4][lane];
             let slope_y = prepared[5][lane];
             let slope_z = prepared[6][lane];
-            let &[x, y, z, alpha, beta, gamma, _, q2, _, length, plate_joint_x,
-            plate_joint_y, plate_joint_z, track_offset_x, track_offset_y, track_offset_z,
-            track_rotation_x, track_rotation_y, track_rotation_z] = parameters else {
-                panic!("`parameters` must hold 19 numbers")
-            };
+            let &[x, y, z, alpha, beta, gamma, _, q2, _, length, plate_joint_x, plate_joint_y,
+                plate_joint_z, track_offset_x, track_offset_y, track_offset_z, track_rotation_x,
+                track_rotation_y,
+                track_rotation_z] = parameters else { panic!("`parameters` must hold 19 numbers") };
             let t1 = q2 - segment_start_q;
             let t5 = segment_start_x + t1 * slope_x;
             let t6 = segment_start_y + t1 * slope_y;
             let t7 = segment_start_z + t1 * slope_z;
-            let (sin_track_rotation_z, cos_track_rotation_z) = math::sin_cos(
-                track_rotation_z,
-            );
-            let (sin_track_rotation_y, cos_track_rotation_y) = math::sin_cos(
-                track_rotation_y,
-            );
-            let (sin_track_rotation_x, cos_track_rotation_x) = math::sin_cos(
-                track_rotation_x,
-            );
+            let (sin_track_rotation_z, cos_track_rotation_z) = math::sin_cos(track_rotation_z);
+            let (sin_track_rotation_y, cos_track_rotation_y) = math::sin_cos(track_rotation_y);
+            let (sin_track_rotation_x, cos_track_rotation_x) = math::sin_cos(track_rotation_x);
             let t19 = t6 * cos_track_rotation_x - t7 * sin_track_rotation_x;
             let t20 = t6 * sin_track_rotation_x + t7 * cos_track_rotation_x;
             let t25 = sin_track_rotation_y * t20 + t5 * cos_track_rotation_y;
@@ -9689,8 +9112,7 @@ pub mod full_piecewise {
                 - sin_track_rotation_z * t25;
             let rod_z = z - t44 + t5 * sin_track_rotation_y - track_offset_z
                 - cos_track_rotation_y * t20;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x
-                - rod_y * rod_y;
+            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             let t72 = -2.0 * rod_z;
             let t73 = 2.0 * rod_y;
             let t74 = -2.0 * rod_x;
@@ -9704,8 +9126,7 @@ pub mod full_piecewise {
             jacobian[3][lane] = t53 * t72 - t44 * t73;
             jacobian[4][lane] = t52 * t72 - t44 * t74;
             jacobian[5][lane] = t52 * t73 - t53 * t74;
-            jacobian[6][lane] = slope_z
-                * (cos_track_rotation_x * t94 - sin_track_rotation_x * t89)
+            jacobian[6][lane] = slope_z * (cos_track_rotation_x * t94 - sin_track_rotation_x * t89)
                 + slope_y * (sin_track_rotation_x * t94 + cos_track_rotation_x * t89)
                 + slope_x * (cos_track_rotation_y * t88 + sin_track_rotation_y * t72);
         }
@@ -9734,10 +9155,9 @@ pub mod full_piecewise {
         };
         #[inline(always)]
         fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[segment_start_x, segment_start_y, segment_start_z, segment_end_x,
-            segment_end_y, segment_end_z, segment_start_q, segment_end_q] = data else {
-                panic!("`data` must hold 8 numbers")
-            };
+            let &[segment_start_x, segment_start_y, segment_start_z, segment_end_x, segment_end_y,
+                segment_end_z, segment_start_q,
+                segment_end_q] = data else { panic!("`data` must hold 8 numbers") };
             let t1 = segment_end_q - segment_start_q;
             let slope_x = (segment_end_x - segment_start_x) / t1;
             let slope_y = (segment_end_y - segment_start_y) / t1;
@@ -9764,24 +9184,17 @@ pub mod full_piecewise {
             let slope_x = prepared[4][lane];
             let slope_y = prepared[5][lane];
             let slope_z = prepared[6][lane];
-            let &[x, y, z, alpha, beta, gamma, _, _, q3, length, plate_joint_x,
-            plate_joint_y, plate_joint_z, track_offset_x, track_offset_y, track_offset_z,
-            track_rotation_x, track_rotation_y, track_rotation_z] = parameters else {
-                panic!("`parameters` must hold 19 numbers")
-            };
+            let &[x, y, z, alpha, beta, gamma, _, _, q3, length, plate_joint_x, plate_joint_y,
+                plate_joint_z, track_offset_x, track_offset_y, track_offset_z, track_rotation_x,
+                track_rotation_y,
+                track_rotation_z] = parameters else { panic!("`parameters` must hold 19 numbers") };
             let t1 = q3 - segment_start_q;
             let t5 = segment_start_x + t1 * slope_x;
             let t6 = segment_start_y + t1 * slope_y;
             let t7 = segment_start_z + t1 * slope_z;
-            let (sin_track_rotation_z, cos_track_rotation_z) = math::sin_cos(
-                track_rotation_z,
-            );
-            let (sin_track_rotation_y, cos_track_rotation_y) = math::sin_cos(
-                track_rotation_y,
-            );
-            let (sin_track_rotation_x, cos_track_rotation_x) = math::sin_cos(
-                track_rotation_x,
-            );
+            let (sin_track_rotation_z, cos_track_rotation_z) = math::sin_cos(track_rotation_z);
+            let (sin_track_rotation_y, cos_track_rotation_y) = math::sin_cos(track_rotation_y);
+            let (sin_track_rotation_x, cos_track_rotation_x) = math::sin_cos(track_rotation_x);
             let t19 = t6 * cos_track_rotation_x - t7 * sin_track_rotation_x;
             let t20 = t6 * sin_track_rotation_x + t7 * cos_track_rotation_x;
             let t25 = sin_track_rotation_y * t20 + t5 * cos_track_rotation_y;
@@ -9791,17 +9204,13 @@ pub mod full_piecewise {
             let (sin_beta, cos_beta) = math::sin_cos(beta);
             let t44 = plate_joint_z * sin_beta + t36 * cos_beta;
             let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let rod_x = t44 * cos_alpha - t37 * sin_alpha + x
-                + sin_track_rotation_z * t19 - track_offset_x
-                - cos_track_rotation_z * t25;
-            let rod_y = t44 * sin_alpha + t37 * cos_alpha + y
-                - cos_track_rotation_z * t19 - track_offset_y
-                - sin_track_rotation_z * t25;
-            let rod_z = plate_joint_z * cos_beta - t36 * sin_beta + z
-                + t5 * sin_track_rotation_y - track_offset_z
-                - cos_track_rotation_y * t20;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x
-                - rod_y * rod_y;
+            let rod_x = t44 * cos_alpha - t37 * sin_alpha + x + sin_track_rotation_z * t19
+                - track_offset_x - cos_track_rotation_z * t25;
+            let rod_y = t44 * sin_alpha + t37 * cos_alpha + y - cos_track_rotation_z * t19
+                - track_offset_y - sin_track_rotation_z * t25;
+            let rod_z = plate_joint_z * cos_beta - t36 * sin_beta + z + t5 * sin_track_rotation_y
+                - track_offset_z - cos_track_rotation_y * t20;
+            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             residuals[0][lane] = residual;
         }
         #[inline(always)]
@@ -9819,24 +9228,17 @@ pub mod full_piecewise {
             let slope_x = prepared[4][lane];
             let slope_y = prepared[5][lane];
             let slope_z = prepared[6][lane];
-            let &[x, y, z, alpha, beta, gamma, _, _, q3, length, plate_joint_x,
-            plate_joint_y, plate_joint_z, track_offset_x, track_offset_y, track_offset_z,
-            track_rotation_x, track_rotation_y, track_rotation_z] = parameters else {
-                panic!("`parameters` must hold 19 numbers")
-            };
+            let &[x, y, z, alpha, beta, gamma, _, _, q3, length, plate_joint_x, plate_joint_y,
+                plate_joint_z, track_offset_x, track_offset_y, track_offset_z, track_rotation_x,
+                track_rotation_y,
+                track_rotation_z] = parameters else { panic!("`parameters` must hold 19 numbers") };
             let t1 = q3 - segment_start_q;
             let t5 = segment_start_x + t1 * slope_x;
             let t6 = segment_start_y + t1 * slope_y;
             let t7 = segment_start_z + t1 * slope_z;
-            let (sin_track_rotation_z, cos_track_rotation_z) = math::sin_cos(
-                track_rotation_z,
-            );
-            let (sin_track_rotation_y, cos_track_rotation_y) = math::sin_cos(
-                track_rotation_y,
-            );
-            let (sin_track_rotation_x, cos_track_rotation_x) = math::sin_cos(
-                track_rotation_x,
-            );
+            let (sin_track_rotation_z, cos_track_rotation_z) = math::sin_cos(track_rotation_z);
+            let (sin_track_rotation_y, cos_track_rotation_y) = math::sin_cos(track_rotation_y);
+            let (sin_track_rotation_x, cos_track_rotation_x) = math::sin_cos(track_rotation_x);
             let t19 = t6 * cos_track_rotation_x - t7 * sin_track_rotation_x;
             let t20 = t6 * sin_track_rotation_x + t7 * cos_track_rotation_x;
             let t25 = sin_track_rotation_y * t20 + t5 * cos_track_rotation_y;
@@ -9855,8 +9257,7 @@ pub mod full_piecewise {
                 - sin_track_rotation_z * t25;
             let rod_z = z - t44 + t5 * sin_track_rotation_y - track_offset_z
                 - cos_track_rotation_y * t20;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x
-                - rod_y * rod_y;
+            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             let t72 = -2.0 * rod_z;
             let t73 = 2.0 * rod_y;
             let t74 = -2.0 * rod_x;
@@ -9870,8 +9271,7 @@ pub mod full_piecewise {
             jacobian[3][lane] = t53 * t72 - t44 * t73;
             jacobian[4][lane] = t52 * t72 - t44 * t74;
             jacobian[5][lane] = t52 * t73 - t53 * t74;
-            jacobian[6][lane] = slope_z
-                * (cos_track_rotation_x * t94 - sin_track_rotation_x * t89)
+            jacobian[6][lane] = slope_z * (cos_track_rotation_x * t94 - sin_track_rotation_x * t89)
                 + slope_y * (sin_track_rotation_x * t94 + cos_track_rotation_x * t89)
                 + slope_x * (cos_track_rotation_y * t88 + sin_track_rotation_y * t72);
         }
@@ -9907,11 +9307,9 @@ pub mod full_piecewise {
         };
         #[inline(always)]
         fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[q, x, y, z, alpha, beta, gamma, segment_start_x, segment_start_y,
-            segment_start_z, segment_end_x, segment_end_y, segment_end_z,
-            segment_start_q, segment_end_q] = data else {
-                panic!("`data` must hold 15 numbers")
-            };
+            let &[q, x, y, z, alpha, beta, gamma, segment_start_x, segment_start_y, segment_start_z,
+                segment_end_x, segment_end_y, segment_end_z, segment_start_q,
+                segment_end_q] = data else { panic!("`data` must hold 15 numbers") };
             let t1 = segment_end_q - segment_start_q;
             let t2 = q - segment_start_q;
             let slope_x = (segment_end_x - segment_start_x) / t1;
@@ -9990,107 +9388,69 @@ pub mod full_piecewise {
             let prepared_18 = prepared[18][lane];
             let prepared_19 = prepared[19][lane];
             let &[joint1_track_offset_x, joint1_track_offset_y, joint1_track_offset_z,
-            joint1_track_rotation_x, joint1_track_rotation_y, joint1_track_rotation_z,
-            joint2_track_offset_x, joint2_track_offset_y, joint2_track_offset_z,
-            joint2_track_rotation_x, joint2_track_rotation_y, joint2_track_rotation_z,
-            frame_translation_x, frame_translation_y, frame_translation_z,
-            frame_rotation_x, frame_rotation_y, frame_rotation_z, target_position_x,
-            target_position_y, target_position_z, target_rotation_x, target_rotation_y,
-            target_rotation_z] = parameters else {
-                panic!("`parameters` must hold 24 numbers")
-            };
+                joint1_track_rotation_x, joint1_track_rotation_y, joint1_track_rotation_z,
+                joint2_track_offset_x, joint2_track_offset_y, joint2_track_offset_z,
+                joint2_track_rotation_x, joint2_track_rotation_y, joint2_track_rotation_z,
+                frame_translation_x, frame_translation_y, frame_translation_z, frame_rotation_x,
+                frame_rotation_y, frame_rotation_z, target_position_x, target_position_y,
+                target_position_z, target_rotation_x, target_rotation_y,
+                target_rotation_z] =
+                parameters else { panic!("`parameters` must hold 24 numbers") };
             let t1 = joint1_track_offset_x - joint2_track_offset_x;
             let t2 = joint1_track_offset_y - joint2_track_offset_y;
             let t3 = joint1_track_offset_z - joint2_track_offset_z;
-            let (sin_target_rotation_y, cos_target_rotation_y) = math::sin_cos(
-                target_rotation_y,
-            );
-            let (sin_target_rotation_z, cos_target_rotation_z) = math::sin_cos(
-                target_rotation_z,
-            );
+            let (sin_target_rotation_y, cos_target_rotation_y) = math::sin_cos(target_rotation_y);
+            let (sin_target_rotation_z, cos_target_rotation_z) = math::sin_cos(target_rotation_z);
             let t11 = cos_target_rotation_y * cos_target_rotation_z;
             let t12 = cos_target_rotation_y * sin_target_rotation_z;
-            let (sin_target_rotation_x, cos_target_rotation_x) = math::sin_cos(
-                target_rotation_x,
-            );
+            let (sin_target_rotation_x, cos_target_rotation_x) = math::sin_cos(target_rotation_x);
             let t15 = cos_target_rotation_y * sin_target_rotation_x;
             let t16 = sin_target_rotation_y * sin_target_rotation_x;
             let t17 = cos_target_rotation_y * cos_target_rotation_x;
             let t18 = sin_target_rotation_y * cos_target_rotation_x;
-            let (sin_frame_rotation_z, cos_frame_rotation_z) = math::sin_cos(
-                frame_rotation_z,
-            );
-            let (sin_frame_rotation_y, cos_frame_rotation_y) = math::sin_cos(
-                frame_rotation_y,
-            );
-            let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(
-                frame_rotation_x,
-            );
-            let (sin_joint2_track_rotation_z, cos_joint2_track_rotation_z) = math::sin_cos(
-                joint2_track_rotation_z,
-            );
-            let (sin_joint2_track_rotation_y, cos_joint2_track_rotation_y) = math::sin_cos(
-                joint2_track_rotation_y,
-            );
-            let (sin_joint2_track_rotation_x, cos_joint2_track_rotation_x) = math::sin_cos(
-                joint2_track_rotation_x,
-            );
-            let (sin_joint1_track_rotation_z, cos_joint1_track_rotation_z) = math::sin_cos(
-                joint1_track_rotation_z,
-            );
-            let (sin_joint1_track_rotation_y, cos_joint1_track_rotation_y) = math::sin_cos(
-                joint1_track_rotation_y,
-            );
-            let (sin_joint1_track_rotation_x, cos_joint1_track_rotation_x) = math::sin_cos(
-                joint1_track_rotation_x,
-            );
-            let t41 = point_y * cos_joint1_track_rotation_x
-                - point_z * sin_joint1_track_rotation_x;
-            let t42 = point_y * sin_joint1_track_rotation_x
-                + point_z * cos_joint1_track_rotation_x;
-            let t47 = cos_joint1_track_rotation_y * t42
-                - point_x * sin_joint1_track_rotation_y;
-            let t48 = sin_joint1_track_rotation_y * t42
-                + point_x * cos_joint1_track_rotation_y;
-            let t53 = cos_joint1_track_rotation_z * t48
-                - sin_joint1_track_rotation_z * t41;
-            let t54 = sin_joint1_track_rotation_z * t48
-                + cos_joint1_track_rotation_z * t41;
-            let t59 = point_y * cos_joint2_track_rotation_x
-                - point_z * sin_joint2_track_rotation_x;
-            let t60 = point_y * sin_joint2_track_rotation_x
-                + point_z * cos_joint2_track_rotation_x;
-            let t65 = cos_joint2_track_rotation_y * t60
-                - point_x * sin_joint2_track_rotation_y;
-            let t66 = sin_joint2_track_rotation_y * t60
-                + point_x * cos_joint2_track_rotation_y;
-            let t71 = cos_joint2_track_rotation_z * t66
-                - sin_joint2_track_rotation_z * t59;
-            let t72 = sin_joint2_track_rotation_z * t66
-                + cos_joint2_track_rotation_z * t59;
+            let (sin_frame_rotation_z, cos_frame_rotation_z) = math::sin_cos(frame_rotation_z);
+            let (sin_frame_rotation_y, cos_frame_rotation_y) = math::sin_cos(frame_rotation_y);
+            let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(frame_rotation_x);
+            let (sin_joint2_track_rotation_z, cos_joint2_track_rotation_z) =
+                math::sin_cos(joint2_track_rotation_z);
+            let (sin_joint2_track_rotation_y, cos_joint2_track_rotation_y) =
+                math::sin_cos(joint2_track_rotation_y);
+            let (sin_joint2_track_rotation_x, cos_joint2_track_rotation_x) =
+                math::sin_cos(joint2_track_rotation_x);
+            let (sin_joint1_track_rotation_z, cos_joint1_track_rotation_z) =
+                math::sin_cos(joint1_track_rotation_z);
+            let (sin_joint1_track_rotation_y, cos_joint1_track_rotation_y) =
+                math::sin_cos(joint1_track_rotation_y);
+            let (sin_joint1_track_rotation_x, cos_joint1_track_rotation_x) =
+                math::sin_cos(joint1_track_rotation_x);
+            let t41 = point_y * cos_joint1_track_rotation_x - point_z * sin_joint1_track_rotation_x;
+            let t42 = point_y * sin_joint1_track_rotation_x + point_z * cos_joint1_track_rotation_x;
+            let t47 = cos_joint1_track_rotation_y * t42 - point_x * sin_joint1_track_rotation_y;
+            let t48 = sin_joint1_track_rotation_y * t42 + point_x * cos_joint1_track_rotation_y;
+            let t53 = cos_joint1_track_rotation_z * t48 - sin_joint1_track_rotation_z * t41;
+            let t54 = sin_joint1_track_rotation_z * t48 + cos_joint1_track_rotation_z * t41;
+            let t59 = point_y * cos_joint2_track_rotation_x - point_z * sin_joint2_track_rotation_x;
+            let t60 = point_y * sin_joint2_track_rotation_x + point_z * cos_joint2_track_rotation_x;
+            let t65 = cos_joint2_track_rotation_y * t60 - point_x * sin_joint2_track_rotation_y;
+            let t66 = sin_joint2_track_rotation_y * t60 + point_x * cos_joint2_track_rotation_y;
+            let t71 = cos_joint2_track_rotation_z * t66 - sin_joint2_track_rotation_z * t59;
+            let t72 = sin_joint2_track_rotation_z * t66 + cos_joint2_track_rotation_z * t59;
             let t73 = t53 - t71;
             let t74 = t54 - t72;
             let t75 = t47 - t65;
-            let t89 = cos_target_rotation_z * t16
-                - sin_target_rotation_z * cos_target_rotation_x;
-            let t90 = sin_target_rotation_z * t16
-                + cos_target_rotation_z * cos_target_rotation_x;
-            let t95 = cos_target_rotation_z * t18
-                + sin_target_rotation_z * sin_target_rotation_x;
-            let t96 = sin_target_rotation_z * t18
-                - cos_target_rotation_z * sin_target_rotation_x;
+            let t89 = cos_target_rotation_z * t16 - sin_target_rotation_z * cos_target_rotation_x;
+            let t90 = sin_target_rotation_z * t16 + cos_target_rotation_z * cos_target_rotation_x;
+            let t95 = cos_target_rotation_z * t18 + sin_target_rotation_z * sin_target_rotation_x;
+            let t96 = sin_target_rotation_z * t18 - cos_target_rotation_z * sin_target_rotation_x;
             let t98 = t2 * t2 + t1 * t1 + t3 * t3;
             let t111 = (t2 * t75 - t3 * t74) / t98;
             let t112 = (t3 * t73 - t1 * t75) / t98;
             let t113 = (t1 * t74 - t2 * t73) / t98;
-            let t122 = target_position_z * t112 - target_position_y * t113
-                + target_position_x
+            let t122 = target_position_z * t112 - target_position_y * t113 + target_position_x
                 + 0.5 * (t71 + joint2_track_offset_x + joint1_track_offset_x + t53);
-            let t125 = target_position_x * t113 - target_position_z * t111
-                + target_position_y
+            let t125 = target_position_x * t113 - target_position_z * t111 + target_position_y
                 + 0.5 * (t72 + joint2_track_offset_y + joint1_track_offset_y + t54);
-            let t128 = target_position_y * t111 - target_position_x * t112
-                + target_position_z
+            let t128 = target_position_y * t111 - target_position_x * t112 + target_position_z
                 + 0.5 * (t65 + joint2_track_offset_z + joint1_track_offset_z + t47);
             let t133 = cos_frame_rotation_x * t125 - sin_frame_rotation_x * t128;
             let t134 = sin_frame_rotation_x * t125 + cos_frame_rotation_x * t128;
@@ -10122,21 +9482,21 @@ pub mod full_piecewise {
             let t248 = sin_frame_rotation_y * t242 + cos_frame_rotation_y * t232;
             let t253 = cos_frame_rotation_z * t248 - sin_frame_rotation_z * t241;
             let t254 = sin_frame_rotation_z * t248 + cos_frame_rotation_z * t241;
-            residuals[0][lane] = cos_frame_rotation_z * t139
-                - sin_frame_rotation_z * t133 + frame_translation_x - x;
-            residuals[1][lane] = sin_frame_rotation_z * t139
-                + cos_frame_rotation_z * t133 + frame_translation_y - y;
-            residuals[2][lane] = cos_frame_rotation_y * t134
-                - sin_frame_rotation_y * t122 + frame_translation_z - z;
+            residuals[0][lane] = cos_frame_rotation_z * t139 - sin_frame_rotation_z * t133
+                + frame_translation_x - x;
+            residuals[1][lane] = sin_frame_rotation_z * t139 + cos_frame_rotation_z * t133
+                + frame_translation_y - y;
+            residuals[2][lane] = cos_frame_rotation_y * t134 - sin_frame_rotation_y * t122
+                + frame_translation_z - z;
             residuals[3][lane] = 0.5
-                * (prepared_17 * t175 - prepared_6 * t254 - prepared_8 * t218
-                    + prepared_7 * t182 + prepared_19 * t211 + prepared_10 * t247);
+                * (prepared_17 * t175 - prepared_6 * t254 - prepared_8 * t218 + prepared_7 * t182
+                + prepared_19 * t211 + prepared_10 * t247);
             residuals[4][lane] = 0.5
-                * (prepared_18 * t211 - prepared_9 * t247 - prepared_7 * t181
-                    - prepared_16 * t175 + prepared_8 * t217 + prepared_6 * t253);
+                * (prepared_18 * t211 - prepared_9 * t247 - prepared_7 * t181 - prepared_16 * t175
+                + prepared_8 * t217 + prepared_6 * t253);
             residuals[5][lane] = 0.5
-                * (prepared_16 * t182 - prepared_10 * t253 - prepared_17 * t181
-                    - prepared_18 * t218 - prepared_19 * t217 + prepared_9 * t254);
+                * (prepared_16 * t182 - prepared_10 * t253 - prepared_17 * t181 - prepared_18 * t218
+                - prepared_19 * t217 + prepared_9 * t254);
         }
         #[inline(always)]
         fn linearize<S: Samples>(
@@ -10171,75 +9531,52 @@ pub mod full_piecewise {
             let prepared_22 = prepared[22][lane];
             let prepared_23 = prepared[23][lane];
             let &[joint1_track_offset_x, joint1_track_offset_y, joint1_track_offset_z,
-            joint1_track_rotation_x, joint1_track_rotation_y, joint1_track_rotation_z,
-            joint2_track_offset_x, joint2_track_offset_y, joint2_track_offset_z,
-            joint2_track_rotation_x, joint2_track_rotation_y, joint2_track_rotation_z,
-            frame_translation_x, frame_translation_y, frame_translation_z,
-            frame_rotation_x, frame_rotation_y, frame_rotation_z, target_position_x,
-            target_position_y, target_position_z, target_rotation_x, target_rotation_y,
-            target_rotation_z] = parameters else {
-                panic!("`parameters` must hold 24 numbers")
-            };
+                joint1_track_rotation_x, joint1_track_rotation_y, joint1_track_rotation_z,
+                joint2_track_offset_x, joint2_track_offset_y, joint2_track_offset_z,
+                joint2_track_rotation_x, joint2_track_rotation_y, joint2_track_rotation_z,
+                frame_translation_x, frame_translation_y, frame_translation_z, frame_rotation_x,
+                frame_rotation_y, frame_rotation_z, target_position_x, target_position_y,
+                target_position_z, target_rotation_x, target_rotation_y,
+                target_rotation_z] =
+                parameters else { panic!("`parameters` must hold 24 numbers") };
             let t1 = joint1_track_offset_x - joint2_track_offset_x;
             let t2 = joint1_track_offset_y - joint2_track_offset_y;
             let t3 = joint1_track_offset_z - joint2_track_offset_z;
-            let (sin_target_rotation_y, cos_target_rotation_y) = math::sin_cos(
-                target_rotation_y,
-            );
-            let (sin_target_rotation_z, cos_target_rotation_z) = math::sin_cos(
-                target_rotation_z,
-            );
+            let (sin_target_rotation_y, cos_target_rotation_y) = math::sin_cos(target_rotation_y);
+            let (sin_target_rotation_z, cos_target_rotation_z) = math::sin_cos(target_rotation_z);
             let t11 = cos_target_rotation_y * cos_target_rotation_z;
             let t12 = cos_target_rotation_y * sin_target_rotation_z;
-            let (sin_target_rotation_x, cos_target_rotation_x) = math::sin_cos(
-                target_rotation_x,
-            );
+            let (sin_target_rotation_x, cos_target_rotation_x) = math::sin_cos(target_rotation_x);
             let t15 = cos_target_rotation_y * sin_target_rotation_x;
             let t16 = sin_target_rotation_y * sin_target_rotation_x;
             let t17 = cos_target_rotation_y * cos_target_rotation_x;
             let t18 = sin_target_rotation_y * cos_target_rotation_x;
-            let (sin_frame_rotation_z, cos_frame_rotation_z) = math::sin_cos(
-                frame_rotation_z,
-            );
-            let (sin_frame_rotation_y, cos_frame_rotation_y) = math::sin_cos(
-                frame_rotation_y,
-            );
+            let (sin_frame_rotation_z, cos_frame_rotation_z) = math::sin_cos(frame_rotation_z);
+            let (sin_frame_rotation_y, cos_frame_rotation_y) = math::sin_cos(frame_rotation_y);
             let t23 = cos_frame_rotation_z * sin_frame_rotation_y;
             let t24 = cos_frame_rotation_z * cos_frame_rotation_y;
-            let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(
-                frame_rotation_x,
-            );
-            let t31 = t23 * sin_frame_rotation_x
-                - sin_frame_rotation_z * cos_frame_rotation_x;
-            let t32 = t23 * cos_frame_rotation_x
-                + sin_frame_rotation_z * sin_frame_rotation_x;
+            let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(frame_rotation_x);
+            let t31 = t23 * sin_frame_rotation_x - sin_frame_rotation_z * cos_frame_rotation_x;
+            let t32 = t23 * cos_frame_rotation_x + sin_frame_rotation_z * sin_frame_rotation_x;
             let t42 = 0.5 * t32;
             let t43 = 0.5 * t31;
             let t44 = 0.5 * t24;
-            let (sin_joint2_track_rotation_z, cos_joint2_track_rotation_z) = math::sin_cos(
-                joint2_track_rotation_z,
-            );
-            let (sin_joint2_track_rotation_y, cos_joint2_track_rotation_y) = math::sin_cos(
-                joint2_track_rotation_y,
-            );
-            let (sin_joint2_track_rotation_x, cos_joint2_track_rotation_x) = math::sin_cos(
-                joint2_track_rotation_x,
-            );
-            let (sin_joint1_track_rotation_z, cos_joint1_track_rotation_z) = math::sin_cos(
-                joint1_track_rotation_z,
-            );
-            let (sin_joint1_track_rotation_y, cos_joint1_track_rotation_y) = math::sin_cos(
-                joint1_track_rotation_y,
-            );
-            let (sin_joint1_track_rotation_x, cos_joint1_track_rotation_x) = math::sin_cos(
-                joint1_track_rotation_x,
-            );
+            let (sin_joint2_track_rotation_z, cos_joint2_track_rotation_z) =
+                math::sin_cos(joint2_track_rotation_z);
+            let (sin_joint2_track_rotation_y, cos_joint2_track_rotation_y) =
+                math::sin_cos(joint2_track_rotation_y);
+            let (sin_joint2_track_rotation_x, cos_joint2_track_rotation_x) =
+                math::sin_cos(joint2_track_rotation_x);
+            let (sin_joint1_track_rotation_z, cos_joint1_track_rotation_z) =
+                math::sin_cos(joint1_track_rotation_z);
+            let (sin_joint1_track_rotation_y, cos_joint1_track_rotation_y) =
+                math::sin_cos(joint1_track_rotation_y);
+            let (sin_joint1_track_rotation_x, cos_joint1_track_rotation_x) =
+                math::sin_cos(joint1_track_rotation_x);
             let t57 = sin_frame_rotation_z * sin_frame_rotation_y;
             let t58 = sin_frame_rotation_z * cos_frame_rotation_y;
-            let t63 = sin_frame_rotation_x * t57
-                + cos_frame_rotation_z * cos_frame_rotation_x;
-            let t64 = cos_frame_rotation_x * t57
-                - cos_frame_rotation_z * sin_frame_rotation_x;
+            let t63 = sin_frame_rotation_x * t57 + cos_frame_rotation_z * cos_frame_rotation_x;
+            let t64 = cos_frame_rotation_x * t57 - cos_frame_rotation_z * sin_frame_rotation_x;
             let t74 = 0.5 * t64;
             let t75 = 0.5 * t63;
             let t76 = 0.5 * t58;
@@ -10262,10 +9599,8 @@ pub mod full_piecewise {
             let t124 = cos_frame_rotation_y * t92 + sin_frame_rotation_y * prepared_15;
             let t129 = sin_frame_rotation_x * t123 - cos_frame_rotation_x * t91;
             let t130 = cos_frame_rotation_x * t123 + sin_frame_rotation_x * t91;
-            let t145 = sin_frame_rotation_z * prepared_15
-                - cos_frame_rotation_z * prepared_12;
-            let t146 = cos_frame_rotation_z * prepared_15
-                + sin_frame_rotation_z * prepared_12;
+            let t145 = sin_frame_rotation_z * prepared_15 - cos_frame_rotation_z * prepared_12;
+            let t146 = cos_frame_rotation_z * prepared_15 + sin_frame_rotation_z * prepared_12;
             let t147 = sin_frame_rotation_y * t145;
             let t148 = cos_frame_rotation_y * t145;
             let t153 = sin_frame_rotation_x * t147 + cos_frame_rotation_x * t146;
@@ -10274,37 +9609,25 @@ pub mod full_piecewise {
                 - point_z * sin_joint1_track_rotation_x;
             let t162 = point_y * sin_joint1_track_rotation_x
                 + point_z * cos_joint1_track_rotation_x;
-            let t167 = cos_joint1_track_rotation_y * t162
-                - point_x * sin_joint1_track_rotation_y;
-            let t168 = sin_joint1_track_rotation_y * t162
-                + point_x * cos_joint1_track_rotation_y;
-            let t173 = cos_joint1_track_rotation_z * t168
-                - sin_joint1_track_rotation_z * t161;
-            let t174 = sin_joint1_track_rotation_z * t168
-                + cos_joint1_track_rotation_z * t161;
+            let t167 = cos_joint1_track_rotation_y * t162 - point_x * sin_joint1_track_rotation_y;
+            let t168 = sin_joint1_track_rotation_y * t162 + point_x * cos_joint1_track_rotation_y;
+            let t173 = cos_joint1_track_rotation_z * t168 - sin_joint1_track_rotation_z * t161;
+            let t174 = sin_joint1_track_rotation_z * t168 + cos_joint1_track_rotation_z * t161;
             let t179 = point_y * cos_joint2_track_rotation_x
                 - point_z * sin_joint2_track_rotation_x;
             let t180 = point_y * sin_joint2_track_rotation_x
                 + point_z * cos_joint2_track_rotation_x;
-            let t185 = cos_joint2_track_rotation_y * t180
-                - point_x * sin_joint2_track_rotation_y;
-            let t186 = sin_joint2_track_rotation_y * t180
-                + point_x * cos_joint2_track_rotation_y;
-            let t191 = cos_joint2_track_rotation_z * t186
-                - sin_joint2_track_rotation_z * t179;
-            let t192 = sin_joint2_track_rotation_z * t186
-                + cos_joint2_track_rotation_z * t179;
+            let t185 = cos_joint2_track_rotation_y * t180 - point_x * sin_joint2_track_rotation_y;
+            let t186 = sin_joint2_track_rotation_y * t180 + point_x * cos_joint2_track_rotation_y;
+            let t191 = cos_joint2_track_rotation_z * t186 - sin_joint2_track_rotation_z * t179;
+            let t192 = sin_joint2_track_rotation_z * t186 + cos_joint2_track_rotation_z * t179;
             let t193 = t173 - t191;
             let t194 = t174 - t192;
             let t195 = t167 - t185;
-            let t209 = cos_target_rotation_z * t16
-                - sin_target_rotation_z * cos_target_rotation_x;
-            let t210 = sin_target_rotation_z * t16
-                + cos_target_rotation_z * cos_target_rotation_x;
-            let t215 = cos_target_rotation_z * t18
-                + sin_target_rotation_z * sin_target_rotation_x;
-            let t216 = sin_target_rotation_z * t18
-                - cos_target_rotation_z * sin_target_rotation_x;
+            let t209 = cos_target_rotation_z * t16 - sin_target_rotation_z * cos_target_rotation_x;
+            let t210 = sin_target_rotation_z * t16 + cos_target_rotation_z * cos_target_rotation_x;
+            let t215 = cos_target_rotation_z * t18 + sin_target_rotation_z * sin_target_rotation_x;
+            let t216 = sin_target_rotation_z * t18 - cos_target_rotation_z * sin_target_rotation_x;
             let t223 = cos_frame_rotation_y * prepared_20 - sin_frame_rotation_y * t107;
             let t224 = cos_frame_rotation_y * t107 + sin_frame_rotation_y * prepared_20;
             let t227 = sin_frame_rotation_x * t223 - cos_frame_rotation_x * t108;
@@ -10321,18 +9644,14 @@ pub mod full_piecewise {
             let t285 = sin_frame_rotation_y * prepared_23 - cos_frame_rotation_y * t114;
             let t288 = cos_frame_rotation_x * t113 - sin_frame_rotation_x * t284;
             let t289 = sin_frame_rotation_x * t113 + cos_frame_rotation_x * t284;
-            let t319 = sin_frame_rotation_z * prepared_22
-                + cos_frame_rotation_z * prepared_20;
-            let t320 = sin_frame_rotation_z * prepared_20
-                - cos_frame_rotation_z * prepared_22;
+            let t319 = sin_frame_rotation_z * prepared_22 + cos_frame_rotation_z * prepared_20;
+            let t320 = sin_frame_rotation_z * prepared_20 - cos_frame_rotation_z * prepared_22;
             let t321 = sin_frame_rotation_y * t319;
             let t322 = cos_frame_rotation_y * t319;
             let t327 = cos_frame_rotation_x * t320 - sin_frame_rotation_x * t321;
             let t328 = cos_frame_rotation_x * t321 + sin_frame_rotation_x * t320;
-            let t339 = sin_frame_rotation_z * prepared_23
-                - cos_frame_rotation_z * prepared_21;
-            let t340 = cos_frame_rotation_z * prepared_23
-                + sin_frame_rotation_z * prepared_21;
+            let t339 = sin_frame_rotation_z * prepared_23 - cos_frame_rotation_z * prepared_21;
+            let t340 = cos_frame_rotation_z * prepared_23 + sin_frame_rotation_z * prepared_21;
             let t341 = sin_frame_rotation_y * t339;
             let t342 = cos_frame_rotation_y * t339;
             let t347 = sin_frame_rotation_x * t341 + cos_frame_rotation_x * t340;
@@ -10347,13 +9666,11 @@ pub mod full_piecewise {
             let t384 = t42 - t383;
             let t385 = t43 - t381;
             let t386 = t44 - t379;
-            let t391 = sin_joint2_track_rotation_z * t385
-                + cos_joint2_track_rotation_z * t386;
+            let t391 = sin_joint2_track_rotation_z * t385 + cos_joint2_track_rotation_z * t386;
             let t396 = t42 + t383;
             let t397 = t43 + t381;
             let t398 = t44 + t379;
-            let t403 = sin_joint1_track_rotation_z * t397
-                + cos_joint1_track_rotation_z * t398;
+            let t403 = sin_joint1_track_rotation_z * t397 + cos_joint1_track_rotation_z * t398;
             let t408 = (target_position_x * t63 - target_position_y * t58) / t371;
             let t409 = (target_position_z * t58 - target_position_x * t64) / t371;
             let t410 = (target_position_y * t64 - target_position_z * t63) / t371;
@@ -10363,17 +9680,13 @@ pub mod full_piecewise {
             let t420 = t74 - t419;
             let t421 = t75 - t417;
             let t422 = t76 - t415;
-            let t427 = sin_joint2_track_rotation_z * t421
-                + cos_joint2_track_rotation_z * t422;
+            let t427 = sin_joint2_track_rotation_z * t421 + cos_joint2_track_rotation_z * t422;
             let t432 = t74 + t419;
             let t433 = t75 + t417;
             let t434 = t76 + t415;
-            let t439 = sin_joint1_track_rotation_z * t433
-                + cos_joint1_track_rotation_z * t434;
-            let t444 = (target_position_x * t77
-                + target_position_y * sin_frame_rotation_y) / t371;
-            let t445 = (target_position_x * t78
-                + target_position_z * sin_frame_rotation_y) / t371;
+            let t439 = sin_joint1_track_rotation_z * t433 + cos_joint1_track_rotation_z * t434;
+            let t444 = (target_position_x * t77 + target_position_y * sin_frame_rotation_y) / t371;
+            let t445 = (target_position_x * t78 + target_position_z * sin_frame_rotation_y) / t371;
             let t446 = (target_position_y * t78 - target_position_z * t77) / t371;
             let t451 = t2 * t444 + t3 * t445;
             let t453 = t1 * t444 - t3 * t446;
@@ -10381,24 +9694,19 @@ pub mod full_piecewise {
             let t456 = t88 - t455;
             let t457 = t89 - t453;
             let t458 = t90 + t451;
-            let t463 = sin_joint2_track_rotation_z * t457
-                + cos_joint2_track_rotation_z * t458;
+            let t463 = sin_joint2_track_rotation_z * t457 + cos_joint2_track_rotation_z * t458;
             let t468 = t88 + t455;
             let t469 = t89 + t453;
             let t470 = t451 - t90;
-            let t475 = sin_joint1_track_rotation_z * t469
-                - cos_joint1_track_rotation_z * t470;
+            let t475 = sin_joint1_track_rotation_z * t469 - cos_joint1_track_rotation_z * t470;
             let t492 = (t2 * t195 - t3 * t194) / t371;
             let t493 = (t3 * t193 - t1 * t195) / t371;
             let t494 = (t1 * t194 - t2 * t193) / t371;
-            let t503 = target_position_z * t493 - target_position_y * t494
-                + target_position_x
+            let t503 = target_position_z * t493 - target_position_y * t494 + target_position_x
                 + 0.5 * (t191 + joint2_track_offset_x + joint1_track_offset_x + t173);
-            let t506 = target_position_x * t494 - target_position_z * t492
-                + target_position_y
+            let t506 = target_position_x * t494 - target_position_z * t492 + target_position_y
                 + 0.5 * (t192 + joint2_track_offset_y + joint1_track_offset_y + t174);
-            let t509 = target_position_y * t492 - target_position_x * t493
-                + target_position_z
+            let t509 = target_position_y * t492 - target_position_x * t493 + target_position_z
                 + 0.5 * (t185 + joint2_track_offset_z + joint1_track_offset_z + t167);
             let t514 = cos_frame_rotation_x * t506 - sin_frame_rotation_x * t509;
             let t515 = sin_frame_rotation_x * t506 + cos_frame_rotation_x * t509;
@@ -10458,11 +9766,14 @@ pub mod full_piecewise {
             let t899 = t241 + t242 * t492 - t238 * t494;
             let t907 = sin_target_rotation_z * t853 + cos_target_rotation_z * t850;
             let t918 = sin_target_rotation_z * t870 + cos_target_rotation_z * t867;
-            let t952 = (t103 * t215 + t98 * t216 + t209 * t227 + t210 * t224 + t11 * t241
-                - t12 * t238) / t371;
-            let t954 = (t17 * t98 + t104 * t215 + t209 * t228 + t15 * t224 + t11 * t242
+            let t952 =
+                (t103 * t215 + t98 * t216 + t209 * t227 + t210 * t224 + t11 * t241 - t12 * t238)
+                / t371;
+            let t954 =
+                (t17 * t98 + t104 * t215 + t209 * t228 + t15 * t224 + t11 * t242
                 + sin_target_rotation_y * t238) / t371;
-            let t956 = (t104 * t216 - t17 * t103 + t210 * t228 - t15 * t227 + t12 * t242
+            let t956 =
+                (t104 * t216 - t17 * t103 + t210 * t228 - t15 * t227 + t12 * t242
                 + sin_target_rotation_y * t241) / t371;
             let t959 = t493 * t954 - t494 * t952 - t492 * t956;
             let t970 = t685 * t959 + t194 * t952 + t195 * t954;
@@ -10471,10 +9782,8 @@ pub mod full_piecewise {
             let t978 = t1 * t952 - t3 * t956;
             let t982 = t683 * t959 - t193 * t952 + t195 * t956;
             let t983 = t1 * t954 + t2 * t956;
-            let t991 = cos_joint2_track_rotation_z * t973
-                - sin_joint2_track_rotation_z * t978;
-            let t1009 = sin_joint1_track_rotation_z * t978
-                - cos_joint1_track_rotation_z * t973;
+            let t991 = cos_joint2_track_rotation_z * t973 - sin_joint2_track_rotation_z * t978;
+            let t1009 = sin_joint1_track_rotation_z * t978 - cos_joint1_track_rotation_z * t973;
             let t1030 = t124 - t130 * t493 + t129 * t494;
             let t1033 = t129 + t130 * t492 - t124 * t494;
             let t1036 = t130 - t129 * t492 + t124 * t493;
@@ -10485,11 +9794,14 @@ pub mod full_piecewise {
             let t1079 = t288 - t289 * t492 - t285 * t494;
             let t1087 = sin_target_rotation_z * t1033 + cos_target_rotation_z * t1030;
             let t1098 = sin_target_rotation_z * t1050 + cos_target_rotation_z * t1047;
-            let t1132 = (t129 * t215 - t124 * t216 + t209 * t274 - t210 * t271
-                + t11 * t288 - t12 * t285) / t371;
-            let t1134 = (t17 * t124 - t130 * t215 - t209 * t275 + t15 * t271 + t11 * t289
+            let t1132 =
+                (t129 * t215 - t124 * t216 + t209 * t274 - t210 * t271 + t11 * t288 - t12 * t285)
+                / t371;
+            let t1134 =
+                (t17 * t124 - t130 * t215 - t209 * t275 + t15 * t271 + t11 * t289
                 - sin_target_rotation_y * t285) / t371;
-            let t1136 = (t130 * t216 - t17 * t129 + t210 * t275 - t15 * t274 - t12 * t289
+            let t1136 =
+                (t130 * t216 - t17 * t129 + t210 * t275 - t15 * t274 - t12 * t289
                 + sin_target_rotation_y * t288) / t371;
             let t1139 = t494 * t1132 + t493 * t1134 + t492 * t1136;
             let t1150 = t194 * t1132 - t685 * t1139 - t195 * t1134;
@@ -10498,10 +9810,8 @@ pub mod full_piecewise {
             let t1158 = t1 * t1132 - t3 * t1136;
             let t1162 = t195 * t1136 - t683 * t1139 - t193 * t1132;
             let t1163 = t2 * t1136 - t1 * t1134;
-            let t1171 = sin_joint2_track_rotation_z * t1158
-                + cos_joint2_track_rotation_z * t1153;
-            let t1189 = sin_joint1_track_rotation_z * t1158
-                + cos_joint1_track_rotation_z * t1153;
+            let t1171 = sin_joint2_track_rotation_z * t1158 + cos_joint2_track_rotation_z * t1153;
+            let t1189 = sin_joint1_track_rotation_z * t1158 + cos_joint1_track_rotation_z * t1153;
             let t1210 = t148 - t154 * t493 + t153 * t494;
             let t1213 = t153 + t154 * t492 - t148 * t494;
             let t1216 = t154 - t153 * t492 + t148 * t493;
@@ -10512,11 +9822,14 @@ pub mod full_piecewise {
             let t1259 = t347 + t348 * t492 - t342 * t494;
             let t1267 = sin_target_rotation_z * t1213 + cos_target_rotation_z * t1210;
             let t1278 = sin_target_rotation_z * t1230 + cos_target_rotation_z * t1227;
-            let t1312 = (t153 * t215 - t148 * t216 + t209 * t327 + t210 * t322
-                + t11 * t347 - t12 * t342) / t371;
-            let t1314 = (t17 * t148 - t154 * t215 + t209 * t328 - t15 * t322 - t11 * t348
+            let t1312 =
+                (t153 * t215 - t148 * t216 + t209 * t327 + t210 * t322 + t11 * t347 - t12 * t342)
+                / t371;
+            let t1314 =
+                (t17 * t148 - t154 * t215 + t209 * t328 - t15 * t322 - t11 * t348
                 - sin_target_rotation_y * t342) / t371;
-            let t1316 = (t154 * t216 - t17 * t153 - t210 * t328 - t15 * t327 + t12 * t348
+            let t1316 =
+                (t154 * t216 - t17 * t153 - t210 * t328 - t15 * t327 + t12 * t348
                 + sin_target_rotation_y * t347) / t371;
             let t1319 = t494 * t1312 + t493 * t1314 + t492 * t1316;
             let t1330 = t194 * t1312 - t685 * t1319 - t195 * t1314;
@@ -10525,42 +9838,34 @@ pub mod full_piecewise {
             let t1338 = t1 * t1312 - t3 * t1316;
             let t1342 = t195 * t1316 - t683 * t1319 - t193 * t1312;
             let t1343 = t2 * t1316 - t1 * t1314;
-            let t1351 = sin_joint2_track_rotation_z * t1338
-                + cos_joint2_track_rotation_z * t1333;
-            let t1369 = sin_joint1_track_rotation_z * t1338
-                + cos_joint1_track_rotation_z * t1333;
+            let t1351 = sin_joint2_track_rotation_z * t1338 + cos_joint2_track_rotation_z * t1333;
+            let t1369 = sin_joint1_track_rotation_z * t1338 + cos_joint1_track_rotation_z * t1333;
             residuals[0][lane] = t526 + frame_translation_x - x;
             residuals[1][lane] = t527 + frame_translation_y - y;
             residuals[2][lane] = t520 + frame_translation_z - z;
             residuals[3][lane] = 0.5
-                * (prepared_17 * t556 - prepared_6 * t635 - prepared_8 * t599
-                    + prepared_7 * t563 + prepared_19 * t592 + prepared_10 * t628);
+                * (prepared_17 * t556 - prepared_6 * t635 - prepared_8 * t599 + prepared_7 * t563
+                + prepared_19 * t592 + prepared_10 * t628);
             residuals[4][lane] = 0.5
-                * (prepared_18 * t592 - prepared_9 * t628 - prepared_7 * t562
-                    - prepared_16 * t556 + prepared_8 * t598 + prepared_6 * t634);
+                * (prepared_18 * t592 - prepared_9 * t628 - prepared_7 * t562 - prepared_16 * t556
+                + prepared_8 * t598 + prepared_6 * t634);
             residuals[5][lane] = 0.5
-                * (prepared_16 * t563 - prepared_10 * t634 - prepared_17 * t562
-                    - prepared_18 * t599 - prepared_19 * t598 + prepared_9 * t635);
+                * (prepared_16 * t563 - prepared_10 * t634 - prepared_17 * t562 - prepared_18 * t599
+                - prepared_19 * t598 + prepared_9 * t635);
             jacobian[0][lane] = t44 + t691;
             jacobian[1][lane] = t43 + t698;
             jacobian[2][lane] = t42 + t695;
             jacobian[3][lane] = t161
-                * (sin_joint1_track_rotation_y * t403
-                    + cos_joint1_track_rotation_y * t396)
-                - t162
-                    * (cos_joint1_track_rotation_z * t397
-                        - sin_joint1_track_rotation_z * t398);
+                * (sin_joint1_track_rotation_y * t403 + cos_joint1_track_rotation_y * t396)
+                - t162 * (cos_joint1_track_rotation_z * t397 - sin_joint1_track_rotation_z * t398);
             jacobian[4][lane] = t167 * t403 - t168 * t396;
             jacobian[5][lane] = t173 * t397 - t174 * t398;
             jacobian[6][lane] = t44 - t691;
             jacobian[7][lane] = t43 - t698;
             jacobian[8][lane] = t42 - t695;
             jacobian[9][lane] = t179
-                * (sin_joint2_track_rotation_y * t391
-                    + cos_joint2_track_rotation_y * t384)
-                - t180
-                    * (cos_joint2_track_rotation_z * t385
-                        - sin_joint2_track_rotation_z * t386);
+                * (sin_joint2_track_rotation_y * t391 + cos_joint2_track_rotation_y * t384)
+                - t180 * (cos_joint2_track_rotation_z * t385 - sin_joint2_track_rotation_z * t386);
             jacobian[10][lane] = t185 * t391 - t186 * t384;
             jacobian[11][lane] = t191 * t385 - t192 * t386;
             jacobian[12][lane] = 1.0;
@@ -10574,22 +9879,16 @@ pub mod full_piecewise {
             jacobian[20][lane] = t75 + t758;
             jacobian[21][lane] = t74 + t755;
             jacobian[22][lane] = t161
-                * (sin_joint1_track_rotation_y * t439
-                    + cos_joint1_track_rotation_y * t432)
-                - t162
-                    * (cos_joint1_track_rotation_z * t433
-                        - sin_joint1_track_rotation_z * t434);
+                * (sin_joint1_track_rotation_y * t439 + cos_joint1_track_rotation_y * t432)
+                - t162 * (cos_joint1_track_rotation_z * t433 - sin_joint1_track_rotation_z * t434);
             jacobian[23][lane] = t167 * t439 - t168 * t432;
             jacobian[24][lane] = t173 * t433 - t174 * t434;
             jacobian[25][lane] = t76 - t751;
             jacobian[26][lane] = t75 - t758;
             jacobian[27][lane] = t74 - t755;
             jacobian[28][lane] = t179
-                * (sin_joint2_track_rotation_y * t427
-                    + cos_joint2_track_rotation_y * t420)
-                - t180
-                    * (cos_joint2_track_rotation_z * t421
-                        - sin_joint2_track_rotation_z * t422);
+                * (sin_joint2_track_rotation_y * t427 + cos_joint2_track_rotation_y * t420)
+                - t180 * (cos_joint2_track_rotation_z * t421 - sin_joint2_track_rotation_z * t422);
             jacobian[29][lane] = t185 * t427 - t186 * t420;
             jacobian[30][lane] = t191 * t421 - t192 * t422;
             jacobian[31][lane] = 1.0;
@@ -10603,22 +9902,16 @@ pub mod full_piecewise {
             jacobian[39][lane] = t89 + t815;
             jacobian[40][lane] = t88 + t812;
             jacobian[41][lane] = t161
-                * (sin_joint1_track_rotation_y * t475
-                    + cos_joint1_track_rotation_y * t468)
-                - t162
-                    * (cos_joint1_track_rotation_z * t469
-                        + sin_joint1_track_rotation_z * t470);
+                * (sin_joint1_track_rotation_y * t475 + cos_joint1_track_rotation_y * t468)
+                - t162 * (cos_joint1_track_rotation_z * t469 + sin_joint1_track_rotation_z * t470);
             jacobian[42][lane] = t167 * t475 - t168 * t468;
             jacobian[43][lane] = t173 * t469 + t174 * t470;
             jacobian[44][lane] = t90 - t808;
             jacobian[45][lane] = t89 - t815;
             jacobian[46][lane] = t88 - t812;
             jacobian[47][lane] = t179
-                * (sin_joint2_track_rotation_y * t463
-                    + cos_joint2_track_rotation_y * t456)
-                - t180
-                    * (cos_joint2_track_rotation_z * t457
-                        - sin_joint2_track_rotation_z * t458);
+                * (sin_joint2_track_rotation_y * t463 + cos_joint2_track_rotation_y * t456)
+                - t180 * (cos_joint2_track_rotation_z * t457 - sin_joint2_track_rotation_z * t458);
             jacobian[48][lane] = t185 * t463 - t186 * t456;
             jacobian[49][lane] = t191 * t457 - t192 * t458;
             jacobian[50][lane] = 1.0;
@@ -10631,133 +9924,114 @@ pub mod full_piecewise {
             jacobian[57][lane] = t982;
             jacobian[58][lane] = t977;
             jacobian[59][lane] = t161
-                * (sin_joint1_track_rotation_y * t1009
-                    + cos_joint1_track_rotation_y * t983)
-                - t162
-                    * (cos_joint1_track_rotation_z * t978
-                        + sin_joint1_track_rotation_z * t973);
+                * (sin_joint1_track_rotation_y * t1009 + cos_joint1_track_rotation_y * t983)
+                - t162 * (cos_joint1_track_rotation_z * t978 + sin_joint1_track_rotation_z * t973);
             jacobian[60][lane] = t167 * t1009 - t168 * t983;
             jacobian[61][lane] = t173 * t978 + t174 * t973;
             jacobian[62][lane] = -t970;
             jacobian[63][lane] = -t982;
             jacobian[64][lane] = -t977;
             jacobian[65][lane] = t179
-                * (sin_joint2_track_rotation_y * t991
-                    - cos_joint2_track_rotation_y * t983)
-                + t180
-                    * (cos_joint2_track_rotation_z * t978
-                        + sin_joint2_track_rotation_z * t973);
+                * (sin_joint2_track_rotation_y * t991 - cos_joint2_track_rotation_y * t983)
+                + t180 * (cos_joint2_track_rotation_z * t978 + sin_joint2_track_rotation_z * t973);
             jacobian[66][lane] = t185 * t991 + t186 * t983;
             jacobian[67][lane] = -(t191 * t978 + t192 * t973);
-            jacobian[68][lane] = t97 * t622 + t92 * t623 + t223 * t586 + t108 * t587
-                + t237 * t550 - t114 * t551;
-            jacobian[69][lane] = t113 * t556 - t91 * t628 - prepared_12 * t629
-                - t107 * t592 - prepared_20 * t593 - prepared_21 * t557;
-            jacobian[70][lane] = prepared_14 * t562 - prepared_11 * t634
-                - prepared_13 * t598;
+            jacobian[68][lane] = t97 * t622 + t92 * t623 + t223 * t586 + t108 * t587 + t237 * t550
+                - t114 * t551;
+            jacobian[69][lane] = t113 * t556 - t91 * t628 - prepared_12 * t629 - t107 * t592
+                - prepared_20 * t593 - prepared_21 * t557;
+            jacobian[70][lane] = prepared_14 * t562 - prepared_11 * t634 - prepared_13 * t598;
             jacobian[71][lane] = cos_target_rotation_x
                 * (sin_target_rotation_y * t918 + sin_target_rotation_z * t850
-                    - cos_target_rotation_z * t853 + cos_target_rotation_y * t873)
+                - cos_target_rotation_z * t853 + cos_target_rotation_y * t873)
                 - sin_target_rotation_x
-                    * (sin_target_rotation_y * t907 + cos_target_rotation_y * t856
-                        + cos_target_rotation_z * t870 - sin_target_rotation_z * t867);
+                * (sin_target_rotation_y * t907 + cos_target_rotation_y * t856
+                + cos_target_rotation_z * t870 - sin_target_rotation_z * t867);
             jacobian[72][lane] = cos_target_rotation_y
-                * (sin_target_rotation_x * t918 + cos_target_rotation_x * t907
-                    - t238 * t493 - t242 + t241 * t492)
+                * (sin_target_rotation_x * t918 + cos_target_rotation_x * t907 - t238 * t493 - t242
+                + t241 * t492)
                 - sin_target_rotation_y
-                    * (cos_target_rotation_x * t856 + sin_target_rotation_x * t873
-                        + sin_target_rotation_z * t899 + cos_target_rotation_z * t896);
+                * (cos_target_rotation_x * t856 + sin_target_rotation_x * t873
+                + sin_target_rotation_z * t899 + cos_target_rotation_z * t896);
             jacobian[73][lane] = t215 * t853 - t216 * t850 + t209 * t870 - t210 * t867
                 + cos_target_rotation_y
-                    * (cos_target_rotation_z * t899 - sin_target_rotation_z * t896);
+                * (cos_target_rotation_z * t899 - sin_target_rotation_z * t896);
             jacobian[74][lane] = t1150;
             jacobian[75][lane] = t1162;
             jacobian[76][lane] = t1157;
             jacobian[77][lane] = t161
-                * (sin_joint1_track_rotation_y * t1189
-                    + cos_joint1_track_rotation_y * t1163)
+                * (sin_joint1_track_rotation_y * t1189 + cos_joint1_track_rotation_y * t1163)
                 - t162
-                    * (cos_joint1_track_rotation_z * t1158
-                        - sin_joint1_track_rotation_z * t1153);
+                * (cos_joint1_track_rotation_z * t1158 - sin_joint1_track_rotation_z * t1153);
             jacobian[78][lane] = t167 * t1189 - t168 * t1163;
             jacobian[79][lane] = t173 * t1158 - t174 * t1153;
             jacobian[80][lane] = -t1150;
             jacobian[81][lane] = -t1162;
             jacobian[82][lane] = -t1157;
             jacobian[83][lane] = t180
-                * (cos_joint2_track_rotation_z * t1158
-                    - sin_joint2_track_rotation_z * t1153)
+                * (cos_joint2_track_rotation_z * t1158 - sin_joint2_track_rotation_z * t1153)
                 - t179
-                    * (sin_joint2_track_rotation_y * t1171
-                        + cos_joint2_track_rotation_y * t1163);
+                * (sin_joint2_track_rotation_y * t1171 + cos_joint2_track_rotation_y * t1163);
             jacobian[84][lane] = t186 * t1163 - t185 * t1171;
             jacobian[85][lane] = t192 * t1153 - t191 * t1158;
-            jacobian[86][lane] = t123 * t622 + t91 * t623 + t270 * t586 + t107 * t587
-                - t284 * t550 - t113 * t551;
-            jacobian[87][lane] = t92 * t628 + prepared_15 * t629 + t108 * t592
-                - prepared_22 * t593 - t114 * t556 + prepared_23 * t557;
-            jacobian[88][lane] = prepared_14 * t563 - prepared_11 * t635
-                - prepared_13 * t599;
+            jacobian[86][lane] = t123 * t622 + t91 * t623 + t270 * t586 + t107 * t587 - t284 * t550
+                - t113 * t551;
+            jacobian[87][lane] = t92 * t628 + prepared_15 * t629 + t108 * t592 - prepared_22 * t593
+                - t114 * t556 + prepared_23 * t557;
+            jacobian[88][lane] = prepared_14 * t563 - prepared_11 * t635 - prepared_13 * t599;
             jacobian[89][lane] = cos_target_rotation_x
                 * (sin_target_rotation_y * t1098 + sin_target_rotation_z * t1030
-                    - cos_target_rotation_z * t1033 + cos_target_rotation_y * t1053)
+                - cos_target_rotation_z * t1033 + cos_target_rotation_y * t1053)
                 - sin_target_rotation_x
-                    * (sin_target_rotation_y * t1087 + cos_target_rotation_y * t1036
-                        + cos_target_rotation_z * t1050 - sin_target_rotation_z * t1047);
+                * (sin_target_rotation_y * t1087 + cos_target_rotation_y * t1036
+                + cos_target_rotation_z * t1050 - sin_target_rotation_z * t1047);
             jacobian[90][lane] = cos_target_rotation_y
-                * (sin_target_rotation_x * t1098 + cos_target_rotation_x * t1087
-                    - t285 * t493 + t289 + t288 * t492)
+                * (sin_target_rotation_x * t1098 + cos_target_rotation_x * t1087 - t285 * t493
+                + t289 + t288 * t492)
                 - sin_target_rotation_y
-                    * (cos_target_rotation_x * t1036 + sin_target_rotation_x * t1053
-                        + sin_target_rotation_z * t1079 + cos_target_rotation_z * t1076);
-            jacobian[91][lane] = t215 * t1033 - t216 * t1030 + t209 * t1050
-                - t210 * t1047
+                * (cos_target_rotation_x * t1036 + sin_target_rotation_x * t1053
+                + sin_target_rotation_z * t1079 + cos_target_rotation_z * t1076);
+            jacobian[91][lane] = t215 * t1033 - t216 * t1030 + t209 * t1050 - t210 * t1047
                 + cos_target_rotation_y
-                    * (cos_target_rotation_z * t1079 - sin_target_rotation_z * t1076);
+                * (cos_target_rotation_z * t1079 - sin_target_rotation_z * t1076);
             jacobian[92][lane] = t1330;
             jacobian[93][lane] = t1342;
             jacobian[94][lane] = t1337;
             jacobian[95][lane] = t161
-                * (sin_joint1_track_rotation_y * t1369
-                    + cos_joint1_track_rotation_y * t1343)
+                * (sin_joint1_track_rotation_y * t1369 + cos_joint1_track_rotation_y * t1343)
                 - t162
-                    * (cos_joint1_track_rotation_z * t1338
-                        - sin_joint1_track_rotation_z * t1333);
+                * (cos_joint1_track_rotation_z * t1338 - sin_joint1_track_rotation_z * t1333);
             jacobian[96][lane] = t167 * t1369 - t168 * t1343;
             jacobian[97][lane] = t173 * t1338 - t174 * t1333;
             jacobian[98][lane] = -t1330;
             jacobian[99][lane] = -t1342;
             jacobian[100][lane] = -t1337;
             jacobian[101][lane] = t180
-                * (cos_joint2_track_rotation_z * t1338
-                    - sin_joint2_track_rotation_z * t1333)
+                * (cos_joint2_track_rotation_z * t1338 - sin_joint2_track_rotation_z * t1333)
                 - t179
-                    * (sin_joint2_track_rotation_y * t1351
-                        + cos_joint2_track_rotation_y * t1343);
+                * (sin_joint2_track_rotation_y * t1351 + cos_joint2_track_rotation_y * t1343);
             jacobian[102][lane] = t186 * t1343 - t185 * t1351;
             jacobian[103][lane] = t192 * t1333 - t191 * t1338;
             jacobian[104][lane] = t147 * t622 - t146 * t623 - t321 * t586 - t320 * t587
                 + t341 * t550 - t340 * t551;
             jacobian[105][lane] = t145 * t628 - t319 * t592 + t339 * t556;
-            jacobian[106][lane] = prepared_15 * t634 + prepared_12 * t635
-                - prepared_22 * t598 + prepared_20 * t599 + prepared_23 * t562
-                + prepared_21 * t563;
+            jacobian[106][lane] = prepared_15 * t634 + prepared_12 * t635 - prepared_22 * t598
+                + prepared_20 * t599 + prepared_23 * t562 + prepared_21 * t563;
             jacobian[107][lane] = cos_target_rotation_x
                 * (sin_target_rotation_y * t1278 + sin_target_rotation_z * t1210
-                    - cos_target_rotation_z * t1213 - cos_target_rotation_y * t1233)
+                - cos_target_rotation_z * t1213 - cos_target_rotation_y * t1233)
                 - sin_target_rotation_x
-                    * (sin_target_rotation_y * t1267 + cos_target_rotation_y * t1216
-                        + cos_target_rotation_z * t1230 - sin_target_rotation_z * t1227);
+                * (sin_target_rotation_y * t1267 + cos_target_rotation_y * t1216
+                + cos_target_rotation_z * t1230 - sin_target_rotation_z * t1227);
             jacobian[108][lane] = cos_target_rotation_y
-                * (sin_target_rotation_x * t1278 + cos_target_rotation_x * t1267
-                    - t342 * t493 - t348 + t347 * t492)
+                * (sin_target_rotation_x * t1278 + cos_target_rotation_x * t1267 - t342 * t493
+                - t348 + t347 * t492)
                 - sin_target_rotation_y
-                    * (cos_target_rotation_x * t1216 - sin_target_rotation_x * t1233
-                        + sin_target_rotation_z * t1259 + cos_target_rotation_z * t1256);
-            jacobian[109][lane] = t215 * t1213 - t216 * t1210 + t209 * t1230
-                - t210 * t1227
+                * (cos_target_rotation_x * t1216 - sin_target_rotation_x * t1233
+                + sin_target_rotation_z * t1259 + cos_target_rotation_z * t1256);
+            jacobian[109][lane] = t215 * t1213 - t216 * t1210 + t209 * t1230 - t210 * t1227
                 + cos_target_rotation_y
-                    * (cos_target_rotation_z * t1259 - sin_target_rotation_z * t1256);
+                * (cos_target_rotation_z * t1259 - sin_target_rotation_z * t1256);
         }
     }
     /// `F·(C(q) + A(q)·m) + t − x; axial vector of F·A(q)·M·Rᵀ`
@@ -10793,11 +10067,9 @@ pub mod full_piecewise {
         };
         #[inline(always)]
         fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[q, x, y, z, alpha, beta, gamma, segment_start_x, segment_start_y,
-            segment_start_z, segment_end_x, segment_end_y, segment_end_z,
-            segment_start_q, segment_end_q] = data else {
-                panic!("`data` must hold 15 numbers")
-            };
+            let &[q, x, y, z, alpha, beta, gamma, segment_start_x, segment_start_y, segment_start_z,
+                segment_end_x, segment_end_y, segment_end_z, segment_start_q,
+                segment_end_q] = data else { panic!("`data` must hold 15 numbers") };
             let t1 = segment_end_q - segment_start_q;
             let t2 = q - segment_start_q;
             let slope_x = (segment_end_x - segment_start_x) / t1;
@@ -10876,121 +10148,74 @@ pub mod full_piecewise {
             let prepared_18 = prepared[18][lane];
             let prepared_19 = prepared[19][lane];
             let &[joint1_track_offset_x, joint1_track_offset_y, joint1_track_offset_z,
-            joint1_track_rotation_x, joint1_track_rotation_y, joint1_track_rotation_z,
-            joint2_track_offset_x, joint2_track_offset_y, joint2_track_offset_z,
-            joint2_track_rotation_x, joint2_track_rotation_y, joint2_track_rotation_z,
-            joint3_track_offset_x, joint3_track_offset_y, joint3_track_offset_z,
-            joint3_track_rotation_x, joint3_track_rotation_y, joint3_track_rotation_z,
-            frame_translation_x, frame_translation_y, frame_translation_z,
-            frame_rotation_x, frame_rotation_y, frame_rotation_z, target_position_x,
-            target_position_y, target_position_z, target_rotation_x, target_rotation_y,
-            target_rotation_z] = parameters else {
-                panic!("`parameters` must hold 30 numbers")
-            };
-            let (sin_target_rotation_y, cos_target_rotation_y) = math::sin_cos(
-                target_rotation_y,
-            );
-            let (sin_target_rotation_z, cos_target_rotation_z) = math::sin_cos(
-                target_rotation_z,
-            );
+                joint1_track_rotation_x, joint1_track_rotation_y, joint1_track_rotation_z,
+                joint2_track_offset_x, joint2_track_offset_y, joint2_track_offset_z,
+                joint2_track_rotation_x, joint2_track_rotation_y, joint2_track_rotation_z,
+                joint3_track_offset_x, joint3_track_offset_y, joint3_track_offset_z,
+                joint3_track_rotation_x, joint3_track_rotation_y, joint3_track_rotation_z,
+                frame_translation_x, frame_translation_y, frame_translation_z, frame_rotation_x,
+                frame_rotation_y, frame_rotation_z, target_position_x, target_position_y,
+                target_position_z, target_rotation_x, target_rotation_y,
+                target_rotation_z] =
+                parameters else { panic!("`parameters` must hold 30 numbers") };
+            let (sin_target_rotation_y, cos_target_rotation_y) = math::sin_cos(target_rotation_y);
+            let (sin_target_rotation_z, cos_target_rotation_z) = math::sin_cos(target_rotation_z);
             let t5 = cos_target_rotation_y * cos_target_rotation_z;
             let t6 = cos_target_rotation_y * sin_target_rotation_z;
-            let (sin_target_rotation_x, cos_target_rotation_x) = math::sin_cos(
-                target_rotation_x,
-            );
+            let (sin_target_rotation_x, cos_target_rotation_x) = math::sin_cos(target_rotation_x);
             let t9 = cos_target_rotation_y * sin_target_rotation_x;
             let t10 = sin_target_rotation_y * sin_target_rotation_x;
             let t11 = cos_target_rotation_y * cos_target_rotation_x;
             let t12 = sin_target_rotation_y * cos_target_rotation_x;
-            let (sin_frame_rotation_z, cos_frame_rotation_z) = math::sin_cos(
-                frame_rotation_z,
-            );
-            let (sin_frame_rotation_y, cos_frame_rotation_y) = math::sin_cos(
-                frame_rotation_y,
-            );
-            let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(
-                frame_rotation_x,
-            );
-            let (sin_joint3_track_rotation_z, cos_joint3_track_rotation_z) = math::sin_cos(
-                joint3_track_rotation_z,
-            );
-            let (sin_joint3_track_rotation_y, cos_joint3_track_rotation_y) = math::sin_cos(
-                joint3_track_rotation_y,
-            );
-            let (sin_joint3_track_rotation_x, cos_joint3_track_rotation_x) = math::sin_cos(
-                joint3_track_rotation_x,
-            );
-            let (sin_joint2_track_rotation_z, cos_joint2_track_rotation_z) = math::sin_cos(
-                joint2_track_rotation_z,
-            );
-            let (sin_joint2_track_rotation_y, cos_joint2_track_rotation_y) = math::sin_cos(
-                joint2_track_rotation_y,
-            );
-            let (sin_joint2_track_rotation_x, cos_joint2_track_rotation_x) = math::sin_cos(
-                joint2_track_rotation_x,
-            );
-            let (sin_joint1_track_rotation_z, cos_joint1_track_rotation_z) = math::sin_cos(
-                joint1_track_rotation_z,
-            );
-            let (sin_joint1_track_rotation_y, cos_joint1_track_rotation_y) = math::sin_cos(
-                joint1_track_rotation_y,
-            );
-            let (sin_joint1_track_rotation_x, cos_joint1_track_rotation_x) = math::sin_cos(
-                joint1_track_rotation_x,
-            );
-            let t41 = point_y * cos_joint1_track_rotation_x
-                - point_z * sin_joint1_track_rotation_x;
-            let t42 = point_y * sin_joint1_track_rotation_x
-                + point_z * cos_joint1_track_rotation_x;
-            let t47 = cos_joint1_track_rotation_y * t42
-                - point_x * sin_joint1_track_rotation_y;
-            let t48 = sin_joint1_track_rotation_y * t42
-                + point_x * cos_joint1_track_rotation_y;
-            let t53 = cos_joint1_track_rotation_z * t48
-                - sin_joint1_track_rotation_z * t41;
-            let t54 = sin_joint1_track_rotation_z * t48
-                + cos_joint1_track_rotation_z * t41;
-            let t59 = point_y * cos_joint2_track_rotation_x
-                - point_z * sin_joint2_track_rotation_x;
-            let t60 = point_y * sin_joint2_track_rotation_x
-                + point_z * cos_joint2_track_rotation_x;
-            let t65 = cos_joint2_track_rotation_y * t60
-                - point_x * sin_joint2_track_rotation_y;
-            let t66 = sin_joint2_track_rotation_y * t60
-                + point_x * cos_joint2_track_rotation_y;
-            let t71 = cos_joint2_track_rotation_z * t66
-                - sin_joint2_track_rotation_z * t59;
-            let t72 = sin_joint2_track_rotation_z * t66
-                + cos_joint2_track_rotation_z * t59;
-            let t77 = point_y * cos_joint3_track_rotation_x
-                - point_z * sin_joint3_track_rotation_x;
-            let t78 = point_y * sin_joint3_track_rotation_x
-                + point_z * cos_joint3_track_rotation_x;
-            let t83 = cos_joint3_track_rotation_y * t78
-                - point_x * sin_joint3_track_rotation_y;
-            let t84 = sin_joint3_track_rotation_y * t78
-                + point_x * cos_joint3_track_rotation_y;
-            let t89 = cos_joint3_track_rotation_z * t84
-                - sin_joint3_track_rotation_z * t77;
-            let t90 = sin_joint3_track_rotation_z * t84
-                + cos_joint3_track_rotation_z * t77;
-            let t95 = cos_target_rotation_z * t10
-                - sin_target_rotation_z * cos_target_rotation_x;
-            let t96 = sin_target_rotation_z * t10
-                + cos_target_rotation_z * cos_target_rotation_x;
-            let t101 = cos_target_rotation_z * t12
-                + sin_target_rotation_z * sin_target_rotation_x;
-            let t102 = sin_target_rotation_z * t12
-                - cos_target_rotation_z * sin_target_rotation_x;
+            let (sin_frame_rotation_z, cos_frame_rotation_z) = math::sin_cos(frame_rotation_z);
+            let (sin_frame_rotation_y, cos_frame_rotation_y) = math::sin_cos(frame_rotation_y);
+            let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(frame_rotation_x);
+            let (sin_joint3_track_rotation_z, cos_joint3_track_rotation_z) =
+                math::sin_cos(joint3_track_rotation_z);
+            let (sin_joint3_track_rotation_y, cos_joint3_track_rotation_y) =
+                math::sin_cos(joint3_track_rotation_y);
+            let (sin_joint3_track_rotation_x, cos_joint3_track_rotation_x) =
+                math::sin_cos(joint3_track_rotation_x);
+            let (sin_joint2_track_rotation_z, cos_joint2_track_rotation_z) =
+                math::sin_cos(joint2_track_rotation_z);
+            let (sin_joint2_track_rotation_y, cos_joint2_track_rotation_y) =
+                math::sin_cos(joint2_track_rotation_y);
+            let (sin_joint2_track_rotation_x, cos_joint2_track_rotation_x) =
+                math::sin_cos(joint2_track_rotation_x);
+            let (sin_joint1_track_rotation_z, cos_joint1_track_rotation_z) =
+                math::sin_cos(joint1_track_rotation_z);
+            let (sin_joint1_track_rotation_y, cos_joint1_track_rotation_y) =
+                math::sin_cos(joint1_track_rotation_y);
+            let (sin_joint1_track_rotation_x, cos_joint1_track_rotation_x) =
+                math::sin_cos(joint1_track_rotation_x);
+            let t41 = point_y * cos_joint1_track_rotation_x - point_z * sin_joint1_track_rotation_x;
+            let t42 = point_y * sin_joint1_track_rotation_x + point_z * cos_joint1_track_rotation_x;
+            let t47 = cos_joint1_track_rotation_y * t42 - point_x * sin_joint1_track_rotation_y;
+            let t48 = sin_joint1_track_rotation_y * t42 + point_x * cos_joint1_track_rotation_y;
+            let t53 = cos_joint1_track_rotation_z * t48 - sin_joint1_track_rotation_z * t41;
+            let t54 = sin_joint1_track_rotation_z * t48 + cos_joint1_track_rotation_z * t41;
+            let t59 = point_y * cos_joint2_track_rotation_x - point_z * sin_joint2_track_rotation_x;
+            let t60 = point_y * sin_joint2_track_rotation_x + point_z * cos_joint2_track_rotation_x;
+            let t65 = cos_joint2_track_rotation_y * t60 - point_x * sin_joint2_track_rotation_y;
+            let t66 = sin_joint2_track_rotation_y * t60 + point_x * cos_joint2_track_rotation_y;
+            let t71 = cos_joint2_track_rotation_z * t66 - sin_joint2_track_rotation_z * t59;
+            let t72 = sin_joint2_track_rotation_z * t66 + cos_joint2_track_rotation_z * t59;
+            let t77 = point_y * cos_joint3_track_rotation_x - point_z * sin_joint3_track_rotation_x;
+            let t78 = point_y * sin_joint3_track_rotation_x + point_z * cos_joint3_track_rotation_x;
+            let t83 = cos_joint3_track_rotation_y * t78 - point_x * sin_joint3_track_rotation_y;
+            let t84 = sin_joint3_track_rotation_y * t78 + point_x * cos_joint3_track_rotation_y;
+            let t89 = cos_joint3_track_rotation_z * t84 - sin_joint3_track_rotation_z * t77;
+            let t90 = sin_joint3_track_rotation_z * t84 + cos_joint3_track_rotation_z * t77;
+            let t95 = cos_target_rotation_z * t10 - sin_target_rotation_z * cos_target_rotation_x;
+            let t96 = sin_target_rotation_z * t10 + cos_target_rotation_z * cos_target_rotation_x;
+            let t101 = cos_target_rotation_z * t12 + sin_target_rotation_z * sin_target_rotation_x;
+            let t102 = sin_target_rotation_z * t12 - cos_target_rotation_z * sin_target_rotation_x;
             let t109 = 0.3333333333333333
-                * (joint2_track_offset_x + joint1_track_offset_x
-                    + joint3_track_offset_x);
+                * (joint2_track_offset_x + joint1_track_offset_x + joint3_track_offset_x);
             let t110 = 0.3333333333333333
-                * (joint2_track_offset_y + joint1_track_offset_y
-                    + joint3_track_offset_y);
+                * (joint2_track_offset_y + joint1_track_offset_y + joint3_track_offset_y);
             let t111 = 0.3333333333333333
-                * (joint2_track_offset_z + joint1_track_offset_z
-                    + joint3_track_offset_z);
+                * (joint2_track_offset_z + joint1_track_offset_z + joint3_track_offset_z);
             let t112 = joint1_track_offset_x - t109;
             let t113 = joint1_track_offset_y - t110;
             let t114 = joint1_track_offset_z - t111;
@@ -11035,32 +10260,27 @@ pub mod full_piecewise {
             let t234 = t89 - t213;
             let t235 = t90 - t214;
             let t236 = t83 - t215;
-            let t247 = t113 * t218 - t136 * t235 - t125 * t226 - t114 * t217
-                + t124 * t227 + t135 * t236;
-            let t252 = t114 * t216 - t134 * t236 - t123 * t227 - t112 * t218
-                + t125 * t225 + t136 * t234;
-            let t257 = t112 * t217 - t135 * t234 - t124 * t225 - t113 * t216
-                + t123 * t226 + t134 * t235;
+            let t247 = t113 * t218 - t136 * t235 - t125 * t226 - t114 * t217 + t124 * t227
+                + t135 * t236;
+            let t252 = t114 * t216 - t134 * t236 - t123 * t227 - t112 * t218 + t125 * t225
+                + t136 * t234;
+            let t257 = t112 * t217 - t135 * t234 - t124 * t225 - t113 * t216 + t123 * t226
+                + t134 * t235;
             let t263 = (t171 * t252 + t168 * t247 + t174 * t257) / t188;
-            let t269 = ((t146 * t165 - t152 * t152) * t252 + t171 * t247 + t180 * t257)
-                / t188;
-            let t275 = (t180 * t252 + t174 * t247 + (t146 * t157 - t149 * t149) * t257)
-                / t188;
-            let t284 = target_position_z * t269 - target_position_y * t275
-                + target_position_x
+            let t269 = ((t146 * t165 - t152 * t152) * t252 + t171 * t247 + t180 * t257) / t188;
+            let t275 = (t180 * t252 + t174 * t247 + (t146 * t157 - t149 * t149) * t257) / t188;
+            let t284 = target_position_z * t269 - target_position_y * t275 + target_position_x
                 + 0.3333333333333333
-                    * (t71 + joint2_track_offset_x + t53 + joint1_track_offset_x
-                        + joint3_track_offset_x + t89);
-            let t287 = target_position_x * t275 - target_position_z * t263
-                + target_position_y
+                * (t71 + joint2_track_offset_x + t53 + joint1_track_offset_x + joint3_track_offset_x
+                + t89);
+            let t287 = target_position_x * t275 - target_position_z * t263 + target_position_y
                 + 0.3333333333333333
-                    * (t72 + joint2_track_offset_y + t54 + joint1_track_offset_y
-                        + joint3_track_offset_y + t90);
-            let t290 = target_position_y * t263 - target_position_x * t269
-                + target_position_z
+                * (t72 + joint2_track_offset_y + t54 + joint1_track_offset_y + joint3_track_offset_y
+                + t90);
+            let t290 = target_position_y * t263 - target_position_x * t269 + target_position_z
                 + 0.3333333333333333
-                    * (t65 + joint2_track_offset_z + t47 + joint1_track_offset_z
-                        + joint3_track_offset_z + t83);
+                * (t65 + joint2_track_offset_z + t47 + joint1_track_offset_z + joint3_track_offset_z
+                + t83);
             let t295 = cos_frame_rotation_x * t287 - sin_frame_rotation_x * t290;
             let t296 = sin_frame_rotation_x * t287 + cos_frame_rotation_x * t290;
             let t301 = sin_frame_rotation_y * t296 + cos_frame_rotation_y * t284;
@@ -11091,21 +10311,21 @@ pub mod full_piecewise {
             let t410 = sin_frame_rotation_y * t404 + cos_frame_rotation_y * t394;
             let t415 = cos_frame_rotation_z * t410 - sin_frame_rotation_z * t403;
             let t416 = sin_frame_rotation_z * t410 + cos_frame_rotation_z * t403;
-            residuals[0][lane] = cos_frame_rotation_z * t301
-                - sin_frame_rotation_z * t295 + frame_translation_x - x;
-            residuals[1][lane] = sin_frame_rotation_z * t301
-                + cos_frame_rotation_z * t295 + frame_translation_y - y;
-            residuals[2][lane] = cos_frame_rotation_y * t296
-                - sin_frame_rotation_y * t284 + frame_translation_z - z;
+            residuals[0][lane] = cos_frame_rotation_z * t301 - sin_frame_rotation_z * t295
+                + frame_translation_x - x;
+            residuals[1][lane] = sin_frame_rotation_z * t301 + cos_frame_rotation_z * t295
+                + frame_translation_y - y;
+            residuals[2][lane] = cos_frame_rotation_y * t296 - sin_frame_rotation_y * t284
+                + frame_translation_z - z;
             residuals[3][lane] = 0.5
-                * (prepared_17 * t337 - prepared_6 * t416 - prepared_8 * t380
-                    + prepared_7 * t344 + prepared_19 * t373 + prepared_10 * t409);
+                * (prepared_17 * t337 - prepared_6 * t416 - prepared_8 * t380 + prepared_7 * t344
+                + prepared_19 * t373 + prepared_10 * t409);
             residuals[4][lane] = 0.5
-                * (prepared_18 * t373 - prepared_9 * t409 - prepared_7 * t343
-                    - prepared_16 * t337 + prepared_8 * t379 + prepared_6 * t415);
+                * (prepared_18 * t373 - prepared_9 * t409 - prepared_7 * t343 - prepared_16 * t337
+                + prepared_8 * t379 + prepared_6 * t415);
             residuals[5][lane] = 0.5
-                * (prepared_16 * t344 - prepared_10 * t415 - prepared_17 * t343
-                    - prepared_18 * t380 - prepared_19 * t379 + prepared_9 * t416);
+                * (prepared_16 * t344 - prepared_10 * t415 - prepared_17 * t343 - prepared_18 * t380
+                - prepared_19 * t379 + prepared_9 * t416);
         }
         #[inline(always)]
         fn linearize<S: Samples>(
@@ -11140,83 +10360,57 @@ pub mod full_piecewise {
             let prepared_22 = prepared[22][lane];
             let prepared_23 = prepared[23][lane];
             let &[joint1_track_offset_x, joint1_track_offset_y, joint1_track_offset_z,
-            joint1_track_rotation_x, joint1_track_rotation_y, joint1_track_rotation_z,
-            joint2_track_offset_x, joint2_track_offset_y, joint2_track_offset_z,
-            joint2_track_rotation_x, joint2_track_rotation_y, joint2_track_rotation_z,
-            joint3_track_offset_x, joint3_track_offset_y, joint3_track_offset_z,
-            joint3_track_rotation_x, joint3_track_rotation_y, joint3_track_rotation_z,
-            frame_translation_x, frame_translation_y, frame_translation_z,
-            frame_rotation_x, frame_rotation_y, frame_rotation_z, target_position_x,
-            target_position_y, target_position_z, target_rotation_x, target_rotation_y,
-            target_rotation_z] = parameters else {
-                panic!("`parameters` must hold 30 numbers")
-            };
-            let (sin_target_rotation_y, cos_target_rotation_y) = math::sin_cos(
-                target_rotation_y,
-            );
-            let (sin_target_rotation_z, cos_target_rotation_z) = math::sin_cos(
-                target_rotation_z,
-            );
+                joint1_track_rotation_x, joint1_track_rotation_y, joint1_track_rotation_z,
+                joint2_track_offset_x, joint2_track_offset_y, joint2_track_offset_z,
+                joint2_track_rotation_x, joint2_track_rotation_y, joint2_track_rotation_z,
+                joint3_track_offset_x, joint3_track_offset_y, joint3_track_offset_z,
+                joint3_track_rotation_x, joint3_track_rotation_y, joint3_track_rotation_z,
+                frame_translation_x, frame_translation_y, frame_translation_z, frame_rotation_x,
+                frame_rotation_y, frame_rotation_z, target_position_x, target_position_y,
+                target_position_z, target_rotation_x, target_rotation_y,
+                target_rotation_z] =
+                parameters else { panic!("`parameters` must hold 30 numbers") };
+            let (sin_target_rotation_y, cos_target_rotation_y) = math::sin_cos(target_rotation_y);
+            let (sin_target_rotation_z, cos_target_rotation_z) = math::sin_cos(target_rotation_z);
             let t5 = cos_target_rotation_y * cos_target_rotation_z;
             let t6 = cos_target_rotation_y * sin_target_rotation_z;
-            let (sin_target_rotation_x, cos_target_rotation_x) = math::sin_cos(
-                target_rotation_x,
-            );
+            let (sin_target_rotation_x, cos_target_rotation_x) = math::sin_cos(target_rotation_x);
             let t9 = cos_target_rotation_y * sin_target_rotation_x;
             let t10 = sin_target_rotation_y * sin_target_rotation_x;
             let t11 = cos_target_rotation_y * cos_target_rotation_x;
             let t12 = sin_target_rotation_y * cos_target_rotation_x;
-            let (sin_frame_rotation_z, cos_frame_rotation_z) = math::sin_cos(
-                frame_rotation_z,
-            );
-            let (sin_frame_rotation_y, cos_frame_rotation_y) = math::sin_cos(
-                frame_rotation_y,
-            );
+            let (sin_frame_rotation_z, cos_frame_rotation_z) = math::sin_cos(frame_rotation_z);
+            let (sin_frame_rotation_y, cos_frame_rotation_y) = math::sin_cos(frame_rotation_y);
             let t17 = cos_frame_rotation_z * sin_frame_rotation_y;
             let t18 = cos_frame_rotation_z * cos_frame_rotation_y;
-            let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(
-                frame_rotation_x,
-            );
-            let t25 = t17 * sin_frame_rotation_x
-                - sin_frame_rotation_z * cos_frame_rotation_x;
-            let t26 = t17 * cos_frame_rotation_x
-                + sin_frame_rotation_z * sin_frame_rotation_x;
+            let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(frame_rotation_x);
+            let t25 = t17 * sin_frame_rotation_x - sin_frame_rotation_z * cos_frame_rotation_x;
+            let t26 = t17 * cos_frame_rotation_x + sin_frame_rotation_z * sin_frame_rotation_x;
             let t36 = 0.3333333333333333 * t26;
             let t37 = 0.3333333333333333 * t25;
             let t38 = 0.3333333333333333 * t18;
-            let (sin_joint3_track_rotation_z, cos_joint3_track_rotation_z) = math::sin_cos(
-                joint3_track_rotation_z,
-            );
-            let (sin_joint3_track_rotation_y, cos_joint3_track_rotation_y) = math::sin_cos(
-                joint3_track_rotation_y,
-            );
-            let (sin_joint3_track_rotation_x, cos_joint3_track_rotation_x) = math::sin_cos(
-                joint3_track_rotation_x,
-            );
-            let (sin_joint2_track_rotation_z, cos_joint2_track_rotation_z) = math::sin_cos(
-                joint2_track_rotation_z,
-            );
-            let (sin_joint2_track_rotation_y, cos_joint2_track_rotation_y) = math::sin_cos(
-                joint2_track_rotation_y,
-            );
-            let (sin_joint2_track_rotation_x, cos_joint2_track_rotation_x) = math::sin_cos(
-                joint2_track_rotation_x,
-            );
-            let (sin_joint1_track_rotation_z, cos_joint1_track_rotation_z) = math::sin_cos(
-                joint1_track_rotation_z,
-            );
-            let (sin_joint1_track_rotation_y, cos_joint1_track_rotation_y) = math::sin_cos(
-                joint1_track_rotation_y,
-            );
-            let (sin_joint1_track_rotation_x, cos_joint1_track_rotation_x) = math::sin_cos(
-                joint1_track_rotation_x,
-            );
+            let (sin_joint3_track_rotation_z, cos_joint3_track_rotation_z) =
+                math::sin_cos(joint3_track_rotation_z);
+            let (sin_joint3_track_rotation_y, cos_joint3_track_rotation_y) =
+                math::sin_cos(joint3_track_rotation_y);
+            let (sin_joint3_track_rotation_x, cos_joint3_track_rotation_x) =
+                math::sin_cos(joint3_track_rotation_x);
+            let (sin_joint2_track_rotation_z, cos_joint2_track_rotation_z) =
+                math::sin_cos(joint2_track_rotation_z);
+            let (sin_joint2_track_rotation_y, cos_joint2_track_rotation_y) =
+                math::sin_cos(joint2_track_rotation_y);
+            let (sin_joint2_track_rotation_x, cos_joint2_track_rotation_x) =
+                math::sin_cos(joint2_track_rotation_x);
+            let (sin_joint1_track_rotation_z, cos_joint1_track_rotation_z) =
+                math::sin_cos(joint1_track_rotation_z);
+            let (sin_joint1_track_rotation_y, cos_joint1_track_rotation_y) =
+                math::sin_cos(joint1_track_rotation_y);
+            let (sin_joint1_track_rotation_x, cos_joint1_track_rotation_x) =
+                math::sin_cos(joint1_track_rotation_x);
             let t57 = sin_frame_rotation_z * sin_frame_rotation_y;
             let t58 = sin_frame_rotation_z * cos_frame_rotation_y;
-            let t63 = sin_frame_rotation_x * t57
-                + cos_frame_rotation_z * cos_frame_rotation_x;
-            let t64 = cos_frame_rotation_x * t57
-                - cos_frame_rotation_z * sin_frame_rotation_x;
+            let t63 = sin_frame_rotation_x * t57 + cos_frame_rotation_z * cos_frame_rotation_x;
+            let t64 = cos_frame_rotation_x * t57 - cos_frame_rotation_z * sin_frame_rotation_x;
             let t74 = 0.3333333333333333 * t64;
             let t75 = 0.3333333333333333 * t63;
             let t76 = 0.3333333333333333 * t58;
@@ -11239,10 +10433,8 @@ pub mod full_piecewise {
             let t124 = cos_frame_rotation_y * t92 + sin_frame_rotation_y * prepared_15;
             let t129 = sin_frame_rotation_x * t123 - cos_frame_rotation_x * t91;
             let t130 = cos_frame_rotation_x * t123 + sin_frame_rotation_x * t91;
-            let t145 = sin_frame_rotation_z * prepared_15
-                - cos_frame_rotation_z * prepared_12;
-            let t146 = cos_frame_rotation_z * prepared_15
-                + sin_frame_rotation_z * prepared_12;
+            let t145 = sin_frame_rotation_z * prepared_15 - cos_frame_rotation_z * prepared_12;
+            let t146 = cos_frame_rotation_z * prepared_15 + sin_frame_rotation_z * prepared_12;
             let t147 = sin_frame_rotation_y * t145;
             let t148 = cos_frame_rotation_y * t145;
             let t153 = sin_frame_rotation_x * t147 + cos_frame_rotation_x * t146;
@@ -11251,46 +10443,30 @@ pub mod full_piecewise {
                 - point_z * sin_joint1_track_rotation_x;
             let t162 = point_y * sin_joint1_track_rotation_x
                 + point_z * cos_joint1_track_rotation_x;
-            let t167 = cos_joint1_track_rotation_y * t162
-                - point_x * sin_joint1_track_rotation_y;
-            let t168 = sin_joint1_track_rotation_y * t162
-                + point_x * cos_joint1_track_rotation_y;
-            let t173 = cos_joint1_track_rotation_z * t168
-                - sin_joint1_track_rotation_z * t161;
-            let t174 = sin_joint1_track_rotation_z * t168
-                + cos_joint1_track_rotation_z * t161;
+            let t167 = cos_joint1_track_rotation_y * t162 - point_x * sin_joint1_track_rotation_y;
+            let t168 = sin_joint1_track_rotation_y * t162 + point_x * cos_joint1_track_rotation_y;
+            let t173 = cos_joint1_track_rotation_z * t168 - sin_joint1_track_rotation_z * t161;
+            let t174 = sin_joint1_track_rotation_z * t168 + cos_joint1_track_rotation_z * t161;
             let t179 = point_y * cos_joint2_track_rotation_x
                 - point_z * sin_joint2_track_rotation_x;
             let t180 = point_y * sin_joint2_track_rotation_x
                 + point_z * cos_joint2_track_rotation_x;
-            let t185 = cos_joint2_track_rotation_y * t180
-                - point_x * sin_joint2_track_rotation_y;
-            let t186 = sin_joint2_track_rotation_y * t180
-                + point_x * cos_joint2_track_rotation_y;
-            let t191 = cos_joint2_track_rotation_z * t186
-                - sin_joint2_track_rotation_z * t179;
-            let t192 = sin_joint2_track_rotation_z * t186
-                + cos_joint2_track_rotation_z * t179;
+            let t185 = cos_joint2_track_rotation_y * t180 - point_x * sin_joint2_track_rotation_y;
+            let t186 = sin_joint2_track_rotation_y * t180 + point_x * cos_joint2_track_rotation_y;
+            let t191 = cos_joint2_track_rotation_z * t186 - sin_joint2_track_rotation_z * t179;
+            let t192 = sin_joint2_track_rotation_z * t186 + cos_joint2_track_rotation_z * t179;
             let t197 = point_y * cos_joint3_track_rotation_x
                 - point_z * sin_joint3_track_rotation_x;
             let t198 = point_y * sin_joint3_track_rotation_x
                 + point_z * cos_joint3_track_rotation_x;
-            let t203 = cos_joint3_track_rotation_y * t198
-                - point_x * sin_joint3_track_rotation_y;
-            let t204 = sin_joint3_track_rotation_y * t198
-                + point_x * cos_joint3_track_rotation_y;
-            let t209 = cos_joint3_track_rotation_z * t204
-                - sin_joint3_track_rotation_z * t197;
-            let t210 = sin_joint3_track_rotation_z * t204
-                + cos_joint3_track_rotation_z * t197;
-            let t215 = cos_target_rotation_z * t10
-                - sin_target_rotation_z * cos_target_rotation_x;
-            let t216 = sin_target_rotation_z * t10
-                + cos_target_rotation_z * cos_target_rotation_x;
-            let t221 = cos_target_rotation_z * t12
-                + sin_target_rotation_z * sin_target_rotation_x;
-            let t222 = sin_target_rotation_z * t12
-                - cos_target_rotation_z * sin_target_rotation_x;
+            let t203 = cos_joint3_track_rotation_y * t198 - point_x * sin_joint3_track_rotation_y;
+            let t204 = sin_joint3_track_rotation_y * t198 + point_x * cos_joint3_track_rotation_y;
+            let t209 = cos_joint3_track_rotation_z * t204 - sin_joint3_track_rotation_z * t197;
+            let t210 = sin_joint3_track_rotation_z * t204 + cos_joint3_track_rotation_z * t197;
+            let t215 = cos_target_rotation_z * t10 - sin_target_rotation_z * cos_target_rotation_x;
+            let t216 = sin_target_rotation_z * t10 + cos_target_rotation_z * cos_target_rotation_x;
+            let t221 = cos_target_rotation_z * t12 + sin_target_rotation_z * sin_target_rotation_x;
+            let t222 = sin_target_rotation_z * t12 - cos_target_rotation_z * sin_target_rotation_x;
             let t229 = cos_frame_rotation_y * prepared_20 - sin_frame_rotation_y * t107;
             let t230 = cos_frame_rotation_y * t107 + sin_frame_rotation_y * prepared_20;
             let t233 = sin_frame_rotation_x * t229 - cos_frame_rotation_x * t108;
@@ -11307,31 +10483,24 @@ pub mod full_piecewise {
             let t291 = sin_frame_rotation_y * prepared_23 - cos_frame_rotation_y * t114;
             let t294 = cos_frame_rotation_x * t113 - sin_frame_rotation_x * t290;
             let t295 = sin_frame_rotation_x * t113 + cos_frame_rotation_x * t290;
-            let t325 = sin_frame_rotation_z * prepared_22
-                + cos_frame_rotation_z * prepared_20;
-            let t326 = sin_frame_rotation_z * prepared_20
-                - cos_frame_rotation_z * prepared_22;
+            let t325 = sin_frame_rotation_z * prepared_22 + cos_frame_rotation_z * prepared_20;
+            let t326 = sin_frame_rotation_z * prepared_20 - cos_frame_rotation_z * prepared_22;
             let t327 = sin_frame_rotation_y * t325;
             let t328 = cos_frame_rotation_y * t325;
             let t333 = cos_frame_rotation_x * t326 - sin_frame_rotation_x * t327;
             let t334 = cos_frame_rotation_x * t327 + sin_frame_rotation_x * t326;
-            let t345 = sin_frame_rotation_z * prepared_23
-                - cos_frame_rotation_z * prepared_21;
-            let t346 = cos_frame_rotation_z * prepared_23
-                + sin_frame_rotation_z * prepared_21;
+            let t345 = sin_frame_rotation_z * prepared_23 - cos_frame_rotation_z * prepared_21;
+            let t346 = cos_frame_rotation_z * prepared_23 + sin_frame_rotation_z * prepared_21;
             let t347 = sin_frame_rotation_y * t345;
             let t348 = cos_frame_rotation_y * t345;
             let t353 = sin_frame_rotation_x * t347 + cos_frame_rotation_x * t346;
             let t354 = cos_frame_rotation_x * t347 - sin_frame_rotation_x * t346;
             let t382 = 0.3333333333333333
-                * (joint2_track_offset_x + joint1_track_offset_x
-                    + joint3_track_offset_x);
+                * (joint2_track_offset_x + joint1_track_offset_x + joint3_track_offset_x);
             let t383 = 0.3333333333333333
-                * (joint2_track_offset_y + joint1_track_offset_y
-                    + joint3_track_offset_y);
+                * (joint2_track_offset_y + joint1_track_offset_y + joint3_track_offset_y);
             let t384 = 0.3333333333333333
-                * (joint2_track_offset_z + joint1_track_offset_z
-                    + joint3_track_offset_z);
+                * (joint2_track_offset_z + joint1_track_offset_z + joint3_track_offset_z);
             let t385 = joint1_track_offset_x - t382;
             let t386 = joint1_track_offset_y - t383;
             let t387 = joint1_track_offset_z - t384;
@@ -11387,18 +10556,15 @@ pub mod full_piecewise {
             let t517 = t36 + t488 - t513;
             let t519 = t37 + t486 - t514;
             let t521 = t38 + t484 - t515;
-            let t526 = sin_joint3_track_rotation_z * t519
-                + cos_joint3_track_rotation_z * t521;
+            let t526 = sin_joint3_track_rotation_z * t519 + cos_joint3_track_rotation_z * t521;
             let t532 = t36 + t497 - t513;
             let t534 = t37 + t495 - t514;
             let t536 = t38 + t493 - t515;
-            let t541 = sin_joint2_track_rotation_z * t534
-                + cos_joint2_track_rotation_z * t536;
+            let t541 = sin_joint2_track_rotation_z * t534 + cos_joint2_track_rotation_z * t536;
             let t547 = t36 + t506 - t513;
             let t549 = t37 + t504 - t514;
             let t551 = t38 + t502 - t515;
-            let t556 = sin_joint1_track_rotation_z * t549
-                + cos_joint1_track_rotation_z * t551;
+            let t556 = sin_joint1_track_rotation_z * t549 + cos_joint1_track_rotation_z * t551;
             let t561 = (target_position_x * t63 - target_position_y * t58) / t461;
             let t565 = (target_position_z * t58 - target_position_x * t64) / t461;
             let t569 = (target_position_y * t64 - target_position_z * t63) / t461;
@@ -11420,22 +10586,17 @@ pub mod full_piecewise {
             let t616 = t74 + t587 - t612;
             let t618 = t75 + t585 - t613;
             let t620 = t76 + t583 - t614;
-            let t625 = sin_joint3_track_rotation_z * t618
-                + cos_joint3_track_rotation_z * t620;
+            let t625 = sin_joint3_track_rotation_z * t618 + cos_joint3_track_rotation_z * t620;
             let t631 = t74 + t596 - t612;
             let t633 = t75 + t594 - t613;
             let t635 = t76 + t592 - t614;
-            let t640 = sin_joint2_track_rotation_z * t633
-                + cos_joint2_track_rotation_z * t635;
+            let t640 = sin_joint2_track_rotation_z * t633 + cos_joint2_track_rotation_z * t635;
             let t646 = t74 + t605 - t612;
             let t648 = t75 + t603 - t613;
             let t650 = t76 + t601 - t614;
-            let t655 = sin_joint1_track_rotation_z * t648
-                + cos_joint1_track_rotation_z * t650;
-            let t660 = (target_position_x * t77
-                + target_position_y * sin_frame_rotation_y) / t461;
-            let t664 = (target_position_x * t78
-                + target_position_z * sin_frame_rotation_y) / t461;
+            let t655 = sin_joint1_track_rotation_z * t648 + cos_joint1_track_rotation_z * t650;
+            let t660 = (target_position_x * t77 + target_position_y * sin_frame_rotation_y) / t461;
+            let t664 = (target_position_x * t78 + target_position_z * sin_frame_rotation_y) / t461;
             let t668 = (target_position_y * t78 - target_position_z * t77) / t461;
             let t671 = t456 * t660 - t453 * t664 + t447 * t668;
             let t674 = t453 * t660 - t450 * t664 + t444 * t668;
@@ -11455,18 +10616,15 @@ pub mod full_piecewise {
             let t715 = t88 + t686 - t711;
             let t717 = t89 + t684 - t712;
             let t719 = t682 - t90 - t713;
-            let t724 = sin_joint3_track_rotation_z * t717
-                + cos_joint3_track_rotation_z * t719;
+            let t724 = sin_joint3_track_rotation_z * t717 + cos_joint3_track_rotation_z * t719;
             let t730 = t88 + t695 - t711;
             let t732 = t89 + t693 - t712;
             let t734 = t691 - t90 - t713;
-            let t739 = sin_joint2_track_rotation_z * t732
-                + cos_joint2_track_rotation_z * t734;
+            let t739 = sin_joint2_track_rotation_z * t732 + cos_joint2_track_rotation_z * t734;
             let t745 = t88 + t704 - t711;
             let t747 = t89 + t702 - t712;
             let t749 = t700 - t90 - t713;
-            let t754 = sin_joint1_track_rotation_z * t747
-                + cos_joint1_track_rotation_z * t749;
+            let t754 = sin_joint1_track_rotation_z * t747 + cos_joint1_track_rotation_z * t749;
             let t783 = 0.3333333333333333 * (t191 + t173 + t209);
             let t784 = 0.3333333333333333 * (t192 + t174 + t210);
             let t785 = 0.3333333333333333 * (t185 + t167 + t203);
@@ -11479,30 +10637,27 @@ pub mod full_piecewise {
             let t804 = t209 - t783;
             let t805 = t210 - t784;
             let t806 = t203 - t785;
-            let t817 = t386 * t788 - t409 * t805 - t398 * t796 - t387 * t787
-                + t397 * t797 + t408 * t806;
-            let t822 = t387 * t786 - t407 * t806 - t396 * t797 - t385 * t788
-                + t398 * t795 + t409 * t804;
-            let t827 = t385 * t787 - t408 * t804 - t397 * t795 - t386 * t786
-                + t396 * t796 + t407 * t805;
+            let t817 = t386 * t788 - t409 * t805 - t398 * t796 - t387 * t787 + t397 * t797
+                + t408 * t806;
+            let t822 = t387 * t786 - t407 * t806 - t396 * t797 - t385 * t788 + t398 * t795
+                + t409 * t804;
+            let t827 = t385 * t787 - t408 * t804 - t397 * t795 - t386 * t786 + t396 * t796
+                + t407 * t805;
             let t833 = (t444 * t822 + t441 * t817 + t447 * t827) / t461;
             let t839 = (t450 * t822 + t444 * t817 + t453 * t827) / t461;
             let t845 = (t453 * t822 + t447 * t817 + t456 * t827) / t461;
-            let t854 = target_position_z * t839 - target_position_y * t845
-                + target_position_x
+            let t854 = target_position_z * t839 - target_position_y * t845 + target_position_x
                 + 0.3333333333333333
-                    * (t191 + joint2_track_offset_x + t173 + joint1_track_offset_x
-                        + joint3_track_offset_x + t209);
-            let t857 = target_position_x * t845 - target_position_z * t833
-                + target_position_y
+                * (t191 + joint2_track_offset_x + t173 + joint1_track_offset_x
+                + joint3_track_offset_x + t209);
+            let t857 = target_position_x * t845 - target_position_z * t833 + target_position_y
                 + 0.3333333333333333
-                    * (t192 + joint2_track_offset_y + t174 + joint1_track_offset_y
-                        + joint3_track_offset_y + t210);
-            let t860 = target_position_y * t833 - target_position_x * t839
-                + target_position_z
+                * (t192 + joint2_track_offset_y + t174 + joint1_track_offset_y
+                + joint3_track_offset_y + t210);
+            let t860 = target_position_y * t833 - target_position_x * t839 + target_position_z
                 + 0.3333333333333333
-                    * (t185 + joint2_track_offset_z + t167 + joint1_track_offset_z
-                        + joint3_track_offset_z + t203);
+                * (t185 + joint2_track_offset_z + t167 + joint1_track_offset_z
+                + joint3_track_offset_z + t203);
             let t865 = cos_frame_rotation_x * t857 - sin_frame_rotation_x * t860;
             let t866 = sin_frame_rotation_x * t857 + cos_frame_rotation_x * t860;
             let t871 = cos_frame_rotation_y * t866 - sin_frame_rotation_y * t854;
@@ -11546,10 +10701,8 @@ pub mod full_piecewise {
             let t1053 = t422 * t1028;
             let t1060 = t425 * t1034;
             let t1065 = t430 * t1028 - t441 * t1038 + t433 * t1033 + t438 * t1034;
-            let t1076 = t444 * t1038 - t1053 - t1053 + t425 * t1033 + t433 * t1045
-                + t438 * t1049;
-            let t1083 = t422 * t1033 - t1060 + t447 * t1038 - t1060 + t430 * t1045
-                + t433 * t1049;
+            let t1076 = t444 * t1038 - t1053 - t1053 + t425 * t1033 + t433 * t1045 + t438 * t1049;
+            let t1083 = t422 * t1033 - t1060 + t447 * t1038 - t1060 + t430 * t1045 + t433 * t1049;
             let t1084 = t433 * t1052;
             let t1088 = t425 * t1049 - t1084 + t422 * t1045 + t419 * t1033 - t1084;
             let t1092 = t419 * t1028 + t425 * t1045 + t438 * t1052;
@@ -11561,30 +10714,21 @@ pub mod full_piecewise {
             let t1106 = t409 * t1103;
             let t1107 = t408 * t1105;
             let t1108 = t407 * t1104;
-            let t1116 = t1108 + t408 * t1076 + t409 * t1083 + t1108 + t473 * t805
-                - t476 * t806;
-            let t1123 = t1106 + t407 * t1083 + t408 * t1088 + t1106 + t476 * t804
-                - t479 * t805;
-            let t1129 = t1107 + t407 * t1076 + t409 * t1088 + t1107 - t473 * t804
-                + t479 * t806;
+            let t1116 = t1108 + t408 * t1076 + t409 * t1083 + t1108 + t473 * t805 - t476 * t806;
+            let t1123 = t1106 + t407 * t1083 + t408 * t1088 + t1106 + t476 * t804 - t479 * t805;
+            let t1129 = t1107 + t407 * t1076 + t409 * t1088 + t1107 - t473 * t804 + t479 * t806;
             let t1136 = t398 * t1103;
             let t1137 = t397 * t1105;
             let t1138 = t396 * t1104;
-            let t1146 = t1138 + t397 * t1076 + t398 * t1083 + t1138 + t473 * t796
-                - t476 * t797;
-            let t1153 = t1136 + t396 * t1083 + t397 * t1088 + t1136 + t476 * t795
-                - t479 * t796;
-            let t1159 = t1137 + t396 * t1076 + t398 * t1088 + t1137 - t473 * t795
-                + t479 * t797;
+            let t1146 = t1138 + t397 * t1076 + t398 * t1083 + t1138 + t473 * t796 - t476 * t797;
+            let t1153 = t1136 + t396 * t1083 + t397 * t1088 + t1136 + t476 * t795 - t479 * t796;
+            let t1159 = t1137 + t396 * t1076 + t398 * t1088 + t1137 - t473 * t795 + t479 * t797;
             let t1166 = t387 * t1103;
             let t1167 = t386 * t1105;
             let t1168 = t385 * t1104;
-            let t1176 = t1168 + t386 * t1076 + t387 * t1083 + t1168 + t473 * t787
-                - t476 * t788;
-            let t1183 = t1166 + t385 * t1083 + t386 * t1088 + t1166 + t476 * t786
-                - t479 * t787;
-            let t1189 = t1167 + t385 * t1076 + t387 * t1088 + t1167 - t473 * t786
-                + t479 * t788;
+            let t1176 = t1168 + t386 * t1076 + t387 * t1083 + t1168 + t473 * t787 - t476 * t788;
+            let t1183 = t1166 + t385 * t1083 + t386 * t1088 + t1166 + t476 * t786 - t479 * t787;
+            let t1189 = t1167 + t385 * t1076 + t387 * t1088 + t1167 - t473 * t786 + t479 * t788;
             let t1199 = t36 - 0.3333333333333333 * (t1123 + t1153 + t1183);
             let t1201 = t37 - 0.3333333333333333 * (t1129 + t1159 + t1189);
             let t1203 = t38 - 0.3333333333333333 * (t1116 + t1146 + t1176);
@@ -11598,10 +10742,8 @@ pub mod full_piecewise {
             let t1280 = t422 * t1255;
             let t1287 = t425 * t1261;
             let t1292 = t430 * t1255 - t441 * t1265 + t433 * t1260 + t438 * t1261;
-            let t1303 = t444 * t1265 - t1280 - t1280 + t425 * t1260 + t433 * t1272
-                + t438 * t1276;
-            let t1310 = t422 * t1260 - t1287 + t447 * t1265 - t1287 + t430 * t1272
-                + t433 * t1276;
+            let t1303 = t444 * t1265 - t1280 - t1280 + t425 * t1260 + t433 * t1272 + t438 * t1276;
+            let t1310 = t422 * t1260 - t1287 + t447 * t1265 - t1287 + t430 * t1272 + t433 * t1276;
             let t1311 = t433 * t1279;
             let t1315 = t425 * t1276 - t1311 + t422 * t1272 + t419 * t1260 - t1311;
             let t1319 = t419 * t1255 + t425 * t1272 + t438 * t1279;
@@ -11613,30 +10755,21 @@ pub mod full_piecewise {
             let t1333 = t409 * t1330;
             let t1334 = t408 * t1332;
             let t1335 = t407 * t1331;
-            let t1343 = t1335 + t408 * t1303 + t409 * t1310 + t1335 + t572 * t805
-                - t575 * t806;
-            let t1350 = t1333 + t407 * t1310 + t408 * t1315 + t1333 + t575 * t804
-                - t578 * t805;
-            let t1356 = t1334 + t407 * t1303 + t409 * t1315 + t1334 - t572 * t804
-                + t578 * t806;
+            let t1343 = t1335 + t408 * t1303 + t409 * t1310 + t1335 + t572 * t805 - t575 * t806;
+            let t1350 = t1333 + t407 * t1310 + t408 * t1315 + t1333 + t575 * t804 - t578 * t805;
+            let t1356 = t1334 + t407 * t1303 + t409 * t1315 + t1334 - t572 * t804 + t578 * t806;
             let t1363 = t398 * t1330;
             let t1364 = t397 * t1332;
             let t1365 = t396 * t1331;
-            let t1373 = t1365 + t397 * t1303 + t398 * t1310 + t1365 + t572 * t796
-                - t575 * t797;
-            let t1380 = t1363 + t396 * t1310 + t397 * t1315 + t1363 + t575 * t795
-                - t578 * t796;
-            let t1386 = t1364 + t396 * t1303 + t398 * t1315 + t1364 - t572 * t795
-                + t578 * t797;
+            let t1373 = t1365 + t397 * t1303 + t398 * t1310 + t1365 + t572 * t796 - t575 * t797;
+            let t1380 = t1363 + t396 * t1310 + t397 * t1315 + t1363 + t575 * t795 - t578 * t796;
+            let t1386 = t1364 + t396 * t1303 + t398 * t1315 + t1364 - t572 * t795 + t578 * t797;
             let t1393 = t387 * t1330;
             let t1394 = t386 * t1332;
             let t1395 = t385 * t1331;
-            let t1403 = t1395 + t386 * t1303 + t387 * t1310 + t1395 + t572 * t787
-                - t575 * t788;
-            let t1410 = t1393 + t385 * t1310 + t386 * t1315 + t1393 + t575 * t786
-                - t578 * t787;
-            let t1416 = t1394 + t385 * t1303 + t387 * t1315 + t1394 - t572 * t786
-                + t578 * t788;
+            let t1403 = t1395 + t386 * t1303 + t387 * t1310 + t1395 + t572 * t787 - t575 * t788;
+            let t1410 = t1393 + t385 * t1310 + t386 * t1315 + t1393 + t575 * t786 - t578 * t787;
+            let t1416 = t1394 + t385 * t1303 + t387 * t1315 + t1394 - t572 * t786 + t578 * t788;
             let t1426 = t74 - 0.3333333333333333 * (t1350 + t1380 + t1410);
             let t1428 = t75 - 0.3333333333333333 * (t1356 + t1386 + t1416);
             let t1430 = t76 - 0.3333333333333333 * (t1343 + t1373 + t1403);
@@ -11650,10 +10783,8 @@ pub mod full_piecewise {
             let t1504 = t422 * t1479;
             let t1511 = t425 * t1485;
             let t1516 = t441 * t1489 + t430 * t1479 + t433 * t1484 - t438 * t1485;
-            let t1527 = t425 * t1484 - t1504 - t444 * t1489 - t1504 + t433 * t1496
-                + t438 * t1500;
-            let t1534 = t1511 + t422 * t1484 - t447 * t1489 + t1511 + t430 * t1496
-                + t433 * t1500;
+            let t1527 = t425 * t1484 - t1504 - t444 * t1489 - t1504 + t433 * t1496 + t438 * t1500;
+            let t1534 = t1511 + t422 * t1484 - t447 * t1489 + t1511 + t430 * t1496 + t433 * t1500;
             let t1535 = t433 * t1503;
             let t1539 = t425 * t1500 - t1535 + t422 * t1496 + t419 * t1484 - t1535;
             let t1543 = t419 * t1479 + t425 * t1496 + t438 * t1503;
@@ -11665,30 +10796,21 @@ pub mod full_piecewise {
             let t1557 = t409 * t1554;
             let t1558 = t408 * t1556;
             let t1559 = t407 * t1555;
-            let t1567 = t1559 + t408 * t1527 + t409 * t1534 + t1559 + t671 * t805
-                - t674 * t806;
-            let t1574 = t1557 + t407 * t1534 + t408 * t1539 + t1557 + t674 * t804
-                - t677 * t805;
-            let t1580 = t1558 + t407 * t1527 + t409 * t1539 + t1558 - t671 * t804
-                + t677 * t806;
+            let t1567 = t1559 + t408 * t1527 + t409 * t1534 + t1559 + t671 * t805 - t674 * t806;
+            let t1574 = t1557 + t407 * t1534 + t408 * t1539 + t1557 + t674 * t804 - t677 * t805;
+            let t1580 = t1558 + t407 * t1527 + t409 * t1539 + t1558 - t671 * t804 + t677 * t806;
             let t1587 = t398 * t1554;
             let t1588 = t397 * t1556;
             let t1589 = t396 * t1555;
-            let t1597 = t1589 + t397 * t1527 + t398 * t1534 + t1589 + t671 * t796
-                - t674 * t797;
-            let t1604 = t1587 + t396 * t1534 + t397 * t1539 + t1587 + t674 * t795
-                - t677 * t796;
-            let t1610 = t1588 + t396 * t1527 + t398 * t1539 + t1588 - t671 * t795
-                + t677 * t797;
+            let t1597 = t1589 + t397 * t1527 + t398 * t1534 + t1589 + t671 * t796 - t674 * t797;
+            let t1604 = t1587 + t396 * t1534 + t397 * t1539 + t1587 + t674 * t795 - t677 * t796;
+            let t1610 = t1588 + t396 * t1527 + t398 * t1539 + t1588 - t671 * t795 + t677 * t797;
             let t1617 = t387 * t1554;
             let t1618 = t386 * t1556;
             let t1619 = t385 * t1555;
-            let t1627 = t1619 + t386 * t1527 + t387 * t1534 + t1619 + t671 * t787
-                - t674 * t788;
-            let t1634 = t1617 + t385 * t1534 + t386 * t1539 + t1617 + t674 * t786
-                - t677 * t787;
-            let t1640 = t1618 + t385 * t1527 + t387 * t1539 + t1618 - t671 * t786
-                + t677 * t788;
+            let t1627 = t1619 + t386 * t1527 + t387 * t1534 + t1619 + t671 * t787 - t674 * t788;
+            let t1634 = t1617 + t385 * t1534 + t386 * t1539 + t1617 + t674 * t786 - t677 * t787;
+            let t1640 = t1618 + t385 * t1527 + t387 * t1539 + t1618 - t671 * t786 + t677 * t788;
             let t1649 = 0.3333333333333333 * (t1567 + t1597 + t1627);
             let t1650 = t88 - 0.3333333333333333 * (t1574 + t1604 + t1634);
             let t1652 = t89 - 0.3333333333333333 * (t1580 + t1610 + t1640);
@@ -11702,14 +10824,17 @@ pub mod full_piecewise {
             let t1750 = t247 + t248 * t833 - t244 * t845;
             let t1758 = sin_target_rotation_z * t1704 + cos_target_rotation_z * t1701;
             let t1769 = sin_target_rotation_z * t1721 + cos_target_rotation_z * t1718;
-            let t1803 = (t103 * t221 + t98 * t222 + t215 * t233 + t216 * t230 + t5 * t247
-                - t6 * t244) / t461;
+            let t1803 =
+                (t103 * t221 + t98 * t222 + t215 * t233 + t216 * t230 + t5 * t247 - t6 * t244)
+                / t461;
             let t1806 = t827 * t1803;
-            let t1811 = (t11 * t98 + t104 * t221 + t215 * t234 + t9 * t230 + t5 * t248
+            let t1811 =
+                (t11 * t98 + t104 * t221 + t215 * t234 + t9 * t230 + t5 * t248
                 + sin_target_rotation_y * t244) / t461;
             let t1815 = t822 * t1803 - t827 * t1811;
             let t1817 = t822 * t1811;
-            let t1820 = (t104 * t222 - t11 * t103 + t216 * t234 - t9 * t233 + t6 * t248
+            let t1820 =
+                (t104 * t222 - t11 * t103 + t216 * t234 - t9 * t233 + t6 * t248
                 + sin_target_rotation_y * t247) / t461;
             let t1823 = t839 * t1811 - t845 * t1803 - t833 * t1820;
             let t1827 = t456 * t1803 - t453 * t1811 + t447 * t1820;
@@ -11721,10 +10846,8 @@ pub mod full_piecewise {
             let t1847 = t422 * t1806;
             let t1854 = t425 * t1817;
             let t1859 = t441 * t1823 + t430 * t1806 + t433 * t1815 - t438 * t1817;
-            let t1870 = t425 * t1815 - t1847 - t444 * t1823 - t1847 + t433 * t1839
-                + t438 * t1843;
-            let t1877 = t1854 + t422 * t1815 - t447 * t1823 + t1854 + t430 * t1839
-                + t433 * t1843;
+            let t1870 = t425 * t1815 - t1847 - t444 * t1823 - t1847 + t433 * t1839 + t438 * t1843;
+            let t1877 = t1854 + t422 * t1815 - t447 * t1823 + t1854 + t430 * t1839 + t433 * t1843;
             let t1878 = t433 * t1846;
             let t1882 = t425 * t1843 - t1878 + t422 * t1839 + t419 * t1815 - t1878;
             let t1886 = t419 * t1806 + t425 * t1839 + t438 * t1846;
@@ -11736,38 +10859,29 @@ pub mod full_piecewise {
             let t1900 = t409 * t1897;
             let t1901 = t408 * t1899;
             let t1902 = t407 * t1898;
-            let t1913 = t1902 + t408 * t1870 + t409 * t1877 + t1902 + t805 * t1827
-                - t806 * t1831;
+            let t1913 = t1902 + t408 * t1870 + t409 * t1877 + t1902 + t805 * t1827 - t806 * t1831;
             let t1916 = t409 * t1831 - t408 * t1827;
-            let t1923 = t1900 + t407 * t1877 + t408 * t1882 + t1900 + t804 * t1831
-                - t805 * t1835;
+            let t1923 = t1900 + t407 * t1877 + t408 * t1882 + t1900 + t804 * t1831 - t805 * t1835;
             let t1924 = t407 * t1827 - t409 * t1835;
-            let t1931 = t1901 + t407 * t1870 + t409 * t1882 + t1901 - t804 * t1827
-                + t806 * t1835;
+            let t1931 = t1901 + t407 * t1870 + t409 * t1882 + t1901 - t804 * t1827 + t806 * t1835;
             let t1932 = t408 * t1835 - t407 * t1831;
             let t1939 = t398 * t1897;
             let t1940 = t397 * t1899;
             let t1941 = t396 * t1898;
-            let t1952 = t1941 + t397 * t1870 + t398 * t1877 + t1941 + t796 * t1827
-                - t797 * t1831;
+            let t1952 = t1941 + t397 * t1870 + t398 * t1877 + t1941 + t796 * t1827 - t797 * t1831;
             let t1955 = t398 * t1831 - t397 * t1827;
-            let t1962 = t1939 + t396 * t1877 + t397 * t1882 + t1939 + t795 * t1831
-                - t796 * t1835;
+            let t1962 = t1939 + t396 * t1877 + t397 * t1882 + t1939 + t795 * t1831 - t796 * t1835;
             let t1963 = t396 * t1827 - t398 * t1835;
-            let t1970 = t1940 + t396 * t1870 + t398 * t1882 + t1940 - t795 * t1827
-                + t797 * t1835;
+            let t1970 = t1940 + t396 * t1870 + t398 * t1882 + t1940 - t795 * t1827 + t797 * t1835;
             let t1971 = t397 * t1835 - t396 * t1831;
             let t1978 = t387 * t1897;
             let t1979 = t386 * t1899;
             let t1980 = t385 * t1898;
-            let t1991 = t1980 + t386 * t1870 + t387 * t1877 + t1980 + t787 * t1827
-                - t788 * t1831;
+            let t1991 = t1980 + t386 * t1870 + t387 * t1877 + t1980 + t787 * t1827 - t788 * t1831;
             let t1994 = t387 * t1831 - t386 * t1827;
-            let t2001 = t1978 + t385 * t1877 + t386 * t1882 + t1978 + t786 * t1831
-                - t787 * t1835;
+            let t2001 = t1978 + t385 * t1877 + t386 * t1882 + t1978 + t786 * t1831 - t787 * t1835;
             let t2002 = t385 * t1827 - t387 * t1835;
-            let t2009 = t1979 + t385 * t1870 + t387 * t1882 + t1979 - t786 * t1827
-                + t788 * t1835;
+            let t2009 = t1979 + t385 * t1870 + t387 * t1882 + t1979 - t786 * t1827 + t788 * t1835;
             let t2010 = t386 * t1835 - t385 * t1831;
             let t2023 = 0.3333333333333333 * (t1932 + t1971 + t2010);
             let t2024 = 0.3333333333333333 * (t1924 + t1963 + t2002);
@@ -11784,12 +10898,9 @@ pub mod full_piecewise {
             let t2035 = 0.3333333333333333 * (t1923 + t1962 + t2001);
             let t2036 = 0.3333333333333333 * (t1931 + t1970 + t2009);
             let t2037 = 0.3333333333333333 * (t1913 + t1952 + t1991);
-            let t2054 = sin_joint3_track_rotation_z * t2027
-                + cos_joint3_track_rotation_z * t2028;
-            let t2072 = sin_joint2_track_rotation_z * t2032
-                + cos_joint2_track_rotation_z * t2034;
-            let t2090 = sin_joint1_track_rotation_z * t2031
-                + cos_joint1_track_rotation_z * t2033;
+            let t2054 = sin_joint3_track_rotation_z * t2027 + cos_joint3_track_rotation_z * t2028;
+            let t2072 = sin_joint2_track_rotation_z * t2032 + cos_joint2_track_rotation_z * t2034;
+            let t2090 = sin_joint1_track_rotation_z * t2031 + cos_joint1_track_rotation_z * t2033;
             let t2111 = t124 - t130 * t839 + t129 * t845;
             let t2114 = t129 + t130 * t833 - t124 * t845;
             let t2117 = t130 - t129 * t833 + t124 * t839;
@@ -11800,14 +10911,17 @@ pub mod full_piecewise {
             let t2160 = t294 - t295 * t833 - t291 * t845;
             let t2168 = sin_target_rotation_z * t2114 + cos_target_rotation_z * t2111;
             let t2179 = sin_target_rotation_z * t2131 + cos_target_rotation_z * t2128;
-            let t2213 = (t129 * t221 - t124 * t222 + t215 * t280 - t216 * t277
-                + t5 * t294 - t6 * t291) / t461;
+            let t2213 =
+                (t129 * t221 - t124 * t222 + t215 * t280 - t216 * t277 + t5 * t294 - t6 * t291)
+                / t461;
             let t2216 = t827 * t2213;
-            let t2221 = (t11 * t124 - t130 * t221 - t215 * t281 + t9 * t277 + t5 * t295
+            let t2221 =
+                (t11 * t124 - t130 * t221 - t215 * t281 + t9 * t277 + t5 * t295
                 - sin_target_rotation_y * t291) / t461;
             let t2225 = t822 * t2213 + t827 * t2221;
             let t2227 = t822 * t2221;
-            let t2230 = (t130 * t222 - t11 * t129 + t216 * t281 - t9 * t280 - t6 * t295
+            let t2230 =
+                (t130 * t222 - t11 * t129 + t216 * t281 - t9 * t280 - t6 * t295
                 + sin_target_rotation_y * t294) / t461;
             let t2233 = t845 * t2213 + t839 * t2221 + t833 * t2230;
             let t2237 = t456 * t2213 + t453 * t2221 + t447 * t2230;
@@ -11819,10 +10933,8 @@ pub mod full_piecewise {
             let t2257 = t422 * t2216;
             let t2264 = t425 * t2227;
             let t2269 = t430 * t2216 - t441 * t2233 + t433 * t2225 + t438 * t2227;
-            let t2280 = t444 * t2233 - t2257 - t2257 + t425 * t2225 + t433 * t2249
-                + t438 * t2253;
-            let t2287 = t422 * t2225 - t2264 + t447 * t2233 - t2264 + t430 * t2249
-                + t433 * t2253;
+            let t2280 = t444 * t2233 - t2257 - t2257 + t425 * t2225 + t433 * t2249 + t438 * t2253;
+            let t2287 = t422 * t2225 - t2264 + t447 * t2233 - t2264 + t430 * t2249 + t433 * t2253;
             let t2288 = t433 * t2256;
             let t2292 = t425 * t2253 - t2288 + t422 * t2249 + t419 * t2225 - t2288;
             let t2296 = t419 * t2216 + t425 * t2249 + t438 * t2256;
@@ -11834,38 +10946,29 @@ pub mod full_piecewise {
             let t2310 = t409 * t2307;
             let t2311 = t408 * t2309;
             let t2312 = t407 * t2308;
-            let t2323 = t2312 + t408 * t2280 + t409 * t2287 + t2312 + t805 * t2237
-                - t806 * t2241;
+            let t2323 = t2312 + t408 * t2280 + t409 * t2287 + t2312 + t805 * t2237 - t806 * t2241;
             let t2326 = t409 * t2241 - t408 * t2237;
-            let t2333 = t2310 + t407 * t2287 + t408 * t2292 + t2310 + t804 * t2241
-                - t805 * t2245;
+            let t2333 = t2310 + t407 * t2287 + t408 * t2292 + t2310 + t804 * t2241 - t805 * t2245;
             let t2334 = t407 * t2237 - t409 * t2245;
-            let t2341 = t2311 + t407 * t2280 + t409 * t2292 + t2311 - t804 * t2237
-                + t806 * t2245;
+            let t2341 = t2311 + t407 * t2280 + t409 * t2292 + t2311 - t804 * t2237 + t806 * t2245;
             let t2342 = t408 * t2245 - t407 * t2241;
             let t2349 = t398 * t2307;
             let t2350 = t397 * t2309;
             let t2351 = t396 * t2308;
-            let t2362 = t2351 + t397 * t2280 + t398 * t2287 + t2351 + t796 * t2237
-                - t797 * t2241;
+            let t2362 = t2351 + t397 * t2280 + t398 * t2287 + t2351 + t796 * t2237 - t797 * t2241;
             let t2365 = t398 * t2241 - t397 * t2237;
-            let t2372 = t2349 + t396 * t2287 + t397 * t2292 + t2349 + t795 * t2241
-                - t796 * t2245;
+            let t2372 = t2349 + t396 * t2287 + t397 * t2292 + t2349 + t795 * t2241 - t796 * t2245;
             let t2373 = t396 * t2237 - t398 * t2245;
-            let t2380 = t2350 + t396 * t2280 + t398 * t2292 + t2350 - t795 * t2237
-                + t797 * t2245;
+            let t2380 = t2350 + t396 * t2280 + t398 * t2292 + t2350 - t795 * t2237 + t797 * t2245;
             let t2381 = t397 * t2245 - t396 * t2241;
             let t2388 = t387 * t2307;
             let t2389 = t386 * t2309;
             let t2390 = t385 * t2308;
-            let t2401 = t2390 + t386 * t2280 + t387 * t2287 + t2390 + t787 * t2237
-                - t788 * t2241;
+            let t2401 = t2390 + t386 * t2280 + t387 * t2287 + t2390 + t787 * t2237 - t788 * t2241;
             let t2404 = t387 * t2241 - t386 * t2237;
-            let t2411 = t2388 + t385 * t2287 + t386 * t2292 + t2388 + t786 * t2241
-                - t787 * t2245;
+            let t2411 = t2388 + t385 * t2287 + t386 * t2292 + t2388 + t786 * t2241 - t787 * t2245;
             let t2412 = t385 * t2237 - t387 * t2245;
-            let t2419 = t2389 + t385 * t2280 + t387 * t2292 + t2389 - t786 * t2237
-                + t788 * t2245;
+            let t2419 = t2389 + t385 * t2280 + t387 * t2292 + t2389 - t786 * t2237 + t788 * t2245;
             let t2420 = t386 * t2245 - t385 * t2241;
             let t2433 = 0.3333333333333333 * (t2342 + t2381 + t2420);
             let t2434 = 0.3333333333333333 * (t2334 + t2373 + t2412);
@@ -11882,12 +10985,9 @@ pub mod full_piecewise {
             let t2445 = 0.3333333333333333 * (t2333 + t2372 + t2411);
             let t2446 = 0.3333333333333333 * (t2341 + t2380 + t2419);
             let t2447 = 0.3333333333333333 * (t2323 + t2362 + t2401);
-            let t2464 = sin_joint3_track_rotation_z * t2437
-                + cos_joint3_track_rotation_z * t2438;
-            let t2482 = sin_joint2_track_rotation_z * t2442
-                + cos_joint2_track_rotation_z * t2444;
-            let t2500 = sin_joint1_track_rotation_z * t2441
-                + cos_joint1_track_rotation_z * t2443;
+            let t2464 = sin_joint3_track_rotation_z * t2437 + cos_joint3_track_rotation_z * t2438;
+            let t2482 = sin_joint2_track_rotation_z * t2442 + cos_joint2_track_rotation_z * t2444;
+            let t2500 = sin_joint1_track_rotation_z * t2441 + cos_joint1_track_rotation_z * t2443;
             let t2521 = t148 - t154 * t839 + t153 * t845;
             let t2524 = t153 + t154 * t833 - t148 * t845;
             let t2527 = t154 - t153 * t833 + t148 * t839;
@@ -11898,14 +10998,17 @@ pub mod full_piecewise {
             let t2570 = t353 + t354 * t833 - t348 * t845;
             let t2578 = sin_target_rotation_z * t2524 + cos_target_rotation_z * t2521;
             let t2589 = sin_target_rotation_z * t2541 + cos_target_rotation_z * t2538;
-            let t2623 = (t153 * t221 - t148 * t222 + t215 * t333 + t216 * t328
-                + t5 * t353 - t6 * t348) / t461;
+            let t2623 =
+                (t153 * t221 - t148 * t222 + t215 * t333 + t216 * t328 + t5 * t353 - t6 * t348)
+                / t461;
             let t2626 = t827 * t2623;
-            let t2631 = (t11 * t148 - t154 * t221 + t215 * t334 - t9 * t328 - t5 * t354
+            let t2631 =
+                (t11 * t148 - t154 * t221 + t215 * t334 - t9 * t328 - t5 * t354
                 - sin_target_rotation_y * t348) / t461;
             let t2635 = t822 * t2623 + t827 * t2631;
             let t2637 = t822 * t2631;
-            let t2640 = (t154 * t222 - t11 * t153 - t216 * t334 - t9 * t333 + t6 * t354
+            let t2640 =
+                (t154 * t222 - t11 * t153 - t216 * t334 - t9 * t333 + t6 * t354
                 + sin_target_rotation_y * t353) / t461;
             let t2643 = t845 * t2623 + t839 * t2631 + t833 * t2640;
             let t2647 = t456 * t2623 + t453 * t2631 + t447 * t2640;
@@ -11917,10 +11020,8 @@ pub mod full_piecewise {
             let t2667 = t422 * t2626;
             let t2674 = t425 * t2637;
             let t2679 = t430 * t2626 - t441 * t2643 + t433 * t2635 + t438 * t2637;
-            let t2690 = t444 * t2643 - t2667 - t2667 + t425 * t2635 + t433 * t2659
-                + t438 * t2663;
-            let t2697 = t422 * t2635 - t2674 + t447 * t2643 - t2674 + t430 * t2659
-                + t433 * t2663;
+            let t2690 = t444 * t2643 - t2667 - t2667 + t425 * t2635 + t433 * t2659 + t438 * t2663;
+            let t2697 = t422 * t2635 - t2674 + t447 * t2643 - t2674 + t430 * t2659 + t433 * t2663;
             let t2698 = t433 * t2666;
             let t2702 = t425 * t2663 - t2698 + t422 * t2659 + t419 * t2635 - t2698;
             let t2706 = t419 * t2626 + t425 * t2659 + t438 * t2666;
@@ -11932,38 +11033,29 @@ pub mod full_piecewise {
             let t2720 = t409 * t2717;
             let t2721 = t408 * t2719;
             let t2722 = t407 * t2718;
-            let t2733 = t2722 + t408 * t2690 + t409 * t2697 + t2722 + t805 * t2647
-                - t806 * t2651;
+            let t2733 = t2722 + t408 * t2690 + t409 * t2697 + t2722 + t805 * t2647 - t806 * t2651;
             let t2736 = t409 * t2651 - t408 * t2647;
-            let t2743 = t2720 + t407 * t2697 + t408 * t2702 + t2720 + t804 * t2651
-                - t805 * t2655;
+            let t2743 = t2720 + t407 * t2697 + t408 * t2702 + t2720 + t804 * t2651 - t805 * t2655;
             let t2744 = t407 * t2647 - t409 * t2655;
-            let t2751 = t2721 + t407 * t2690 + t409 * t2702 + t2721 - t804 * t2647
-                + t806 * t2655;
+            let t2751 = t2721 + t407 * t2690 + t409 * t2702 + t2721 - t804 * t2647 + t806 * t2655;
             let t2752 = t408 * t2655 - t407 * t2651;
             let t2759 = t398 * t2717;
             let t2760 = t397 * t2719;
             let t2761 = t396 * t2718;
-            let t2772 = t2761 + t397 * t2690 + t398 * t2697 + t2761 + t796 * t2647
-                - t797 * t2651;
+            let t2772 = t2761 + t397 * t2690 + t398 * t2697 + t2761 + t796 * t2647 - t797 * t2651;
             let t2775 = t398 * t2651 - t397 * t2647;
-            let t2782 = t2759 + t396 * t2697 + t397 * t2702 + t2759 + t795 * t2651
-                - t796 * t2655;
+            let t2782 = t2759 + t396 * t2697 + t397 * t2702 + t2759 + t795 * t2651 - t796 * t2655;
             let t2783 = t396 * t2647 - t398 * t2655;
-            let t2790 = t2760 + t396 * t2690 + t398 * t2702 + t2760 - t795 * t2647
-                + t797 * t2655;
+            let t2790 = t2760 + t396 * t2690 + t398 * t2702 + t2760 - t795 * t2647 + t797 * t2655;
             let t2791 = t397 * t2655 - t396 * t2651;
             let t2798 = t387 * t2717;
             let t2799 = t386 * t2719;
             let t2800 = t385 * t2718;
-            let t2811 = t2800 + t386 * t2690 + t387 * t2697 + t2800 + t787 * t2647
-                - t788 * t2651;
+            let t2811 = t2800 + t386 * t2690 + t387 * t2697 + t2800 + t787 * t2647 - t788 * t2651;
             let t2814 = t387 * t2651 - t386 * t2647;
-            let t2821 = t2798 + t385 * t2697 + t386 * t2702 + t2798 + t786 * t2651
-                - t787 * t2655;
+            let t2821 = t2798 + t385 * t2697 + t386 * t2702 + t2798 + t786 * t2651 - t787 * t2655;
             let t2822 = t385 * t2647 - t387 * t2655;
-            let t2829 = t2799 + t385 * t2690 + t387 * t2702 + t2799 - t786 * t2647
-                + t788 * t2655;
+            let t2829 = t2799 + t385 * t2690 + t387 * t2702 + t2799 - t786 * t2647 + t788 * t2655;
             let t2830 = t386 * t2655 - t385 * t2651;
             let t2843 = 0.3333333333333333 * (t2752 + t2791 + t2830);
             let t2844 = 0.3333333333333333 * (t2744 + t2783 + t2822);
@@ -11980,55 +11072,43 @@ pub mod full_piecewise {
             let t2855 = 0.3333333333333333 * (t2743 + t2782 + t2821);
             let t2856 = 0.3333333333333333 * (t2751 + t2790 + t2829);
             let t2857 = 0.3333333333333333 * (t2733 + t2772 + t2811);
-            let t2874 = sin_joint3_track_rotation_z * t2847
-                + cos_joint3_track_rotation_z * t2848;
-            let t2892 = sin_joint2_track_rotation_z * t2852
-                + cos_joint2_track_rotation_z * t2854;
-            let t2910 = sin_joint1_track_rotation_z * t2851
-                + cos_joint1_track_rotation_z * t2853;
+            let t2874 = sin_joint3_track_rotation_z * t2847 + cos_joint3_track_rotation_z * t2848;
+            let t2892 = sin_joint2_track_rotation_z * t2852 + cos_joint2_track_rotation_z * t2854;
+            let t2910 = sin_joint1_track_rotation_z * t2851 + cos_joint1_track_rotation_z * t2853;
             residuals[0][lane] = t877 + frame_translation_x - x;
             residuals[1][lane] = t878 + frame_translation_y - y;
             residuals[2][lane] = t871 + frame_translation_z - z;
             residuals[3][lane] = 0.5
-                * (prepared_17 * t907 - prepared_6 * t986 - prepared_8 * t950
-                    + prepared_7 * t914 + prepared_19 * t943 + prepared_10 * t979);
+                * (prepared_17 * t907 - prepared_6 * t986 - prepared_8 * t950 + prepared_7 * t914
+                + prepared_19 * t943 + prepared_10 * t979);
             residuals[4][lane] = 0.5
-                * (prepared_18 * t943 - prepared_9 * t979 - prepared_7 * t913
-                    - prepared_16 * t907 + prepared_8 * t949 + prepared_6 * t985);
+                * (prepared_18 * t943 - prepared_9 * t979 - prepared_7 * t913 - prepared_16 * t907
+                + prepared_8 * t949 + prepared_6 * t985);
             residuals[5][lane] = 0.5
-                * (prepared_16 * t914 - prepared_10 * t985 - prepared_17 * t913
-                    - prepared_18 * t950 - prepared_19 * t949 + prepared_9 * t986);
+                * (prepared_16 * t914 - prepared_10 * t985 - prepared_17 * t913 - prepared_18 * t950
+                - prepared_19 * t949 + prepared_9 * t986);
             jacobian[0][lane] = t1203 + t1176;
             jacobian[1][lane] = t1201 + t1189;
             jacobian[2][lane] = t1199 + t1183;
             jacobian[3][lane] = t161
-                * (sin_joint1_track_rotation_y * t556
-                    + cos_joint1_track_rotation_y * t547)
-                - t162
-                    * (cos_joint1_track_rotation_z * t549
-                        - sin_joint1_track_rotation_z * t551);
+                * (sin_joint1_track_rotation_y * t556 + cos_joint1_track_rotation_y * t547)
+                - t162 * (cos_joint1_track_rotation_z * t549 - sin_joint1_track_rotation_z * t551);
             jacobian[4][lane] = t167 * t556 - t168 * t547;
             jacobian[5][lane] = t173 * t549 - t174 * t551;
             jacobian[6][lane] = t1203 + t1146;
             jacobian[7][lane] = t1201 + t1159;
             jacobian[8][lane] = t1199 + t1153;
             jacobian[9][lane] = t179
-                * (sin_joint2_track_rotation_y * t541
-                    + cos_joint2_track_rotation_y * t532)
-                - t180
-                    * (cos_joint2_track_rotation_z * t534
-                        - sin_joint2_track_rotation_z * t536);
+                * (sin_joint2_track_rotation_y * t541 + cos_joint2_track_rotation_y * t532)
+                - t180 * (cos_joint2_track_rotation_z * t534 - sin_joint2_track_rotation_z * t536);
             jacobian[10][lane] = t185 * t541 - t186 * t532;
             jacobian[11][lane] = t191 * t534 - t192 * t536;
             jacobian[12][lane] = t1203 + t1116;
             jacobian[13][lane] = t1201 + t1129;
             jacobian[14][lane] = t1199 + t1123;
             jacobian[15][lane] = t197
-                * (sin_joint3_track_rotation_y * t526
-                    + cos_joint3_track_rotation_y * t517)
-                - t198
-                    * (cos_joint3_track_rotation_z * t519
-                        - sin_joint3_track_rotation_z * t521);
+                * (sin_joint3_track_rotation_y * t526 + cos_joint3_track_rotation_y * t517)
+                - t198 * (cos_joint3_track_rotation_z * t519 - sin_joint3_track_rotation_z * t521);
             jacobian[16][lane] = t203 * t526 - t204 * t517;
             jacobian[17][lane] = t209 * t519 - t210 * t521;
             jacobian[18][lane] = 1.0;
@@ -12042,33 +11122,24 @@ pub mod full_piecewise {
             jacobian[26][lane] = t1428 + t1416;
             jacobian[27][lane] = t1426 + t1410;
             jacobian[28][lane] = t161
-                * (sin_joint1_track_rotation_y * t655
-                    + cos_joint1_track_rotation_y * t646)
-                - t162
-                    * (cos_joint1_track_rotation_z * t648
-                        - sin_joint1_track_rotation_z * t650);
+                * (sin_joint1_track_rotation_y * t655 + cos_joint1_track_rotation_y * t646)
+                - t162 * (cos_joint1_track_rotation_z * t648 - sin_joint1_track_rotation_z * t650);
             jacobian[29][lane] = t167 * t655 - t168 * t646;
             jacobian[30][lane] = t173 * t648 - t174 * t650;
             jacobian[31][lane] = t1430 + t1373;
             jacobian[32][lane] = t1428 + t1386;
             jacobian[33][lane] = t1426 + t1380;
             jacobian[34][lane] = t179
-                * (sin_joint2_track_rotation_y * t640
-                    + cos_joint2_track_rotation_y * t631)
-                - t180
-                    * (cos_joint2_track_rotation_z * t633
-                        - sin_joint2_track_rotation_z * t635);
+                * (sin_joint2_track_rotation_y * t640 + cos_joint2_track_rotation_y * t631)
+                - t180 * (cos_joint2_track_rotation_z * t633 - sin_joint2_track_rotation_z * t635);
             jacobian[35][lane] = t185 * t640 - t186 * t631;
             jacobian[36][lane] = t191 * t633 - t192 * t635;
             jacobian[37][lane] = t1430 + t1343;
             jacobian[38][lane] = t1428 + t1356;
             jacobian[39][lane] = t1426 + t1350;
             jacobian[40][lane] = t197
-                * (sin_joint3_track_rotation_y * t625
-                    + cos_joint3_track_rotation_y * t616)
-                - t198
-                    * (cos_joint3_track_rotation_z * t618
-                        - sin_joint3_track_rotation_z * t620);
+                * (sin_joint3_track_rotation_y * t625 + cos_joint3_track_rotation_y * t616)
+                - t198 * (cos_joint3_track_rotation_z * t618 - sin_joint3_track_rotation_z * t620);
             jacobian[41][lane] = t203 * t625 - t204 * t616;
             jacobian[42][lane] = t209 * t618 - t210 * t620;
             jacobian[43][lane] = 1.0;
@@ -12082,33 +11153,24 @@ pub mod full_piecewise {
             jacobian[51][lane] = t1652 + t1640;
             jacobian[52][lane] = t1650 + t1634;
             jacobian[53][lane] = t161
-                * (sin_joint1_track_rotation_y * t754
-                    + cos_joint1_track_rotation_y * t745)
-                - t162
-                    * (cos_joint1_track_rotation_z * t747
-                        - sin_joint1_track_rotation_z * t749);
+                * (sin_joint1_track_rotation_y * t754 + cos_joint1_track_rotation_y * t745)
+                - t162 * (cos_joint1_track_rotation_z * t747 - sin_joint1_track_rotation_z * t749);
             jacobian[54][lane] = t167 * t754 - t168 * t745;
             jacobian[55][lane] = t173 * t747 - t174 * t749;
             jacobian[56][lane] = t1597 - t1649 - t90;
             jacobian[57][lane] = t1652 + t1610;
             jacobian[58][lane] = t1650 + t1604;
             jacobian[59][lane] = t179
-                * (sin_joint2_track_rotation_y * t739
-                    + cos_joint2_track_rotation_y * t730)
-                - t180
-                    * (cos_joint2_track_rotation_z * t732
-                        - sin_joint2_track_rotation_z * t734);
+                * (sin_joint2_track_rotation_y * t739 + cos_joint2_track_rotation_y * t730)
+                - t180 * (cos_joint2_track_rotation_z * t732 - sin_joint2_track_rotation_z * t734);
             jacobian[60][lane] = t185 * t739 - t186 * t730;
             jacobian[61][lane] = t191 * t732 - t192 * t734;
             jacobian[62][lane] = t1567 - t1649 - t90;
             jacobian[63][lane] = t1652 + t1580;
             jacobian[64][lane] = t1650 + t1574;
             jacobian[65][lane] = t197
-                * (sin_joint3_track_rotation_y * t724
-                    + cos_joint3_track_rotation_y * t715)
-                - t198
-                    * (cos_joint3_track_rotation_z * t717
-                        - sin_joint3_track_rotation_z * t719);
+                * (sin_joint3_track_rotation_y * t724 + cos_joint3_track_rotation_y * t715)
+                - t198 * (cos_joint3_track_rotation_z * t717 - sin_joint3_track_rotation_z * t719);
             jacobian[66][lane] = t203 * t724 - t204 * t715;
             jacobian[67][lane] = t209 * t717 - t210 * t719;
             jacobian[68][lane] = 1.0;
@@ -12121,167 +11183,143 @@ pub mod full_piecewise {
             jacobian[75][lane] = t2009 - t2036;
             jacobian[76][lane] = t2001 - t2035;
             jacobian[77][lane] = t161
-                * (sin_joint1_track_rotation_y * t2090
-                    + cos_joint1_track_rotation_y * t2029)
+                * (sin_joint1_track_rotation_y * t2090 + cos_joint1_track_rotation_y * t2029)
                 - t162
-                    * (cos_joint1_track_rotation_z * t2031
-                        - sin_joint1_track_rotation_z * t2033);
+                * (cos_joint1_track_rotation_z * t2031 - sin_joint1_track_rotation_z * t2033);
             jacobian[78][lane] = t167 * t2090 - t168 * t2029;
             jacobian[79][lane] = t173 * t2031 - t174 * t2033;
             jacobian[80][lane] = t1952 - t2037;
             jacobian[81][lane] = t1970 - t2036;
             jacobian[82][lane] = t1962 - t2035;
             jacobian[83][lane] = t179
-                * (sin_joint2_track_rotation_y * t2072
-                    + cos_joint2_track_rotation_y * t2030)
+                * (sin_joint2_track_rotation_y * t2072 + cos_joint2_track_rotation_y * t2030)
                 - t180
-                    * (cos_joint2_track_rotation_z * t2032
-                        - sin_joint2_track_rotation_z * t2034);
+                * (cos_joint2_track_rotation_z * t2032 - sin_joint2_track_rotation_z * t2034);
             jacobian[84][lane] = t185 * t2072 - t186 * t2030;
             jacobian[85][lane] = t191 * t2032 - t192 * t2034;
             jacobian[86][lane] = t1913 - t2037;
             jacobian[87][lane] = t1931 - t2036;
             jacobian[88][lane] = t1923 - t2035;
             jacobian[89][lane] = t197
-                * (sin_joint3_track_rotation_y * t2054
-                    + cos_joint3_track_rotation_y * t2026)
+                * (sin_joint3_track_rotation_y * t2054 + cos_joint3_track_rotation_y * t2026)
                 - t198
-                    * (cos_joint3_track_rotation_z * t2027
-                        - sin_joint3_track_rotation_z * t2028);
+                * (cos_joint3_track_rotation_z * t2027 - sin_joint3_track_rotation_z * t2028);
             jacobian[90][lane] = t203 * t2054 - t204 * t2026;
             jacobian[91][lane] = t209 * t2027 - t210 * t2028;
-            jacobian[92][lane] = t97 * t973 + t92 * t974 + t229 * t937 + t108 * t938
-                + t243 * t901 - t114 * t902;
-            jacobian[93][lane] = t113 * t907 - t91 * t979 - prepared_12 * t980
-                - t107 * t943 - prepared_20 * t944 - prepared_21 * t908;
-            jacobian[94][lane] = prepared_14 * t913 - prepared_11 * t985
-                - prepared_13 * t949;
+            jacobian[92][lane] = t97 * t973 + t92 * t974 + t229 * t937 + t108 * t938 + t243 * t901
+                - t114 * t902;
+            jacobian[93][lane] = t113 * t907 - t91 * t979 - prepared_12 * t980 - t107 * t943
+                - prepared_20 * t944 - prepared_21 * t908;
+            jacobian[94][lane] = prepared_14 * t913 - prepared_11 * t985 - prepared_13 * t949;
             jacobian[95][lane] = cos_target_rotation_x
                 * (sin_target_rotation_y * t1769 + sin_target_rotation_z * t1701
-                    - cos_target_rotation_z * t1704 + cos_target_rotation_y * t1724)
+                - cos_target_rotation_z * t1704 + cos_target_rotation_y * t1724)
                 - sin_target_rotation_x
-                    * (sin_target_rotation_y * t1758 + cos_target_rotation_y * t1707
-                        + cos_target_rotation_z * t1721 - sin_target_rotation_z * t1718);
+                * (sin_target_rotation_y * t1758 + cos_target_rotation_y * t1707
+                + cos_target_rotation_z * t1721 - sin_target_rotation_z * t1718);
             jacobian[96][lane] = cos_target_rotation_y
-                * (sin_target_rotation_x * t1769 + cos_target_rotation_x * t1758
-                    - t244 * t839 - t248 + t247 * t833)
+                * (sin_target_rotation_x * t1769 + cos_target_rotation_x * t1758 - t244 * t839
+                - t248 + t247 * t833)
                 - sin_target_rotation_y
-                    * (cos_target_rotation_x * t1707 + sin_target_rotation_x * t1724
-                        + sin_target_rotation_z * t1750 + cos_target_rotation_z * t1747);
-            jacobian[97][lane] = t221 * t1704 - t222 * t1701 + t215 * t1721
-                - t216 * t1718
+                * (cos_target_rotation_x * t1707 + sin_target_rotation_x * t1724
+                + sin_target_rotation_z * t1750 + cos_target_rotation_z * t1747);
+            jacobian[97][lane] = t221 * t1704 - t222 * t1701 + t215 * t1721 - t216 * t1718
                 + cos_target_rotation_y
-                    * (cos_target_rotation_z * t1750 - sin_target_rotation_z * t1747);
+                * (cos_target_rotation_z * t1750 - sin_target_rotation_z * t1747);
             jacobian[98][lane] = t2401 - t2447;
             jacobian[99][lane] = t2419 - t2446;
             jacobian[100][lane] = t2411 - t2445;
             jacobian[101][lane] = t161
-                * (sin_joint1_track_rotation_y * t2500
-                    + cos_joint1_track_rotation_y * t2439)
+                * (sin_joint1_track_rotation_y * t2500 + cos_joint1_track_rotation_y * t2439)
                 - t162
-                    * (cos_joint1_track_rotation_z * t2441
-                        - sin_joint1_track_rotation_z * t2443);
+                * (cos_joint1_track_rotation_z * t2441 - sin_joint1_track_rotation_z * t2443);
             jacobian[102][lane] = t167 * t2500 - t168 * t2439;
             jacobian[103][lane] = t173 * t2441 - t174 * t2443;
             jacobian[104][lane] = t2362 - t2447;
             jacobian[105][lane] = t2380 - t2446;
             jacobian[106][lane] = t2372 - t2445;
             jacobian[107][lane] = t179
-                * (sin_joint2_track_rotation_y * t2482
-                    + cos_joint2_track_rotation_y * t2440)
+                * (sin_joint2_track_rotation_y * t2482 + cos_joint2_track_rotation_y * t2440)
                 - t180
-                    * (cos_joint2_track_rotation_z * t2442
-                        - sin_joint2_track_rotation_z * t2444);
+                * (cos_joint2_track_rotation_z * t2442 - sin_joint2_track_rotation_z * t2444);
             jacobian[108][lane] = t185 * t2482 - t186 * t2440;
             jacobian[109][lane] = t191 * t2442 - t192 * t2444;
             jacobian[110][lane] = t2323 - t2447;
             jacobian[111][lane] = t2341 - t2446;
             jacobian[112][lane] = t2333 - t2445;
             jacobian[113][lane] = t197
-                * (sin_joint3_track_rotation_y * t2464
-                    + cos_joint3_track_rotation_y * t2436)
+                * (sin_joint3_track_rotation_y * t2464 + cos_joint3_track_rotation_y * t2436)
                 - t198
-                    * (cos_joint3_track_rotation_z * t2437
-                        - sin_joint3_track_rotation_z * t2438);
+                * (cos_joint3_track_rotation_z * t2437 - sin_joint3_track_rotation_z * t2438);
             jacobian[114][lane] = t203 * t2464 - t204 * t2436;
             jacobian[115][lane] = t209 * t2437 - t210 * t2438;
-            jacobian[116][lane] = t123 * t973 + t91 * t974 + t276 * t937 + t107 * t938
-                - t290 * t901 - t113 * t902;
-            jacobian[117][lane] = t92 * t979 + prepared_15 * t980 + t108 * t943
-                - prepared_22 * t944 - t114 * t907 + prepared_23 * t908;
-            jacobian[118][lane] = prepared_14 * t914 - prepared_11 * t986
-                - prepared_13 * t950;
+            jacobian[116][lane] = t123 * t973 + t91 * t974 + t276 * t937 + t107 * t938 - t290 * t901
+                - t113 * t902;
+            jacobian[117][lane] = t92 * t979 + prepared_15 * t980 + t108 * t943 - prepared_22 * t944
+                - t114 * t907 + prepared_23 * t908;
+            jacobian[118][lane] = prepared_14 * t914 - prepared_11 * t986 - prepared_13 * t950;
             jacobian[119][lane] = cos_target_rotation_x
                 * (sin_target_rotation_y * t2179 + sin_target_rotation_z * t2111
-                    - cos_target_rotation_z * t2114 + cos_target_rotation_y * t2134)
+                - cos_target_rotation_z * t2114 + cos_target_rotation_y * t2134)
                 - sin_target_rotation_x
-                    * (sin_target_rotation_y * t2168 + cos_target_rotation_y * t2117
-                        + cos_target_rotation_z * t2131 - sin_target_rotation_z * t2128);
+                * (sin_target_rotation_y * t2168 + cos_target_rotation_y * t2117
+                + cos_target_rotation_z * t2131 - sin_target_rotation_z * t2128);
             jacobian[120][lane] = cos_target_rotation_y
-                * (sin_target_rotation_x * t2179 + cos_target_rotation_x * t2168
-                    - t291 * t839 + t295 + t294 * t833)
+                * (sin_target_rotation_x * t2179 + cos_target_rotation_x * t2168 - t291 * t839
+                + t295 + t294 * t833)
                 - sin_target_rotation_y
-                    * (cos_target_rotation_x * t2117 + sin_target_rotation_x * t2134
-                        + sin_target_rotation_z * t2160 + cos_target_rotation_z * t2157);
-            jacobian[121][lane] = t221 * t2114 - t222 * t2111 + t215 * t2131
-                - t216 * t2128
+                * (cos_target_rotation_x * t2117 + sin_target_rotation_x * t2134
+                + sin_target_rotation_z * t2160 + cos_target_rotation_z * t2157);
+            jacobian[121][lane] = t221 * t2114 - t222 * t2111 + t215 * t2131 - t216 * t2128
                 + cos_target_rotation_y
-                    * (cos_target_rotation_z * t2160 - sin_target_rotation_z * t2157);
+                * (cos_target_rotation_z * t2160 - sin_target_rotation_z * t2157);
             jacobian[122][lane] = t2811 - t2857;
             jacobian[123][lane] = t2829 - t2856;
             jacobian[124][lane] = t2821 - t2855;
             jacobian[125][lane] = t161
-                * (sin_joint1_track_rotation_y * t2910
-                    + cos_joint1_track_rotation_y * t2849)
+                * (sin_joint1_track_rotation_y * t2910 + cos_joint1_track_rotation_y * t2849)
                 - t162
-                    * (cos_joint1_track_rotation_z * t2851
-                        - sin_joint1_track_rotation_z * t2853);
+                * (cos_joint1_track_rotation_z * t2851 - sin_joint1_track_rotation_z * t2853);
             jacobian[126][lane] = t167 * t2910 - t168 * t2849;
             jacobian[127][lane] = t173 * t2851 - t174 * t2853;
             jacobian[128][lane] = t2772 - t2857;
             jacobian[129][lane] = t2790 - t2856;
             jacobian[130][lane] = t2782 - t2855;
             jacobian[131][lane] = t179
-                * (sin_joint2_track_rotation_y * t2892
-                    + cos_joint2_track_rotation_y * t2850)
+                * (sin_joint2_track_rotation_y * t2892 + cos_joint2_track_rotation_y * t2850)
                 - t180
-                    * (cos_joint2_track_rotation_z * t2852
-                        - sin_joint2_track_rotation_z * t2854);
+                * (cos_joint2_track_rotation_z * t2852 - sin_joint2_track_rotation_z * t2854);
             jacobian[132][lane] = t185 * t2892 - t186 * t2850;
             jacobian[133][lane] = t191 * t2852 - t192 * t2854;
             jacobian[134][lane] = t2733 - t2857;
             jacobian[135][lane] = t2751 - t2856;
             jacobian[136][lane] = t2743 - t2855;
             jacobian[137][lane] = t197
-                * (sin_joint3_track_rotation_y * t2874
-                    + cos_joint3_track_rotation_y * t2846)
+                * (sin_joint3_track_rotation_y * t2874 + cos_joint3_track_rotation_y * t2846)
                 - t198
-                    * (cos_joint3_track_rotation_z * t2847
-                        - sin_joint3_track_rotation_z * t2848);
+                * (cos_joint3_track_rotation_z * t2847 - sin_joint3_track_rotation_z * t2848);
             jacobian[138][lane] = t203 * t2874 - t204 * t2846;
             jacobian[139][lane] = t209 * t2847 - t210 * t2848;
             jacobian[140][lane] = t147 * t973 - t146 * t974 - t327 * t937 - t326 * t938
                 + t347 * t901 - t346 * t902;
             jacobian[141][lane] = t145 * t979 - t325 * t943 + t345 * t907;
-            jacobian[142][lane] = prepared_15 * t985 + prepared_12 * t986
-                - prepared_22 * t949 + prepared_20 * t950 + prepared_23 * t913
-                + prepared_21 * t914;
+            jacobian[142][lane] = prepared_15 * t985 + prepared_12 * t986 - prepared_22 * t949
+                + prepared_20 * t950 + prepared_23 * t913 + prepared_21 * t914;
             jacobian[143][lane] = cos_target_rotation_x
                 * (sin_target_rotation_y * t2589 + sin_target_rotation_z * t2521
-                    - cos_target_rotation_z * t2524 - cos_target_rotation_y * t2544)
+                - cos_target_rotation_z * t2524 - cos_target_rotation_y * t2544)
                 - sin_target_rotation_x
-                    * (sin_target_rotation_y * t2578 + cos_target_rotation_y * t2527
-                        + cos_target_rotation_z * t2541 - sin_target_rotation_z * t2538);
+                * (sin_target_rotation_y * t2578 + cos_target_rotation_y * t2527
+                + cos_target_rotation_z * t2541 - sin_target_rotation_z * t2538);
             jacobian[144][lane] = cos_target_rotation_y
-                * (sin_target_rotation_x * t2589 + cos_target_rotation_x * t2578
-                    - t348 * t839 - t354 + t353 * t833)
+                * (sin_target_rotation_x * t2589 + cos_target_rotation_x * t2578 - t348 * t839
+                - t354 + t353 * t833)
                 - sin_target_rotation_y
-                    * (cos_target_rotation_x * t2527 - sin_target_rotation_x * t2544
-                        + sin_target_rotation_z * t2570 + cos_target_rotation_z * t2567);
-            jacobian[145][lane] = t221 * t2524 - t222 * t2521 + t215 * t2541
-                - t216 * t2538
+                * (cos_target_rotation_x * t2527 - sin_target_rotation_x * t2544
+                + sin_target_rotation_z * t2570 + cos_target_rotation_z * t2567);
+            jacobian[145][lane] = t221 * t2524 - t222 * t2521 + t215 * t2541 - t216 * t2538
                 + cos_target_rotation_y
-                    * (cos_target_rotation_z * t2570 - sin_target_rotation_z * t2567);
+                * (cos_target_rotation_z * t2570 - sin_target_rotation_z * t2567);
         }
     }
     /// `F·(C(q) + A(q)·m) + t − x`
@@ -12312,9 +11350,9 @@ pub mod full_piecewise {
         };
         #[inline(always)]
         fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[q, x, y, z, segment_start_x, segment_start_y, segment_start_z,
-            segment_end_x, segment_end_y, segment_end_z, segment_start_q, segment_end_q,
-            ] = data else { panic!("`data` must hold 12 numbers") };
+            let &[q, x, y, z, segment_start_x, segment_start_y, segment_start_z, segment_end_x,
+                segment_end_y, segment_end_z, segment_start_q,
+                segment_end_q] = data else { panic!("`data` must hold 12 numbers") };
             let t1 = segment_end_q - segment_start_q;
             let t2 = q - segment_start_q;
             let slope_x = (segment_end_x - segment_start_x) / t1;
@@ -12344,68 +11382,43 @@ pub mod full_piecewise {
             let y = prepared[4][lane];
             let z = prepared[5][lane];
             let &[joint1_track_offset_x, joint1_track_offset_y, joint1_track_offset_z,
-            joint1_track_rotation_x, joint1_track_rotation_y, joint1_track_rotation_z,
-            joint2_track_offset_x, joint2_track_offset_y, joint2_track_offset_z,
-            joint2_track_rotation_x, joint2_track_rotation_y, joint2_track_rotation_z,
-            frame_translation_x, frame_translation_y, frame_translation_z,
-            frame_rotation_x, frame_rotation_y, frame_rotation_z, target_position_x,
-            target_position_y, target_position_z] = parameters else {
-                panic!("`parameters` must hold 21 numbers")
-            };
+                joint1_track_rotation_x, joint1_track_rotation_y, joint1_track_rotation_z,
+                joint2_track_offset_x, joint2_track_offset_y, joint2_track_offset_z,
+                joint2_track_rotation_x, joint2_track_rotation_y, joint2_track_rotation_z,
+                frame_translation_x, frame_translation_y, frame_translation_z, frame_rotation_x,
+                frame_rotation_y, frame_rotation_z, target_position_x, target_position_y,
+                target_position_z] =
+                parameters else { panic!("`parameters` must hold 21 numbers") };
             let t1 = joint1_track_offset_x - joint2_track_offset_x;
             let t2 = joint1_track_offset_y - joint2_track_offset_y;
             let t3 = joint1_track_offset_z - joint2_track_offset_z;
-            let (sin_frame_rotation_z, cos_frame_rotation_z) = math::sin_cos(
-                frame_rotation_z,
-            );
-            let (sin_frame_rotation_y, cos_frame_rotation_y) = math::sin_cos(
-                frame_rotation_y,
-            );
-            let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(
-                frame_rotation_x,
-            );
-            let (sin_joint2_track_rotation_z, cos_joint2_track_rotation_z) = math::sin_cos(
-                joint2_track_rotation_z,
-            );
-            let (sin_joint2_track_rotation_y, cos_joint2_track_rotation_y) = math::sin_cos(
-                joint2_track_rotation_y,
-            );
-            let (sin_joint2_track_rotation_x, cos_joint2_track_rotation_x) = math::sin_cos(
-                joint2_track_rotation_x,
-            );
-            let (sin_joint1_track_rotation_z, cos_joint1_track_rotation_z) = math::sin_cos(
-                joint1_track_rotation_z,
-            );
-            let (sin_joint1_track_rotation_y, cos_joint1_track_rotation_y) = math::sin_cos(
-                joint1_track_rotation_y,
-            );
-            let (sin_joint1_track_rotation_x, cos_joint1_track_rotation_x) = math::sin_cos(
-                joint1_track_rotation_x,
-            );
-            let t29 = point_y * cos_joint1_track_rotation_x
-                - point_z * sin_joint1_track_rotation_x;
-            let t30 = point_y * sin_joint1_track_rotation_x
-                + point_z * cos_joint1_track_rotation_x;
-            let t35 = cos_joint1_track_rotation_y * t30
-                - point_x * sin_joint1_track_rotation_y;
-            let t36 = sin_joint1_track_rotation_y * t30
-                + point_x * cos_joint1_track_rotation_y;
-            let t41 = cos_joint1_track_rotation_z * t36
-                - sin_joint1_track_rotation_z * t29;
-            let t42 = sin_joint1_track_rotation_z * t36
-                + cos_joint1_track_rotation_z * t29;
-            let t47 = point_y * cos_joint2_track_rotation_x
-                - point_z * sin_joint2_track_rotation_x;
-            let t48 = point_y * sin_joint2_track_rotation_x
-                + point_z * cos_joint2_track_rotation_x;
-            let t53 = cos_joint2_track_rotation_y * t48
-                - point_x * sin_joint2_track_rotation_y;
-            let t54 = sin_joint2_track_rotation_y * t48
-                + point_x * cos_joint2_track_rotation_y;
-            let t59 = cos_joint2_track_rotation_z * t54
-                - sin_joint2_track_rotation_z * t47;
-            let t60 = sin_joint2_track_rotation_z * t54
-                + cos_joint2_track_rotation_z * t47;
+            let (sin_frame_rotation_z, cos_frame_rotation_z) = math::sin_cos(frame_rotation_z);
+            let (sin_frame_rotation_y, cos_frame_rotation_y) = math::sin_cos(frame_rotation_y);
+            let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(frame_rotation_x);
+            let (sin_joint2_track_rotation_z, cos_joint2_track_rotation_z) =
+                math::sin_cos(joint2_track_rotation_z);
+            let (sin_joint2_track_rotation_y, cos_joint2_track_rotation_y) =
+                math::sin_cos(joint2_track_rotation_y);
+            let (sin_joint2_track_rotation_x, cos_joint2_track_rotation_x) =
+                math::sin_cos(joint2_track_rotation_x);
+            let (sin_joint1_track_rotation_z, cos_joint1_track_rotation_z) =
+                math::sin_cos(joint1_track_rotation_z);
+            let (sin_joint1_track_rotation_y, cos_joint1_track_rotation_y) =
+                math::sin_cos(joint1_track_rotation_y);
+            let (sin_joint1_track_rotation_x, cos_joint1_track_rotation_x) =
+                math::sin_cos(joint1_track_rotation_x);
+            let t29 = point_y * cos_joint1_track_rotation_x - point_z * sin_joint1_track_rotation_x;
+            let t30 = point_y * sin_joint1_track_rotation_x + point_z * cos_joint1_track_rotation_x;
+            let t35 = cos_joint1_track_rotation_y * t30 - point_x * sin_joint1_track_rotation_y;
+            let t36 = sin_joint1_track_rotation_y * t30 + point_x * cos_joint1_track_rotation_y;
+            let t41 = cos_joint1_track_rotation_z * t36 - sin_joint1_track_rotation_z * t29;
+            let t42 = sin_joint1_track_rotation_z * t36 + cos_joint1_track_rotation_z * t29;
+            let t47 = point_y * cos_joint2_track_rotation_x - point_z * sin_joint2_track_rotation_x;
+            let t48 = point_y * sin_joint2_track_rotation_x + point_z * cos_joint2_track_rotation_x;
+            let t53 = cos_joint2_track_rotation_y * t48 - point_x * sin_joint2_track_rotation_y;
+            let t54 = sin_joint2_track_rotation_y * t48 + point_x * cos_joint2_track_rotation_y;
+            let t59 = cos_joint2_track_rotation_z * t54 - sin_joint2_track_rotation_z * t47;
+            let t60 = sin_joint2_track_rotation_z * t54 + cos_joint2_track_rotation_z * t47;
             let t61 = t41 - t59;
             let t62 = t42 - t60;
             let t63 = t35 - t53;
@@ -12413,22 +11426,19 @@ pub mod full_piecewise {
             let t87 = (t2 * t63 - t3 * t62) / t74;
             let t88 = (t3 * t61 - t1 * t63) / t74;
             let t89 = (t1 * t62 - t2 * t61) / t74;
-            let t98 = target_position_z * t88 - target_position_y * t89
-                + target_position_x
+            let t98 = target_position_z * t88 - target_position_y * t89 + target_position_x
                 + 0.5 * (t59 + joint2_track_offset_x + joint1_track_offset_x + t41);
-            let t101 = target_position_x * t89 - target_position_z * t87
-                + target_position_y
+            let t101 = target_position_x * t89 - target_position_z * t87 + target_position_y
                 + 0.5 * (t60 + joint2_track_offset_y + joint1_track_offset_y + t42);
-            let t104 = target_position_y * t87 - target_position_x * t88
-                + target_position_z
+            let t104 = target_position_y * t87 - target_position_x * t88 + target_position_z
                 + 0.5 * (t53 + joint2_track_offset_z + joint1_track_offset_z + t35);
             let t109 = cos_frame_rotation_x * t101 - sin_frame_rotation_x * t104;
             let t110 = sin_frame_rotation_x * t101 + cos_frame_rotation_x * t104;
             let t115 = sin_frame_rotation_y * t110 + cos_frame_rotation_y * t98;
-            residuals[0][lane] = cos_frame_rotation_z * t115
-                - sin_frame_rotation_z * t109 + frame_translation_x - x;
-            residuals[1][lane] = sin_frame_rotation_z * t115
-                + cos_frame_rotation_z * t109 + frame_translation_y - y;
+            residuals[0][lane] = cos_frame_rotation_z * t115 - sin_frame_rotation_z * t109
+                + frame_translation_x - x;
+            residuals[1][lane] = sin_frame_rotation_z * t115 + cos_frame_rotation_z * t109
+                + frame_translation_y - y;
             residuals[2][lane] = cos_frame_rotation_y * t110 - sin_frame_rotation_y * t98
                 + frame_translation_z - z;
         }
@@ -12447,59 +11457,42 @@ pub mod full_piecewise {
             let y = prepared[4][lane];
             let z = prepared[5][lane];
             let &[joint1_track_offset_x, joint1_track_offset_y, joint1_track_offset_z,
-            joint1_track_rotation_x, joint1_track_rotation_y, joint1_track_rotation_z,
-            joint2_track_offset_x, joint2_track_offset_y, joint2_track_offset_z,
-            joint2_track_rotation_x, joint2_track_rotation_y, joint2_track_rotation_z,
-            frame_translation_x, frame_translation_y, frame_translation_z,
-            frame_rotation_x, frame_rotation_y, frame_rotation_z, target_position_x,
-            target_position_y, target_position_z] = parameters else {
-                panic!("`parameters` must hold 21 numbers")
-            };
+                joint1_track_rotation_x, joint1_track_rotation_y, joint1_track_rotation_z,
+                joint2_track_offset_x, joint2_track_offset_y, joint2_track_offset_z,
+                joint2_track_rotation_x, joint2_track_rotation_y, joint2_track_rotation_z,
+                frame_translation_x, frame_translation_y, frame_translation_z, frame_rotation_x,
+                frame_rotation_y, frame_rotation_z, target_position_x, target_position_y,
+                target_position_z] =
+                parameters else { panic!("`parameters` must hold 21 numbers") };
             let t1 = joint1_track_offset_x - joint2_track_offset_x;
             let t2 = joint1_track_offset_y - joint2_track_offset_y;
             let t3 = joint1_track_offset_z - joint2_track_offset_z;
-            let (sin_frame_rotation_z, cos_frame_rotation_z) = math::sin_cos(
-                frame_rotation_z,
-            );
-            let (sin_frame_rotation_y, cos_frame_rotation_y) = math::sin_cos(
-                frame_rotation_y,
-            );
+            let (sin_frame_rotation_z, cos_frame_rotation_z) = math::sin_cos(frame_rotation_z);
+            let (sin_frame_rotation_y, cos_frame_rotation_y) = math::sin_cos(frame_rotation_y);
             let t11 = cos_frame_rotation_z * sin_frame_rotation_y;
             let t12 = cos_frame_rotation_z * cos_frame_rotation_y;
-            let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(
-                frame_rotation_x,
-            );
-            let t19 = t11 * sin_frame_rotation_x
-                - sin_frame_rotation_z * cos_frame_rotation_x;
-            let t20 = t11 * cos_frame_rotation_x
-                + sin_frame_rotation_z * sin_frame_rotation_x;
+            let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(frame_rotation_x);
+            let t19 = t11 * sin_frame_rotation_x - sin_frame_rotation_z * cos_frame_rotation_x;
+            let t20 = t11 * cos_frame_rotation_x + sin_frame_rotation_z * sin_frame_rotation_x;
             let t30 = 0.5 * t20;
             let t31 = 0.5 * t19;
             let t32 = 0.5 * t12;
-            let (sin_joint2_track_rotation_z, cos_joint2_track_rotation_z) = math::sin_cos(
-                joint2_track_rotation_z,
-            );
-            let (sin_joint2_track_rotation_y, cos_joint2_track_rotation_y) = math::sin_cos(
-                joint2_track_rotation_y,
-            );
-            let (sin_joint2_track_rotation_x, cos_joint2_track_rotation_x) = math::sin_cos(
-                joint2_track_rotation_x,
-            );
-            let (sin_joint1_track_rotation_z, cos_joint1_track_rotation_z) = math::sin_cos(
-                joint1_track_rotation_z,
-            );
-            let (sin_joint1_track_rotation_y, cos_joint1_track_rotation_y) = math::sin_cos(
-                joint1_track_rotation_y,
-            );
-            let (sin_joint1_track_rotation_x, cos_joint1_track_rotation_x) = math::sin_cos(
-                joint1_track_rotation_x,
-            );
+            let (sin_joint2_track_rotation_z, cos_joint2_track_rotation_z) =
+                math::sin_cos(joint2_track_rotation_z);
+            let (sin_joint2_track_rotation_y, cos_joint2_track_rotation_y) =
+                math::sin_cos(joint2_track_rotation_y);
+            let (sin_joint2_track_rotation_x, cos_joint2_track_rotation_x) =
+                math::sin_cos(joint2_track_rotation_x);
+            let (sin_joint1_track_rotation_z, cos_joint1_track_rotation_z) =
+                math::sin_cos(joint1_track_rotation_z);
+            let (sin_joint1_track_rotation_y, cos_joint1_track_rotation_y) =
+                math::sin_cos(joint1_track_rotation_y);
+            let (sin_joint1_track_rotation_x, cos_joint1_track_rotation_x) =
+                math::sin_cos(joint1_track_rotation_x);
             let t45 = sin_frame_rotation_z * sin_frame_rotation_y;
             let t46 = sin_frame_rotation_z * cos_frame_rotation_y;
-            let t51 = sin_frame_rotation_x * t45
-                + cos_frame_rotation_z * cos_frame_rotation_x;
-            let t52 = cos_frame_rotation_x * t45
-                - cos_frame_rotation_z * sin_frame_rotation_x;
+            let t51 = sin_frame_rotation_x * t45 + cos_frame_rotation_z * cos_frame_rotation_x;
+            let t52 = cos_frame_rotation_x * t45 - cos_frame_rotation_z * sin_frame_rotation_x;
             let t62 = 0.5 * t52;
             let t63 = 0.5 * t51;
             let t64 = 0.5 * t46;
@@ -12508,30 +11501,20 @@ pub mod full_piecewise {
             let t76 = 0.5 * t66;
             let t77 = 0.5 * t65;
             let t78 = -0.5 * sin_frame_rotation_y;
-            let t83 = point_y * cos_joint1_track_rotation_x
-                - point_z * sin_joint1_track_rotation_x;
-            let t84 = point_y * sin_joint1_track_rotation_x
-                + point_z * cos_joint1_track_rotation_x;
-            let t89 = cos_joint1_track_rotation_y * t84
-                - point_x * sin_joint1_track_rotation_y;
-            let t90 = sin_joint1_track_rotation_y * t84
-                + point_x * cos_joint1_track_rotation_y;
-            let t95 = cos_joint1_track_rotation_z * t90
-                - sin_joint1_track_rotation_z * t83;
-            let t96 = sin_joint1_track_rotation_z * t90
-                + cos_joint1_track_rotation_z * t83;
+            let t83 = point_y * cos_joint1_track_rotation_x - point_z * sin_joint1_track_rotation_x;
+            let t84 = point_y * sin_joint1_track_rotation_x + point_z * cos_joint1_track_rotation_x;
+            let t89 = cos_joint1_track_rotation_y * t84 - point_x * sin_joint1_track_rotation_y;
+            let t90 = sin_joint1_track_rotation_y * t84 + point_x * cos_joint1_track_rotation_y;
+            let t95 = cos_joint1_track_rotation_z * t90 - sin_joint1_track_rotation_z * t83;
+            let t96 = sin_joint1_track_rotation_z * t90 + cos_joint1_track_rotation_z * t83;
             let t101 = point_y * cos_joint2_track_rotation_x
                 - point_z * sin_joint2_track_rotation_x;
             let t102 = point_y * sin_joint2_track_rotation_x
                 + point_z * cos_joint2_track_rotation_x;
-            let t107 = cos_joint2_track_rotation_y * t102
-                - point_x * sin_joint2_track_rotation_y;
-            let t108 = sin_joint2_track_rotation_y * t102
-                + point_x * cos_joint2_track_rotation_y;
-            let t113 = cos_joint2_track_rotation_z * t108
-                - sin_joint2_track_rotation_z * t101;
-            let t114 = sin_joint2_track_rotation_z * t108
-                + cos_joint2_track_rotation_z * t101;
+            let t107 = cos_joint2_track_rotation_y * t102 - point_x * sin_joint2_track_rotation_y;
+            let t108 = sin_joint2_track_rotation_y * t102 + point_x * cos_joint2_track_rotation_y;
+            let t113 = cos_joint2_track_rotation_z * t108 - sin_joint2_track_rotation_z * t101;
+            let t114 = sin_joint2_track_rotation_z * t108 + cos_joint2_track_rotation_z * t101;
             let t115 = t95 - t113;
             let t116 = t96 - t114;
             let t117 = t89 - t107;
@@ -12545,13 +11528,11 @@ pub mod full_piecewise {
             let t141 = t30 - t140;
             let t142 = t31 - t138;
             let t143 = t32 - t136;
-            let t148 = sin_joint2_track_rotation_z * t142
-                + cos_joint2_track_rotation_z * t143;
+            let t148 = sin_joint2_track_rotation_z * t142 + cos_joint2_track_rotation_z * t143;
             let t153 = t30 + t140;
             let t154 = t31 + t138;
             let t155 = t32 + t136;
-            let t160 = sin_joint1_track_rotation_z * t154
-                + cos_joint1_track_rotation_z * t155;
+            let t160 = sin_joint1_track_rotation_z * t154 + cos_joint1_track_rotation_z * t155;
             let t165 = (target_position_x * t51 - target_position_y * t46) / t128;
             let t166 = (target_position_z * t46 - target_position_x * t52) / t128;
             let t167 = (target_position_y * t52 - target_position_z * t51) / t128;
@@ -12561,17 +11542,13 @@ pub mod full_piecewise {
             let t177 = t62 - t176;
             let t178 = t63 - t174;
             let t179 = t64 - t172;
-            let t184 = sin_joint2_track_rotation_z * t178
-                + cos_joint2_track_rotation_z * t179;
+            let t184 = sin_joint2_track_rotation_z * t178 + cos_joint2_track_rotation_z * t179;
             let t189 = t62 + t176;
             let t190 = t63 + t174;
             let t191 = t64 + t172;
-            let t196 = sin_joint1_track_rotation_z * t190
-                + cos_joint1_track_rotation_z * t191;
-            let t201 = (target_position_x * t65
-                + target_position_y * sin_frame_rotation_y) / t128;
-            let t202 = (target_position_x * t66
-                + target_position_z * sin_frame_rotation_y) / t128;
+            let t196 = sin_joint1_track_rotation_z * t190 + cos_joint1_track_rotation_z * t191;
+            let t201 = (target_position_x * t65 + target_position_y * sin_frame_rotation_y) / t128;
+            let t202 = (target_position_x * t66 + target_position_z * sin_frame_rotation_y) / t128;
             let t203 = (target_position_y * t66 - target_position_z * t65) / t128;
             let t208 = t2 * t201 + t3 * t202;
             let t210 = t1 * t201 - t3 * t203;
@@ -12579,24 +11556,19 @@ pub mod full_piecewise {
             let t213 = t76 - t212;
             let t214 = t77 - t210;
             let t215 = t78 + t208;
-            let t220 = sin_joint2_track_rotation_z * t214
-                + cos_joint2_track_rotation_z * t215;
+            let t220 = sin_joint2_track_rotation_z * t214 + cos_joint2_track_rotation_z * t215;
             let t225 = t76 + t212;
             let t226 = t77 + t210;
             let t227 = t208 - t78;
-            let t232 = sin_joint1_track_rotation_z * t226
-                - cos_joint1_track_rotation_z * t227;
+            let t232 = sin_joint1_track_rotation_z * t226 - cos_joint1_track_rotation_z * t227;
             let t249 = (t2 * t117 - t3 * t116) / t128;
             let t250 = (t3 * t115 - t1 * t117) / t128;
             let t251 = (t1 * t116 - t2 * t115) / t128;
-            let t260 = target_position_z * t250 - target_position_y * t251
-                + target_position_x
+            let t260 = target_position_z * t250 - target_position_y * t251 + target_position_x
                 + 0.5 * (t113 + joint2_track_offset_x + joint1_track_offset_x + t95);
-            let t263 = target_position_x * t251 - target_position_z * t249
-                + target_position_y
+            let t263 = target_position_x * t251 - target_position_z * t249 + target_position_y
                 + 0.5 * (t114 + joint2_track_offset_y + joint1_track_offset_y + t96);
-            let t266 = target_position_y * t249 - target_position_x * t250
-                + target_position_z
+            let t266 = target_position_y * t249 - target_position_x * t250 + target_position_z
                 + 0.5 * (t107 + joint2_track_offset_z + joint1_track_offset_z + t89);
             let t271 = cos_frame_rotation_x * t263 - sin_frame_rotation_x * t266;
             let t272 = sin_frame_rotation_x * t263 + cos_frame_rotation_x * t266;
@@ -12626,22 +11598,16 @@ pub mod full_piecewise {
             jacobian[1][lane] = t31 + t329;
             jacobian[2][lane] = t30 + t326;
             jacobian[3][lane] = t83
-                * (sin_joint1_track_rotation_y * t160
-                    + cos_joint1_track_rotation_y * t153)
-                - t84
-                    * (cos_joint1_track_rotation_z * t154
-                        - sin_joint1_track_rotation_z * t155);
+                * (sin_joint1_track_rotation_y * t160 + cos_joint1_track_rotation_y * t153)
+                - t84 * (cos_joint1_track_rotation_z * t154 - sin_joint1_track_rotation_z * t155);
             jacobian[4][lane] = t89 * t160 - t90 * t153;
             jacobian[5][lane] = t95 * t154 - t96 * t155;
             jacobian[6][lane] = t32 - t322;
             jacobian[7][lane] = t31 - t329;
             jacobian[8][lane] = t30 - t326;
             jacobian[9][lane] = t101
-                * (sin_joint2_track_rotation_y * t148
-                    + cos_joint2_track_rotation_y * t141)
-                - t102
-                    * (cos_joint2_track_rotation_z * t142
-                        - sin_joint2_track_rotation_z * t143);
+                * (sin_joint2_track_rotation_y * t148 + cos_joint2_track_rotation_y * t141)
+                - t102 * (cos_joint2_track_rotation_z * t142 - sin_joint2_track_rotation_z * t143);
             jacobian[10][lane] = t107 * t148 - t108 * t141;
             jacobian[11][lane] = t113 * t142 - t114 * t143;
             jacobian[12][lane] = 1.0;
@@ -12655,22 +11621,16 @@ pub mod full_piecewise {
             jacobian[20][lane] = t63 + t389;
             jacobian[21][lane] = t62 + t386;
             jacobian[22][lane] = t83
-                * (sin_joint1_track_rotation_y * t196
-                    + cos_joint1_track_rotation_y * t189)
-                - t84
-                    * (cos_joint1_track_rotation_z * t190
-                        - sin_joint1_track_rotation_z * t191);
+                * (sin_joint1_track_rotation_y * t196 + cos_joint1_track_rotation_y * t189)
+                - t84 * (cos_joint1_track_rotation_z * t190 - sin_joint1_track_rotation_z * t191);
             jacobian[23][lane] = t89 * t196 - t90 * t189;
             jacobian[24][lane] = t95 * t190 - t96 * t191;
             jacobian[25][lane] = t64 - t382;
             jacobian[26][lane] = t63 - t389;
             jacobian[27][lane] = t62 - t386;
             jacobian[28][lane] = t101
-                * (sin_joint2_track_rotation_y * t184
-                    + cos_joint2_track_rotation_y * t177)
-                - t102
-                    * (cos_joint2_track_rotation_z * t178
-                        - sin_joint2_track_rotation_z * t179);
+                * (sin_joint2_track_rotation_y * t184 + cos_joint2_track_rotation_y * t177)
+                - t102 * (cos_joint2_track_rotation_z * t178 - sin_joint2_track_rotation_z * t179);
             jacobian[29][lane] = t107 * t184 - t108 * t177;
             jacobian[30][lane] = t113 * t178 - t114 * t179;
             jacobian[31][lane] = 1.0;
@@ -12684,22 +11644,16 @@ pub mod full_piecewise {
             jacobian[39][lane] = t77 + t446;
             jacobian[40][lane] = t76 + t443;
             jacobian[41][lane] = t83
-                * (sin_joint1_track_rotation_y * t232
-                    + cos_joint1_track_rotation_y * t225)
-                - t84
-                    * (cos_joint1_track_rotation_z * t226
-                        + sin_joint1_track_rotation_z * t227);
+                * (sin_joint1_track_rotation_y * t232 + cos_joint1_track_rotation_y * t225)
+                - t84 * (cos_joint1_track_rotation_z * t226 + sin_joint1_track_rotation_z * t227);
             jacobian[42][lane] = t89 * t232 - t90 * t225;
             jacobian[43][lane] = t95 * t226 + t96 * t227;
             jacobian[44][lane] = t78 - t439;
             jacobian[45][lane] = t77 - t446;
             jacobian[46][lane] = t76 - t443;
             jacobian[47][lane] = t101
-                * (sin_joint2_track_rotation_y * t220
-                    + cos_joint2_track_rotation_y * t213)
-                - t102
-                    * (cos_joint2_track_rotation_z * t214
-                        - sin_joint2_track_rotation_z * t215);
+                * (sin_joint2_track_rotation_y * t220 + cos_joint2_track_rotation_y * t213)
+                - t102 * (cos_joint2_track_rotation_z * t214 - sin_joint2_track_rotation_z * t215);
             jacobian[48][lane] = t107 * t220 - t108 * t213;
             jacobian[49][lane] = t113 * t214 - t114 * t215;
             jacobian[50][lane] = 1.0;
@@ -12739,9 +11693,9 @@ pub mod full_piecewise {
         };
         #[inline(always)]
         fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[q, x, y, z, segment_start_x, segment_start_y, segment_start_z,
-            segment_end_x, segment_end_y, segment_end_z, segment_start_q, segment_end_q,
-            ] = data else { panic!("`data` must hold 12 numbers") };
+            let &[q, x, y, z, segment_start_x, segment_start_y, segment_start_z, segment_end_x,
+                segment_end_y, segment_end_z, segment_start_q,
+                segment_end_q] = data else { panic!("`data` must hold 12 numbers") };
             let t1 = segment_end_q - segment_start_q;
             let t2 = q - segment_start_q;
             let slope_x = (segment_end_x - segment_start_x) / t1;
@@ -12771,97 +11725,60 @@ pub mod full_piecewise {
             let y = prepared[4][lane];
             let z = prepared[5][lane];
             let &[joint1_track_offset_x, joint1_track_offset_y, joint1_track_offset_z,
-            joint1_track_rotation_x, joint1_track_rotation_y, joint1_track_rotation_z,
-            joint2_track_offset_x, joint2_track_offset_y, joint2_track_offset_z,
-            joint2_track_rotation_x, joint2_track_rotation_y, joint2_track_rotation_z,
-            joint3_track_offset_x, joint3_track_offset_y, joint3_track_offset_z,
-            joint3_track_rotation_x, joint3_track_rotation_y, joint3_track_rotation_z,
-            frame_translation_x, frame_translation_y, frame_translation_z,
-            frame_rotation_x, frame_rotation_y, frame_rotation_z, target_position_x,
-            target_position_y, target_position_z] = parameters else {
-                panic!("`parameters` must hold 27 numbers")
-            };
-            let (sin_frame_rotation_z, cos_frame_rotation_z) = math::sin_cos(
-                frame_rotation_z,
-            );
-            let (sin_frame_rotation_y, cos_frame_rotation_y) = math::sin_cos(
-                frame_rotation_y,
-            );
-            let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(
-                frame_rotation_x,
-            );
-            let (sin_joint3_track_rotation_z, cos_joint3_track_rotation_z) = math::sin_cos(
-                joint3_track_rotation_z,
-            );
-            let (sin_joint3_track_rotation_y, cos_joint3_track_rotation_y) = math::sin_cos(
-                joint3_track_rotation_y,
-            );
-            let (sin_joint3_track_rotation_x, cos_joint3_track_rotation_x) = math::sin_cos(
-                joint3_track_rotation_x,
-            );
-            let (sin_joint2_track_rotation_z, cos_joint2_track_rotation_z) = math::sin_cos(
-                joint2_track_rotation_z,
-            );
-            let (sin_joint2_track_rotation_y, cos_joint2_track_rotation_y) = math::sin_cos(
-                joint2_track_rotation_y,
-            );
-            let (sin_joint2_track_rotation_x, cos_joint2_track_rotation_x) = math::sin_cos(
-                joint2_track_rotation_x,
-            );
-            let (sin_joint1_track_rotation_z, cos_joint1_track_rotation_z) = math::sin_cos(
-                joint1_track_rotation_z,
-            );
-            let (sin_joint1_track_rotation_y, cos_joint1_track_rotation_y) = math::sin_cos(
-                joint1_track_rotation_y,
-            );
-            let (sin_joint1_track_rotation_x, cos_joint1_track_rotation_x) = math::sin_cos(
-                joint1_track_rotation_x,
-            );
-            let t29 = point_y * cos_joint1_track_rotation_x
-                - point_z * sin_joint1_track_rotation_x;
-            let t30 = point_y * sin_joint1_track_rotation_x
-                + point_z * cos_joint1_track_rotation_x;
-            let t35 = cos_joint1_track_rotation_y * t30
-                - point_x * sin_joint1_track_rotation_y;
-            let t36 = sin_joint1_track_rotation_y * t30
-                + point_x * cos_joint1_track_rotation_y;
-            let t41 = cos_joint1_track_rotation_z * t36
-                - sin_joint1_track_rotation_z * t29;
-            let t42 = sin_joint1_track_rotation_z * t36
-                + cos_joint1_track_rotation_z * t29;
-            let t47 = point_y * cos_joint2_track_rotation_x
-                - point_z * sin_joint2_track_rotation_x;
-            let t48 = point_y * sin_joint2_track_rotation_x
-                + point_z * cos_joint2_track_rotation_x;
-            let t53 = cos_joint2_track_rotation_y * t48
-                - point_x * sin_joint2_track_rotation_y;
-            let t54 = sin_joint2_track_rotation_y * t48
-                + point_x * cos_joint2_track_rotation_y;
-            let t59 = cos_joint2_track_rotation_z * t54
-                - sin_joint2_track_rotation_z * t47;
-            let t60 = sin_joint2_track_rotation_z * t54
-                + cos_joint2_track_rotation_z * t47;
-            let t65 = point_y * cos_joint3_track_rotation_x
-                - point_z * sin_joint3_track_rotation_x;
-            let t66 = point_y * sin_joint3_track_rotation_x
-                + point_z * cos_joint3_track_rotation_x;
-            let t71 = cos_joint3_track_rotation_y * t66
-                - point_x * sin_joint3_track_rotation_y;
-            let t72 = sin_joint3_track_rotation_y * t66
-                + point_x * cos_joint3_track_rotation_y;
-            let t77 = cos_joint3_track_rotation_z * t72
-                - sin_joint3_track_rotation_z * t65;
-            let t78 = sin_joint3_track_rotation_z * t72
-                + cos_joint3_track_rotation_z * t65;
+                joint1_track_rotation_x, joint1_track_rotation_y, joint1_track_rotation_z,
+                joint2_track_offset_x, joint2_track_offset_y, joint2_track_offset_z,
+                joint2_track_rotation_x, joint2_track_rotation_y, joint2_track_rotation_z,
+                joint3_track_offset_x, joint3_track_offset_y, joint3_track_offset_z,
+                joint3_track_rotation_x, joint3_track_rotation_y, joint3_track_rotation_z,
+                frame_translation_x, frame_translation_y, frame_translation_z, frame_rotation_x,
+                frame_rotation_y, frame_rotation_z, target_position_x, target_position_y,
+                target_position_z] =
+                parameters else { panic!("`parameters` must hold 27 numbers") };
+            let (sin_frame_rotation_z, cos_frame_rotation_z) = math::sin_cos(frame_rotation_z);
+            let (sin_frame_rotation_y, cos_frame_rotation_y) = math::sin_cos(frame_rotation_y);
+            let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(frame_rotation_x);
+            let (sin_joint3_track_rotation_z, cos_joint3_track_rotation_z) =
+                math::sin_cos(joint3_track_rotation_z);
+            let (sin_joint3_track_rotation_y, cos_joint3_track_rotation_y) =
+                math::sin_cos(joint3_track_rotation_y);
+            let (sin_joint3_track_rotation_x, cos_joint3_track_rotation_x) =
+                math::sin_cos(joint3_track_rotation_x);
+            let (sin_joint2_track_rotation_z, cos_joint2_track_rotation_z) =
+                math::sin_cos(joint2_track_rotation_z);
+            let (sin_joint2_track_rotation_y, cos_joint2_track_rotation_y) =
+                math::sin_cos(joint2_track_rotation_y);
+            let (sin_joint2_track_rotation_x, cos_joint2_track_rotation_x) =
+                math::sin_cos(joint2_track_rotation_x);
+            let (sin_joint1_track_rotation_z, cos_joint1_track_rotation_z) =
+                math::sin_cos(joint1_track_rotation_z);
+            let (sin_joint1_track_rotation_y, cos_joint1_track_rotation_y) =
+                math::sin_cos(joint1_track_rotation_y);
+            let (sin_joint1_track_rotation_x, cos_joint1_track_rotation_x) =
+                math::sin_cos(joint1_track_rotation_x);
+            let t29 = point_y * cos_joint1_track_rotation_x - point_z * sin_joint1_track_rotation_x;
+            let t30 = point_y * sin_joint1_track_rotation_x + point_z * cos_joint1_track_rotation_x;
+            let t35 = cos_joint1_track_rotation_y * t30 - point_x * sin_joint1_track_rotation_y;
+            let t36 = sin_joint1_track_rotation_y * t30 + point_x * cos_joint1_track_rotation_y;
+            let t41 = cos_joint1_track_rotation_z * t36 - sin_joint1_track_rotation_z * t29;
+            let t42 = sin_joint1_track_rotation_z * t36 + cos_joint1_track_rotation_z * t29;
+            let t47 = point_y * cos_joint2_track_rotation_x - point_z * sin_joint2_track_rotation_x;
+            let t48 = point_y * sin_joint2_track_rotation_x + point_z * cos_joint2_track_rotation_x;
+            let t53 = cos_joint2_track_rotation_y * t48 - point_x * sin_joint2_track_rotation_y;
+            let t54 = sin_joint2_track_rotation_y * t48 + point_x * cos_joint2_track_rotation_y;
+            let t59 = cos_joint2_track_rotation_z * t54 - sin_joint2_track_rotation_z * t47;
+            let t60 = sin_joint2_track_rotation_z * t54 + cos_joint2_track_rotation_z * t47;
+            let t65 = point_y * cos_joint3_track_rotation_x - point_z * sin_joint3_track_rotation_x;
+            let t66 = point_y * sin_joint3_track_rotation_x + point_z * cos_joint3_track_rotation_x;
+            let t71 = cos_joint3_track_rotation_y * t66 - point_x * sin_joint3_track_rotation_y;
+            let t72 = sin_joint3_track_rotation_y * t66 + point_x * cos_joint3_track_rotation_y;
+            let t77 = cos_joint3_track_rotation_z * t72 - sin_joint3_track_rotation_z * t65;
+            let t78 = sin_joint3_track_rotation_z * t72 + cos_joint3_track_rotation_z * t65;
             let t85 = 0.3333333333333333
-                * (joint2_track_offset_x + joint1_track_offset_x
-                    + joint3_track_offset_x);
+                * (joint2_track_offset_x + joint1_track_offset_x + joint3_track_offset_x);
             let t86 = 0.3333333333333333
-                * (joint2_track_offset_y + joint1_track_offset_y
-                    + joint3_track_offset_y);
+                * (joint2_track_offset_y + joint1_track_offset_y + joint3_track_offset_y);
             let t87 = 0.3333333333333333
-                * (joint2_track_offset_z + joint1_track_offset_z
-                    + joint3_track_offset_z);
+                * (joint2_track_offset_z + joint1_track_offset_z + joint3_track_offset_z);
             let t88 = joint1_track_offset_x - t85;
             let t89 = joint1_track_offset_y - t86;
             let t90 = joint1_track_offset_z - t87;
@@ -12913,34 +11830,29 @@ pub mod full_piecewise {
             let t233 = t88 * t193 - t111 * t210 - t100 * t201 - t89 * t192 + t99 * t202
                 + t110 * t211;
             let t239 = (t147 * t228 + t144 * t223 + t150 * t233) / t164;
-            let t245 = ((t122 * t141 - t128 * t128) * t228 + t147 * t223 + t156 * t233)
-                / t164;
-            let t251 = (t156 * t228 + t150 * t223 + (t122 * t133 - t125 * t125) * t233)
-                / t164;
-            let t260 = target_position_z * t245 - target_position_y * t251
-                + target_position_x
+            let t245 = ((t122 * t141 - t128 * t128) * t228 + t147 * t223 + t156 * t233) / t164;
+            let t251 = (t156 * t228 + t150 * t223 + (t122 * t133 - t125 * t125) * t233) / t164;
+            let t260 = target_position_z * t245 - target_position_y * t251 + target_position_x
                 + 0.3333333333333333
-                    * (t59 + joint2_track_offset_x + t41 + joint1_track_offset_x
-                        + joint3_track_offset_x + t77);
-            let t263 = target_position_x * t251 - target_position_z * t239
-                + target_position_y
+                * (t59 + joint2_track_offset_x + t41 + joint1_track_offset_x + joint3_track_offset_x
+                + t77);
+            let t263 = target_position_x * t251 - target_position_z * t239 + target_position_y
                 + 0.3333333333333333
-                    * (t60 + joint2_track_offset_y + t42 + joint1_track_offset_y
-                        + joint3_track_offset_y + t78);
-            let t266 = target_position_y * t239 - target_position_x * t245
-                + target_position_z
+                * (t60 + joint2_track_offset_y + t42 + joint1_track_offset_y + joint3_track_offset_y
+                + t78);
+            let t266 = target_position_y * t239 - target_position_x * t245 + target_position_z
                 + 0.3333333333333333
-                    * (t53 + joint2_track_offset_z + t35 + joint1_track_offset_z
-                        + joint3_track_offset_z + t71);
+                * (t53 + joint2_track_offset_z + t35 + joint1_track_offset_z + joint3_track_offset_z
+                + t71);
             let t271 = cos_frame_rotation_x * t263 - sin_frame_rotation_x * t266;
             let t272 = sin_frame_rotation_x * t263 + cos_frame_rotation_x * t266;
             let t277 = sin_frame_rotation_y * t272 + cos_frame_rotation_y * t260;
-            residuals[0][lane] = cos_frame_rotation_z * t277
-                - sin_frame_rotation_z * t271 + frame_translation_x - x;
-            residuals[1][lane] = sin_frame_rotation_z * t277
-                + cos_frame_rotation_z * t271 + frame_translation_y - y;
-            residuals[2][lane] = cos_frame_rotation_y * t272
-                - sin_frame_rotation_y * t260 + frame_translation_z - z;
+            residuals[0][lane] = cos_frame_rotation_z * t277 - sin_frame_rotation_z * t271
+                + frame_translation_x - x;
+            residuals[1][lane] = sin_frame_rotation_z * t277 + cos_frame_rotation_z * t271
+                + frame_translation_y - y;
+            residuals[2][lane] = cos_frame_rotation_y * t272 - sin_frame_rotation_y * t260
+                + frame_translation_z - z;
         }
         #[inline(always)]
         fn linearize<S: Samples>(
@@ -12957,67 +11869,47 @@ pub mod full_piecewise {
             let y = prepared[4][lane];
             let z = prepared[5][lane];
             let &[joint1_track_offset_x, joint1_track_offset_y, joint1_track_offset_z,
-            joint1_track_rotation_x, joint1_track_rotation_y, joint1_track_rotation_z,
-            joint2_track_offset_x, joint2_track_offset_y, joint2_track_offset_z,
-            joint2_track_rotation_x, joint2_track_rotation_y, joint2_track_rotation_z,
-            joint3_track_offset_x, joint3_track_offset_y, joint3_track_offset_z,
-            joint3_track_rotation_x, joint3_track_rotation_y, joint3_track_rotation_z,
-            frame_translation_x, frame_translation_y, frame_translation_z,
-            frame_rotation_x, frame_rotation_y, frame_rotation_z, target_position_x,
-            target_position_y, target_position_z] = parameters else {
-                panic!("`parameters` must hold 27 numbers")
-            };
-            let (sin_frame_rotation_z, cos_frame_rotation_z) = math::sin_cos(
-                frame_rotation_z,
-            );
-            let (sin_frame_rotation_y, cos_frame_rotation_y) = math::sin_cos(
-                frame_rotation_y,
-            );
+                joint1_track_rotation_x, joint1_track_rotation_y, joint1_track_rotation_z,
+                joint2_track_offset_x, joint2_track_offset_y, joint2_track_offset_z,
+                joint2_track_rotation_x, joint2_track_rotation_y, joint2_track_rotation_z,
+                joint3_track_offset_x, joint3_track_offset_y, joint3_track_offset_z,
+                joint3_track_rotation_x, joint3_track_rotation_y, joint3_track_rotation_z,
+                frame_translation_x, frame_translation_y, frame_translation_z, frame_rotation_x,
+                frame_rotation_y, frame_rotation_z, target_position_x, target_position_y,
+                target_position_z] =
+                parameters else { panic!("`parameters` must hold 27 numbers") };
+            let (sin_frame_rotation_z, cos_frame_rotation_z) = math::sin_cos(frame_rotation_z);
+            let (sin_frame_rotation_y, cos_frame_rotation_y) = math::sin_cos(frame_rotation_y);
             let t5 = cos_frame_rotation_z * sin_frame_rotation_y;
             let t6 = cos_frame_rotation_z * cos_frame_rotation_y;
-            let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(
-                frame_rotation_x,
-            );
-            let t13 = t5 * sin_frame_rotation_x
-                - sin_frame_rotation_z * cos_frame_rotation_x;
-            let t14 = t5 * cos_frame_rotation_x
-                + sin_frame_rotation_z * sin_frame_rotation_x;
+            let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(frame_rotation_x);
+            let t13 = t5 * sin_frame_rotation_x - sin_frame_rotation_z * cos_frame_rotation_x;
+            let t14 = t5 * cos_frame_rotation_x + sin_frame_rotation_z * sin_frame_rotation_x;
             let t24 = 0.3333333333333333 * t14;
             let t25 = 0.3333333333333333 * t13;
             let t26 = 0.3333333333333333 * t6;
-            let (sin_joint3_track_rotation_z, cos_joint3_track_rotation_z) = math::sin_cos(
-                joint3_track_rotation_z,
-            );
-            let (sin_joint3_track_rotation_y, cos_joint3_track_rotation_y) = math::sin_cos(
-                joint3_track_rotation_y,
-            );
-            let (sin_joint3_track_rotation_x, cos_joint3_track_rotation_x) = math::sin_cos(
-                joint3_track_rotation_x,
-            );
-            let (sin_joint2_track_rotation_z, cos_joint2_track_rotation_z) = math::sin_cos(
-                joint2_track_rotation_z,
-            );
-            let (sin_joint2_track_rotation_y, cos_joint2_track_rotation_y) = math::sin_cos(
-                joint2_track_rotation_y,
-            );
-            let (sin_joint2_track_rotation_x, cos_joint2_track_rotation_x) = math::sin_cos(
-                joint2_track_rotation_x,
-            );
-            let (sin_joint1_track_rotation_z, cos_joint1_track_rotation_z) = math::sin_cos(
-                joint1_track_rotation_z,
-            );
-            let (sin_joint1_track_rotation_y, cos_joint1_track_rotation_y) = math::sin_cos(
-                joint1_track_rotation_y,
-            );
-            let (sin_joint1_track_rotation_x, cos_joint1_track_rotation_x) = math::sin_cos(
-                joint1_track_rotation_x,
-            );
+            let (sin_joint3_track_rotation_z, cos_joint3_track_rotation_z) =
+                math::sin_cos(joint3_track_rotation_z);
+            let (sin_joint3_track_rotation_y, cos_joint3_track_rotation_y) =
+                math::sin_cos(joint3_track_rotation_y);
+            let (sin_joint3_track_rotation_x, cos_joint3_track_rotation_x) =
+                math::sin_cos(joint3_track_rotation_x);
+            let (sin_joint2_track_rotation_z, cos_joint2_track_rotation_z) =
+                math::sin_cos(joint2_track_rotation_z);
+            let (sin_joint2_track_rotation_y, cos_joint2_track_rotation_y) =
+                math::sin_cos(joint2_track_rotation_y);
+            let (sin_joint2_track_rotation_x, cos_joint2_track_rotation_x) =
+                math::sin_cos(joint2_track_rotation_x);
+            let (sin_joint1_track_rotation_z, cos_joint1_track_rotation_z) =
+                math::sin_cos(joint1_track_rotation_z);
+            let (sin_joint1_track_rotation_y, cos_joint1_track_rotation_y) =
+                math::sin_cos(joint1_track_rotation_y);
+            let (sin_joint1_track_rotation_x, cos_joint1_track_rotation_x) =
+                math::sin_cos(joint1_track_rotation_x);
             let t45 = sin_frame_rotation_z * sin_frame_rotation_y;
             let t46 = sin_frame_rotation_z * cos_frame_rotation_y;
-            let t51 = sin_frame_rotation_x * t45
-                + cos_frame_rotation_z * cos_frame_rotation_x;
-            let t52 = cos_frame_rotation_x * t45
-                - cos_frame_rotation_z * sin_frame_rotation_x;
+            let t51 = sin_frame_rotation_x * t45 + cos_frame_rotation_z * cos_frame_rotation_x;
+            let t52 = cos_frame_rotation_x * t45 - cos_frame_rotation_z * sin_frame_rotation_x;
             let t62 = 0.3333333333333333 * t52;
             let t63 = 0.3333333333333333 * t51;
             let t64 = 0.3333333333333333 * t46;
@@ -13026,51 +11918,34 @@ pub mod full_piecewise {
             let t76 = 0.3333333333333333 * t66;
             let t77 = 0.3333333333333333 * t65;
             let t78 = 0.3333333333333333 * sin_frame_rotation_y;
-            let t83 = point_y * cos_joint1_track_rotation_x
-                - point_z * sin_joint1_track_rotation_x;
-            let t84 = point_y * sin_joint1_track_rotation_x
-                + point_z * cos_joint1_track_rotation_x;
-            let t89 = cos_joint1_track_rotation_y * t84
-                - point_x * sin_joint1_track_rotation_y;
-            let t90 = sin_joint1_track_rotation_y * t84
-                + point_x * cos_joint1_track_rotation_y;
-            let t95 = cos_joint1_track_rotation_z * t90
-                - sin_joint1_track_rotation_z * t83;
-            let t96 = sin_joint1_track_rotation_z * t90
-                + cos_joint1_track_rotation_z * t83;
+            let t83 = point_y * cos_joint1_track_rotation_x - point_z * sin_joint1_track_rotation_x;
+            let t84 = point_y * sin_joint1_track_rotation_x + point_z * cos_joint1_track_rotation_x;
+            let t89 = cos_joint1_track_rotation_y * t84 - point_x * sin_joint1_track_rotation_y;
+            let t90 = sin_joint1_track_rotation_y * t84 + point_x * cos_joint1_track_rotation_y;
+            let t95 = cos_joint1_track_rotation_z * t90 - sin_joint1_track_rotation_z * t83;
+            let t96 = sin_joint1_track_rotation_z * t90 + cos_joint1_track_rotation_z * t83;
             let t101 = point_y * cos_joint2_track_rotation_x
                 - point_z * sin_joint2_track_rotation_x;
             let t102 = point_y * sin_joint2_track_rotation_x
                 + point_z * cos_joint2_track_rotation_x;
-            let t107 = cos_joint2_track_rotation_y * t102
-                - point_x * sin_joint2_track_rotation_y;
-            let t108 = sin_joint2_track_rotation_y * t102
-                + point_x * cos_joint2_track_rotation_y;
-            let t113 = cos_joint2_track_rotation_z * t108
-                - sin_joint2_track_rotation_z * t101;
-            let t114 = sin_joint2_track_rotation_z * t108
-                + cos_joint2_track_rotation_z * t101;
+            let t107 = cos_joint2_track_rotation_y * t102 - point_x * sin_joint2_track_rotation_y;
+            let t108 = sin_joint2_track_rotation_y * t102 + point_x * cos_joint2_track_rotation_y;
+            let t113 = cos_joint2_track_rotation_z * t108 - sin_joint2_track_rotation_z * t101;
+            let t114 = sin_joint2_track_rotation_z * t108 + cos_joint2_track_rotation_z * t101;
             let t119 = point_y * cos_joint3_track_rotation_x
                 - point_z * sin_joint3_track_rotation_x;
             let t120 = point_y * sin_joint3_track_rotation_x
                 + point_z * cos_joint3_track_rotation_x;
-            let t125 = cos_joint3_track_rotation_y * t120
-                - point_x * sin_joint3_track_rotation_y;
-            let t126 = sin_joint3_track_rotation_y * t120
-                + point_x * cos_joint3_track_rotation_y;
-            let t131 = cos_joint3_track_rotation_z * t126
-                - sin_joint3_track_rotation_z * t119;
-            let t132 = sin_joint3_track_rotation_z * t126
-                + cos_joint3_track_rotation_z * t119;
+            let t125 = cos_joint3_track_rotation_y * t120 - point_x * sin_joint3_track_rotation_y;
+            let t126 = sin_joint3_track_rotation_y * t120 + point_x * cos_joint3_track_rotation_y;
+            let t131 = cos_joint3_track_rotation_z * t126 - sin_joint3_track_rotation_z * t119;
+            let t132 = sin_joint3_track_rotation_z * t126 + cos_joint3_track_rotation_z * t119;
             let t139 = 0.3333333333333333
-                * (joint2_track_offset_x + joint1_track_offset_x
-                    + joint3_track_offset_x);
+                * (joint2_track_offset_x + joint1_track_offset_x + joint3_track_offset_x);
             let t140 = 0.3333333333333333
-                * (joint2_track_offset_y + joint1_track_offset_y
-                    + joint3_track_offset_y);
+                * (joint2_track_offset_y + joint1_track_offset_y + joint3_track_offset_y);
             let t141 = 0.3333333333333333
-                * (joint2_track_offset_z + joint1_track_offset_z
-                    + joint3_track_offset_z);
+                * (joint2_track_offset_z + joint1_track_offset_z + joint3_track_offset_z);
             let t142 = joint1_track_offset_x - t139;
             let t143 = joint1_track_offset_y - t140;
             let t144 = joint1_track_offset_z - t141;
@@ -13126,18 +12001,15 @@ pub mod full_piecewise {
             let t274 = t24 + t245 - t270;
             let t276 = t25 + t243 - t271;
             let t278 = t26 + t241 - t272;
-            let t283 = sin_joint3_track_rotation_z * t276
-                + cos_joint3_track_rotation_z * t278;
+            let t283 = sin_joint3_track_rotation_z * t276 + cos_joint3_track_rotation_z * t278;
             let t289 = t24 + t254 - t270;
             let t291 = t25 + t252 - t271;
             let t293 = t26 + t250 - t272;
-            let t298 = sin_joint2_track_rotation_z * t291
-                + cos_joint2_track_rotation_z * t293;
+            let t298 = sin_joint2_track_rotation_z * t291 + cos_joint2_track_rotation_z * t293;
             let t304 = t24 + t263 - t270;
             let t306 = t25 + t261 - t271;
             let t308 = t26 + t259 - t272;
-            let t313 = sin_joint1_track_rotation_z * t306
-                + cos_joint1_track_rotation_z * t308;
+            let t313 = sin_joint1_track_rotation_z * t306 + cos_joint1_track_rotation_z * t308;
             let t318 = (target_position_x * t51 - target_position_y * t46) / t218;
             let t322 = (target_position_z * t46 - target_position_x * t52) / t218;
             let t326 = (target_position_y * t52 - target_position_z * t51) / t218;
@@ -13159,22 +12031,17 @@ pub mod full_piecewise {
             let t373 = t62 + t344 - t369;
             let t375 = t63 + t342 - t370;
             let t377 = t64 + t340 - t371;
-            let t382 = sin_joint3_track_rotation_z * t375
-                + cos_joint3_track_rotation_z * t377;
+            let t382 = sin_joint3_track_rotation_z * t375 + cos_joint3_track_rotation_z * t377;
             let t388 = t62 + t353 - t369;
             let t390 = t63 + t351 - t370;
             let t392 = t64 + t349 - t371;
-            let t397 = sin_joint2_track_rotation_z * t390
-                + cos_joint2_track_rotation_z * t392;
+            let t397 = sin_joint2_track_rotation_z * t390 + cos_joint2_track_rotation_z * t392;
             let t403 = t62 + t362 - t369;
             let t405 = t63 + t360 - t370;
             let t407 = t64 + t358 - t371;
-            let t412 = sin_joint1_track_rotation_z * t405
-                + cos_joint1_track_rotation_z * t407;
-            let t417 = (target_position_x * t65
-                + target_position_y * sin_frame_rotation_y) / t218;
-            let t421 = (target_position_x * t66
-                + target_position_z * sin_frame_rotation_y) / t218;
+            let t412 = sin_joint1_track_rotation_z * t405 + cos_joint1_track_rotation_z * t407;
+            let t417 = (target_position_x * t65 + target_position_y * sin_frame_rotation_y) / t218;
+            let t421 = (target_position_x * t66 + target_position_z * sin_frame_rotation_y) / t218;
             let t425 = (target_position_y * t66 - target_position_z * t65) / t218;
             let t428 = t213 * t417 - t210 * t421 + t204 * t425;
             let t431 = t210 * t417 - t207 * t421 + t201 * t425;
@@ -13194,18 +12061,15 @@ pub mod full_piecewise {
             let t472 = t76 + t443 - t468;
             let t474 = t77 + t441 - t469;
             let t476 = t439 - t78 - t470;
-            let t481 = sin_joint3_track_rotation_z * t474
-                + cos_joint3_track_rotation_z * t476;
+            let t481 = sin_joint3_track_rotation_z * t474 + cos_joint3_track_rotation_z * t476;
             let t487 = t76 + t452 - t468;
             let t489 = t77 + t450 - t469;
             let t491 = t448 - t78 - t470;
-            let t496 = sin_joint2_track_rotation_z * t489
-                + cos_joint2_track_rotation_z * t491;
+            let t496 = sin_joint2_track_rotation_z * t489 + cos_joint2_track_rotation_z * t491;
             let t502 = t76 + t461 - t468;
             let t504 = t77 + t459 - t469;
             let t506 = t457 - t78 - t470;
-            let t511 = sin_joint1_track_rotation_z * t504
-                + cos_joint1_track_rotation_z * t506;
+            let t511 = sin_joint1_track_rotation_z * t504 + cos_joint1_track_rotation_z * t506;
             let t540 = 0.3333333333333333 * (t113 + t95 + t131);
             let t541 = 0.3333333333333333 * (t114 + t96 + t132);
             let t542 = 0.3333333333333333 * (t107 + t89 + t125);
@@ -13218,30 +12082,27 @@ pub mod full_piecewise {
             let t561 = t131 - t540;
             let t562 = t132 - t541;
             let t563 = t125 - t542;
-            let t574 = t143 * t545 - t166 * t562 - t155 * t553 - t144 * t544
-                + t154 * t554 + t165 * t563;
-            let t579 = t144 * t543 - t164 * t563 - t153 * t554 - t142 * t545
-                + t155 * t552 + t166 * t561;
-            let t584 = t142 * t544 - t165 * t561 - t154 * t552 - t143 * t543
-                + t153 * t553 + t164 * t562;
+            let t574 = t143 * t545 - t166 * t562 - t155 * t553 - t144 * t544 + t154 * t554
+                + t165 * t563;
+            let t579 = t144 * t543 - t164 * t563 - t153 * t554 - t142 * t545 + t155 * t552
+                + t166 * t561;
+            let t584 = t142 * t544 - t165 * t561 - t154 * t552 - t143 * t543 + t153 * t553
+                + t164 * t562;
             let t590 = (t201 * t579 + t198 * t574 + t204 * t584) / t218;
             let t596 = (t207 * t579 + t201 * t574 + t210 * t584) / t218;
             let t602 = (t210 * t579 + t204 * t574 + t213 * t584) / t218;
-            let t611 = target_position_z * t596 - target_position_y * t602
-                + target_position_x
+            let t611 = target_position_z * t596 - target_position_y * t602 + target_position_x
                 + 0.3333333333333333
-                    * (t113 + joint2_track_offset_x + t95 + joint1_track_offset_x
-                        + joint3_track_offset_x + t131);
-            let t614 = target_position_x * t602 - target_position_z * t590
-                + target_position_y
+                * (t113 + joint2_track_offset_x + t95 + joint1_track_offset_x
+                + joint3_track_offset_x + t131);
+            let t614 = target_position_x * t602 - target_position_z * t590 + target_position_y
                 + 0.3333333333333333
-                    * (t114 + joint2_track_offset_y + t96 + joint1_track_offset_y
-                        + joint3_track_offset_y + t132);
-            let t617 = target_position_y * t590 - target_position_x * t596
-                + target_position_z
+                * (t114 + joint2_track_offset_y + t96 + joint1_track_offset_y
+                + joint3_track_offset_y + t132);
+            let t617 = target_position_y * t590 - target_position_x * t596 + target_position_z
                 + 0.3333333333333333
-                    * (t107 + joint2_track_offset_z + t89 + joint1_track_offset_z
-                        + joint3_track_offset_z + t125);
+                * (t107 + joint2_track_offset_z + t89 + joint1_track_offset_z
+                + joint3_track_offset_z + t125);
             let t622 = cos_frame_rotation_x * t614 - sin_frame_rotation_x * t617;
             let t623 = sin_frame_rotation_x * t614 + cos_frame_rotation_x * t617;
             let t628 = cos_frame_rotation_y * t623 - sin_frame_rotation_y * t611;
@@ -13258,10 +12119,8 @@ pub mod full_piecewise {
             let t684 = t179 * t659;
             let t691 = t182 * t665;
             let t696 = t187 * t659 - t198 * t669 + t190 * t664 + t195 * t665;
-            let t707 = t201 * t669 - t684 - t684 + t182 * t664 + t190 * t676
-                + t195 * t680;
-            let t714 = t179 * t664 - t691 + t204 * t669 - t691 + t187 * t676
-                + t190 * t680;
+            let t707 = t201 * t669 - t684 - t684 + t182 * t664 + t190 * t676 + t195 * t680;
+            let t714 = t179 * t664 - t691 + t204 * t669 - t691 + t187 * t676 + t190 * t680;
             let t715 = t190 * t683;
             let t719 = t182 * t680 - t715 + t179 * t676 + t176 * t664 - t715;
             let t723 = t176 * t659 + t182 * t676 + t195 * t683;
@@ -13273,30 +12132,21 @@ pub mod full_piecewise {
             let t737 = t166 * t734;
             let t738 = t165 * t736;
             let t739 = t164 * t735;
-            let t747 = t739 + t165 * t707 + t166 * t714 + t739 + t230 * t562
-                - t233 * t563;
-            let t754 = t737 + t164 * t714 + t165 * t719 + t737 + t233 * t561
-                - t236 * t562;
-            let t760 = t738 + t164 * t707 + t166 * t719 + t738 - t230 * t561
-                + t236 * t563;
+            let t747 = t739 + t165 * t707 + t166 * t714 + t739 + t230 * t562 - t233 * t563;
+            let t754 = t737 + t164 * t714 + t165 * t719 + t737 + t233 * t561 - t236 * t562;
+            let t760 = t738 + t164 * t707 + t166 * t719 + t738 - t230 * t561 + t236 * t563;
             let t767 = t155 * t734;
             let t768 = t154 * t736;
             let t769 = t153 * t735;
-            let t777 = t769 + t154 * t707 + t155 * t714 + t769 + t230 * t553
-                - t233 * t554;
-            let t784 = t767 + t153 * t714 + t154 * t719 + t767 + t233 * t552
-                - t236 * t553;
-            let t790 = t768 + t153 * t707 + t155 * t719 + t768 - t230 * t552
-                + t236 * t554;
+            let t777 = t769 + t154 * t707 + t155 * t714 + t769 + t230 * t553 - t233 * t554;
+            let t784 = t767 + t153 * t714 + t154 * t719 + t767 + t233 * t552 - t236 * t553;
+            let t790 = t768 + t153 * t707 + t155 * t719 + t768 - t230 * t552 + t236 * t554;
             let t797 = t144 * t734;
             let t798 = t143 * t736;
             let t799 = t142 * t735;
-            let t807 = t799 + t143 * t707 + t144 * t714 + t799 + t230 * t544
-                - t233 * t545;
-            let t814 = t797 + t142 * t714 + t143 * t719 + t797 + t233 * t543
-                - t236 * t544;
-            let t820 = t798 + t142 * t707 + t144 * t719 + t798 - t230 * t543
-                + t236 * t545;
+            let t807 = t799 + t143 * t707 + t144 * t714 + t799 + t230 * t544 - t233 * t545;
+            let t814 = t797 + t142 * t714 + t143 * t719 + t797 + t233 * t543 - t236 * t544;
+            let t820 = t798 + t142 * t707 + t144 * t719 + t798 - t230 * t543 + t236 * t545;
             let t830 = t24 - 0.3333333333333333 * (t754 + t784 + t814);
             let t832 = t25 - 0.3333333333333333 * (t760 + t790 + t820);
             let t834 = t26 - 0.3333333333333333 * (t747 + t777 + t807);
@@ -13310,10 +12160,8 @@ pub mod full_piecewise {
             let t911 = t179 * t886;
             let t918 = t182 * t892;
             let t923 = t187 * t886 - t198 * t896 + t190 * t891 + t195 * t892;
-            let t934 = t201 * t896 - t911 - t911 + t182 * t891 + t190 * t903
-                + t195 * t907;
-            let t941 = t179 * t891 - t918 + t204 * t896 - t918 + t187 * t903
-                + t190 * t907;
+            let t934 = t201 * t896 - t911 - t911 + t182 * t891 + t190 * t903 + t195 * t907;
+            let t941 = t179 * t891 - t918 + t204 * t896 - t918 + t187 * t903 + t190 * t907;
             let t942 = t190 * t910;
             let t946 = t182 * t907 - t942 + t179 * t903 + t176 * t891 - t942;
             let t950 = t176 * t886 + t182 * t903 + t195 * t910;
@@ -13325,30 +12173,21 @@ pub mod full_piecewise {
             let t964 = t166 * t961;
             let t965 = t165 * t963;
             let t966 = t164 * t962;
-            let t974 = t966 + t165 * t934 + t166 * t941 + t966 + t329 * t562
-                - t332 * t563;
-            let t981 = t964 + t164 * t941 + t165 * t946 + t964 + t332 * t561
-                - t335 * t562;
-            let t987 = t965 + t164 * t934 + t166 * t946 + t965 - t329 * t561
-                + t335 * t563;
+            let t974 = t966 + t165 * t934 + t166 * t941 + t966 + t329 * t562 - t332 * t563;
+            let t981 = t964 + t164 * t941 + t165 * t946 + t964 + t332 * t561 - t335 * t562;
+            let t987 = t965 + t164 * t934 + t166 * t946 + t965 - t329 * t561 + t335 * t563;
             let t994 = t155 * t961;
             let t995 = t154 * t963;
             let t996 = t153 * t962;
-            let t1004 = t996 + t154 * t934 + t155 * t941 + t996 + t329 * t553
-                - t332 * t554;
-            let t1011 = t994 + t153 * t941 + t154 * t946 + t994 + t332 * t552
-                - t335 * t553;
-            let t1017 = t995 + t153 * t934 + t155 * t946 + t995 - t329 * t552
-                + t335 * t554;
+            let t1004 = t996 + t154 * t934 + t155 * t941 + t996 + t329 * t553 - t332 * t554;
+            let t1011 = t994 + t153 * t941 + t154 * t946 + t994 + t332 * t552 - t335 * t553;
+            let t1017 = t995 + t153 * t934 + t155 * t946 + t995 - t329 * t552 + t335 * t554;
             let t1024 = t144 * t961;
             let t1025 = t143 * t963;
             let t1026 = t142 * t962;
-            let t1034 = t1026 + t143 * t934 + t144 * t941 + t1026 + t329 * t544
-                - t332 * t545;
-            let t1041 = t1024 + t142 * t941 + t143 * t946 + t1024 + t332 * t543
-                - t335 * t544;
-            let t1047 = t1025 + t142 * t934 + t144 * t946 + t1025 - t329 * t543
-                + t335 * t545;
+            let t1034 = t1026 + t143 * t934 + t144 * t941 + t1026 + t329 * t544 - t332 * t545;
+            let t1041 = t1024 + t142 * t941 + t143 * t946 + t1024 + t332 * t543 - t335 * t544;
+            let t1047 = t1025 + t142 * t934 + t144 * t946 + t1025 - t329 * t543 + t335 * t545;
             let t1057 = t62 - 0.3333333333333333 * (t981 + t1011 + t1041);
             let t1059 = t63 - 0.3333333333333333 * (t987 + t1017 + t1047);
             let t1061 = t64 - 0.3333333333333333 * (t974 + t1004 + t1034);
@@ -13362,10 +12201,8 @@ pub mod full_piecewise {
             let t1135 = t179 * t1110;
             let t1142 = t182 * t1116;
             let t1147 = t198 * t1120 + t187 * t1110 + t190 * t1115 - t195 * t1116;
-            let t1158 = t182 * t1115 - t1135 - t201 * t1120 - t1135 + t190 * t1127
-                + t195 * t1131;
-            let t1165 = t1142 + t179 * t1115 - t204 * t1120 + t1142 + t187 * t1127
-                + t190 * t1131;
+            let t1158 = t182 * t1115 - t1135 - t201 * t1120 - t1135 + t190 * t1127 + t195 * t1131;
+            let t1165 = t1142 + t179 * t1115 - t204 * t1120 + t1142 + t187 * t1127 + t190 * t1131;
             let t1166 = t190 * t1134;
             let t1170 = t182 * t1131 - t1166 + t179 * t1127 + t176 * t1115 - t1166;
             let t1174 = t176 * t1110 + t182 * t1127 + t195 * t1134;
@@ -13377,30 +12214,21 @@ pub mod full_piecewise {
             let t1188 = t166 * t1185;
             let t1189 = t165 * t1187;
             let t1190 = t164 * t1186;
-            let t1198 = t1190 + t165 * t1158 + t166 * t1165 + t1190 + t428 * t562
-                - t431 * t563;
-            let t1205 = t1188 + t164 * t1165 + t165 * t1170 + t1188 + t431 * t561
-                - t434 * t562;
-            let t1211 = t1189 + t164 * t1158 + t166 * t1170 + t1189 - t428 * t561
-                + t434 * t563;
+            let t1198 = t1190 + t165 * t1158 + t166 * t1165 + t1190 + t428 * t562 - t431 * t563;
+            let t1205 = t1188 + t164 * t1165 + t165 * t1170 + t1188 + t431 * t561 - t434 * t562;
+            let t1211 = t1189 + t164 * t1158 + t166 * t1170 + t1189 - t428 * t561 + t434 * t563;
             let t1218 = t155 * t1185;
             let t1219 = t154 * t1187;
             let t1220 = t153 * t1186;
-            let t1228 = t1220 + t154 * t1158 + t155 * t1165 + t1220 + t428 * t553
-                - t431 * t554;
-            let t1235 = t1218 + t153 * t1165 + t154 * t1170 + t1218 + t431 * t552
-                - t434 * t553;
-            let t1241 = t1219 + t153 * t1158 + t155 * t1170 + t1219 - t428 * t552
-                + t434 * t554;
+            let t1228 = t1220 + t154 * t1158 + t155 * t1165 + t1220 + t428 * t553 - t431 * t554;
+            let t1235 = t1218 + t153 * t1165 + t154 * t1170 + t1218 + t431 * t552 - t434 * t553;
+            let t1241 = t1219 + t153 * t1158 + t155 * t1170 + t1219 - t428 * t552 + t434 * t554;
             let t1248 = t144 * t1185;
             let t1249 = t143 * t1187;
             let t1250 = t142 * t1186;
-            let t1258 = t1250 + t143 * t1158 + t144 * t1165 + t1250 + t428 * t544
-                - t431 * t545;
-            let t1265 = t1248 + t142 * t1165 + t143 * t1170 + t1248 + t431 * t543
-                - t434 * t544;
-            let t1271 = t1249 + t142 * t1158 + t144 * t1170 + t1249 - t428 * t543
-                + t434 * t545;
+            let t1258 = t1250 + t143 * t1158 + t144 * t1165 + t1250 + t428 * t544 - t431 * t545;
+            let t1265 = t1248 + t142 * t1165 + t143 * t1170 + t1248 + t431 * t543 - t434 * t544;
+            let t1271 = t1249 + t142 * t1158 + t144 * t1170 + t1249 - t428 * t543 + t434 * t545;
             let t1280 = 0.3333333333333333 * (t1198 + t1228 + t1258);
             let t1281 = t76 - 0.3333333333333333 * (t1205 + t1235 + t1265);
             let t1283 = t77 - 0.3333333333333333 * (t1211 + t1241 + t1271);
@@ -13411,33 +12239,24 @@ pub mod full_piecewise {
             jacobian[1][lane] = t832 + t820;
             jacobian[2][lane] = t830 + t814;
             jacobian[3][lane] = t83
-                * (sin_joint1_track_rotation_y * t313
-                    + cos_joint1_track_rotation_y * t304)
-                - t84
-                    * (cos_joint1_track_rotation_z * t306
-                        - sin_joint1_track_rotation_z * t308);
+                * (sin_joint1_track_rotation_y * t313 + cos_joint1_track_rotation_y * t304)
+                - t84 * (cos_joint1_track_rotation_z * t306 - sin_joint1_track_rotation_z * t308);
             jacobian[4][lane] = t89 * t313 - t90 * t304;
             jacobian[5][lane] = t95 * t306 - t96 * t308;
             jacobian[6][lane] = t834 + t777;
             jacobian[7][lane] = t832 + t790;
             jacobian[8][lane] = t830 + t784;
             jacobian[9][lane] = t101
-                * (sin_joint2_track_rotation_y * t298
-                    + cos_joint2_track_rotation_y * t289)
-                - t102
-                    * (cos_joint2_track_rotation_z * t291
-                        - sin_joint2_track_rotation_z * t293);
+                * (sin_joint2_track_rotation_y * t298 + cos_joint2_track_rotation_y * t289)
+                - t102 * (cos_joint2_track_rotation_z * t291 - sin_joint2_track_rotation_z * t293);
             jacobian[10][lane] = t107 * t298 - t108 * t289;
             jacobian[11][lane] = t113 * t291 - t114 * t293;
             jacobian[12][lane] = t834 + t747;
             jacobian[13][lane] = t832 + t760;
             jacobian[14][lane] = t830 + t754;
             jacobian[15][lane] = t119
-                * (sin_joint3_track_rotation_y * t283
-                    + cos_joint3_track_rotation_y * t274)
-                - t120
-                    * (cos_joint3_track_rotation_z * t276
-                        - sin_joint3_track_rotation_z * t278);
+                * (sin_joint3_track_rotation_y * t283 + cos_joint3_track_rotation_y * t274)
+                - t120 * (cos_joint3_track_rotation_z * t276 - sin_joint3_track_rotation_z * t278);
             jacobian[16][lane] = t125 * t283 - t126 * t274;
             jacobian[17][lane] = t131 * t276 - t132 * t278;
             jacobian[18][lane] = 1.0;
@@ -13451,33 +12270,24 @@ pub mod full_piecewise {
             jacobian[26][lane] = t1059 + t1047;
             jacobian[27][lane] = t1057 + t1041;
             jacobian[28][lane] = t83
-                * (sin_joint1_track_rotation_y * t412
-                    + cos_joint1_track_rotation_y * t403)
-                - t84
-                    * (cos_joint1_track_rotation_z * t405
-                        - sin_joint1_track_rotation_z * t407);
+                * (sin_joint1_track_rotation_y * t412 + cos_joint1_track_rotation_y * t403)
+                - t84 * (cos_joint1_track_rotation_z * t405 - sin_joint1_track_rotation_z * t407);
             jacobian[29][lane] = t89 * t412 - t90 * t403;
             jacobian[30][lane] = t95 * t405 - t96 * t407;
             jacobian[31][lane] = t1061 + t1004;
             jacobian[32][lane] = t1059 + t1017;
             jacobian[33][lane] = t1057 + t1011;
             jacobian[34][lane] = t101
-                * (sin_joint2_track_rotation_y * t397
-                    + cos_joint2_track_rotation_y * t388)
-                - t102
-                    * (cos_joint2_track_rotation_z * t390
-                        - sin_joint2_track_rotation_z * t392);
+                * (sin_joint2_track_rotation_y * t397 + cos_joint2_track_rotation_y * t388)
+                - t102 * (cos_joint2_track_rotation_z * t390 - sin_joint2_track_rotation_z * t392);
             jacobian[35][lane] = t107 * t397 - t108 * t388;
             jacobian[36][lane] = t113 * t390 - t114 * t392;
             jacobian[37][lane] = t1061 + t974;
             jacobian[38][lane] = t1059 + t987;
             jacobian[39][lane] = t1057 + t981;
             jacobian[40][lane] = t119
-                * (sin_joint3_track_rotation_y * t382
-                    + cos_joint3_track_rotation_y * t373)
-                - t120
-                    * (cos_joint3_track_rotation_z * t375
-                        - sin_joint3_track_rotation_z * t377);
+                * (sin_joint3_track_rotation_y * t382 + cos_joint3_track_rotation_y * t373)
+                - t120 * (cos_joint3_track_rotation_z * t375 - sin_joint3_track_rotation_z * t377);
             jacobian[41][lane] = t125 * t382 - t126 * t373;
             jacobian[42][lane] = t131 * t375 - t132 * t377;
             jacobian[43][lane] = 1.0;
@@ -13491,33 +12301,24 @@ pub mod full_piecewise {
             jacobian[51][lane] = t1283 + t1271;
             jacobian[52][lane] = t1281 + t1265;
             jacobian[53][lane] = t83
-                * (sin_joint1_track_rotation_y * t511
-                    + cos_joint1_track_rotation_y * t502)
-                - t84
-                    * (cos_joint1_track_rotation_z * t504
-                        - sin_joint1_track_rotation_z * t506);
+                * (sin_joint1_track_rotation_y * t511 + cos_joint1_track_rotation_y * t502)
+                - t84 * (cos_joint1_track_rotation_z * t504 - sin_joint1_track_rotation_z * t506);
             jacobian[54][lane] = t89 * t511 - t90 * t502;
             jacobian[55][lane] = t95 * t504 - t96 * t506;
             jacobian[56][lane] = t1228 - t1280 - t78;
             jacobian[57][lane] = t1283 + t1241;
             jacobian[58][lane] = t1281 + t1235;
             jacobian[59][lane] = t101
-                * (sin_joint2_track_rotation_y * t496
-                    + cos_joint2_track_rotation_y * t487)
-                - t102
-                    * (cos_joint2_track_rotation_z * t489
-                        - sin_joint2_track_rotation_z * t491);
+                * (sin_joint2_track_rotation_y * t496 + cos_joint2_track_rotation_y * t487)
+                - t102 * (cos_joint2_track_rotation_z * t489 - sin_joint2_track_rotation_z * t491);
             jacobian[60][lane] = t107 * t496 - t108 * t487;
             jacobian[61][lane] = t113 * t489 - t114 * t491;
             jacobian[62][lane] = t1198 - t1280 - t78;
             jacobian[63][lane] = t1283 + t1211;
             jacobian[64][lane] = t1281 + t1205;
             jacobian[65][lane] = t119
-                * (sin_joint3_track_rotation_y * t481
-                    + cos_joint3_track_rotation_y * t472)
-                - t120
-                    * (cos_joint3_track_rotation_z * t474
-                        - sin_joint3_track_rotation_z * t476);
+                * (sin_joint3_track_rotation_y * t481 + cos_joint3_track_rotation_y * t472)
+                - t120 * (cos_joint3_track_rotation_z * t474 - sin_joint3_track_rotation_z * t476);
             jacobian[66][lane] = t125 * t481 - t126 * t472;
             jacobian[67][lane] = t131 * t474 - t132 * t476;
             jacobian[68][lane] = 1.0;
@@ -15462,9 +14263,8 @@ pub mod full_rack {
         };
         #[inline(always)]
         fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[q, x, y, z, alpha, beta, gamma] = data else {
-                panic!("`data` must hold 7 numbers")
-            };
+            let &[q, x, y, z, alpha, beta,
+                gamma] = data else { panic!("`data` must hold 7 numbers") };
             let prepared_4 = q * 6.283185307179586;
             let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
             let (sin_beta, r_zz) = math::sin_cos(beta);
@@ -15517,29 +14317,23 @@ pub mod full_rack {
             let prepared_12 = prepared[12][lane];
             let r_yy = prepared[13][lane];
             let &[length, plate_joint_x, plate_joint_y, plate_joint_z, track_offset_x,
-            track_offset_y, track_offset_z, track_direction_x, track_direction_y,
-            track_direction_z, rack_pitch_sine, rack_pitch_cosine, rack_pitch_period] = parameters
-            else { panic!("`parameters` must hold 13 numbers") };
+                track_offset_y, track_offset_z, track_direction_x, track_direction_y,
+                track_direction_z, rack_pitch_sine, rack_pitch_cosine,
+                rack_pitch_period] =
+                parameters else { panic!("`parameters` must hold 13 numbers") };
             let t4 = prepared_4 / rack_pitch_period;
             let (t5, t7) = math::sin_cos(t4);
             let t9 = rack_pitch_sine * t5 + rack_pitch_cosine * t7;
             let t26 = 1.0
-                / math::sqrt(
-                    track_direction_y * track_direction_y
-                        + track_direction_x * track_direction_x
-                        + track_direction_z * track_direction_z,
-                );
-            let rod_z = plate_joint_y * r_zy - plate_joint_z * r_zz + z
-                - plate_joint_x * prepared_6 - track_offset_z - q * track_direction_z
-                - t9 * (track_direction_z * t26);
-            let rod_x = plate_joint_x * r_xx - plate_joint_y * prepared_12
-                + plate_joint_z * r_xz + x - track_offset_x - q * track_direction_x
-                - t9 * (track_direction_x * t26);
-            let rod_y = plate_joint_y * r_yy + plate_joint_x * r_yx
-                + plate_joint_z * r_yz + y - track_offset_y - q * track_direction_y
-                - t9 * (track_direction_y * t26);
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x
-                - rod_y * rod_y;
+                / math::sqrt(track_direction_y * track_direction_y
+                + track_direction_x * track_direction_x + track_direction_z * track_direction_z);
+            let rod_z = plate_joint_y * r_zy - plate_joint_z * r_zz + z - plate_joint_x * prepared_6
+                - track_offset_z - q * track_direction_z - t9 * (track_direction_z * t26);
+            let rod_x = plate_joint_x * r_xx - plate_joint_y * prepared_12 + plate_joint_z * r_xz
+                + x - track_offset_x - q * track_direction_x - t9 * (track_direction_x * t26);
+            let rod_y = plate_joint_y * r_yy + plate_joint_x * r_yx + plate_joint_z * r_yz + y
+                - track_offset_y - q * track_direction_y - t9 * (track_direction_y * t26);
+            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             residuals[0][lane] = residual;
         }
         #[inline(always)]
@@ -15565,41 +14359,36 @@ pub mod full_rack {
             let prepared_12 = prepared[12][lane];
             let r_yy = prepared[13][lane];
             let &[length, plate_joint_x, plate_joint_y, plate_joint_z, track_offset_x,
-            track_offset_y, track_offset_z, track_direction_x, track_direction_y,
-            track_direction_z, rack_pitch_sine, rack_pitch_cosine, rack_pitch_period] = parameters
-            else { panic!("`parameters` must hold 13 numbers") };
+                track_offset_y, track_offset_z, track_direction_x, track_direction_y,
+                track_direction_z, rack_pitch_sine, rack_pitch_cosine,
+                rack_pitch_period] =
+                parameters else { panic!("`parameters` must hold 13 numbers") };
             let t4 = prepared_4 / rack_pitch_period;
             let (t5, t7) = math::sin_cos(t4);
             let t9 = rack_pitch_sine * t5 + rack_pitch_cosine * t7;
-            let t26 = math::sqrt(
-                track_direction_y * track_direction_y
-                    + track_direction_x * track_direction_x
-                    + track_direction_z * track_direction_z,
-            );
+            let t26 =
+                math::sqrt(track_direction_y * track_direction_y
+                + track_direction_x * track_direction_x + track_direction_z * track_direction_z);
             let t27 = 1.0 / t26;
             let t28 = track_direction_x * t27;
             let t29 = track_direction_y * t27;
             let t30 = track_direction_z * t27;
-            let rod_z = plate_joint_y * r_zy - plate_joint_z * r_zz + z
-                - plate_joint_x * prepared_6 - track_offset_z - q * track_direction_z
-                - t9 * t30;
+            let rod_z = plate_joint_y * r_zy - plate_joint_z * r_zz + z - plate_joint_x * prepared_6
+                - track_offset_z - q * track_direction_z - t9 * t30;
             let t41 = 2.0 * rod_z;
             let t46 = t9 * t41;
-            let rod_x = plate_joint_x * r_xx - plate_joint_y * prepared_12
-                + plate_joint_z * r_xz + x - track_offset_x - q * track_direction_x
-                - t9 * t28;
-            let rod_y = plate_joint_y * r_yy + plate_joint_x * r_yx
-                + plate_joint_z * r_yz + y - track_offset_y - q * track_direction_y
-                - t9 * t29;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x
-                - rod_y * rod_y;
+            let rod_x = plate_joint_x * r_xx - plate_joint_y * prepared_12 + plate_joint_z * r_xz
+                + x - track_offset_x - q * track_direction_x - t9 * t28;
+            let rod_y = plate_joint_y * r_yy + plate_joint_x * r_yx + plate_joint_z * r_yz + y
+                - track_offset_y - q * track_direction_y - t9 * t29;
+            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             let t68 = 2.0 * rod_y;
             let t69 = 2.0 * rod_x;
             let t83 = t9 * t68;
             let t85 = t9 * t69;
             let t87 = t30 * t41 + t29 * t68 + t28 * t69;
-            let t96 = (track_direction_z * t46 + track_direction_y * t83
-                + track_direction_x * t85) * (t27 * t27) / (2.0 * t26);
+            let t96 = (track_direction_z * t46 + track_direction_y * t83 + track_direction_x * t85)
+                * (t27 * t27) / (2.0 * t26);
             let t97 = track_direction_z * t96;
             let t98 = track_direction_y * t96;
             let t99 = track_direction_x * t96;
@@ -15617,8 +14406,7 @@ pub mod full_rack {
             jacobian[10][lane] = t5 * t87;
             jacobian[11][lane] = t7 * t87;
             jacobian[12][lane] = t4
-                * (t87 * (t5 * rack_pitch_cosine - rack_pitch_sine * t7)
-                    / rack_pitch_period);
+                * (t87 * (t5 * rack_pitch_cosine - rack_pitch_sine * t7) / rack_pitch_period);
         }
     }
     /// `L² − ‖T + R·P − C(q)‖², R = Rz(alpha)·Ry(beta)·Rz(gamma)`
@@ -15644,7 +14432,8 @@ pub mod full_rack {
             columns: &[0, 1, 2, 3, 4, 5, 7],
         };
         #[inline(always)]
-        fn prepare<S: Samples>(_lane: usize, _data: &[f64], _prepared: &mut [S]) {}
+        fn prepare<S: Samples>(_lane: usize, _data: &[f64], _prepared: &mut [S]) {
+        }
         #[inline(always)]
         fn value<S: Samples>(
             lane: usize,
@@ -15652,12 +14441,11 @@ pub mod full_rack {
             parameters: &[f64],
             residuals: &mut [S],
         ) {
-            let &[x, y, z, alpha, beta, gamma, _, q2, _, length, plate_joint_x,
-            plate_joint_y, plate_joint_z, track_offset_x, track_offset_y, track_offset_z,
-            track_direction_x, track_direction_y, track_direction_z, rack_pitch_sine,
-            rack_pitch_cosine, rack_pitch_period] = parameters else {
-                panic!("`parameters` must hold 22 numbers")
-            };
+            let &[x, y, z, alpha, beta, gamma, _, q2, _, length, plate_joint_x, plate_joint_y,
+                plate_joint_z, track_offset_x, track_offset_y, track_offset_z, track_direction_x,
+                track_direction_y, track_direction_z, rack_pitch_sine, rack_pitch_cosine,
+                rack_pitch_period] =
+                parameters else { panic!("`parameters` must hold 22 numbers") };
             let t5 = q2 * 6.283185307179586 / rack_pitch_period;
             let (t6, t8) = math::sin_cos(t5);
             let t10 = rack_pitch_sine * t6 + rack_pitch_cosine * t8;
@@ -15668,19 +14456,15 @@ pub mod full_rack {
             let t29 = plate_joint_z * sin_beta + t21 * cos_beta;
             let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
             let t39 = 1.0
-                / math::sqrt(
-                    track_direction_y * track_direction_y
-                        + track_direction_x * track_direction_x
-                        + track_direction_z * track_direction_z,
-                );
+                / math::sqrt(track_direction_y * track_direction_y
+                + track_direction_x * track_direction_x + track_direction_z * track_direction_z);
             let rod_x = t29 * cos_alpha - t22 * sin_alpha + x - track_offset_x
                 - q2 * track_direction_x - t10 * (track_direction_x * t39);
             let rod_y = t29 * sin_alpha + t22 * cos_alpha + y - track_offset_y
                 - q2 * track_direction_y - t10 * (track_direction_y * t39);
             let rod_z = plate_joint_z * cos_beta - t21 * sin_beta + z - track_offset_z
                 - q2 * track_direction_z - t10 * (track_direction_z * t39);
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x
-                - rod_y * rod_y;
+            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             residuals[0][lane] = residual;
         }
         #[inline(always)]
@@ -15691,12 +14475,11 @@ pub mod full_rack {
             residuals: &mut [S],
             jacobian: &mut [S],
         ) {
-            let &[x, y, z, alpha, beta, gamma, _, q2, _, length, plate_joint_x,
-            plate_joint_y, plate_joint_z, track_offset_x, track_offset_y, track_offset_z,
-            track_direction_x, track_direction_y, track_direction_z, rack_pitch_sine,
-            rack_pitch_cosine, rack_pitch_period] = parameters else {
-                panic!("`parameters` must hold 22 numbers")
-            };
+            let &[x, y, z, alpha, beta, gamma, _, q2, _, length, plate_joint_x, plate_joint_y,
+                plate_joint_z, track_offset_x, track_offset_y, track_offset_z, track_direction_x,
+                track_direction_y, track_direction_z, rack_pitch_sine, rack_pitch_cosine,
+                rack_pitch_period] =
+                parameters else { panic!("`parameters` must hold 22 numbers") };
             let t5 = q2 * 6.283185307179586 / rack_pitch_period;
             let (t6, t8) = math::sin_cos(t5);
             let t10 = rack_pitch_sine * t6 + rack_pitch_cosine * t8;
@@ -15710,27 +14493,22 @@ pub mod full_rack {
             let t37 = t22 * sin_alpha - t30 * cos_alpha;
             let t38 = t30 * sin_alpha + t22 * cos_alpha;
             let t42 = 1.0
-                / math::sqrt(
-                    track_direction_y * track_direction_y
-                        + track_direction_x * track_direction_x
-                        + track_direction_z * track_direction_z,
-                );
+                / math::sqrt(track_direction_y * track_direction_y
+                + track_direction_x * track_direction_x + track_direction_z * track_direction_z);
             let t43 = track_direction_x * t42;
             let t44 = track_direction_y * t42;
             let t45 = track_direction_z * t42;
             let rod_x = x - t37 - track_offset_x - q2 * track_direction_x - t10 * t43;
             let rod_y = t38 + y - track_offset_y - q2 * track_direction_y - t10 * t44;
             let rod_z = z - t29 - track_offset_z - q2 * track_direction_z - t10 * t45;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x
-                - rod_y * rod_y;
+            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             let t67 = -2.0 * rod_z;
             let t68 = -2.0 * rod_y;
             let t69 = 2.0 * rod_x;
             let t95 = 6.283185307179586
                 * ((t43 * t69 - t45 * t67 - t44 * t68)
-                    * (rack_pitch_sine * t8 - t6 * rack_pitch_cosine)
-                    / rack_pitch_period) - track_direction_z * t67
-                - track_direction_y * t68 + track_direction_x * t69;
+                * (rack_pitch_sine * t8 - t6 * rack_pitch_cosine) / rack_pitch_period)
+                - track_direction_z * t67 - track_direction_y * t68 + track_direction_x * t69;
             residuals[0][lane] = residual;
             jacobian[0][lane] = -t69;
             jacobian[1][lane] = t68;
@@ -15772,9 +14550,8 @@ pub mod full_rack {
         };
         #[inline(always)]
         fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[q, x, y, z, alpha, beta, gamma] = data else {
-                panic!("`data` must hold 7 numbers")
-            };
+            let &[q, x, y, z, alpha, beta,
+                gamma] = data else { panic!("`data` must hold 7 numbers") };
             let prepared_1 = q * -6.283185307179586;
             let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
             let (sin_beta, prepared_5) = math::sin_cos(beta);
@@ -15844,15 +14621,15 @@ pub mod full_rack {
             let prepared_17 = prepared[17][lane];
             let prepared_18 = prepared[18][lane];
             let &[joint1_track_offset_x, joint1_track_offset_y, joint1_track_offset_z,
-            joint1_track_direction_x, joint1_track_direction_y, joint1_track_direction_z,
-            joint2_track_offset_x, joint2_track_offset_y, joint2_track_offset_z,
-            joint2_track_direction_x, joint2_track_direction_y, joint2_track_direction_z,
-            rack_pitch_sine, rack_pitch_cosine, rack_pitch_period, frame_translation_x,
-            frame_translation_y, frame_translation_z, frame_rotation_x, frame_rotation_y,
-            frame_rotation_z, target_position_x, target_position_y, target_position_z,
-            target_rotation_x, target_rotation_y, target_rotation_z] = parameters else {
-                panic!("`parameters` must hold 27 numbers")
-            };
+                joint1_track_direction_x, joint1_track_direction_y, joint1_track_direction_z,
+                joint2_track_offset_x, joint2_track_offset_y, joint2_track_offset_z,
+                joint2_track_direction_x, joint2_track_direction_y, joint2_track_direction_z,
+                rack_pitch_sine, rack_pitch_cosine, rack_pitch_period, frame_translation_x,
+                frame_translation_y, frame_translation_z, frame_rotation_x, frame_rotation_y,
+                frame_rotation_z, target_position_x, target_position_y, target_position_z,
+                target_rotation_x, target_rotation_y,
+                target_rotation_z] =
+                parameters else { panic!("`parameters` must hold 27 numbers") };
             let t1 = q * joint1_track_direction_x;
             let t2 = q * joint1_track_direction_y;
             let t3 = q * joint1_track_direction_z;
@@ -15871,53 +14648,34 @@ pub mod full_rack {
             let t35 = 0.5 * (joint1_track_direction_x + joint2_track_direction_x);
             let t36 = 0.5 * (joint1_track_direction_y + joint2_track_direction_y);
             let t37 = 0.5 * (joint1_track_direction_z + joint2_track_direction_z);
-            let (sin_target_rotation_y, cos_target_rotation_y) = math::sin_cos(
-                target_rotation_y,
-            );
-            let (sin_target_rotation_z, cos_target_rotation_z) = math::sin_cos(
-                target_rotation_z,
-            );
+            let (sin_target_rotation_y, cos_target_rotation_y) = math::sin_cos(target_rotation_y);
+            let (sin_target_rotation_z, cos_target_rotation_z) = math::sin_cos(target_rotation_z);
             let t45 = cos_target_rotation_y * cos_target_rotation_z;
             let t46 = cos_target_rotation_y * sin_target_rotation_z;
-            let (sin_target_rotation_x, cos_target_rotation_x) = math::sin_cos(
-                target_rotation_x,
-            );
+            let (sin_target_rotation_x, cos_target_rotation_x) = math::sin_cos(target_rotation_x);
             let t49 = cos_target_rotation_y * sin_target_rotation_x;
             let t50 = sin_target_rotation_y * sin_target_rotation_x;
             let t51 = cos_target_rotation_y * cos_target_rotation_x;
             let t52 = sin_target_rotation_y * cos_target_rotation_x;
-            let (sin_frame_rotation_z, cos_frame_rotation_z) = math::sin_cos(
-                frame_rotation_z,
-            );
-            let (sin_frame_rotation_y, cos_frame_rotation_y) = math::sin_cos(
-                frame_rotation_y,
-            );
-            let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(
-                frame_rotation_x,
-            );
-            let t63 = cos_target_rotation_z * t50
-                - sin_target_rotation_z * cos_target_rotation_x;
-            let t64 = sin_target_rotation_z * t50
-                + cos_target_rotation_z * cos_target_rotation_x;
-            let t69 = cos_target_rotation_z * t52
-                + sin_target_rotation_z * sin_target_rotation_x;
-            let t70 = sin_target_rotation_z * t52
-                - cos_target_rotation_z * sin_target_rotation_x;
+            let (sin_frame_rotation_z, cos_frame_rotation_z) = math::sin_cos(frame_rotation_z);
+            let (sin_frame_rotation_y, cos_frame_rotation_y) = math::sin_cos(frame_rotation_y);
+            let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(frame_rotation_x);
+            let t63 = cos_target_rotation_z * t50 - sin_target_rotation_z * cos_target_rotation_x;
+            let t64 = sin_target_rotation_z * t50 + cos_target_rotation_z * cos_target_rotation_x;
+            let t69 = cos_target_rotation_z * t52 + sin_target_rotation_z * sin_target_rotation_x;
+            let t70 = sin_target_rotation_z * t52 - cos_target_rotation_z * sin_target_rotation_x;
             let t84 = t15 * t15 + t14 * t14 + t16 * t16;
             let t85 = (t15 * t19 - t16 * t18) / t84;
             let t86 = (t16 * t17 - t14 * t19) / t84;
             let t87 = (t14 * t18 - t15 * t17) / t84;
             let t91 = 1.0 / math::sqrt(t36 * t36 + t35 * t35 + t37 * t37);
-            let t107 = target_position_z * t86 - target_position_y * t87
-                + target_position_x
+            let t107 = target_position_z * t86 - target_position_y * t87 + target_position_x
                 + 0.5 * (t4 + joint1_track_offset_x + t1 + joint2_track_offset_x)
                 + t13 * (t35 * t91);
-            let t111 = target_position_x * t87 - target_position_z * t85
-                + target_position_y
+            let t111 = target_position_x * t87 - target_position_z * t85 + target_position_y
                 + 0.5 * (t5 + joint1_track_offset_y + t2 + joint2_track_offset_y)
                 + t13 * (t36 * t91);
-            let t115 = target_position_y * t85 - target_position_x * t86
-                + target_position_z
+            let t115 = target_position_y * t85 - target_position_x * t86 + target_position_z
                 + 0.5 * (t6 + joint1_track_offset_z + t3 + joint2_track_offset_z)
                 + t13 * (t37 * t91);
             let t123 = t45 - sin_target_rotation_y * t86 - t46 * t87;
@@ -15950,21 +14708,21 @@ pub mod full_rack {
             let t235 = sin_frame_rotation_y * t229 + cos_frame_rotation_y * t219;
             let t240 = cos_frame_rotation_z * t235 - sin_frame_rotation_z * t228;
             let t241 = sin_frame_rotation_z * t235 + cos_frame_rotation_z * t228;
-            residuals[0][lane] = cos_frame_rotation_z * t142
-                - sin_frame_rotation_z * t136 + frame_translation_x - x;
-            residuals[1][lane] = sin_frame_rotation_z * t142
-                + cos_frame_rotation_z * t136 + frame_translation_y - y;
-            residuals[2][lane] = cos_frame_rotation_y * t137
-                - sin_frame_rotation_y * t107 + frame_translation_z - z;
+            residuals[0][lane] = cos_frame_rotation_z * t142 - sin_frame_rotation_z * t136
+                + frame_translation_x - x;
+            residuals[1][lane] = sin_frame_rotation_z * t142 + cos_frame_rotation_z * t136
+                + frame_translation_y - y;
+            residuals[2][lane] = cos_frame_rotation_y * t137 - sin_frame_rotation_y * t107
+                + frame_translation_z - z;
             residuals[3][lane] = 0.5
-                * (prepared_16 * t166 - prepared_5 * t241 - prepared_7 * t207
-                    + prepared_6 * t173 + prepared_18 * t200 + prepared_9 * t234);
+                * (prepared_16 * t166 - prepared_5 * t241 - prepared_7 * t207 + prepared_6 * t173
+                + prepared_18 * t200 + prepared_9 * t234);
             residuals[4][lane] = 0.5
-                * (prepared_17 * t200 - prepared_8 * t234 - prepared_6 * t172
-                    - prepared_15 * t166 + prepared_7 * t206 + prepared_5 * t240);
+                * (prepared_17 * t200 - prepared_8 * t234 - prepared_6 * t172 - prepared_15 * t166
+                + prepared_7 * t206 + prepared_5 * t240);
             residuals[5][lane] = 0.5
-                * (prepared_15 * t173 - prepared_9 * t240 - prepared_16 * t172
-                    - prepared_17 * t207 - prepared_18 * t206 + prepared_8 * t241);
+                * (prepared_15 * t173 - prepared_9 * t240 - prepared_16 * t172 - prepared_17 * t207
+                - prepared_18 * t206 + prepared_8 * t241);
         }
         #[inline(always)]
         fn linearize<S: Samples>(
@@ -15998,15 +14756,15 @@ pub mod full_rack {
             let prepared_21 = prepared[21][lane];
             let prepared_22 = prepared[22][lane];
             let &[joint1_track_offset_x, joint1_track_offset_y, joint1_track_offset_z,
-            joint1_track_direction_x, joint1_track_direction_y, joint1_track_direction_z,
-            joint2_track_offset_x, joint2_track_offset_y, joint2_track_offset_z,
-            joint2_track_direction_x, joint2_track_direction_y, joint2_track_direction_z,
-            rack_pitch_sine, rack_pitch_cosine, rack_pitch_period, frame_translation_x,
-            frame_translation_y, frame_translation_z, frame_rotation_x, frame_rotation_y,
-            frame_rotation_z, target_position_x, target_position_y, target_position_z,
-            target_rotation_x, target_rotation_y, target_rotation_z] = parameters else {
-                panic!("`parameters` must hold 27 numbers")
-            };
+                joint1_track_direction_x, joint1_track_direction_y, joint1_track_direction_z,
+                joint2_track_offset_x, joint2_track_offset_y, joint2_track_offset_z,
+                joint2_track_direction_x, joint2_track_direction_y, joint2_track_direction_z,
+                rack_pitch_sine, rack_pitch_cosine, rack_pitch_period, frame_translation_x,
+                frame_translation_y, frame_translation_z, frame_rotation_x, frame_rotation_y,
+                frame_rotation_z, target_position_x, target_position_y, target_position_z,
+                target_rotation_x, target_rotation_y,
+                target_rotation_z] =
+                parameters else { panic!("`parameters` must hold 27 numbers") };
             let t1 = q * joint1_track_direction_x;
             let t2 = q * joint1_track_direction_y;
             let t3 = q * joint1_track_direction_z;
@@ -16026,36 +14784,22 @@ pub mod full_rack {
             let t35 = 0.5 * (joint1_track_direction_x + joint2_track_direction_x);
             let t36 = 0.5 * (joint1_track_direction_y + joint2_track_direction_y);
             let t37 = 0.5 * (joint1_track_direction_z + joint2_track_direction_z);
-            let (sin_target_rotation_y, cos_target_rotation_y) = math::sin_cos(
-                target_rotation_y,
-            );
-            let (sin_target_rotation_z, cos_target_rotation_z) = math::sin_cos(
-                target_rotation_z,
-            );
+            let (sin_target_rotation_y, cos_target_rotation_y) = math::sin_cos(target_rotation_y);
+            let (sin_target_rotation_z, cos_target_rotation_z) = math::sin_cos(target_rotation_z);
             let t45 = cos_target_rotation_y * cos_target_rotation_z;
             let t46 = cos_target_rotation_y * sin_target_rotation_z;
-            let (sin_target_rotation_x, cos_target_rotation_x) = math::sin_cos(
-                target_rotation_x,
-            );
+            let (sin_target_rotation_x, cos_target_rotation_x) = math::sin_cos(target_rotation_x);
             let t49 = cos_target_rotation_y * sin_target_rotation_x;
             let t50 = sin_target_rotation_y * sin_target_rotation_x;
             let t51 = cos_target_rotation_y * cos_target_rotation_x;
             let t52 = sin_target_rotation_y * cos_target_rotation_x;
-            let (sin_frame_rotation_z, cos_frame_rotation_z) = math::sin_cos(
-                frame_rotation_z,
-            );
-            let (sin_frame_rotation_y, cos_frame_rotation_y) = math::sin_cos(
-                frame_rotation_y,
-            );
+            let (sin_frame_rotation_z, cos_frame_rotation_z) = math::sin_cos(frame_rotation_z);
+            let (sin_frame_rotation_y, cos_frame_rotation_y) = math::sin_cos(frame_rotation_y);
             let t57 = cos_frame_rotation_z * sin_frame_rotation_y;
             let t58 = cos_frame_rotation_z * cos_frame_rotation_y;
-            let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(
-                frame_rotation_x,
-            );
-            let t65 = t57 * sin_frame_rotation_x
-                - sin_frame_rotation_z * cos_frame_rotation_x;
-            let t66 = t57 * cos_frame_rotation_x
-                + sin_frame_rotation_z * sin_frame_rotation_x;
+            let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(frame_rotation_x);
+            let t65 = t57 * sin_frame_rotation_x - sin_frame_rotation_z * cos_frame_rotation_x;
+            let t66 = t57 * cos_frame_rotation_x + sin_frame_rotation_z * sin_frame_rotation_x;
             let t76 = t13 * t66;
             let t77 = t13 * t65;
             let t78 = t13 * t58;
@@ -16064,10 +14808,8 @@ pub mod full_rack {
             let t86 = 0.5 * t58;
             let t87 = sin_frame_rotation_z * sin_frame_rotation_y;
             let t88 = sin_frame_rotation_z * cos_frame_rotation_y;
-            let t93 = sin_frame_rotation_x * t87
-                + cos_frame_rotation_z * cos_frame_rotation_x;
-            let t94 = cos_frame_rotation_x * t87
-                - cos_frame_rotation_z * sin_frame_rotation_x;
+            let t93 = sin_frame_rotation_x * t87 + cos_frame_rotation_z * cos_frame_rotation_x;
+            let t94 = cos_frame_rotation_x * t87 - cos_frame_rotation_z * sin_frame_rotation_x;
             let t104 = t13 * t94;
             let t105 = t13 * t93;
             let t106 = t13 * t88;
@@ -16096,22 +14838,16 @@ pub mod full_rack {
             let t170 = cos_frame_rotation_y * t138 + sin_frame_rotation_y * prepared_14;
             let t175 = sin_frame_rotation_x * t169 - cos_frame_rotation_x * t137;
             let t176 = cos_frame_rotation_x * t169 + sin_frame_rotation_x * t137;
-            let t191 = sin_frame_rotation_z * prepared_14
-                - cos_frame_rotation_z * prepared_11;
-            let t192 = cos_frame_rotation_z * prepared_14
-                + sin_frame_rotation_z * prepared_11;
+            let t191 = sin_frame_rotation_z * prepared_14 - cos_frame_rotation_z * prepared_11;
+            let t192 = cos_frame_rotation_z * prepared_14 + sin_frame_rotation_z * prepared_11;
             let t193 = sin_frame_rotation_y * t191;
             let t194 = cos_frame_rotation_y * t191;
             let t199 = sin_frame_rotation_x * t193 + cos_frame_rotation_x * t192;
             let t200 = cos_frame_rotation_x * t193 - sin_frame_rotation_x * t192;
-            let t207 = cos_target_rotation_z * t50
-                - sin_target_rotation_z * cos_target_rotation_x;
-            let t208 = sin_target_rotation_z * t50
-                + cos_target_rotation_z * cos_target_rotation_x;
-            let t213 = cos_target_rotation_z * t52
-                + sin_target_rotation_z * sin_target_rotation_x;
-            let t214 = sin_target_rotation_z * t52
-                - cos_target_rotation_z * sin_target_rotation_x;
+            let t207 = cos_target_rotation_z * t50 - sin_target_rotation_z * cos_target_rotation_x;
+            let t208 = sin_target_rotation_z * t50 + cos_target_rotation_z * cos_target_rotation_x;
+            let t213 = cos_target_rotation_z * t52 + sin_target_rotation_z * sin_target_rotation_x;
+            let t214 = sin_target_rotation_z * t52 - cos_target_rotation_z * sin_target_rotation_x;
             let t221 = cos_frame_rotation_y * prepared_19 - sin_frame_rotation_y * t153;
             let t222 = cos_frame_rotation_y * t153 + sin_frame_rotation_y * prepared_19;
             let t225 = sin_frame_rotation_x * t221 - cos_frame_rotation_x * t154;
@@ -16128,18 +14864,14 @@ pub mod full_rack {
             let t283 = sin_frame_rotation_y * prepared_22 - cos_frame_rotation_y * t160;
             let t286 = cos_frame_rotation_x * t159 - sin_frame_rotation_x * t282;
             let t287 = sin_frame_rotation_x * t159 + cos_frame_rotation_x * t282;
-            let t317 = sin_frame_rotation_z * prepared_21
-                + cos_frame_rotation_z * prepared_19;
-            let t318 = sin_frame_rotation_z * prepared_19
-                - cos_frame_rotation_z * prepared_21;
+            let t317 = sin_frame_rotation_z * prepared_21 + cos_frame_rotation_z * prepared_19;
+            let t318 = sin_frame_rotation_z * prepared_19 - cos_frame_rotation_z * prepared_21;
             let t319 = sin_frame_rotation_y * t317;
             let t320 = cos_frame_rotation_y * t317;
             let t325 = cos_frame_rotation_x * t318 - sin_frame_rotation_x * t319;
             let t326 = cos_frame_rotation_x * t319 + sin_frame_rotation_x * t318;
-            let t337 = sin_frame_rotation_z * prepared_22
-                - cos_frame_rotation_z * prepared_20;
-            let t338 = cos_frame_rotation_z * prepared_22
-                + sin_frame_rotation_z * prepared_20;
+            let t337 = sin_frame_rotation_z * prepared_22 - cos_frame_rotation_z * prepared_20;
+            let t338 = cos_frame_rotation_z * prepared_22 + sin_frame_rotation_z * prepared_20;
             let t339 = sin_frame_rotation_y * t337;
             let t340 = cos_frame_rotation_y * t337;
             let t345 = sin_frame_rotation_x * t339 + cos_frame_rotation_x * t338;
@@ -16153,18 +14885,12 @@ pub mod full_rack {
             let t389 = t35 * t388;
             let t390 = t36 * t388;
             let t391 = t37 * t388;
-            let t404 = target_position_z * t383 - target_position_y * t384
-                + target_position_x
-                + 0.5 * (t4 + joint1_track_offset_x + t1 + joint2_track_offset_x)
-                + t13 * t389;
-            let t408 = target_position_x * t384 - target_position_z * t382
-                + target_position_y
-                + 0.5 * (t5 + joint1_track_offset_y + t2 + joint2_track_offset_y)
-                + t13 * t390;
-            let t412 = target_position_y * t382 - target_position_x * t383
-                + target_position_z
-                + 0.5 * (t6 + joint1_track_offset_z + t3 + joint2_track_offset_z)
-                + t13 * t391;
+            let t404 = target_position_z * t383 - target_position_y * t384 + target_position_x
+                + 0.5 * (t4 + joint1_track_offset_x + t1 + joint2_track_offset_x) + t13 * t389;
+            let t408 = target_position_x * t384 - target_position_z * t382 + target_position_y
+                + 0.5 * (t5 + joint1_track_offset_y + t2 + joint2_track_offset_y) + t13 * t390;
+            let t412 = target_position_y * t382 - target_position_x * t383 + target_position_z
+                + 0.5 * (t6 + joint1_track_offset_z + t3 + joint2_track_offset_z) + t13 * t391;
             let t420 = t45 - sin_target_rotation_y * t383 - t46 * t384;
             let t422 = sin_target_rotation_y * t382 + t46 + t45 * t384;
             let t424 = t46 * t382 - t45 * t383 - sin_target_rotation_y;
@@ -16218,10 +14944,8 @@ pub mod full_rack {
             let t658 = 0.5 * (t126 * t388 - t649 - t649);
             let t659 = 0.5 * (t127 * t388 - t652 - t652);
             let t660 = -0.5 * (t655 + t128 * t388 + t655);
-            let t661 = (target_position_x * t115
-                + target_position_y * sin_frame_rotation_y) / t381;
-            let t663 = (target_position_x * t116
-                + target_position_z * sin_frame_rotation_y) / t381;
+            let t661 = (target_position_x * t115 + target_position_y * sin_frame_rotation_y) / t381;
+            let t663 = (target_position_x * t116 + target_position_z * sin_frame_rotation_y) / t381;
             let t665 = (target_position_y * t116 - target_position_z * t115) / t381;
             let t668 = t383 * t663 - t384 * t661 - t382 * t665;
             let t679 = t477 * t668 + t18 * t661 + t19 * t663;
@@ -16278,11 +15002,14 @@ pub mod full_rack {
             let t972 = t236 - t240 * t383 + t239 * t384;
             let t975 = t239 + t240 * t382 - t236 * t384;
             let t985 = sin_target_rotation_z * t946 + cos_target_rotation_z * t943;
-            let t1019 = (t149 * t213 + t144 * t214 + t207 * t225 + t208 * t222
-                + t45 * t239 - t46 * t236) / t381;
-            let t1021 = (t51 * t144 + t150 * t213 + t207 * t226 + t49 * t222 + t45 * t240
+            let t1019 =
+                (t149 * t213 + t144 * t214 + t207 * t225 + t208 * t222 + t45 * t239 - t46 * t236)
+                / t381;
+            let t1021 =
+                (t51 * t144 + t150 * t213 + t207 * t226 + t49 * t222 + t45 * t240
                 + sin_target_rotation_y * t236) / t381;
-            let t1023 = (t150 * t214 - t51 * t149 + t208 * t226 - t49 * t225 + t46 * t240
+            let t1023 =
+                (t150 * t214 - t51 * t149 + t208 * t226 - t49 * t225 + t46 * t240
                 + sin_target_rotation_y * t239) / t381;
             let t1026 = t383 * t1021 - t384 * t1019 - t382 * t1023;
             let t1037 = t477 * t1026 + t18 * t1019 + t19 * t1021;
@@ -16297,11 +15024,14 @@ pub mod full_rack {
             let t1098 = t283 + t287 * t383 + t286 * t384;
             let t1101 = t286 - t287 * t382 - t283 * t384;
             let t1111 = sin_target_rotation_z * t1072 + cos_target_rotation_z * t1069;
-            let t1145 = (t175 * t213 - t170 * t214 + t207 * t272 - t208 * t269
-                + t45 * t286 - t46 * t283) / t381;
-            let t1147 = (t51 * t170 - t176 * t213 - t207 * t273 + t49 * t269 + t45 * t287
+            let t1145 =
+                (t175 * t213 - t170 * t214 + t207 * t272 - t208 * t269 + t45 * t286 - t46 * t283)
+                / t381;
+            let t1147 =
+                (t51 * t170 - t176 * t213 - t207 * t273 + t49 * t269 + t45 * t287
                 - sin_target_rotation_y * t283) / t381;
-            let t1149 = (t176 * t214 - t51 * t175 + t208 * t273 - t49 * t272 - t46 * t287
+            let t1149 =
+                (t176 * t214 - t51 * t175 + t208 * t273 - t49 * t272 - t46 * t287
                 + sin_target_rotation_y * t286) / t381;
             let t1152 = t384 * t1145 + t383 * t1147 + t382 * t1149;
             let t1163 = t18 * t1145 - t477 * t1152 - t19 * t1147;
@@ -16316,11 +15046,14 @@ pub mod full_rack {
             let t1224 = t340 - t346 * t383 + t345 * t384;
             let t1227 = t345 + t346 * t382 - t340 * t384;
             let t1237 = sin_target_rotation_z * t1198 + cos_target_rotation_z * t1195;
-            let t1271 = (t199 * t213 - t194 * t214 + t207 * t325 + t208 * t320
-                + t45 * t345 - t46 * t340) / t381;
-            let t1273 = (t51 * t194 - t200 * t213 + t207 * t326 - t49 * t320 - t45 * t346
+            let t1271 =
+                (t199 * t213 - t194 * t214 + t207 * t325 + t208 * t320 + t45 * t345 - t46 * t340)
+                / t381;
+            let t1273 =
+                (t51 * t194 - t200 * t213 + t207 * t326 - t49 * t320 - t45 * t346
                 - sin_target_rotation_y * t340) / t381;
-            let t1275 = (t200 * t214 - t51 * t199 - t208 * t326 - t49 * t325 + t46 * t346
+            let t1275 =
+                (t200 * t214 - t51 * t199 - t208 * t326 - t49 * t325 + t46 * t346
                 + sin_target_rotation_y * t345) / t381;
             let t1278 = t384 * t1271 + t383 * t1273 + t382 * t1275;
             let t1289 = t18 * t1271 - t477 * t1278 - t19 * t1273;
@@ -16333,14 +15066,14 @@ pub mod full_rack {
             residuals[1][lane] = t802 + frame_translation_y - y;
             residuals[2][lane] = t795 + frame_translation_z - z;
             residuals[3][lane] = 0.5
-                * (prepared_16 * t819 - prepared_5 * t894 - prepared_7 * t860
-                    + prepared_6 * t826 + prepared_18 * t853 + prepared_9 * t887);
+                * (prepared_16 * t819 - prepared_5 * t894 - prepared_7 * t860 + prepared_6 * t826
+                + prepared_18 * t853 + prepared_9 * t887);
             residuals[4][lane] = 0.5
-                * (prepared_17 * t853 - prepared_8 * t887 - prepared_6 * t825
-                    - prepared_15 * t819 + prepared_7 * t859 + prepared_5 * t893);
+                * (prepared_17 * t853 - prepared_8 * t887 - prepared_6 * t825 - prepared_15 * t819
+                + prepared_7 * t859 + prepared_5 * t893);
             residuals[5][lane] = 0.5
-                * (prepared_15 * t826 - prepared_9 * t893 - prepared_16 * t825
-                    - prepared_17 * t860 - prepared_18 * t859 + prepared_8 * t894);
+                * (prepared_15 * t826 - prepared_9 * t893 - prepared_16 * t825 - prepared_17 * t860
+                - prepared_18 * t859 + prepared_8 * t894);
             jacobian[0][lane] = t86 + t486;
             jacobian[1][lane] = t85 + t498;
             jacobian[2][lane] = t84 + t493;
@@ -16418,27 +15151,26 @@ pub mod full_rack {
             jacobian[74][lane] = t1053;
             jacobian[75][lane] = -t1052;
             jacobian[76][lane] = -t1051;
-            jacobian[77][lane] = t143 * t881 + t138 * t882 + t221 * t847 + t154 * t848
-                + t235 * t813 - t160 * t814;
-            jacobian[78][lane] = t159 * t819 - t137 * t887 - prepared_11 * t888
-                - t153 * t853 - prepared_19 * t854 - prepared_20 * t820;
-            jacobian[79][lane] = prepared_13 * t825 - prepared_10 * t893
-                - prepared_12 * t859;
+            jacobian[77][lane] = t143 * t881 + t138 * t882 + t221 * t847 + t154 * t848 + t235 * t813
+                - t160 * t814;
+            jacobian[78][lane] = t159 * t819 - t137 * t887 - prepared_11 * t888 - t153 * t853
+                - prepared_19 * t854 - prepared_20 * t820;
+            jacobian[79][lane] = prepared_13 * t825 - prepared_10 * t893 - prepared_12 * t859;
             jacobian[80][lane] = cos_target_rotation_x
                 * (sin_target_rotation_y * t985 + sin_target_rotation_z * t727
-                    - cos_target_rotation_z * t730 + cos_target_rotation_y * t949)
+                - cos_target_rotation_z * t730 + cos_target_rotation_y * t949)
                 - sin_target_rotation_x
-                    * (sin_target_rotation_y * t738 + cos_target_rotation_y * t733
-                        + cos_target_rotation_z * t946 - sin_target_rotation_z * t943);
+                * (sin_target_rotation_y * t738 + cos_target_rotation_y * t733
+                + cos_target_rotation_z * t946 - sin_target_rotation_z * t943);
             jacobian[81][lane] = cos_target_rotation_y
                 * (sin_target_rotation_x * t985 - t236 * t383 + t239 * t382 - t240
-                    + cos_target_rotation_x * t738)
+                + cos_target_rotation_x * t738)
                 - sin_target_rotation_y
-                    * (cos_target_rotation_x * t733 + sin_target_rotation_x * t949
-                        + sin_target_rotation_z * t975 + cos_target_rotation_z * t972);
+                * (cos_target_rotation_x * t733 + sin_target_rotation_x * t949
+                + sin_target_rotation_z * t975 + cos_target_rotation_z * t972);
             jacobian[82][lane] = t213 * t730 - t214 * t727 + t207 * t946 - t208 * t943
                 + cos_target_rotation_y
-                    * (cos_target_rotation_z * t975 - sin_target_rotation_z * t972);
+                * (cos_target_rotation_z * t975 - sin_target_rotation_z * t972);
             jacobian[83][lane] = t1163;
             jacobian[84][lane] = t1175;
             jacobian[85][lane] = t1170;
@@ -16451,27 +15183,26 @@ pub mod full_rack {
             jacobian[92][lane] = -t1179;
             jacobian[93][lane] = -t1178;
             jacobian[94][lane] = -t1177;
-            jacobian[95][lane] = t169 * t881 + t137 * t882 + t268 * t847 + t153 * t848
-                - t282 * t813 - t159 * t814;
-            jacobian[96][lane] = t138 * t887 + prepared_14 * t888 + t154 * t853
-                - prepared_21 * t854 - t160 * t819 + prepared_22 * t820;
-            jacobian[97][lane] = prepared_13 * t826 - prepared_10 * t894
-                - prepared_12 * t860;
+            jacobian[95][lane] = t169 * t881 + t137 * t882 + t268 * t847 + t153 * t848 - t282 * t813
+                - t159 * t814;
+            jacobian[96][lane] = t138 * t887 + prepared_14 * t888 + t154 * t853 - prepared_21 * t854
+                - t160 * t819 + prepared_22 * t820;
+            jacobian[97][lane] = prepared_13 * t826 - prepared_10 * t894 - prepared_12 * t860;
             jacobian[98][lane] = cos_target_rotation_x
                 * (sin_target_rotation_y * t1111 + sin_target_rotation_z * t748
-                    - cos_target_rotation_z * t751 + cos_target_rotation_y * t1075)
+                - cos_target_rotation_z * t751 + cos_target_rotation_y * t1075)
                 - sin_target_rotation_x
-                    * (sin_target_rotation_y * t759 + cos_target_rotation_y * t754
-                        + cos_target_rotation_z * t1072 - sin_target_rotation_z * t1069);
+                * (sin_target_rotation_y * t759 + cos_target_rotation_y * t754
+                + cos_target_rotation_z * t1072 - sin_target_rotation_z * t1069);
             jacobian[99][lane] = cos_target_rotation_y
                 * (sin_target_rotation_x * t1111 - t283 * t383 + t286 * t382 + t287
-                    + cos_target_rotation_x * t759)
+                + cos_target_rotation_x * t759)
                 - sin_target_rotation_y
-                    * (cos_target_rotation_x * t754 + sin_target_rotation_x * t1075
-                        + sin_target_rotation_z * t1101 + cos_target_rotation_z * t1098);
+                * (cos_target_rotation_x * t754 + sin_target_rotation_x * t1075
+                + sin_target_rotation_z * t1101 + cos_target_rotation_z * t1098);
             jacobian[100][lane] = t213 * t751 - t214 * t748 + t207 * t1072 - t208 * t1069
                 + cos_target_rotation_y
-                    * (cos_target_rotation_z * t1101 - sin_target_rotation_z * t1098);
+                * (cos_target_rotation_z * t1101 - sin_target_rotation_z * t1098);
             jacobian[101][lane] = t1289;
             jacobian[102][lane] = t1301;
             jacobian[103][lane] = t1296;
@@ -16487,24 +15218,23 @@ pub mod full_rack {
             jacobian[113][lane] = t193 * t881 - t192 * t882 - t319 * t847 - t318 * t848
                 + t339 * t813 - t338 * t814;
             jacobian[114][lane] = t191 * t887 - t317 * t853 + t337 * t819;
-            jacobian[115][lane] = prepared_14 * t893 + prepared_11 * t894
-                - prepared_21 * t859 + prepared_19 * t860 + prepared_22 * t825
-                + prepared_20 * t826;
+            jacobian[115][lane] = prepared_14 * t893 + prepared_11 * t894 - prepared_21 * t859
+                + prepared_19 * t860 + prepared_22 * t825 + prepared_20 * t826;
             jacobian[116][lane] = cos_target_rotation_x
                 * (sin_target_rotation_y * t1237 + sin_target_rotation_z * t769
-                    - cos_target_rotation_z * t772 - cos_target_rotation_y * t1201)
+                - cos_target_rotation_z * t772 - cos_target_rotation_y * t1201)
                 - sin_target_rotation_x
-                    * (sin_target_rotation_y * t780 + cos_target_rotation_y * t775
-                        + cos_target_rotation_z * t1198 - sin_target_rotation_z * t1195);
+                * (sin_target_rotation_y * t780 + cos_target_rotation_y * t775
+                + cos_target_rotation_z * t1198 - sin_target_rotation_z * t1195);
             jacobian[117][lane] = cos_target_rotation_y
                 * (sin_target_rotation_x * t1237 - t340 * t383 + t345 * t382 - t346
-                    + cos_target_rotation_x * t780)
+                + cos_target_rotation_x * t780)
                 - sin_target_rotation_y
-                    * (cos_target_rotation_x * t775 - sin_target_rotation_x * t1201
-                        + sin_target_rotation_z * t1227 + cos_target_rotation_z * t1224);
+                * (cos_target_rotation_x * t775 - sin_target_rotation_x * t1201
+                + sin_target_rotation_z * t1227 + cos_target_rotation_z * t1224);
             jacobian[118][lane] = t213 * t772 - t214 * t769 + t207 * t1198 - t208 * t1195
                 + cos_target_rotation_y
-                    * (cos_target_rotation_z * t1227 - sin_target_rotation_z * t1224);
+                * (cos_target_rotation_z * t1227 - sin_target_rotation_z * t1224);
         }
     }
     /// `F·(C(q) + A(q)·m) + t − x`
@@ -16557,13 +15287,14 @@ pub mod full_rack {
             let y = prepared[3][lane];
             let z = prepared[4][lane];
             let &[joint1_track_offset_x, joint1_track_offset_y, joint1_track_offset_z,
-            joint1_track_direction_x, joint1_track_direction_y, joint1_track_direction_z,
-            joint2_track_offset_x, joint2_track_offset_y, joint2_track_offset_z,
-            joint2_track_direction_x, joint2_track_direction_y, joint2_track_direction_z,
-            rack_pitch_sine, rack_pitch_cosine, rack_pitch_period, frame_translation_x,
-            frame_translation_y, frame_translation_z, frame_rotation_x, frame_rotation_y,
-            frame_rotation_z, target_position_x, target_position_y, target_position_z] = parameters
-            else { panic!("`parameters` must hold 24 numbers") };
+                joint1_track_direction_x, joint1_track_direction_y, joint1_track_direction_z,
+                joint2_track_offset_x, joint2_track_offset_y, joint2_track_offset_z,
+                joint2_track_direction_x, joint2_track_direction_y, joint2_track_direction_z,
+                rack_pitch_sine, rack_pitch_cosine, rack_pitch_period, frame_translation_x,
+                frame_translation_y, frame_translation_z, frame_rotation_x, frame_rotation_y,
+                frame_rotation_z, target_position_x, target_position_y,
+                target_position_z] =
+                parameters else { panic!("`parameters` must hold 24 numbers") };
             let t1 = q * joint1_track_direction_x;
             let t2 = q * joint1_track_direction_y;
             let t3 = q * joint1_track_direction_z;
@@ -16582,30 +15313,21 @@ pub mod full_rack {
             let t35 = 0.5 * (joint1_track_direction_x + joint2_track_direction_x);
             let t36 = 0.5 * (joint1_track_direction_y + joint2_track_direction_y);
             let t37 = 0.5 * (joint1_track_direction_z + joint2_track_direction_z);
-            let (sin_frame_rotation_z, cos_frame_rotation_z) = math::sin_cos(
-                frame_rotation_z,
-            );
-            let (sin_frame_rotation_y, cos_frame_rotation_y) = math::sin_cos(
-                frame_rotation_y,
-            );
-            let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(
-                frame_rotation_x,
-            );
+            let (sin_frame_rotation_z, cos_frame_rotation_z) = math::sin_cos(frame_rotation_z);
+            let (sin_frame_rotation_y, cos_frame_rotation_y) = math::sin_cos(frame_rotation_y);
+            let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(frame_rotation_x);
             let t60 = t15 * t15 + t14 * t14 + t16 * t16;
             let t61 = (t15 * t19 - t16 * t18) / t60;
             let t62 = (t16 * t17 - t14 * t19) / t60;
             let t63 = (t14 * t18 - t15 * t17) / t60;
             let t67 = 1.0 / math::sqrt(t36 * t36 + t35 * t35 + t37 * t37);
-            let t83 = target_position_z * t62 - target_position_y * t63
-                + target_position_x
+            let t83 = target_position_z * t62 - target_position_y * t63 + target_position_x
                 + 0.5 * (t4 + joint1_track_offset_x + t1 + joint2_track_offset_x)
                 + t13 * (t35 * t67);
-            let t87 = target_position_x * t63 - target_position_z * t61
-                + target_position_y
+            let t87 = target_position_x * t63 - target_position_z * t61 + target_position_y
                 + 0.5 * (t5 + joint1_track_offset_y + t2 + joint2_track_offset_y)
                 + t13 * (t36 * t67);
-            let t91 = target_position_y * t61 - target_position_x * t62
-                + target_position_z
+            let t91 = target_position_y * t61 - target_position_x * t62 + target_position_z
                 + 0.5 * (t6 + joint1_track_offset_z + t3 + joint2_track_offset_z)
                 + t13 * (t37 * t67);
             let t96 = cos_frame_rotation_x * t87 - sin_frame_rotation_x * t91;
@@ -16632,13 +15354,14 @@ pub mod full_rack {
             let y = prepared[3][lane];
             let z = prepared[4][lane];
             let &[joint1_track_offset_x, joint1_track_offset_y, joint1_track_offset_z,
-            joint1_track_direction_x, joint1_track_direction_y, joint1_track_direction_z,
-            joint2_track_offset_x, joint2_track_offset_y, joint2_track_offset_z,
-            joint2_track_direction_x, joint2_track_direction_y, joint2_track_direction_z,
-            rack_pitch_sine, rack_pitch_cosine, rack_pitch_period, frame_translation_x,
-            frame_translation_y, frame_translation_z, frame_rotation_x, frame_rotation_y,
-            frame_rotation_z, target_position_x, target_position_y, target_position_z] = parameters
-            else { panic!("`parameters` must hold 24 numbers") };
+                joint1_track_direction_x, joint1_track_direction_y, joint1_track_direction_z,
+                joint2_track_offset_x, joint2_track_offset_y, joint2_track_offset_z,
+                joint2_track_direction_x, joint2_track_direction_y, joint2_track_direction_z,
+                rack_pitch_sine, rack_pitch_cosine, rack_pitch_period, frame_translation_x,
+                frame_translation_y, frame_translation_z, frame_rotation_x, frame_rotation_y,
+                frame_rotation_z, target_position_x, target_position_y,
+                target_position_z] =
+                parameters else { panic!("`parameters` must hold 24 numbers") };
             let t1 = q * joint1_track_direction_x;
             let t2 = q * joint1_track_direction_y;
             let t3 = q * joint1_track_direction_z;
@@ -16658,21 +15381,13 @@ pub mod full_rack {
             let t35 = 0.5 * (joint1_track_direction_x + joint2_track_direction_x);
             let t36 = 0.5 * (joint1_track_direction_y + joint2_track_direction_y);
             let t37 = 0.5 * (joint1_track_direction_z + joint2_track_direction_z);
-            let (sin_frame_rotation_z, cos_frame_rotation_z) = math::sin_cos(
-                frame_rotation_z,
-            );
-            let (sin_frame_rotation_y, cos_frame_rotation_y) = math::sin_cos(
-                frame_rotation_y,
-            );
+            let (sin_frame_rotation_z, cos_frame_rotation_z) = math::sin_cos(frame_rotation_z);
+            let (sin_frame_rotation_y, cos_frame_rotation_y) = math::sin_cos(frame_rotation_y);
             let t45 = cos_frame_rotation_z * sin_frame_rotation_y;
             let t46 = cos_frame_rotation_z * cos_frame_rotation_y;
-            let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(
-                frame_rotation_x,
-            );
-            let t53 = t45 * sin_frame_rotation_x
-                - sin_frame_rotation_z * cos_frame_rotation_x;
-            let t54 = t45 * cos_frame_rotation_x
-                + sin_frame_rotation_z * sin_frame_rotation_x;
+            let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(frame_rotation_x);
+            let t53 = t45 * sin_frame_rotation_x - sin_frame_rotation_z * cos_frame_rotation_x;
+            let t54 = t45 * cos_frame_rotation_x + sin_frame_rotation_z * sin_frame_rotation_x;
             let t64 = t13 * t54;
             let t65 = t13 * t53;
             let t66 = t13 * t46;
@@ -16681,10 +15396,8 @@ pub mod full_rack {
             let t74 = 0.5 * t46;
             let t75 = sin_frame_rotation_z * sin_frame_rotation_y;
             let t76 = sin_frame_rotation_z * cos_frame_rotation_y;
-            let t81 = sin_frame_rotation_x * t75
-                + cos_frame_rotation_z * cos_frame_rotation_x;
-            let t82 = cos_frame_rotation_x * t75
-                - cos_frame_rotation_z * sin_frame_rotation_x;
+            let t81 = sin_frame_rotation_x * t75 + cos_frame_rotation_z * cos_frame_rotation_x;
+            let t82 = cos_frame_rotation_x * t75 - cos_frame_rotation_z * sin_frame_rotation_x;
             let t92 = t13 * t82;
             let t93 = t13 * t81;
             let t94 = t13 * t76;
@@ -16708,18 +15421,12 @@ pub mod full_rack {
             let t146 = t35 * t145;
             let t147 = t36 * t145;
             let t148 = t37 * t145;
-            let t161 = target_position_z * t140 - target_position_y * t141
-                + target_position_x
-                + 0.5 * (t4 + joint1_track_offset_x + t1 + joint2_track_offset_x)
-                + t13 * t146;
-            let t165 = target_position_x * t141 - target_position_z * t139
-                + target_position_y
-                + 0.5 * (t5 + joint1_track_offset_y + t2 + joint2_track_offset_y)
-                + t13 * t147;
-            let t169 = target_position_y * t139 - target_position_x * t140
-                + target_position_z
-                + 0.5 * (t6 + joint1_track_offset_z + t3 + joint2_track_offset_z)
-                + t13 * t148;
+            let t161 = target_position_z * t140 - target_position_y * t141 + target_position_x
+                + 0.5 * (t4 + joint1_track_offset_x + t1 + joint2_track_offset_x) + t13 * t146;
+            let t165 = target_position_x * t141 - target_position_z * t139 + target_position_y
+                + 0.5 * (t5 + joint1_track_offset_y + t2 + joint2_track_offset_y) + t13 * t147;
+            let t169 = target_position_y * t139 - target_position_x * t140 + target_position_z
+                + 0.5 * (t6 + joint1_track_offset_z + t3 + joint2_track_offset_z) + t13 * t148;
             let t186 = t54 * t148 + t53 * t147 + t46 * t146;
             let t190 = t145 * t145;
             let t192 = 2.0 * t144;
@@ -16770,10 +15477,8 @@ pub mod full_rack {
             let t399 = 0.5 * (t114 * t145 - t390 - t390);
             let t400 = 0.5 * (t115 * t145 - t393 - t393);
             let t401 = -0.5 * (t396 + t116 * t145 + t396);
-            let t402 = (target_position_x * t103
-                + target_position_y * sin_frame_rotation_y) / t138;
-            let t404 = (target_position_x * t104
-                + target_position_z * sin_frame_rotation_y) / t138;
+            let t402 = (target_position_x * t103 + target_position_y * sin_frame_rotation_y) / t138;
+            let t404 = (target_position_x * t104 + target_position_z * sin_frame_rotation_y) / t138;
             let t406 = (target_position_y * t104 - target_position_z * t103) / t138;
             let t409 = t140 * t404 - t141 * t402 - t139 * t406;
             let t420 = t218 * t409 + t18 * t402 + t19 * t404;

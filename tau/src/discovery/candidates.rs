@@ -484,3 +484,48 @@ pub(super) fn columns(entries: &[Entry], wanted: &[usize], probes: &Probes) -> D
     }
     columns
 }
+
+#[cfg(test)]
+mod tests {
+    use tau_codegen::language::{check_text, effects_from_text};
+
+    use super::*;
+
+    #[test]
+    fn waves_are_alike_whatever_their_parameters_are_called() {
+        let model = check_text(
+            "robot Slide { track one; track two; cluster a on one { link l; } cluster b on two { link m; }
+             variant N { arm reduced; tracks linear; } }",
+        )
+        .unwrap();
+        let text = "
+            effect wave on cart { param a, b: length; search p: length in 4 mm ..= 50 mm;
+                along += a * sin(2*pi*q/p) + b * cos(2*pi*q/p); }
+            effect richer on cart { param sine, c: length; optional param d: length;
+                search period: length in 60 mm ..= 1 m;
+                along += sine * sin(2*pi*q/period) + c * cos(2*pi*q/period); along += d * sin(4*pi*q/period); }
+            effect twice on cart { param a, b: length; search p: length in 4 mm ..= 50 mm;
+                along += a * sin(4*pi*q/p) + b * cos(4*pi*q/p); }
+            effect upwards on cart { param a, b: length; search p: length in 4 mm ..= 50 mm;
+                vertical += a * sin(2*pi*q/p) + b * cos(2*pi*q/p); }
+            effect swapped on cart { param a, b: length; search p: length in 4 mm ..= 50 mm;
+                along += b * sin(2*pi*q/p) + a * cos(2*pi*q/p); }";
+        let model = effects_from_text(text, &model).unwrap();
+        let at = |name: &str, track| {
+            let index = model.effects.iter().position(|effect| effect.name == name);
+            let place = Place::Cart {
+                track,
+                source: None,
+            };
+            let index = index.unwrap();
+            Candidate::new(index, &model.effects[index], place, String::new(), None)
+        };
+        let wave = at("wave", 0);
+        assert!(wave.looks_like(&at("richer", 0), &model));
+        assert!(at("richer", 0).looks_like(&wave, &model));
+        assert!(!wave.looks_like(&at("richer", 1), &model));
+        for other in ["twice", "upwards", "swapped"] {
+            assert!(!wave.looks_like(&at(other, 0), &model), "{other}");
+        }
+    }
+}

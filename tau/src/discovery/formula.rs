@@ -169,9 +169,10 @@ impl<'a> Formulas<'a> {
             Formula::Negate(a) => Formula::Negate(form(a)),
             Formula::Power(a, n) => Formula::Power(form(a), *n),
             Formula::Binary(operator, a, b) => Formula::Binary(*operator, form(a), form(b)),
-            Formula::Call(function, parts) => {
-                Formula::Call(*function, parts.iter().map(|part| self.form(part)).collect())
-            }
+            Formula::Call(function, parts) => Formula::Call(
+                *function,
+                parts.iter().map(|part| self.form(part)).collect(),
+            ),
             Formula::Vector(parts) => {
                 Formula::Vector(Box::new(parts.each_ref().map(|part| self.form(part))))
             }

@@ -9,7 +9,7 @@ use super::super::parallel;
 use super::super::response::{Responses, single};
 use super::super::scan::{LEAST_SHOWN, global_p, peaks, signs};
 use super::super::view::View;
-use super::searched::{Scan, Scans};
+use super::searched::{Scan, Scanned, Scans};
 use super::{Bench, Table, f_form};
 
 /// Null scans in which upcrossings are counted.
@@ -42,13 +42,9 @@ impl Bench {
         let tasks: Vec<Option<usize>> = std::iter::once(None)
             .chain((0..table.bands.len()).map(Some))
             .collect();
-        let of_tasks = parallel::map(&tasks, |&task| {
-            match task {
-                None => self.plain_exceeds(table, (adjusted, degrees), &sums, &residuals),
-                Some(place) => {
-                    self.band_exceeds(table, place, (adjusted, degrees), &sums, &residuals)
-                }
-            }
+        let of_tasks = parallel::map(&tasks, |&task| match task {
+            None => self.plain_exceeds(table, (adjusted, degrees), &sums, &residuals),
+            Some(place) => self.band_exceeds(table, place, (adjusted, degrees), &sums, &residuals),
         });
         for of_task in of_tasks {
             exceeded
@@ -109,7 +105,9 @@ impl Bench {
         let levels: Vec<(f64, f64, f64)> = scans
             .iter()
             .map(|scan| {
-                let (rank, crossings) = self.search_of(scan, &table.bands);
+                let Scanned {
+                    rank, crossings, ..
+                } = self.scanned(scan, &table.bands);
                 let is_named = self.candidates[scan.candidate].is_named();
                 (rank, crossings, adjusted * table.weights.of(is_named))
             })

@@ -22,6 +22,15 @@ pub(super) struct Scan {
     pub(super) bands: Vec<usize>,
 }
 
+/// A scan with its scores in a table.
+pub(in super::super) struct Scanned<'a> {
+    pub(in super::super) bands: Vec<(&'a Band, &'a Scores)>,
+    /// Largest number of amplitudes that can be told apart.
+    pub(in super::super) rank: f64,
+    /// Mean number of upcrossings where there is no effect.
+    pub(in super::super) crossings: f64,
+}
+
 /// Searched candidates, and bands that none before them had.
 #[derive(Default)]
 pub(super) struct Scans {
@@ -75,7 +84,10 @@ impl Bench {
         scan: &Scan,
         bands: &[Arc<Scores>],
     ) -> Option<Score> {
-        let (rank, crossings) = self.search_of(scan, bands);
+        let scanned = self.scanned(scan, bands);
+        let Scanned {
+            rank, crossings, ..
+        } = scanned;
         if rank == 0.0 || self.hidden.contains(&scan.candidate) {
             return None;
         }
@@ -83,19 +95,18 @@ impl Bench {
             let (equivalent, _) = f_form(statistic, rank, view.total(), view.degrees);
             global_p(equivalent, rank, crossings)
         };
-        let scores = || scan.bands.iter().map(|&place| &bands[place]);
-        let highest = scores().map(|band| band.highest()).fold(0.0, f64::max);
+        let highest = scanned.bands.iter().map(|(_, scores)| scores.highest());
+        let highest = highest.fold(0.0, f64::max);
         let height = LEAST_SHOWN * highest;
         let peaks = if p_value(highest / LEAST_SHOWN) > LEVEL {
             // Nothing between the points of the grid could be significant, not even alone.
-            let of_band = |&place: &usize| Some((&self.band(place)?.grid, &bands[place].statistics));
-            (scan.bands.iter().filter_map(of_band))
-                .flat_map(|(grid, statistics)| {
-                    peaks(statistics, height).map(|k| (grid[k], statistics[k]))
-                })
-                .collect()
+            let of_band = |(band, scores): &(&Band, &Scores)| -> Vec<(f64, f64)> {
+                let at = |k: usize| (band.grid[k], scores.statistics[k]);
+                peaks(&scores.statistics, height).map(at).collect()
+            };
+            scanned.bands.iter().flat_map(of_band).collect()
         } else {
-            self.refined(responses, scan, bands, height)
+            self.refined(responses, scan.candidate, &scanned, height)
         };
         let described = &self.candidates[scan.candidate];
         let (value, statistic) = peaks
@@ -113,37 +124,44 @@ impl Bench {
         })
     }
 
-    /// Largest number of amplitudes of a scan that can be told apart, and its mean upcrossings.
-    pub(super) fn search_of(&self, scan: &Scan, bands: &[Arc<Scores>]) -> (f64, f64) {
-        let ranks = scan.bands.iter().map(|&place| bands[place].rank());
-        let crossings = scan.bands.iter().filter_map(|&place| self.band(place)?.crossings());
-        (ranks.max().unwrap_or(0) as f64, crossings.sum())
+    /// A scan with the scores of its bands.
+    pub(super) fn scanned<'a>(&'a self, scan: &Scan, bands: &'a [Arc<Scores>]) -> Scanned<'a> {
+        let of_band = |&place: &usize| Some((self.band(place)?, &*bands[place]));
+        let bands: Vec<(&Band, &Scores)> = scan.bands.iter().filter_map(of_band).collect();
+        let ranks = bands.iter().map(|(_, scores)| scores.rank());
+        Scanned {
+            rank: ranks.max().unwrap_or(0) as f64,
+            crossings: bands.iter().filter_map(|(band, _)| band.crossings()).sum(),
+            bands,
+        }
     }
 
     /// The peaks of a scan that reach a height on the grid: value of what is searched, and statistic.
     fn refined(
         &self,
         responses: &Responses,
-        scan: &Scan,
-        bands: &[Arc<Scores>],
+        candidate: usize,
+        scanned: &Scanned<'_>,
         height: f64,
     ) -> Vec<(f64, f64)> {
-        let of_band = |&place: &usize| {
-            let (band, statistics) = (self.band(place)?, &bands[place].statistics);
-            Some(peaks(statistics, height).map(move |k| {
-                let on_grid = (band.grid[k], statistics[k]);
-                band.around(k)
-                    .filter_map(|value| {
-                        let point = self.point(responses, scan.candidate, value)?;
-                        Some((value, point.statistic(&point.columns.score(responses))))
-                    })
-                    .fold(
-                        on_grid,
-                        |best, next| if next.1 > best.1 { next } else { best },
-                    )
-            }))
+        let of_peak = |band: &Band, k: usize, on_grid: (f64, f64)| {
+            band.around(k)
+                .filter_map(|value| {
+                    let point = self.point(responses, candidate, value)?;
+                    Some((value, point.statistic(&point.columns.score(responses))))
+                })
+                .fold(
+                    on_grid,
+                    |best, next| if next.1 > best.1 { next } else { best },
+                )
         };
-        scan.bands.iter().filter_map(of_band).flatten().collect()
+        let mut refined = Vec::new();
+        for (band, Scores { statistics, .. }) in &scanned.bands {
+            refined.extend(
+                peaks(statistics, height).map(|k| of_peak(band, k, (band.grid[k], statistics[k]))),
+            );
+        }
+        refined
     }
 
     /// A searched candidate at a value, beside a model.
@@ -183,20 +201,17 @@ impl Bench {
         let described = &self.candidates[score.candidate];
         let apart = lobe(reach(described, &self.model, &self.samples));
         let least = score.statistic - AS_GOOD;
-        self.refined(
-            &table.responses,
-            scan,
-            &table.bands,
-            LEAST_SHOWN * least,
-        )
-        .into_iter()
-        .filter(|(value, statistic)| {
-            *statistic > least
-                && described.allows(*value)
-                && (value.recip() - best.recip()).abs() > apart
-        })
-        .map(|(value, _)| value)
-        .collect()
+        let scanned = self.scanned(scan, &table.bands);
+        let height = LEAST_SHOWN * least;
+        self.refined(&table.responses, score.candidate, &scanned, height)
+            .into_iter()
+            .filter(|(value, statistic)| {
+                *statistic > least
+                    && described.allows(*value)
+                    && (value.recip() - best.recip()).abs() > apart
+            })
+            .map(|(value, _)| value)
+            .collect()
     }
 
     /// A band, by its place: those of unnamed families last.
@@ -221,7 +236,8 @@ impl Bench {
     /// The scans of unnamed families, which are built when first wanted.
     pub(super) fn family_scans(&self) -> &Scans {
         self.family_scans.get_or_init(|| {
-            let scanned = parallel::map(&self.searched_families, |&family| self.family_scan(family));
+            let scanned =
+                parallel::map(&self.searched_families, |&family| self.family_scan(family));
             let mut families = Scans::default();
             let first = self.scans.bands.len();
             for (mut scan, bands) in scanned.into_iter().flatten() {
@@ -239,38 +255,24 @@ impl Bench {
     fn family_scan(&self, family: usize) -> Option<(Scan, Vec<Band>)> {
         let described = &self.candidates[family];
         let (_, range) = described.search?;
-        let mut shared: Vec<(usize, (f64, f64))> = (self.scans.scans.iter())
+        let alike: Vec<(usize, (f64, f64))> = (self.scans.scans.iter())
             .filter(|scan| self.candidates[scan.candidate].looks_like(described, &self.model))
-            .flat_map(|scan| {
-                let (_, of_name) = self.candidates[scan.candidate].search?;
-                Some((scan.bands[0], of_name))
-            })
-            .filter(|(_, (low, high))| range.0 <= *low && *high <= range.1)
+            .filter_map(|scan| Some((scan.bands[0], self.candidates[scan.candidate].search?.1)))
             .collect();
-        shared.sort_by(|a, b| a.1.0.total_cmp(&b.1.0));
-        let (mut bands, mut gaps, mut from) = (vec![], vec![], range.0);
-        for (band, (low, high)) in shared {
-            if low < from {
-                continue;
-            }
-            bands.push(band);
-            gaps.push((from, low));
-            from = high;
-        }
-        gaps.push((from, range.1));
+        let (bands, gaps) = covered(range, alike);
         let reach = reach(described, &self.model, &self.samples);
-        let own = (gaps.into_iter())
-            .filter(|(low, high)| low < high)
-            .map(|gap| {
-                Band::new(
-                    described,
-                    &self.model,
-                    &self.probes,
-                    &self.samples,
-                    &self.surroundings,
-                    (gap, reach),
-                )
-            });
+        let own = gaps.into_iter().map(|gap| {
+            let (probes, samples) = (&self.probes, &self.samples);
+            let range = (gap, reach);
+            Band::new(
+                described,
+                &self.model,
+                probes,
+                samples,
+                &self.surroundings,
+                range,
+            )
+        });
         let own = own.collect::<Result<Vec<Band>, _>>().ok()?;
         let scan = Scan {
             candidate: family,
@@ -293,16 +295,16 @@ impl Bench {
         self.expanded(view, candidate, &values)
     }
 
-    /// The bands of a searched candidate with their scores in a table; its rank, and its mean upcrossings.
-    pub(in super::super) fn scanned<'a>(
+    /// The scan of a searched candidate with its scores in a table.
+    pub(in super::super) fn scan_in<'a>(
         &'a self,
         table: &'a Table,
         candidate: usize,
-    ) -> Option<(Vec<(&'a Band, &'a Scores)>, (f64, f64))> {
-        let scan = self.scans_in(table).find(|scan| scan.candidate == candidate)?;
-        let of_band = |&place: &usize| Some((self.band(place)?, &*table.bands[place]));
-        let bands = scan.bands.iter().filter_map(of_band).collect();
-        Some((bands, self.search_of(scan, &table.bands)))
+    ) -> Option<Scanned<'a>> {
+        let scan = self
+            .scans_in(table)
+            .find(|scan| scan.candidate == candidate)?;
+        Some(self.scanned(scan, &table.bands))
     }
 
     /// Columns of a named candidate that is in sight, in units of the stated noise; of a searched one,
@@ -322,6 +324,25 @@ impl Bench {
     }
 }
 
+/// Which of some bands cover a range without going beyond it or into each other, and what they leave of it.
+fn covered(
+    (low, high): (f64, f64),
+    mut bands: Vec<(usize, (f64, f64))>,
+) -> (Vec<usize>, Vec<(f64, f64)>) {
+    bands.sort_by(|(_, a), (_, b)| a.0.total_cmp(&b.0));
+    let (mut taken, mut gaps, mut from) = (vec![], vec![], low);
+    for (band, (first, last)) in bands {
+        if from <= first && last <= high {
+            taken.push(band);
+            gaps.push((from, first));
+            from = last;
+        }
+    }
+    gaps.push((from, high));
+    gaps.retain(|(low, high)| low < high);
+    (taken, gaps)
+}
+
 /// Widest range of the commands that a searched effect sees.
 pub(super) fn reach(candidate: &Candidate, model: &Model, samples: &[Sample]) -> f64 {
     let own = match candidate.place {
@@ -336,4 +357,33 @@ pub(super) fn reach(candidate: &Candidate, model: &Model, samples: &[Sample]) ->
         .iter()
         .filter_map(|sample| sample.commands_m.get(own.unwrap_or(0)));
     widest(commands)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::covered;
+
+    #[test]
+    fn bands_and_gaps_make_up_the_range() {
+        let bands = vec![(7, (60.0, 100.0)), (3, (4.0, 50.0))];
+        assert_eq!(
+            covered((4.0, 100.0), bands),
+            (vec![3, 7], vec![(50.0, 60.0)])
+        );
+        assert_eq!(covered((4.0, 9.0), vec![]), (vec![], vec![(4.0, 9.0)]));
+    }
+
+    #[test]
+    fn a_band_beyond_the_range_or_into_another_is_not_shared() {
+        let bands = vec![
+            (0, (1.0, 5.0)),
+            (1, (4.0, 6.0)),
+            (2, (5.0, 8.0)),
+            (3, (8.0, 11.0)),
+        ];
+        assert_eq!(
+            covered((2.0, 10.0), bands),
+            (vec![1], vec![(2.0, 4.0), (6.0, 10.0)])
+        );
+    }
 }

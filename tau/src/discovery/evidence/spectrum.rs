@@ -24,7 +24,8 @@ pub(super) fn spectrum(
     residuals: [&DVector<f64>; 2],
     factors: &[f64],
 ) -> Option<Spectrum> {
-    let (bands, (rank, crossings)) = bench.scanned(first, candidate)?;
+    let scanned = bench.scan_in(first, candidate)?;
+    let rank = scanned.rank;
     let described = &bench.candidates[candidate];
     let (searched, _) = described.search?;
     if rank == 0.0 {
@@ -34,7 +35,7 @@ pub(super) fn spectrum(
         let left = left_by(base, residuals, factors);
         let (left, total) = (by_probe(bench, base, &left), left.norm_squared());
         let mut statistics = Vec::new();
-        for (band, scores) in &bands {
+        for (band, scores) in &scanned.bands {
             let scanned = band.flipped(scores, &left);
             let scanned = scanned.iter().copied().map(f64::from);
             statistics.extend(scanned.map(|own| f_form(own, rank, total, base.degrees).0));
@@ -43,9 +44,9 @@ pub(super) fn spectrum(
     });
     let level = LEVEL / first.scores.len().max(1) as f64;
     let threshold = bisect(rank, 10.0 * rank + 20.0, |statistic| {
-        global_p(statistic, rank, crossings) - level
+        global_p(statistic, rank, scanned.crossings) - level
     });
-    let whole: Vec<[f64; 3]> = bands
+    let whole: Vec<[f64; 3]> = (scanned.bands)
         .iter()
         .flat_map(|(band, _)| &band.grid)
         .zip(before)
