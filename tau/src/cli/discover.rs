@@ -1,8 +1,6 @@
 //! `tau discover`.
 
-use std::panic::resume_unwind;
 use std::path::Path;
-use std::thread::ScopedJoinHandle;
 
 use tau_codegen::CompiledRobot;
 use tau_codegen::emit;
@@ -52,23 +50,27 @@ pub(super) fn run(
         catalogues: own.into_iter().chain([CATALOGUE.to_owned()]).collect(),
     };
     let spinner = Spinner::new(console);
-    let (found, compiled) = std::thread::scope(|scope| {
-        // The variants that there are need not wait for what is found to be compiled.
-        let compiled = scope.spawn(|| compiled(robot));
-        let found = discover(robot, &base, file, folder, &options, &mut |doing| {
-            spinner.show(doing);
-        });
-        (found, joined(compiled))
-    });
+    // The variants that there are need not wait for what is found to be compiled.
+    let (found, compiled) = rayon::join(
+        || {
+            discover(robot, &base, file, folder, &options, &mut |doing| {
+                spinner.show(doing);
+            })
+        },
+        || compiled(robot),
+    );
     let (found, compiled) = (found?, compiled?);
     spinner.show("calibrating what was found");
     let discovery = &found.discovery;
-    let (code, calibrated) = std::thread::scope(|scope| {
-        let code = scope.spawn(|| generated(compiled, &discovery.model_text));
-        let robot = found.robot();
-        let calibrated = robot.and_then(|robot| found.calibrate(&robot, file, folder));
-        (joined(code), calibrated)
-    });
+    let (code, (calibrated, page)) = rayon::join(
+        || generated(compiled, &discovery.model_text),
+        || {
+            let of_found = found.robot();
+            let calibrated = of_found.and_then(|robot| found.calibrate(&robot, file, folder));
+            let page = report::html::discovery_page(discovery, &robot.name, &folder.name);
+            (calibrated, page)
+        },
+    );
     let code = code?;
     let calibrated = calibrated?;
     drop(spinner);
@@ -77,10 +79,7 @@ pub(super) fn run(
         (DESCRIPTION, discovery.model_text.clone()),
         ("discovered.rs", code),
         ("robot.toml", calibrated.file.to_toml()),
-        (
-            "report.html",
-            report::html::discovery_page(discovery, &robot.name, &folder.name),
-        ),
+        ("report.html", page),
     ]
     .map(|(name, content)| (out.join(name), content));
     let summary = format!("{}, {}\n\n", robot.name, folder.name)
@@ -130,10 +129,6 @@ fn catalogue(path: &Path, model: &Model) -> Result<String, InputError> {
         InputError::of_description(&path.display().to_string(), &text, &errors)
     })?;
     Ok(text)
-}
-
-fn joined<T>(thread: ScopedJoinHandle<'_, T>) -> T {
-    thread.join().unwrap_or_else(|panic| resume_unwind(panic))
 }
 
 fn compiled(robot: &Robot) -> Result<CompiledRobot, InputError> {
