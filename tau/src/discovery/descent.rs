@@ -63,7 +63,7 @@ impl Descent {
     ) -> Result<Self, Error> {
         let factors = joint.factors(&scales, &weights);
         let linear = joint.linearize(&fitted, &factors);
-        let Some(normal) = Normal::of(&linear.jacobian) else {
+        let Some(normal) = Normal::from(joint.groups.fill(&linear.jacobian)) else {
             return Err(not_converged(&joint, "the derivatives are not finite"));
         };
         let (jacobian, residuals) = (linear.jacobian, linear.residuals);

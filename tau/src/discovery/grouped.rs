@@ -10,6 +10,14 @@ use super::parallel;
 /// Rows that are fewer share a group with others, whatever columns these have.
 const FEWEST: usize = 16;
 
+/// Which rows depend on which columns.
+#[derive(Default)]
+pub(super) struct Groups {
+    groups: Vec<(Vec<usize>, Vec<usize>)>,
+    rows: usize,
+    columns: usize,
+}
+
 /// A matrix without most of its zeros.
 pub(super) struct Grouped {
     groups: Vec<Group>,
@@ -23,30 +31,21 @@ struct Group {
     entries: DMatrix<f64>,
 }
 
-impl Grouped {
-    pub(super) fn of(matrix: &DMatrix<f64>) -> Self {
-        let (rows, columns) = matrix.shape();
-        // One bit per column: a word of each row, then the next word of each.
-        let mut words = vec![vec![0_u64; rows]; columns.div_ceil(64)];
-        for (column, values) in matrix.as_slice().chunks_exact(rows.max(1)).enumerate() {
-            let bit = 1 << (column % 64);
-            for (word, &value) in words[column / 64].iter_mut().zip(values) {
-                *word |= if value == 0.0 { 0 } else { bit };
-            }
+impl Groups {
+    /// `marked` calls what it is given with the row and the column of every entry that may differ from zero.
+    pub(super) fn of(
+        (rows, columns): (usize, usize),
+        marked: impl FnOnce(&mut dyn FnMut(usize, usize)),
+    ) -> Self {
+        // One bit per column.
+        let width = columns.div_ceil(64).max(1);
+        let mut words = vec![0_u64; rows * width];
+        marked(&mut |row, column| words[row * width + column / 64] |= 1 << (column % 64));
+        let mut by_pattern: BTreeMap<&[u64], Vec<usize>> = BTreeMap::new();
+        for (row, pattern) in words.chunks_exact(width).enumerate() {
+            by_pattern.entry(pattern).or_default().push(row);
         }
-        let mut by_pattern: BTreeMap<Vec<u64>, Vec<usize>> = BTreeMap::new();
-        let mut pattern = Vec::new();
-        for row in 0..rows {
-            pattern.clear();
-            pattern.extend(words.iter().map(|word| word[row]));
-            match by_pattern.get_mut(&pattern) {
-                Some(rows) => rows.push(row),
-                None => {
-                    by_pattern.insert(pattern.clone(), vec![row]);
-                }
-            }
-        }
-        let mut rest = (vec![0; words.len()], Vec::new());
+        let mut rest = (vec![0; width], Vec::new());
         let mut patterns = Vec::new();
         for (pattern, rows) in by_pattern {
             if rows.len() < FEWEST {
@@ -56,31 +55,61 @@ impl Grouped {
                     .for_each(|(all, own)| *all |= own);
                 together.extend(rows);
             } else {
-                patterns.push((pattern, rows));
+                patterns.push((pattern.to_vec(), rows));
             }
         }
         patterns.push(rest);
-        let groups = parallel::map(&patterns, |(pattern, of)| {
-            let columns: Vec<usize> = (0..columns)
+        let in_pattern = |pattern: &[u64]| -> Vec<usize> {
+            (0..columns)
                 .filter(|column| pattern[column / 64] >> (column % 64) & 1 == 1)
-                .collect();
+                .collect()
+        };
+        let groups = patterns
+            .into_iter()
+            .map(|(pattern, rows)| (rows, in_pattern(&pattern)))
+            .filter(|(rows, columns)| !rows.is_empty() && !columns.is_empty());
+        Self {
+            groups: groups.collect(),
+            rows,
+            columns,
+        }
+    }
+
+    /// The entries of a matrix.
+    pub(super) fn fill(&self, matrix: &DMatrix<f64>) -> Grouped {
+        let rows = self.rows;
+        let groups = parallel::map(&self.groups, |(of, columns)| {
             let mut entries = Vec::with_capacity(of.len() * columns.len());
-            for &column in &columns {
+            for &column in columns {
                 let values = &matrix.as_slice()[column * rows..][..rows];
                 entries.extend(of.iter().map(|&row| values[row]));
             }
             Group {
                 rows: of.clone(),
                 entries: DMatrix::from_vec(of.len(), columns.len(), entries),
-                columns,
+                columns: columns.clone(),
             }
         });
-        let is_there = |group: &Group| !group.entries.is_empty();
-        Self {
-            groups: groups.into_iter().filter(is_there).collect(),
+        Grouped {
+            groups,
             rows,
-            columns,
+            columns: self.columns,
         }
+    }
+}
+
+impl Grouped {
+    /// Of a matrix by the zeros that it has.
+    #[cfg(test)]
+    pub(super) fn of(matrix: &DMatrix<f64>) -> Self {
+        let groups = Groups::of(matrix.shape(), |mark| {
+            for (column, values) in matrix.column_iter().enumerate() {
+                let is_there = |(row, value): (usize, &f64)| (*value != 0.0).then_some(row);
+                let rows = values.iter().enumerate().filter_map(is_there);
+                rows.for_each(|row| mark(row, column));
+            }
+        });
+        groups.fill(matrix)
     }
 
     /// The same with a factor on each row.

@@ -8,6 +8,7 @@ use nalgebra::{DMatrix, DVector};
 use tau_runtime::ResidualFamily;
 use tau_solver::{Block, Problem};
 
+use super::grouped::Groups;
 use super::knots;
 use super::outliers;
 use super::samples::Sample;
@@ -75,6 +76,8 @@ pub(super) struct Joint {
     /// Derivatives of all rows, in units of the stated noise, by the displacements of the points that
     /// piecewise tracks pass through: unknowns of the fit behind the parameters.
     knots: DMatrix<f64>,
+    /// Which rows, those of the priors too, depend on which columns.
+    pub(super) groups: Groups,
     /// Sample, component and place within the sample of each row.
     pub(super) rows: Vec<Row>,
 }
@@ -247,12 +250,37 @@ impl Joint {
             priors,
             parts,
             knots,
+            groups: Groups::default(),
             rows,
         };
         if let Some(knots) = knots::columns(&joint, samples) {
             joint.knots = knots;
         }
+        joint.groups = joint.groups();
         Ok(joint)
+    }
+
+    fn groups(&self) -> Groups {
+        let columns = self.used.len() + self.knots.ncols();
+        Groups::of((self.rows.len() + columns, columns), |mark| {
+            for part in &self.parts {
+                let (residuals, pattern) = (part.weights.len(), part.family.pattern());
+                for row in 0..part.samples.len() * residuals {
+                    let within = row % residuals;
+                    let entries = pattern.row_starts[within] as usize
+                        ..pattern.row_starts[within + 1] as usize;
+                    for &parameter in &pattern.columns[entries] {
+                        mark(part.first_row + row, part.parameters[parameter as usize]);
+                    }
+                }
+            }
+            for (k, knot) in self.knots.column_iter().enumerate() {
+                for (row, _) in knot.iter().enumerate().filter(|(_, value)| **value != 0.0) {
+                    mark(row, self.used.len() + k);
+                }
+            }
+            (0..columns).for_each(|column| mark(self.rows.len() + column, column));
+        })
     }
 
     /// Number of displacements of measured points that are unknown.

@@ -104,7 +104,8 @@ impl Damped {
 }
 
 impl Normal {
-    /// `None` where the derivatives are not finite.
+    /// As [`Self::from`], of a matrix by the zeros that it has.
+    #[cfg(test)]
     pub(super) fn of(jacobian: &DMatrix<f64>) -> Option<Self> {
         Self::from(Grouped::of(jacobian))
     }
@@ -114,7 +115,8 @@ impl Normal {
         Self::from(self.jacobian.scaled(factors))
     }
 
-    fn from(jacobian: Grouped) -> Option<Self> {
+    /// `None` where the derivatives are not finite.
+    pub(super) fn from(jacobian: Grouped) -> Option<Self> {
         let mut gram = jacobian.gram();
         let scale = gram.diagonal().map(|square| {
             if square > 0.0 {
