@@ -230,11 +230,21 @@ fn shift(gram: &mut DMatrix<f64>, amount: f64) {
 pub(super) fn inverse_factor(gram: DMatrix<f64>) -> Option<DMatrix<f64>> {
     let columns = gram.ncols();
     let lower = Cholesky::new(gram)?.unpack();
-    Some(
+    let mut inverse = DMatrix::zeros(columns, columns);
+    for k in 0..columns {
+        // Above the diagonal there is nothing to solve for.
+        let rest = columns - k;
+        let mut row = DVector::zeros(rest);
+        row[0] = 1.0;
         lower
-            .solve_lower_triangular(&DMatrix::identity(columns, columns))?
-            .transpose(),
-    )
+            .view((k, k), (rest, rest))
+            .solve_lower_triangular_mut(&mut row)
+            .then_some(())?;
+        inverse
+            .view_mut((k, k), (1, rest))
+            .copy_from(&row.transpose());
+    }
+    Some(inverse)
 }
 
 /// The columns of a candidate beside a base: an orthonormal basis of what the base leaves of them.
