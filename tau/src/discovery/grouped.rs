@@ -13,7 +13,8 @@ const FEWEST: usize = 16;
 /// Which rows depend on which columns.
 #[derive(Default)]
 pub(super) struct Groups {
-    groups: Vec<(Vec<usize>, Vec<usize>)>,
+    /// Rows and columns of each.
+    patterns: Vec<(Vec<usize>, Vec<usize>)>,
     rows: usize,
     columns: usize,
 }
@@ -64,12 +65,12 @@ impl Groups {
                 .filter(|column| pattern[column / 64] >> (column % 64) & 1 == 1)
                 .collect()
         };
-        let groups = patterns
+        let patterns = patterns
             .into_iter()
             .map(|(pattern, rows)| (rows, in_pattern(&pattern)))
             .filter(|(rows, columns)| !rows.is_empty() && !columns.is_empty());
         Self {
-            groups: groups.collect(),
+            patterns: patterns.collect(),
             rows,
             columns,
         }
@@ -78,7 +79,7 @@ impl Groups {
     /// The entries of a matrix.
     pub(super) fn fill(&self, matrix: &DMatrix<f64>) -> Grouped {
         let rows = self.rows;
-        let groups = parallel::map(&self.groups, |(of, columns)| {
+        let groups = parallel::map(&self.patterns, |(of, columns)| {
             let mut entries = Vec::with_capacity(of.len() * columns.len());
             for &column in columns {
                 let values = &matrix.as_slice()[column * rows..][..rows];
