@@ -314,3 +314,26 @@ pub(crate) fn camel_case(name: &str) -> String {
         })
         .collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::language::check_text;
+
+    /// A file holds what the macro expands to, for all that bodies are made of.
+    #[test]
+    fn a_file_is_the_expansion_laid_out() {
+        let text = "robot Slide { track one; cluster arm on one { link l1; }
+            effect bent on cart { param a: length; param rate: 1/length;
+                along += max(a, -a / 2) * tanh(rate * q) + a * sin(2*pi*q/(1 m)) - a * cos(2*pi*q/(1 m)); }
+            variant Nominal { arm reduced; tracks linear; }
+            variant Full { arm full; tracks linear per link; }
+            variant Bent = Full + bent(one); }";
+        let compiled = crate::compile(&check_text(text).unwrap(), text);
+        let formatted = |file: &syn::File| prettyplease::unparse(file);
+        let file = syn::parse_file(&file(&compiled, "slide.tau", "tau generate")).unwrap();
+        let expansion = syn::parse2(robot(&compiled, &Paths::runtime_crate())).unwrap();
+        assert_eq!(formatted(&file), formatted(&expansion));
+        assert!(formatted(&file).contains("if "), "a maximum");
+    }
+}
