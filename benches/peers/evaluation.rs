@@ -353,6 +353,7 @@ pub(crate) fn print() {
         start(rust, "any x86-64", setup::rust(generated, false), &[]);
     }
     start("Ceres Solver", "this machine", setup::ceres(), &["samples"]);
+    start("arael", "this machine", setup::arael(), &[]);
 
     let mut contenders = Contenders {
         data,
@@ -472,6 +473,8 @@ fn table(
         ("symforce", "SymForce, Rust"),
         ("jet", "Ceres `Jet<double, 10>`, called directly"),
         ("cost function", "Ceres `AutoDiffCostFunction`"),
+        ("arael", "arael, normal equations"),
+        ("arael staged", "arael, normal equations, rotations as data"),
     ];
     for (key, name) in known {
         for peer in peers {

@@ -3,8 +3,8 @@
 //!
 //! `cargo bench -p tau-benches --bench peers -- [evaluation] [fits] [generation] [growth]`, by default all of
 //! them, prints Markdown; `docs/benchmarks.md` is made of it. Peers are set up under `target/peers` when first
-//! run: wrenfold and SymForce by pip in a virtual environment, their Rust in a package of its own, Ceres Solver
-//! by the C++ compiler. What is not to be had is left out, and a line says so.
+//! run: wrenfold and SymForce by pip in a virtual environment, their Rust in a package of its own, arael in another
+//! (a hundred crates), Ceres Solver by the C++ compiler. What is not to be had is left out, and a line says so.
 //!
 //! Times are minima over many turns in which all contenders run one after the other, so that a busy machine
 //! harms all alike: compare rows of one run.

@@ -99,6 +99,18 @@ pub(crate) fn rust(generated: Option<&Path>, native: bool) -> Result<PathBuf, St
     Ok(target.join("release/tau-peers"))
 }
 
+/// Compiles the program that uses arael, for this machine's instructions.
+pub(crate) fn arael() -> Result<PathBuf, String> {
+    let target = folder().join("arael");
+    let mut build = Command::new("cargo");
+    run(build
+        .args(["build", "--release", "--quiet", "--manifest-path"])
+        .arg(sources().join("arael/Cargo.toml"))
+        .env("CARGO_TARGET_DIR", &target)
+        .env("RUSTFLAGS", "-C target-cpu=native"))?;
+    Ok(target.join("release/tau-arael"))
+}
+
 /// Compiles the program that uses Ceres Solver.
 pub(crate) fn ceres() -> Result<PathBuf, String> {
     let program = folder().join("closure");

@@ -9,6 +9,8 @@
 //! more than a tiny share of any pivot; on the first pivot for which that fails, the part goes over to
 //! the stored Jacobian and its QR factor, which is the same triangle computed more accurately.
 
+use std::array::from_fn;
+
 use rayon::prelude::*;
 use tau_runtime::{BlockFamily, LANES, Lanes, NormalEquations, blocks};
 
@@ -253,21 +255,44 @@ impl Piece<'_> {
         let prepared = &self.prepared[first * shape.prepared..(first + count) * shape.prepared];
         self.family.value_blocks(prepared, parameters, values);
         let weights = &self.weights[first * shape.residuals..];
-        for (index, cost) in costs.iter_mut().enumerate() {
-            let (sample, residual) = (index / shape.residuals, index % shape.residuals);
-            let at = sample / LANES * shape.residuals + residual;
-            let whitened = values[at][sample % LANES] * weights[at][sample % LANES];
-            if !whitened.is_finite() {
-                return Err(NonFinite {
-                    block: self.block,
-                    sample: first * LANES + sample,
-                    residual,
-                    parameter: None,
-                });
+        let mut is_finite = true;
+        for ((costs, values), weights) in costs
+            .chunks_mut(LANES * shape.residuals)
+            .zip(values.chunks(shape.residuals))
+            .zip(weights.chunks(shape.residuals))
+        {
+            for (residual, (value, weight)) in values.iter().zip(weights).enumerate() {
+                // All lanes, so that they are computed at once: what fills the last block up repeats a sample.
+                let whitened: [f64; LANES] = from_fn(|lane| value[lane] * weight[lane]);
+                is_finite &= whitened.iter().fold(true, |all, own| all & own.is_finite());
+                let costs = costs[residual..].iter_mut().step_by(shape.residuals);
+                for (cost, whitened) in costs.zip(whitened) {
+                    *cost = 0.5 * whitened * whitened;
+                }
             }
-            *cost = 0.5 * whitened * whitened;
+        }
+        if !is_finite {
+            return Err(self.not_finite(range, values, costs.len()));
         }
         Ok(())
+    }
+
+    /// Where the first of so many residuals of a range is that is not finite.
+    fn not_finite(&self, range: usize, values: &[Lanes], count: usize) -> NonFinite {
+        let (residuals, first) = (self.family.shape().residuals, range * RANGE);
+        let is_wrong = |&index: &usize| {
+            let (sample, residual) = (index / residuals, index % residuals);
+            let at = sample / LANES * residuals + residual;
+            let weight = self.weights[first * residuals + at][sample % LANES];
+            !(values[at][sample % LANES] * weight).is_finite()
+        };
+        let index = (0..count).find(is_wrong).unwrap_or_default();
+        NonFinite {
+            block: self.block,
+            sample: first * LANES + index / residuals,
+            residual: index % residuals,
+            parameter: None,
+        }
     }
 }
 
