@@ -1,7 +1,8 @@
 //! Programs and tables as Rust.
 //!
-//! One function makes the tokens for both outputs, the macro's expansion and checked-in files; they
-//! differ only in the path under which generated code finds the runtime crate.
+//! The same functions make both outputs, the macro's expansion and checked-in files; they differ only in
+//! the path under which generated code finds the runtime crate, and in that statements are laid out in a
+//! file and read as tokens in an expansion.
 
 mod family;
 mod layout;

@@ -557,6 +557,37 @@ pub(super) mod tests {
         (joint.unwrap(), samples)
     }
 
+    /// Nothing of the derivatives is outside of the groups of rows: all sets, priors, and points of tracks that
+    /// are free to move.
+    #[test]
+    fn groups_hold_all_derivatives() {
+        let robot = Robot::from(&tau_generated::gantry_tau::ROBOT);
+        let folder = crate::prototype::folder().unwrap();
+        let file = crate::prototype::robot_file().unwrap();
+        let in_range = folder.in_range(
+            &file,
+            crate::measurements::Shape {
+                commands: robot.commands,
+                tracks: robot.tracks.len(),
+            },
+        );
+        let poses: Vec<usize> = in_range.into_iter().step_by(5).collect();
+        let variant = robot.variant("FullPiecewise").unwrap();
+        let prepared = Prepared::new(&robot, variant, &file, Some(&folder), &poses).unwrap();
+        let frames = Frames::of(&prepared.machine, &file, &folder);
+        let samples = Sample::all(&robot, &folder, &poses, &frames);
+        let joint = Joint::new(prepared.machine, &prepared.nominal, &samples, file.noise).unwrap();
+        assert!(joint.displacements() > 0);
+        let factors = joint.factors(&[1.0; 4], &vec![1.0; samples.len()]);
+        let linear = joint.linearize(&joint.fitted(&joint.machine.values), &factors);
+        let step = DVector::from_fn(linear.jacobian.ncols(), |column, _| {
+            linear.jacobian.column(column).norm().recip() * (1.0 + 0.01 * column as f64)
+        });
+        let expected = &linear.jacobian * &step;
+        let found = joint.groups.fill(&linear.jacobian).moved(&step);
+        assert!((found - &expected).amax() < 1e-12 * expected.amax());
+    }
+
     /// Those of the priors too, off their means.
     #[test]
     fn derivatives_are_those_of_small_steps() {
