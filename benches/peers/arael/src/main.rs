@@ -5,14 +5,14 @@
 //! the benchmark's own modules; the result is the largest difference of JᵀJ and Jᵀr from the reference, each
 //! relative to the largest number in its row and column.
 
-use std::hint::black_box;
-use std::io::{BufRead, Write};
-use std::time::Instant;
+#[path = "../../rust/src/answers.rs"]
+mod answers;
 
+use std::hint::black_box;
+
+use answers::{Contender, Data, answer};
 use arael::prelude::*;
 
-/// Calls of which a turn takes the fastest.
-const CALLS: usize = 5;
 const PARAMETERS: usize = 10;
 
 #[arael::model]
@@ -89,36 +89,17 @@ struct Staged {
     samples: Vec<Rotation>,
 }
 
-/// Samples, parameters and results to agree with.
-struct Data {
-    parameters: [f64; PARAMETERS],
-    samples: Vec<[f64; 7]>,
-    /// Residual and derivatives of each.
-    reference: Vec<[f64; 11]>,
-}
-
 impl Data {
-    fn read(path: &str) -> Self {
-        let text = std::fs::read_to_string(path).expect("the data");
-        let mut numbers = text.split_whitespace().map(|n| n.parse().expect("a number"));
-        let mut next = || numbers.next().expect("more numbers");
-        let count: f64 = next();
-        let parameters = std::array::from_fn(|_| next());
-        let (mut samples, mut reference) = (Vec::new(), Vec::new());
-        for _ in 0..count as usize {
-            samples.push(std::array::from_fn(|_| next()));
-            reference.push(std::array::from_fn(|_| next()));
-        }
-        Self { parameters, samples, reference }
-    }
-
     /// Largest difference of a gradient and a Hessian, both twice those of least squares, from the reference.
     fn difference(&self, gradient: &[f64], hessian: &[f64]) -> f64 {
-        let product = |a: usize, b: usize| -> f64 { self.reference.iter().map(|row| row[a] * row[b]).sum() };
+        let product =
+            |a: usize, b: usize| -> f64 { self.reference.iter().map(|row| row[a] * row[b]).sum() };
         let scale: Vec<f64> = (0..11).map(|a| product(a, a).sqrt()).collect();
         let mut largest = 0.0_f64;
         for a in 0..PARAMETERS {
-            let of = |found: f64, b: usize| (found / 2.0 - product(a + 1, b)).abs() / scale[a + 1] / scale[b];
+            let of = |found: f64, b: usize| {
+                (found / 2.0 - product(a + 1, b)).abs() / scale[a + 1] / scale[b]
+            };
             largest = largest.max(of(gradient[a], 0));
             for b in 0..PARAMETERS {
                 largest = largest.max(of(hessian[a * PARAMETERS + b], b + 1));
@@ -128,9 +109,11 @@ impl Data {
     }
 }
 
-type Contender = (&'static str, Box<dyn FnMut()>, f64);
-
-fn contender(name: &'static str, data: &Data, mut problem: impl LmProblem<f64> + 'static) -> Contender {
+fn contender(
+    name: &'static str,
+    data: &Data,
+    mut problem: impl LmProblem<f64> + 'static,
+) -> Contender {
     let (mut gradient, mut hessian) = (vec![0.0; PARAMETERS], vec![0.0; PARAMETERS * PARAMETERS]);
     let parameters = data.parameters;
     problem.calc_grad_hessian_dense(&parameters, &mut gradient, &mut hessian);
@@ -166,7 +149,15 @@ fn rotation(&[q, x, y, z, alpha, beta, gamma]: &[f64; 7]) -> Rotation {
 fn main() {
     let data = Data::read(&std::env::args().nth(1).expect("a file of data"));
     let [length, px, py, pz, ox, oy, oz, vx0, vy0, vz0] = data.parameters.map(Param::new);
-    let angles = |&[q, x, y, z, alpha, beta, gamma]: &[f64; 7]| Angles { q, x, y, z, alpha, beta, gamma };
+    let angles = |&[q, x, y, z, alpha, beta, gamma]: &[f64; 7]| Angles {
+        q,
+        x,
+        y,
+        z,
+        alpha,
+        beta,
+        gamma,
+    };
     let plain = Plain {
         length: length.clone(),
         px: px.clone(),
@@ -181,23 +172,21 @@ fn main() {
         samples: data.samples.iter().map(angles).collect(),
     };
     let samples = data.samples.iter().map(rotation).collect();
-    let staged = Staged { length, px, py, pz, ox, oy, oz, vx0, vy0, vz0, samples };
-    let mut contenders = [
+    let staged = Staged {
+        length,
+        px,
+        py,
+        pz,
+        ox,
+        oy,
+        oz,
+        vx0,
+        vy0,
+        vz0,
+        samples,
+    };
+    answer(vec![
         contender("arael", &data, plain),
         contender("arael staged", &data, staged),
-    ];
-    let mut output = std::io::stdout().lock();
-    for _ in std::io::stdin().lock().lines().map_while(Result::ok) {
-        for (name, run, result) in &mut contenders {
-            let least = (0..CALLS)
-                .map(|_| {
-                    let started = Instant::now();
-                    run();
-                    started.elapsed().as_secs_f64()
-                })
-                .fold(f64::INFINITY, f64::min);
-            writeln!(output, "{name}\t{least:e}\t{result:e}").expect("a listener");
-        }
-        writeln!(output).and_then(|()| output.flush()).expect("a listener");
-    }
+    ]);
 }

@@ -2,7 +2,7 @@
 
 use std::hint::black_box;
 
-use crate::Contender;
+use crate::answers::{Contender, Data};
 
 #[allow(clippy::all, unused)]
 mod wrenfold {
@@ -16,34 +16,14 @@ mod symforce {
 
 type Residual = nalgebra::SMatrix<f64, 1, 1>;
 
-/// Samples, parameters and results to agree with.
-struct Data {
-    parameters: [f64; 10],
-    samples: Vec<[f64; 7]>,
-    reference: Vec<[f64; 11]>,
-}
-
 impl Data {
-    fn read(path: &str) -> Self {
-        let text = std::fs::read_to_string(path).expect("the data");
-        let mut numbers = text.split_whitespace().map(|n| n.parse().expect("a number"));
-        let mut next = || numbers.next().expect("more numbers");
-        let count: f64 = next();
-        let parameters = std::array::from_fn(|_| next());
-        let (mut samples, mut reference) = (Vec::new(), Vec::new());
-        for _ in 0..count as usize {
-            samples.push(std::array::from_fn(|_| next()));
-            reference.push(std::array::from_fn(|_| next()));
-        }
-        Self {
-            parameters,
-            samples,
-            reference,
-        }
-    }
-
     /// The largest difference from the reference, each column's relative to the largest number in it.
-    fn difference<R>(&self, residuals: &[Residual], rows: &[R], entry: fn(&R, usize) -> f64) -> f64 {
+    fn difference<R>(
+        &self,
+        residuals: &[Residual],
+        rows: &[R],
+        entry: fn(&R, usize) -> f64,
+    ) -> f64 {
         (0..11)
             .map(|column| {
                 let (mut largest, mut scale) = (0.0_f64, 0.0_f64);
@@ -108,7 +88,25 @@ pub(crate) fn contenders(path: &str) -> [Contender; 2] {
         |row, i| row[i],
         |&[q, x, y, z, a, b, c], &[l, px, py, pz, ox, oy, oz, vx, vy, vz], r, row| {
             symforce::sym::closure(
-                q, x, y, z, a, b, c, l, px, py, pz, ox, oy, oz, vx, vy, vz, Some(r), Some(row),
+                q,
+                x,
+                y,
+                z,
+                a,
+                b,
+                c,
+                l,
+                px,
+                py,
+                pz,
+                ox,
+                oy,
+                oz,
+                vx,
+                vy,
+                vz,
+                Some(r),
+                Some(row),
             );
         },
     );

@@ -2,7 +2,7 @@
 
 use std::hint::black_box;
 
-use crate::Contender;
+use crate::answers::Contender;
 
 /// Independent sums: enough to hide the latency of a multiply-add, few enough for the registers.
 const SUMS: usize = 10;
