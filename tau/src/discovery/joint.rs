@@ -1,5 +1,6 @@
 //! All sets in one fit: residuals in units of their noise, their derivatives, priors.
 
+mod layout;
 mod start;
 
 use std::sync::Arc;
@@ -9,15 +10,11 @@ use tau_runtime::ResidualFamily;
 use tau_solver::{Block, Problem};
 
 use super::grouped::Groups;
-use super::knots;
 use super::outliers;
 use super::samples::Sample;
-use super::whitened::WhitenedPose;
-use crate::calibration::{Error, MOUNTING_M, Nominal};
-use crate::input_error::InputError;
-use crate::kinematics::{self, Machine};
-use crate::robot::{Owner, ResidualKind};
-use crate::robot_file::Noise;
+use crate::calibration::Nominal;
+use crate::kinematics::Machine;
+pub(crate) use layout::fill;
 
 /// Groups of residuals that have a noise of their own.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -82,16 +79,6 @@ pub(super) struct Joint {
     pub(super) rows: Vec<Row>,
 }
 
-/// A part before its parameters are numbered.
-struct Layout {
-    family: Arc<dyn ResidualFamily>,
-    /// Index of each parameter in the variant.
-    parameters: Vec<usize>,
-    data: Vec<f64>,
-    samples: Vec<usize>,
-    weights: Vec<(f64, Component)>,
-}
-
 /// What a residual belongs to.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Row {
@@ -113,176 +100,6 @@ const ROBUST: f64 = 3.0;
 const WEAK: f64 = 1e-6;
 
 impl Joint {
-    /// Lays out the rows: set 1, then sets 2 and 3 by track.
-    pub(super) fn new(
-        machine: Machine,
-        nominal: &[Nominal],
-        samples: &[Sample],
-        noise: Noise,
-    ) -> Result<Self, Error> {
-        let variant = &machine.variant;
-        let mut parts: Vec<Layout> = Vec::new();
-        let indices = |set: u8, track: Option<usize>| -> Vec<usize> {
-            (0..samples.len())
-                .filter(|&i| samples[i].set == set && samples[i].track == track)
-                .collect()
-        };
-        let closures: Vec<_> = variant
-            .instances_of(ResidualKind::Closure)
-            .cloned()
-            .collect();
-        let poses = indices(1, None);
-        let mut data = Vec::new();
-        for &pose in &poses {
-            let sample = &samples[pose];
-            for closure in &closures {
-                fill(&machine, &closure.inputs, sample, &mut data)?;
-            }
-            let at = kinematics_sample(sample);
-            let factor = WhitenedPose::factor(&machine, &at.view(), noise).ok_or_else(|| {
-                Error::Input(InputError::whole(
-                    "tcp_poses.csv",
-                    format!(
-                        "pose {}: the closures do not depend on the pose",
-                        sample.number
-                    ),
-                ))
-            })?;
-            data.extend(factor);
-        }
-        let weights = vec![(1.0, Component::Closure); closures.len()];
-        let family = WhitenedPose::new(closures);
-        let parameters = family.parameters().to_vec();
-        parts.push(Layout {
-            family: Arc::new(family),
-            parameters,
-            data,
-            samples: poses,
-            weights,
-        });
-        for (kind, set) in [(ResidualKind::CartPose, 2), (ResidualKind::CartPosition, 3)] {
-            for instance in variant.instances_of(kind) {
-                let of = indices(set, Some(instance.of));
-                if of.is_empty() {
-                    continue;
-                }
-                let mut data = Vec::new();
-                for &sample in &of {
-                    fill(&machine, &instance.inputs, &samples[sample], &mut data)?;
-                }
-                let (position, rotation) = (noise.position_m.recip(), noise.rotation_rad.recip());
-                let weights = if set == 2 {
-                    [
-                        [(position, Component::CartPosition); 3],
-                        [(rotation, Component::CartRotation); 3],
-                    ]
-                    .concat()
-                } else {
-                    vec![(position, Component::Position); 3]
-                };
-                parts.push(Layout {
-                    family: Arc::clone(&instance.family),
-                    parameters: instance.parameters.clone(),
-                    data,
-                    samples: of,
-                    weights,
-                });
-            }
-        }
-        let mut used: Vec<usize> = parts
-            .iter()
-            .flat_map(|part| part.parameters.iter().copied())
-            .collect();
-        used.sort_unstable();
-        used.dedup();
-        let mut rows = Vec::new();
-        let parts = parts
-            .into_iter()
-            .map(
-                |Layout {
-                     family,
-                     parameters,
-                     data,
-                     samples,
-                     weights,
-                 }| {
-                    let first_row = rows.len();
-                    for &sample in &samples {
-                        rows.extend(weights.iter().enumerate().map(
-                            |(residual, &(_, component))| Row {
-                                sample,
-                                component,
-                                residual,
-                            },
-                        ));
-                    }
-                    let mut prepared = vec![0.0; samples.len() * family.shape().prepared];
-                    family.prepare_all(&data, &mut prepared);
-                    let place = |index: &usize| used.binary_search(index).unwrap_or_default();
-                    Part {
-                        parameters: parameters.iter().map(place).collect(),
-                        family,
-                        data,
-                        prepared,
-                        samples,
-                        first_row,
-                        weights,
-                    }
-                },
-            )
-            .collect();
-        let priors = used
-            .iter()
-            .map(|&index| match variant.parameters[index].owner {
-                Owner::Target { .. } if variant.parameters[index].quantity == "position" => {
-                    Nominal {
-                        value: 0.0,
-                        tolerance: Some(MOUNTING_M),
-                    }
-                }
-                _ => nominal[index],
-            })
-            .collect();
-        let knots = DMatrix::zeros(rows.len(), 0);
-        let mut joint = Self {
-            machine,
-            used,
-            priors,
-            parts,
-            knots,
-            groups: Groups::default(),
-            rows,
-        };
-        if let Some(knots) = knots::columns(&joint, samples) {
-            joint.knots = knots;
-        }
-        joint.groups = joint.groups();
-        Ok(joint)
-    }
-
-    fn groups(&self) -> Groups {
-        let columns = self.used.len() + self.knots.ncols();
-        Groups::of((self.rows.len() + columns, columns), |mark| {
-            for part in &self.parts {
-                let (residuals, pattern) = (part.weights.len(), part.family.pattern());
-                for row in 0..part.samples.len() * residuals {
-                    let within = row % residuals;
-                    let entries = pattern.row_starts[within] as usize
-                        ..pattern.row_starts[within + 1] as usize;
-                    for &parameter in &pattern.columns[entries] {
-                        mark(part.first_row + row, part.parameters[parameter as usize]);
-                    }
-                }
-            }
-            for (k, knot) in self.knots.column_iter().enumerate() {
-                for (row, _) in knot.iter().enumerate().filter(|(_, value)| **value != 0.0) {
-                    mark(row, self.used.len() + k);
-                }
-            }
-            (0..columns).for_each(|column| mark(self.rows.len() + column, column));
-        })
-    }
-
     /// Number of displacements of measured points that are unknown.
     pub(super) fn displacements(&self) -> usize {
         self.knots.ncols()
@@ -479,60 +296,6 @@ impl Joint {
         Linear {
             residuals,
             jacobian,
-        }
-    }
-}
-
-pub(crate) fn fill(
-    machine: &Machine,
-    inputs: &[crate::robot::Input],
-    sample: &Sample,
-    data: &mut Vec<f64>,
-) -> Result<(), Error> {
-    for &input in inputs {
-        let value = sample.input(input, &machine.surroundings).map_err(|what| {
-            let file = ["tcp_poses.csv", "cart_poses.csv", "cart_positions.csv"]
-                [usize::from(sample.set.clamp(1, 3)) - 1];
-            Error::Input(InputError::whole(
-                file,
-                format!("sample {}: {what}", sample.number),
-            ))
-        })?;
-        data.push(value);
-    }
-    Ok(())
-}
-
-/// A sample of set 1 as kinematics takes it.
-pub(super) struct Owned {
-    commands_m: Vec<f64>,
-    directions: Option<Vec<f64>>,
-    pose: kinematics::Pose,
-    conditions: crate::measurements::Conditions,
-}
-
-pub(super) fn kinematics_sample(sample: &Sample) -> Owned {
-    let directions = (0..sample.commands_m.len())
-        .map(|k| {
-            let none = &kinematics::Surroundings::default();
-            sample.input(crate::robot::Input::Direction(k), none).ok()
-        })
-        .collect();
-    Owned {
-        commands_m: sample.commands_m.clone(),
-        directions,
-        pose: sample.pose,
-        conditions: sample.conditions,
-    }
-}
-
-impl Owned {
-    pub(super) fn view(&self) -> kinematics::Sample<'_> {
-        kinematics::Sample {
-            commands_m: &self.commands_m,
-            pose: self.pose,
-            directions: self.directions.as_deref(),
-            conditions: self.conditions,
         }
     }
 }
