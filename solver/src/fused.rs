@@ -35,8 +35,6 @@ struct Piece<'p> {
     block: usize,
     family: &'p dyn BlockFamily,
     prepared: &'p [Lanes],
-    /// First residual.
-    row: usize,
     sizes: NormalEquations,
     /// Laid out as residuals are; zero past the last sample.
     weights: Vec<Lanes>,
@@ -86,7 +84,6 @@ impl<'p> Fused<'p> {
                 block: b,
                 family: *family,
                 prepared,
-                row: rows,
                 sizes: NormalEquations::new(block.family.shape(), block.family.pattern()),
                 weights: weights(block),
                 columns: columns.chain([n]).collect(),
@@ -128,20 +125,30 @@ impl<'p> Fused<'p> {
         pattern
     }
 
-    /// As [`System::costs`]; `all` are the problem's parameters, `x` the part's.
+    /// Number of costs: a block of samples that is partly filled has zeros past the last.
+    pub(crate) fn cost_count(&self) -> usize {
+        let blocks: usize = self.pieces.iter().map(|piece| piece.weights.len()).sum();
+        blocks * LANES + self.priors.len()
+    }
+
+    /// As [`System::costs`], block by block; `all` are the problem's parameters, `x` the part's.
     pub(crate) fn costs(&self, all: &[f64], x: &[f64], costs: &mut [f64]) -> Result<(), NonFinite> {
+        let mut rest = costs;
         for piece in &self.pieces {
-            let residuals = piece.family.shape().residuals;
+            let (own, others) = rest.split_at_mut(piece.weights.len() * LANES);
+            rest = others;
+            let range = RANGE * piece.family.shape().residuals;
             let samples = self.problem.blocks[piece.block].samples;
-            let costs = &mut costs[piece.row..piece.row + samples * residuals];
             let parameters = piece.parameters(self.problem, all);
-            let mut range = vec![Lanes::ZERO; blocks(samples).min(RANGE) * residuals];
-            for (index, costs) in costs.chunks_mut(RANGE * LANES * residuals).enumerate() {
-                piece.costs(index, &parameters, &mut range, costs)?;
+            let mut values = vec![Lanes::ZERO; piece.weights.len().min(range)];
+            for (index, costs) in own.as_chunks_mut().0.chunks_mut(range).enumerate() {
+                let values = &mut values[..costs.len()];
+                if !piece.costs(index, &parameters, values, costs) {
+                    return Err(piece.not_finite(index, values, samples));
+                }
             }
         }
-        let first_prior = costs.len() - self.priors.len();
-        for ((column, prior), cost) in self.priors.iter().zip(&mut costs[first_prior..]) {
+        for ((column, prior), cost) in self.priors.iter().zip(rest) {
             let r = (x[*column] - prior.mean) / prior.sigma;
             *cost = 0.5 * r * r;
         }
@@ -240,45 +247,31 @@ impl Piece<'_> {
         sums
     }
 
-    /// Costs of one range's residuals.
+    /// Costs of one range's residuals; false where one is not finite.
     fn costs(
         &self,
         range: usize,
         parameters: &[f64],
         values: &mut [Lanes],
-        costs: &mut [f64],
-    ) -> Result<(), NonFinite> {
+        costs: &mut [[f64; LANES]],
+    ) -> bool {
         let shape = self.family.shape();
-        let count = costs.len().div_ceil(LANES * shape.residuals);
-        let values = &mut values[..count * shape.residuals];
         let first = range * RANGE;
+        let count = values.len() / shape.residuals;
         let prepared = &self.prepared[first * shape.prepared..(first + count) * shape.prepared];
         self.family.value_blocks(prepared, parameters, values);
         let weights = &self.weights[first * shape.residuals..];
         let mut is_finite = true;
-        for ((costs, values), weights) in costs
-            .chunks_mut(LANES * shape.residuals)
-            .zip(values.chunks(shape.residuals))
-            .zip(weights.chunks(shape.residuals))
-        {
-            for (residual, (value, weight)) in values.iter().zip(weights).enumerate() {
-                // All lanes, so that they are computed at once: what fills the last block up repeats a sample.
-                let whitened: [f64; LANES] = from_fn(|lane| value[lane] * weight[lane]);
-                is_finite &= whitened.iter().fold(true, |all, own| all & own.is_finite());
-                let costs = costs[residual..].iter_mut().step_by(shape.residuals);
-                for (cost, whitened) in costs.zip(whitened) {
-                    *cost = 0.5 * whitened * whitened;
-                }
-            }
+        for ((costs, value), weight) in costs.iter_mut().zip(values).zip(weights) {
+            let whitened: [f64; LANES] = from_fn(|lane| value[lane] * weight[lane]);
+            is_finite &= whitened.iter().fold(true, |all, own| all & own.is_finite());
+            *costs = whitened.map(|whitened| 0.5 * whitened * whitened);
         }
-        if !is_finite {
-            return Err(self.not_finite(range, values, costs.len()));
-        }
-        Ok(())
+        is_finite
     }
 
-    /// Where the first of so many residuals of a range is that is not finite.
-    fn not_finite(&self, range: usize, values: &[Lanes], count: usize) -> NonFinite {
+    /// Where the first residual of a range is that is not finite, of a block of so many samples.
+    fn not_finite(&self, range: usize, values: &[Lanes], samples: usize) -> NonFinite {
         let (residuals, first) = (self.family.shape().residuals, range * RANGE);
         let is_wrong = |&index: &usize| {
             let (sample, residual) = (index / residuals, index % residuals);
@@ -286,6 +279,7 @@ impl Piece<'_> {
             let weight = self.weights[first * residuals + at][sample % LANES];
             !(values[at][sample % LANES] * weight).is_finite()
         };
+        let count = (samples - first * LANES).min(values.len() / residuals * LANES) * residuals;
         let index = (0..count).find(is_wrong).unwrap_or_default();
         NonFinite {
             block: self.block,

@@ -1,6 +1,9 @@
 //! A sparse matrix in compressed rows, with fixed pattern.
 
+use std::array::from_fn;
+
 use rayon::prelude::*;
+use tau_runtime::{LANES, Lanes};
 
 /// Rows or entries that one thread takes at a time; sums over chunks are added in their order, so that
 /// they do not depend on the number of threads.
@@ -233,6 +236,35 @@ impl Jacobian {
 /// Euclidean norm.
 pub(crate) fn norm(x: &[f64]) -> f64 {
     dot(x, x).sqrt()
+}
+
+/// Sum of many numbers.
+pub(crate) fn sum(x: &[f64]) -> f64 {
+    let (blocks, rest) = x.as_chunks();
+    sum_of_lanes(blocks.iter().copied(), rest.iter().copied())
+}
+
+/// Sum of the differences of many numbers.
+pub(crate) fn sum_of_differences(x: &[f64], y: &[f64]) -> f64 {
+    let (blocks, rest) = x.as_chunks::<LANES>();
+    let (other_blocks, other_rest) = y.as_chunks::<LANES>();
+    let pairs = blocks.iter().zip(other_blocks);
+    let rest = rest.iter().zip(other_rest).map(|(x, y)| x - y);
+    sum_of_lanes(pairs.map(|(x, y)| from_fn(|lane| x[lane] - y[lane])), rest)
+}
+
+/// Sum over all lanes and the rest: no addition waits for the one before.
+fn sum_of_lanes(
+    blocks: impl Iterator<Item = [f64; LANES]>,
+    rest: impl Iterator<Item = f64>,
+) -> f64 {
+    let mut sums = Lanes::ZERO;
+    for block in blocks {
+        for (sum, x) in sums.0.iter_mut().zip(block) {
+            *sum += x;
+        }
+    }
+    sums.sum() + rest.sum::<f64>()
 }
 
 /// Inner product.

@@ -1,6 +1,6 @@
 //! Levenberg-Marquardt with a trust region, on each independent part of a problem.
 
-use crate::jacobian::{dot, norm};
+use crate::jacobian::{dot, norm, sum, sum_of_differences};
 use crate::linear::{LinearSolver, Method, new_solver};
 use crate::partition::{Part, partition};
 use crate::subproblem::Subproblem;
@@ -55,7 +55,7 @@ pub fn solve_observed(
         cost += minimizer.cost;
         parts.push(PartSummary {
             parameters: part.parameters.clone(),
-            residuals: minimizer.costs.len(),
+            residuals: minimizer.system.residual_count(),
             initial_cost: minimizer.initial_cost,
             cost: minimizer.cost,
             iterations: minimizer.iterations,
@@ -153,7 +153,7 @@ impl<'p> Minimizer<'p> {
         system
             .costs(&x, &mut costs)
             .map_err(|fault| fault.into_error(problem))?;
-        let cost = costs.iter().sum();
+        let cost = sum(&costs);
         Ok(Self {
             subproblem: Subproblem::new(rows, columns, bounded),
             system,
@@ -281,8 +281,7 @@ impl<'p> Minimizer<'p> {
         if let Err(fault) = self.system.costs(&self.trial, &mut self.trial_costs) {
             return Ok(Trial::failed(Some(fault)));
         }
-        let pairs = self.costs.iter().zip(&self.trial_costs);
-        let decrease: f64 = pairs.map(|(old, new)| old - new).sum();
+        let decrease = sum_of_differences(&self.costs, &self.trial_costs);
         if !decrease.is_finite() {
             return Ok(Trial::failed(None));
         }
@@ -308,7 +307,7 @@ impl<'p> Minimizer<'p> {
     fn exchange(&mut self) {
         std::mem::swap(&mut self.x, &mut self.trial);
         std::mem::swap(&mut self.costs, &mut self.trial_costs);
-        self.cost = self.costs.iter().sum();
+        self.cost = sum(&self.costs);
     }
 
     /// Scales the new Jacobian and solves for the undamped step.

@@ -138,9 +138,15 @@ impl<'p> System<'p> {
     }
 
     /// Number of residuals, priors included.
-    pub(crate) fn cost_count(&self) -> usize {
+    pub(crate) fn residual_count(&self) -> usize {
         let fused = self.fused.as_ref();
         fused.map_or(self.residuals.len(), |fused| fused.rows)
+    }
+
+    /// Number of costs: one for each residual, and perhaps some that are always zero.
+    pub(crate) fn cost_count(&self) -> usize {
+        let fused = self.fused.as_ref();
+        fused.map_or(self.residuals.len(), |fused| fused.cost_count())
     }
 
     /// Lays out a part of a checked problem. `all` gives the fixed parameters.

@@ -110,6 +110,8 @@ pub(crate) fn triangularize(matrix: &mut [f64], width: usize, columns: usize) {
 pub(crate) struct RowReduction {
     qr: Qr,
     filled: usize,
+    /// Whether the rows are a triangle as they came.
+    is_triangle: bool,
 }
 
 impl RowReduction {
@@ -119,6 +121,7 @@ impl RowReduction {
         Self {
             qr: Qr::new(columns + chunk, columns),
             filled: 0,
+            is_triangle: true,
         }
     }
 
@@ -126,6 +129,7 @@ impl RowReduction {
     pub(crate) fn clear(&mut self) {
         self.qr.matrix.fill(0.0);
         self.filled = 0;
+        self.is_triangle = true;
     }
 
     /// The last column, that of the residuals.
@@ -140,6 +144,7 @@ impl RowReduction {
         }
         for (column, value) in entries {
             self.qr.matrix[(self.filled, column)] = value;
+            self.is_triangle &= column >= self.filled;
         }
         self.filled += 1;
     }
@@ -147,7 +152,10 @@ impl RowReduction {
     /// The triangular factor of the rows so far: the leading square of the matrix returned.
     pub(crate) fn reduce(&mut self) -> &Mat<f64> {
         let columns = self.qr.matrix.ncols();
-        self.qr.factor(self.filled, columns);
+        if !self.is_triangle {
+            self.qr.factor(self.filled, columns);
+            self.is_triangle = true;
+        }
         self.filled = self.filled.min(columns);
         &self.qr.matrix
     }
