@@ -251,6 +251,30 @@ fn noise_stated_a_quarter_wrong_changes_no_verdict_and_is_reported() {
     }
 }
 
+#[test]
+fn a_dimension_far_from_its_drawing_is_remarked() {
+    let folder = trial("01");
+    let remarks = |folder: &TempDir| -> Vec<String> {
+        let found = found(folder, "");
+        assert_eq!(found["status"], "nothing_missing");
+        let remarks = list(&found, "remarks").iter();
+        remarks
+            .map(|remark| remark.as_str().unwrap().to_owned())
+            .filter(|remark| remark.contains("tolerances from the robot file"))
+            .collect()
+    };
+    assert_eq!(remarks(&folder), [""; 0]);
+    let path = folder.path().join("robot.toml");
+    let text = fs::read_to_string(&path).unwrap();
+    let (length, wrong) = ("value = 2.04413", "value = 2.04713");
+    assert_eq!(text.matches(length).count(), 1);
+    fs::write(&path, text.replace(length, wrong)).unwrap();
+    let remarks = remarks(&folder);
+    assert_eq!(remarks.len(), 1, "{remarks:?}");
+    assert!(remarks[0].starts_with("`l1.length` comes out 9."));
+    assert!(remarks[0].contains("(-2.8"), "{remarks:?}");
+}
+
 /// A link that rolls over something as its cart goes, of which the catalogue knows nothing.
 const RIPPLE: &str = "/// A link's length ripples as its cart goes.
 effect link_ripple on link {

@@ -2,7 +2,11 @@
 
 use std::time::Instant;
 
+use tau_runtime::Owner;
+
+use super::distribution::chi2_survival;
 use super::evidence::{self, whiteness::Series};
+use super::fit::Fit;
 use super::results::{
     Considered, Discovery, Estimate, FoundEffect, Gap, LeftOut, Rival, SerialCorrelation, Status,
     Unseen, Validation, Whiteness,
@@ -14,6 +18,8 @@ use crate::evaluation::evaluate;
 
 /// Chance in white noise below which residuals are said to follow each other.
 const SERIAL: f64 = 0.01;
+/// Chance below which one of all dimensions is said to lie far from the robot file.
+const UNLIKELY: f64 = 0.01;
 /// Residuals of a set that are so many times the stated noise leave something to explain.
 const FAR_BEYOND: f64 = 2.0;
 
@@ -259,6 +265,44 @@ fn considered(search: &Search<'_>) -> Vec<Considered> {
         .collect()
 }
 
+/// Dimensions that come out further from the robot file than their tolerances let any of so many.
+fn far_from_drawing(fit: &Fit) -> Vec<String> {
+    let joint = &fit.joint;
+    let dimensions: Vec<_> = joint
+        .used
+        .iter()
+        .zip(&joint.priors)
+        .zip(&fit.fitted)
+        .filter_map(|((&index, prior), &value)| {
+            let parameter = &joint.machine.variant.parameters[index];
+            let is_dimension = matches!(
+                parameter.owner,
+                Owner::Link(_) | Owner::Cluster(_) | Owner::Track(_)
+            );
+            let tolerance = prior.tolerance.filter(|&tolerance| tolerance > 0.0)?;
+            is_dimension.then_some((parameter, value - prior.value, tolerance))
+        })
+        .collect();
+    let level = UNLIKELY / dimensions.len().max(1) as f64;
+    dimensions
+        .into_iter()
+        .filter(|(_, off, tolerance)| chi2_survival((off / tolerance).powi(2), 1.0) < level)
+        .map(|(parameter, off, tolerance)| {
+            let (size, unit): (f64, &str) = match parameter.unit.as_str() {
+                "m" => (off * 1e3, "mm"),
+                "rad" => (off * 1e3, "mrad"),
+                unit => (off, unit),
+            };
+            format!(
+                "`{}` comes out {:.1} tolerances from the robot file ({size:+.3} {unit}): either value or tolerance \
+                 there are wrong, or the assembly is, or it makes up for something that no effect of the catalogue does",
+                parameter.name,
+                (off / tolerance).abs(),
+            )
+        })
+        .collect()
+}
+
 fn remarks(search: &Search<'_>, whiteness: Option<&Whiteness>) -> Vec<String> {
     let mut remarks = Vec::new();
     for (set, what) in [
@@ -283,6 +327,7 @@ fn remarks(search: &Search<'_>, whiteness: Option<&Whiteness>) -> Vec<String> {
             ));
         }
     }
+    remarks.extend(far_from_drawing(&search.fit));
     if let Some(found) = whiteness
         && found.after.p_value.min(found.after.portmanteau_p_value) < SERIAL
     {
