@@ -94,10 +94,6 @@ struct Kind {
     chains: Vec<Vec<usize>>,
     /// Rows of what the fit absorbs, chain after chain.
     q: DMatrix<f64>,
-    /// `A·Q`, where `eᵀA·e` is the sum of the products of successive differences.
-    products: DMatrix<f64>,
-    /// The same of their mean squares.
-    squares: DMatrix<f64>,
     /// Number of successive differences.
     pairs: f64,
     /// How differences of the residuals correlate.
@@ -109,33 +105,44 @@ impl Kind {
         let rows: Vec<usize> = chains.iter().flatten().copied().collect();
         let residuals = residuals.select_rows(&rows);
         let q = q.select_rows(&rows);
-        let lengths = || chains.iter().map(Vec::len);
-        let (of_products, of_squares) = forms(lengths(), residuals.as_slice());
-        let dot = |form: &[f64]| -> f64 { residuals.iter().zip(form).map(|(a, b)| a * b).sum() };
-        let ratio = dot(&of_products) / dot(&of_squares).max(1e-300);
-        let (mut products, mut squares) = (q.clone(), q.clone());
-        for column in 0..q.ncols() {
-            let forms = forms(lengths(), q.column(column).as_slice());
-            products.column_mut(column).copy_from_slice(&forms.0);
-            squares.column_mut(column).copy_from_slice(&forms.1);
-        }
-        Self {
-            pairs: lengths()
-                .map(|length| length.saturating_sub(2) as f64)
-                .sum(),
+        let lengths = chains.iter().map(Vec::len);
+        let mut kind = Self {
+            pairs: lengths.map(|length| length.saturating_sub(2) as f64).sum(),
             chains,
             q,
-            products,
-            squares,
-            ratio,
+            ratio: 0.0,
+        };
+        let (products, squares) = kind.differences(residuals.as_slice(), residuals.as_slice());
+        kind.ratio = products / squares.max(1e-300);
+        kind
+    }
+
+    /// `xᵀA·y`, where `eᵀA·e` is the sum of the products of successive differences of `e`, and the same for that
+    /// of their mean squares; of matrices the traces, column by column.
+    fn differences(&self, x: &[f64], y: &[f64]) -> (f64, f64) {
+        let (mut products, mut squares) = (0.0, 0.0);
+        let rows = self.q.nrows();
+        for (x, y) in x.chunks_exact(rows).zip(y.chunks_exact(rows)) {
+            let mut first = 0;
+            for chain in &self.chains {
+                let own = first..first + chain.len();
+                for (x, y) in x[own.clone()].windows(3).zip(y[own].windows(3)) {
+                    let x = [x[1] - x[0], x[2] - x[1]];
+                    let y = [y[1] - y[0], y[2] - y[1]];
+                    products += x[0] * y[1] + x[1] * y[0];
+                    squares += x[0] * y[0] + x[1] * y[1];
+                }
+                first += chain.len();
+            }
         }
+        (0.5 * products, 0.5 * squares)
     }
 
     /// Whether independent noise would hardly leave residuals that follow each other as these do.
     fn is_serial(&self) -> bool {
-        let products = -self.pairs - self.q.dot(&self.products);
-        let squares = 2.0 * self.pairs - self.q.dot(&self.squares);
-        let excess = 2.0 * (self.ratio - products / squares);
+        let (products, squares) = self.differences(self.q.as_slice(), self.q.as_slice());
+        let white = (-self.pairs - products) / (2.0 * self.pairs - squares);
+        let excess = 2.0 * (self.ratio - white);
         excess * (0.5 * self.pairs).sqrt() > SIGNIFICANT
     }
 
@@ -161,39 +168,17 @@ impl Kind {
 
     /// The process corrected by what the fit makes of one with this correlation.
     fn corrected(&self, correlation: f64, turned: &DMatrix<f64>, inner: &DMatrix<f64>) -> Process {
-        // `tr(A·M·R·M)`, where `noise` is `tr(A·R)`.
+        // `tr(A·M·R·M) = tr(A·R) + tr(Qᵀ·A·N)` with this `N`.
         let absorbed = &self.q * inner - 2.0 * turned;
-        let mean = |noise: f64, form: &DMatrix<f64>| noise + form.dot(&absorbed);
-        let rest = 1.0 - correlation;
-        let products = mean(-self.pairs * rest * rest, &self.products);
-        let squares = mean(2.0 * self.pairs * rest, &self.squares);
-        let excess = self.ratio - products / squares;
-        let rows = self.q.nrows() as f64;
+        let (products, squares) = self.differences(self.q.as_slice(), absorbed.as_slice());
+        let (rows, rest) = (self.q.nrows() as f64, 1.0 - correlation);
+        let ratio = (products - self.pairs * rest * rest) / (squares + 2.0 * self.pairs * rest);
         let degrees = rows - self.q.norm_squared();
         Process {
-            correlation: (correlation + 2.0 * excess).clamp(0.0, STRONGEST),
-            variance: degrees / mean(rows, &self.q),
+            correlation: (correlation + 2.0 * (self.ratio - ratio)).clamp(0.0, STRONGEST),
+            variance: degrees / (rows + self.q.dot(&absorbed)),
         }
     }
-}
-
-/// `A·x` for the sum of the products of successive differences of `x`, and for that of their mean squares.
-fn forms(lengths: impl Iterator<Item = usize>, x: &[f64]) -> (Vec<f64>, Vec<f64>) {
-    let (mut products, mut squares) = (vec![0.0; x.len()], vec![0.0; x.len()]);
-    let mut first = 0;
-    for length in lengths {
-        for k in first + 2..first + length {
-            let (before, after) = (x[k - 1] - x[k - 2], x[k] - x[k - 1]);
-            products[k - 2] -= 0.5 * after;
-            products[k - 1] += 0.5 * (after - before);
-            products[k] += 0.5 * before;
-            squares[k - 2] -= 0.5 * before;
-            squares[k - 1] += 0.5 * (before - after);
-            squares[k] += 0.5 * after;
-        }
-        first += length;
-    }
-    (products, squares)
 }
 
 /// `Σ sᵢ sⱼ ρ^|i−j|` over a chain.

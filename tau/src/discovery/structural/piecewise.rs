@@ -28,6 +28,9 @@ use crate::robot::{Arm, Robot, TrackModel, TrackShape, Variant};
 /// Name of the candidate by which a track follows the measured points of its cart.
 const NAME: &str = "piecewise_track";
 
+/// Most knots with which a straight track is tested: cost grows with their number's square.
+const MOST_KNOTS: usize = 64;
+
 /// What was found from a base, and what its straight tracks leave.
 pub(in super::super) struct Found {
     outcome: Outcome,
@@ -210,7 +213,8 @@ fn tracks(search: &Search<'_>, base: &Variant) -> Vec<Bent> {
     })
 }
 
-/// Commands at which set 2 has points of a track.
+/// Commands at which set 2 has points of a track, evenly thinned where they are many: structure that a
+/// track has runs over more than two of so many.
 fn knots(search: &Search<'_>, track: usize) -> Vec<f64> {
     let mut knots: Vec<f64> = search
         .input
@@ -222,7 +226,10 @@ fn knots(search: &Search<'_>, track: usize) -> Vec<f64> {
         .collect();
     knots.sort_by(f64::total_cmp);
     knots.dedup();
-    knots
+    let (last, kept) = (knots.len().saturating_sub(1), knots.len().min(MOST_KNOTS));
+    (0..kept)
+        .map(|k| knots[k * last / (kept - 1).max(1)])
+        .collect()
 }
 
 fn of_track(search: &Search<'_>, view: &View, track: usize, knots: &[f64], level: f64) -> Bent {
