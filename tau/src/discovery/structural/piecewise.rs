@@ -28,7 +28,8 @@ use crate::robot::{Arm, Robot, TrackModel, TrackShape, Variant};
 /// Name of the candidate by which a track follows the measured points of its cart.
 const NAME: &str = "piecewise_track";
 
-/// Most knots with which a straight track is tested: cost grows with their number's square.
+/// Most knots with which a straight track is tested: cost grows with the square of their number, and
+/// structure of a track runs over more than one in so many.
 const MOST_KNOTS: usize = 64;
 
 /// What was found from a base, and what its straight tracks leave.
@@ -213,8 +214,7 @@ fn tracks(search: &Search<'_>, base: &Variant) -> Vec<Bent> {
     })
 }
 
-/// Commands at which set 2 has points of a track, evenly thinned where they are many: structure that a
-/// track has runs over more than two of so many.
+/// Commands at which set 2 has points of a track.
 fn knots(search: &Search<'_>, track: usize) -> Vec<f64> {
     let mut knots: Vec<f64> = search
         .input
@@ -226,6 +226,11 @@ fn knots(search: &Search<'_>, track: usize) -> Vec<f64> {
         .collect();
     knots.sort_by(f64::total_cmp);
     knots.dedup();
+    thinned(&knots)
+}
+
+/// Evenly fewer of them where they are many, the ends kept.
+fn thinned(knots: &[f64]) -> Vec<f64> {
     let (last, kept) = (knots.len().saturating_sub(1), knots.len().min(MOST_KNOTS));
     (0..kept)
         .map(|k| knots[k * last / (kept - 1).max(1)])
@@ -426,6 +431,26 @@ fn triangle(knots: &[f64], knot: usize, q: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn many_knots_are_thinned_evenly_and_few_are_kept() {
+        let even = |count: u32| -> Vec<f64> { (0..count).map(f64::from).collect() };
+        for count in [0, 1, 2, 28, 64] {
+            assert_eq!(thinned(&even(count)), even(count));
+        }
+        for count in [65, 100, 333] {
+            let kept = thinned(&even(count));
+            assert_eq!(
+                (kept.len(), kept[0], kept[63]),
+                (64, 0.0, f64::from(count - 1))
+            );
+            let steps: Vec<f64> = kept.windows(2).map(|pair| pair[1] - pair[0]).collect();
+            let (low, high) = steps.iter().fold((f64::MAX, 0.0), |(low, high), &step| {
+                (f64::min(low, step), f64::max(high, step))
+            });
+            assert!(low >= 1.0 && high - low <= 1.0, "{count}: {steps:?}");
+        }
+    }
 
     /// A track that becomes piecewise leaves the others as they are, and has paths per link where links are apart.
     #[test]
