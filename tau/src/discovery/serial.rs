@@ -217,6 +217,7 @@ fn chains(
 mod tests {
     use super::*;
     use crate::discovery::distribution::Random;
+    use crate::discovery::joint::tests::of_set_1;
     use crate::discovery::projection::Basis;
     use crate::discovery::projection::tests::normal;
 
@@ -262,6 +263,72 @@ mod tests {
         assert!((mean - correlation).abs() < 0.02, "{mean}");
         assert!((size - 1.0).abs() < 0.04, "{size}");
         assert!(naive < 0.45 && naive_size < 0.85, "{naive}, {naive_size}");
+    }
+
+    /// The variance of a signal's score behind a fit, by the double sum, over what residuals show of the noise.
+    #[test]
+    fn a_signal_is_inflated_by_what_serial_noise_adds_to_it() {
+        let (joint, samples) = of_set_1();
+        let rows = joint.rows;
+        let count = rows.len();
+        let width = rows.iter().map(|row| row.residual).max().unwrap() + 1;
+        let wave =
+            |row: Row, cycles: f64| (cycles * row.sample as f64 / samples.len() as f64).cos();
+        let base = DMatrix::from_fn(count, 4 * width, |row, column| {
+            let own = rows[row].residual == column % width;
+            f64::from(own) * wave(rows[row], 3.0 * (column / width) as f64)
+        });
+        let basis = Basis::of(&base).unwrap();
+        let signal = DMatrix::from_fn(count, 1, |row, _| wave(rows[row], 11.0));
+        let left = basis.residuals_after(&signal.column(0).into_owned());
+        let rest = DMatrix::from_column_slice(count, 1, left.as_slice());
+        let subspace = Subspace::of(&signal, &rest);
+        let correlation: f64 = 0.5;
+        let correlations = DMatrix::from_fn(count, count, |a, b| {
+            let (a, b) = (rows[a], rows[b]);
+            let lag = i32::try_from(a.sample.abs_diff(b.sample)).unwrap();
+            f64::from(a.residual == b.residual) * correlation.powi(lag)
+        });
+        let (u, degrees) = (subspace.u.column(0), (count - 4 * width) as f64);
+        let absorbed = (basis.q.transpose() * &correlations * &basis.q).trace();
+        let shown = (count as f64 - absorbed) / degrees;
+        let expected = u.dot(&(&correlations * u)) / shown;
+        let mut random = Random(6);
+        let trials = 101;
+        let mut found: Vec<f64> = (0..trials)
+            .map(|_| {
+                let mut noise: DVector<f64> = DVector::zeros(count);
+                for row in 0..count {
+                    let before = (0..row).rev().find(|&b| {
+                        rows[b].residual == rows[row].residual
+                            && rows[b].sample + 1 == rows[row].sample
+                    });
+                    let fresh = normal(&mut random);
+                    noise[row] = match before {
+                        Some(before) => {
+                            correlation * noise[before] + (1.0 - correlation.powi(2)).sqrt() * fresh
+                        }
+                        None => fresh,
+                    };
+                }
+                let view = View {
+                    residuals: basis.residuals_after(&noise),
+                    q: basis.q.clone(),
+                    factors: vec![1.0; count],
+                    rows: rows.clone(),
+                    degrees,
+                };
+                inflation(&view, &subspace, &samples)
+            })
+            .collect();
+        // In the mean it is larger, as a convex function of an estimate.
+        found.sort_by(f64::total_cmp);
+        let median = found[trials / 2];
+        assert!(expected > 2.0);
+        assert!(
+            (median / expected - 1.0).abs() < 0.08,
+            "{median} {expected}"
+        );
     }
 
     #[test]
