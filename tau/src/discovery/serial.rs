@@ -94,7 +94,7 @@ struct Kind {
     chains: Vec<Vec<usize>>,
     /// Rows of what the fit absorbs, chain after chain.
     q: DMatrix<f64>,
-    /// Number of successive differences.
+    /// Number of pairs of successive differences.
     pairs: f64,
     /// How differences of the residuals correlate.
     ratio: f64,
