@@ -19,6 +19,7 @@ const DESCRIPTION: &str = concat!(
     env!("CARGO_MANIFEST_DIR"),
     "/../generated/models/gantry_tau.tau"
 );
+const ROBOTS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/robots");
 const VARIANTS: [&str; 5] = [
     "Nominal",
     "Piecewise",
@@ -37,7 +38,9 @@ struct Ran {
 /// Runs a command line; words are separated by spaces, and `DIR` stands for a folder.
 fn tau_in(folder: &Path, line: &str) -> Ran {
     let words = line.split_whitespace().map(|word| {
-        let word = word.replace("DIR", &folder.display().to_string());
+        let word = word
+            .replace("DIR", &folder.display().to_string())
+            .replace("ROBOTS", ROBOTS);
         OsString::from(word.replace("DATA", DATA).replace("GANTRY", DESCRIPTION))
     });
     let (mut out, mut err) = (Vec::new(), Vec::new());

@@ -170,3 +170,34 @@ fn a_singular_pose_is_named() {
                     (0.00, 0.00, 1.00)";
     assert!(ran.err.contains(expected), "{}", ran.err);
 }
+
+#[test]
+fn a_nearly_level_plate_is_predicted() {
+    let folder = tempfile::tempdir().unwrap();
+    let robot = "robot = \"Stewart\"\n[noise]\nposition_m = 1e-5\nrotation_rad = 4e-5\n";
+    fs::write(folder.path().join("robot.toml"), robot).unwrap();
+    // The lengths at which this plate stands level, to rounding.
+    let commands = "0.06723930938620057,0.01643647621444882,0.025950970570962392,\
+                    0.052618692362568775,0.033142340058408354,0.057263075759559974";
+    let line = format!(
+        "tau kinematics forward --model ROBOTS/stewart.tau --robot DIR/robot.toml --variant Full \
+         --start=0,0,0.78,0.01,0.01,0 --commands={commands}"
+    );
+    let found = tau_in(folder.path(), &line).done();
+    assert!(column(&found, "beta_rad")[0] < 1e-12, "{found}");
+}
+
+#[test]
+fn poses_of_a_level_plate_are_predicted_from_measured_ones() {
+    let folder = tempfile::tempdir().unwrap();
+    let robot = "robot = \"LinearDelta\"\n[noise]\nposition_m = 1e-5\nrotation_rad = 4e-5\n";
+    fs::write(folder.path().join("robot.toml"), robot).unwrap();
+    let with = "--model ROBOTS/linear_delta.tau --robot DIR/robot.toml --variant Full";
+    let line = format!("tau simulate --exact --out DIR/measured {with}");
+    tau_in(folder.path(), &line).done();
+    let line = format!("tau evaluate DIR/measured --split all {with} --json -");
+    let found = tau_in(folder.path(), &line).json();
+    let largest = number(&found["position_um"]["max"]);
+    // The machine is the one that was simulated, so that what is left is noise of 10 µm an axis.
+    assert!(largest < 60.0, "{largest} µm");
+}

@@ -26,19 +26,26 @@ impl Pose {
     }
 
     /// ZYZ Euler angles of R (rad), beta in [0, π]; gamma is 0 where beta is 0 or π and only the sum or
-    /// the difference of the other two is determined.
+    /// the difference of the other two is determined. They give R again up to rounding.
     pub fn angles_rad(&self) -> [f64; 3] {
         let r = self.rotation.matrix();
         let sine = r[(0, 2)].hypot(r[(1, 2)]);
-        if sine < 1e-9 {
-            let alpha = (-r[(0, 1)]).atan2(r[(1, 1)]);
-            return [alpha, sine.atan2(r[(2, 2)]), 0.0];
-        }
-        [
-            r[(1, 2)].atan2(r[(0, 2)]),
-            sine.atan2(r[(2, 2)]),
-            r[(2, 1)].atan2(-r[(2, 0)]),
-        ]
+        // Near beta = 0 rounding decides on alpha and on gamma, but not on their sum; near π not on
+        // their difference. So one of those is found first, and gamma follows from it.
+        let (turn, sign) = if r[(2, 2)] >= 0.0 {
+            let sum = (r[(1, 0)] - r[(0, 1)]).atan2(r[(0, 0)] + r[(1, 1)]);
+            (sum, 1.0)
+        } else {
+            let difference = -(r[(1, 0)] + r[(0, 1)]).atan2(r[(1, 1)] - r[(0, 0)]);
+            (difference, -1.0)
+        };
+        let alpha = if sine > f64::EPSILON {
+            r[(1, 2)].atan2(r[(0, 2)])
+        } else {
+            turn
+        };
+        let gamma = wrapped(sign * (turn - alpha));
+        [alpha, sine.atan2(r[(2, 2)]), gamma]
     }
 
     /// Those ZYZ Euler angles of R (rad) that lie nearest to others: of the two triples that describe a
@@ -115,11 +122,10 @@ pub fn nearest_rotation(matrix: Matrix3<f64>) -> Rotation3<f64> {
     Rotation3::from_matrix_unchecked(u * signs * v_t)
 }
 
-/// An angle brought into (−π, π].
+/// An angle brought into (−π, π]; one that lies there stays as it is, to the last bit.
 fn wrapped(angle: f64) -> f64 {
-    use std::f64::consts::{PI, TAU};
-    let turned = angle.rem_euclid(TAU);
-    if turned > PI { turned - TAU } else { turned }
+    use std::f64::consts::TAU;
+    angle - TAU * (angle / TAU - 0.5).ceil()
 }
 
 fn distance(a: &[f64; 3], b: &[f64; 3]) -> f64 {
@@ -130,23 +136,59 @@ fn distance(a: &[f64; 3], b: &[f64; 3]) -> f64 {
 mod tests {
     use super::*;
 
-    const ANGLES: [[f64; 3]; 4] = [
-        [1.5, 1.8, -1.5],
-        [-3.0, 0.2, 2.0],
-        [0.4, 1e-12, 0.0],
-        [0.3, std::f64::consts::PI, 0.0],
-    ];
+    /// Rotations all over, and ones that are level or overturned up to a tilt of any size.
+    fn rotations() -> impl Iterator<Item = Rotation3<f64>> {
+        use std::f64::consts::PI;
+        // Steps of the golden ratio spread evenly without any pattern.
+        let spread = |k: u32, multiple: f64| {
+            let share = (f64::from(k) * multiple * 0.618_033_988_749_895).fract();
+            (2.0 * share - 1.0) * PI
+        };
+        let tilts = (0..40)
+            .map(|exponent| 10_f64.powf(-0.5 * f64::from(exponent)))
+            .chain([0.0]);
+        let nearly = tilts.enumerate().flat_map(move |(k, tilt)| {
+            (0..50).flat_map(move |n| {
+                let n = 50 * k as u32 + n;
+                let heading = spread(n, 1.0);
+                let axis = Vector3::new(heading.cos(), heading.sin(), 0.0);
+                let level = Rotation3::new(axis * tilt)
+                    * Rotation3::from_axis_angle(&Vector3::z_axis(), spread(n, 7.0));
+                let over = Rotation3::from_axis_angle(&Vector3::x_axis(), PI);
+                [level, level * over]
+            })
+        });
+        let anywhere =
+            (0..2000).map(move |k| zyz([spread(k, 1.0), spread(k, 3.0), spread(k, 11.0)]));
+        nearly.chain(anywhere)
+    }
 
     #[test]
     fn angles_describe_the_rotation_that_they_were_taken_from() {
-        for angles in ANGLES {
-            let pose = Pose::from_zyz([0.0; 3], angles);
-            let again = zyz(pose.angles_rad());
+        for rotation in rotations() {
+            let pose = Pose {
+                position: Vector3::zeros(),
+                rotation,
+            };
+            let angles = pose.angles_rad();
+            let off = (zyz(angles).matrix() - rotation.matrix()).amax();
+            assert!(off < 1e-15, "{angles:?}: {off:e}");
             assert!(
-                (again.matrix() - pose.rotation.matrix()).norm() < 1e-12,
-                "{angles:?}"
+                angles
+                    .iter()
+                    .all(|angle| angle.abs() <= std::f64::consts::PI)
             );
         }
+    }
+
+    #[test]
+    fn level_and_overturned_plates_have_no_gamma() {
+        let level = Pose::from_zyz([0.0; 3], [0.4, 0.0, 0.3]).angles_rad();
+        assert!((level[0] - 0.7).abs() < 1e-15, "{level:?}");
+        assert_eq!(level[1..], [0.0, 0.0]);
+        let over = Pose::from_zyz([0.0; 3], [0.4, std::f64::consts::PI, 0.3]).angles_rad();
+        assert!((over[0] - 0.1).abs() < 1e-15, "{over:?}");
+        assert!((over[1] - std::f64::consts::PI).abs() < 1e-15 && over[2] == 0.0);
     }
 
     #[test]

@@ -15,8 +15,9 @@ mod request;
 mod write;
 
 use std::collections::BTreeMap;
+use std::f64::consts::TAU;
 
-use nalgebra::{Rotation3, Vector3};
+use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 
 pub use build::Build;
 pub use effect::{
@@ -472,16 +473,57 @@ fn recorded(conditions: &Conditions) -> measurements::Conditions {
 }
 
 /// ZYZ Euler angles (rad) of a rotation, the middle one in [0, π].
+///
+/// Half their sum and half their difference are angles of the quaternion's parts along and across z, so
+/// that none of the rotation is lost near the poles, where the angles themselves mean little.
 fn zyz_angles(rotation: &Rotation3<f64>) -> [f64; 3] {
-    let m = rotation.matrix();
-    let beta = m[(0, 2)].hypot(m[(1, 2)]).atan2(m[(2, 2)]);
-    // Near the poles only the sum or the difference of the others means anything.
-    if beta.sin() < 1e-9 {
-        return [m[(1, 0)].atan2(m[(1, 1)]), beta, 0.0];
-    }
+    let q = UnitQuaternion::from_rotation_matrix(rotation);
+    let (along, across) = (q.w.hypot(q.k), q.i.hypot(q.j));
+    let half_sum = q.k.atan2(q.w);
+    // Exactly level, any difference will do: the one that makes the last angle zero.
+    let half_difference = if across > 0.0 {
+        (-q.i).atan2(q.j)
+    } else {
+        half_sum
+    };
+    let wrapped = |angle: f64| angle - TAU * (angle / TAU).round();
     [
-        m[(1, 2)].atan2(m[(0, 2)]),
-        beta,
-        m[(2, 1)].atan2(-m[(2, 0)]),
+        wrapped(half_sum + half_difference),
+        2.0 * across.atan2(along),
+        wrapped(half_sum - half_difference),
     ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn euler_angles_lose_nothing_near_the_poles() {
+        use std::f64::consts::PI;
+        let about = |axis, angle| Rotation3::from_axis_angle(&axis, angle);
+        let mut random = Random::new(1, "rotations");
+        for exponent in 0..36 {
+            for pole in [0.0, PI] {
+                let tilt = 10_f64.powf(-0.5 * f64::from(exponent));
+                let turned = about(Vector3::z_axis(), random.uniform(-PI, PI));
+                let heading = random.uniform(-PI, PI);
+                let axis = Vector3::new(heading.cos(), heading.sin(), 0.0);
+                let rotation =
+                    Rotation3::new(axis * tilt) * about(Vector3::x_axis(), pole) * turned;
+                let [alpha, beta, gamma] = zyz_angles(&rotation);
+                let again = about(Vector3::z_axis(), alpha)
+                    * about(Vector3::y_axis(), beta)
+                    * about(Vector3::z_axis(), gamma);
+                let off = (again.matrix() - rotation.matrix()).amax();
+                assert!(off < 2e-15, "{tilt:e} {pole}: {off:e}");
+                assert!((0.0..=PI).contains(&beta));
+            }
+        }
+        let level = zyz_angles(&about(Vector3::z_axis(), 0.7));
+        assert!(
+            (level[0] - 0.7).abs() < 1e-15 && level[1..] == [0.0, 0.0],
+            "{level:?}"
+        );
+    }
 }
