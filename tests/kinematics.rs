@@ -423,3 +423,53 @@ fn links_beyond_six_are_fitted_by_least_squares() {
     );
     assert!(more - rest < 1e-3, "but the others hold against it");
 }
+
+#[test]
+fn a_number_that_is_none_ends_every_search_at_once() {
+    let (folder, mut file) = prototype();
+    let robot = gantry_tau();
+    let effect: BTreeMap<_, _> = [("sine", 1e-3), ("period", 0.0)]
+        .map(|(name, value)| {
+            let value = tau::robot_file::Value {
+                value: vec![value],
+                tol: 1.0,
+                sigma: None,
+            };
+            (name.to_owned(), value)
+        })
+        .into();
+    file.effects.insert("rack_pitch(two)".to_owned(), effect);
+    let variant = robot.variant("FullRack").unwrap();
+    let machine = Machine::from_file(&robot, variant, &file, Some(&folder), &[0]).unwrap();
+    let measured = &folder.tcp_poses[60];
+    let sample = Sample::from(measured);
+    let options = InverseOptions::default();
+    let errors = [
+        machine.forward(&sample).unwrap_err(),
+        machine.inverse(sample.pose, &options).unwrap_err(),
+        machine
+            .inverse_position(measured.position_m, &options)
+            .unwrap_err(),
+        machine
+            .assembly_modes(&measured.commands_m, None)
+            .unwrap_err(),
+    ];
+    for error in errors {
+        assert!(
+            matches!(&error, Error::NotFinite { closure } if closure == "l2a"),
+            "{error}"
+        );
+    }
+    let first = folder.tcp_poses[0].pose;
+    let errors = [
+        tau::evaluation::evaluate(&machine, &folder, &[0]).unwrap_err(),
+        tau::sensitivity::analyse(&machine, &folder, &[0], 1e-6).unwrap_err(),
+    ];
+    for error in errors {
+        let error = error.to_string();
+        assert!(
+            error.starts_with(&format!("pose {first}: the closure of `l2a`")),
+            "{error}"
+        );
+    }
+}

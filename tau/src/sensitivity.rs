@@ -7,7 +7,7 @@
 use nalgebra::{DMatrix, DVector, Vector3};
 
 use crate::calibration::{Error, closure_cost};
-use crate::kinematics::{Machine, POSE_COLUMNS, Pose, Sample, angle_rates};
+use crate::kinematics::{self, Machine, POSE_COLUMNS, Pose, Sample, angle_rates};
 use crate::measurements::{Folder, TcpPose};
 use crate::robot::{Arm, Instance, Owner, ResidualKind};
 use crate::study::results::{LinkSensitivity, ParameterSensitivity, Sensitivity};
@@ -155,7 +155,7 @@ impl<'a> Place<'a> {
                     let closure = machine.closure_name(closure).to_owned();
                     Error::at_pose(
                         self.measured.pose,
-                        crate::kinematics::Error::Missing { closure, what },
+                        kinematics::Error::Missing { closure, what },
                     )
                 })?;
             let parameters: Vec<f64> = closure
@@ -176,6 +176,11 @@ impl<'a> Place<'a> {
                 .zip(&jacobian)
                 .find(|&(&column, _)| column as usize == own)
                 .map_or(0.0, |(_, entry)| entry * self.scales[row]);
+            if !derivatives[row].is_finite() {
+                let closure = machine.closure_name(closure).to_owned();
+                let error = kinematics::Error::NotFinite { closure };
+                return Err(Error::at_pose(self.measured.pose, error));
+            }
         }
         Ok(derivatives)
     }

@@ -12,6 +12,11 @@ pub enum Error {
         /// What is missing, in words.
         what: &'static str,
     },
+    /// A closure, or a derivative of it, is infinite or not a number.
+    NotFinite {
+        /// Name of the link or cluster.
+        closure: String,
+    },
     /// Number of commands other than the robot has.
     Commands {
         /// Given.
@@ -60,6 +65,11 @@ impl fmt::Display for Error {
             Self::Missing { closure, what } => {
                 write!(f, "the closure of `{closure}` needs {what}")
             }
+            Self::NotFinite { closure } => write!(
+                f,
+                "the closure of `{closure}`, or a derivative of it, is not a finite number: \
+                 a parameter takes a value that its formula can't"
+            ),
             Self::Commands { found, expected } => {
                 write!(f, "found {found} commands, expected {expected}")
             }

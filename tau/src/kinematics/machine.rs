@@ -72,7 +72,7 @@ impl Machine {
     /// All closures with their derivatives at a sample.
     ///
     /// # Errors
-    /// Data that the sample lacks; a wrong number of commands.
+    /// Data that the sample lacks; a wrong number of commands; a number that is not finite.
     pub fn closures(&self, sample: &Sample<'_>) -> Result<Closures, Error> {
         let commands = self.robot.commands;
         if sample.commands_m.len() != commands {
@@ -114,7 +114,7 @@ impl Machine {
     /// Residual of one closure (m²) and its gradient by position (3) and rotation vector (3).
     ///
     /// # Errors
-    /// Data that the sample lacks.
+    /// Data that the sample lacks; a number that is not finite.
     pub(crate) fn closure_by_pose(
         &self,
         instance: &Instance,
@@ -183,6 +183,12 @@ impl Scratch {
             &mut residual,
             &mut self.jacobian,
         );
+        // What comes next would turn in circles on a number that is none.
+        if !residual.iter().chain(&self.jacobian).all(|v| v.is_finite()) {
+            return Err(Error::NotFinite {
+                closure: machine.closure_name(instance).to_owned(),
+            });
+        }
         Ok(residual[0])
     }
 }

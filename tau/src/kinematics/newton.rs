@@ -64,12 +64,18 @@ pub(crate) fn solve(
         let mut share = (LONGEST_STEP / longest).min(1.0);
         let moved = loop {
             let (next_pose, next_commands) = advance(&pose, &commands, unknowns, &step, share);
-            let next = at(next_pose, &next_commands)?;
-            let next_mismatch = next.residuals.norm();
-            if next_mismatch < mismatch * (1.0 - 1e-4 * share) || next_mismatch < ROUNDING_M {
-                (pose, commands, closures, mismatch) =
-                    (next_pose, next_commands, next, next_mismatch);
-                break true;
+            match at(next_pose, &next_commands) {
+                Ok(next) => {
+                    let norm = next.residuals.norm();
+                    if norm < mismatch * (1.0 - 1e-4 * share) || norm < ROUNDING_M {
+                        (pose, commands) = (next_pose, next_commands);
+                        (closures, mismatch) = (next, norm);
+                        break true;
+                    }
+                }
+                // A step can be too long for a formula, as for a root of what it makes negative.
+                Err(Error::NotFinite { .. }) => {}
+                Err(error) => return Err(error),
             }
             // At the end of the iteration rounding alone decides whether a full step gains anything.
             if longest * share < SETTLED {

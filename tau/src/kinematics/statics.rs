@@ -71,7 +71,8 @@ impl Statics {
                     .and_then(|track| commands_m.get(track))
                     .copied()
                     .unwrap_or(0.0);
-                (rod.track_offset + rod.direction * q - pose.position - lever).normalize()
+                let rod = rod.track_offset + rod.direction * q - pose.position - lever;
+                rod.try_normalize(0.0).unwrap_or_default()
             })
             .collect();
         let wrenches = DMatrix::from_fn(6, self.links.len(), |row, link| {
