@@ -473,3 +473,14 @@ fn a_number_that_is_none_ends_every_search_at_once() {
         );
     }
 }
+
+#[test]
+fn a_neighbour_with_too_few_commands_leaves_the_rest_to_the_range() {
+    let machine = described(include_str!("robots/stewart.tau"), "Full");
+    let options = InverseOptions {
+        near: Some((level(0.8), vec![0.0])),
+        ..InverseOptions::default()
+    };
+    let reached = machine.inverse(level(0.8), &options).unwrap();
+    assert!(reached.commands_m.iter().all(|q| q.abs() < 1e-5));
+}

@@ -216,17 +216,9 @@ impl Machine {
         let sum = -0.5 * (b + discriminant.sqrt().copysign(b));
         let roots =
             [sum / a, if sum == 0.0 { 0.0 } else { c / sum }].map(|root| middle[command] + root);
-        let centre = options
-            .near
-            .as_ref()
-            .map_or(middle[command], |(_, near)| near[command]);
-        let outside = |root: f64| match (&options.near, options.range_m.get(command)) {
-            (None, Some(Some((low, high)))) => !(*low..=*high).contains(&root),
-            _ => false,
-        };
         let [first, second] = roots;
-        let is_first =
-            (outside(first), (first - centre).abs()) <= (outside(second), (second - centre).abs());
+        let from_middle = |root: f64| (root - middle[command]).abs();
+        let is_first = from_middle(first) <= from_middle(second);
         Ok(if is_first { first } else { second })
     }
 
