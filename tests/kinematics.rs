@@ -401,12 +401,7 @@ fn what_cannot_be_reached_is_an_error() {
 
 #[test]
 fn links_beyond_six_are_fitted_by_least_squares() {
-    let text = include_str!("robots/stewart.tau").replace(
-        "link leg1 actuated",
-        "link prop actuated length { length = 0.8 m; plate_joint = (0, 0, 0) m; track_offset = (0, 0, 0) m; }
-         link leg1 actuated",
-    );
-    let machine = described(&text, "Full");
+    let machine = propped();
     let height = |prop: f64| {
         let mut commands = [0.0; 7];
         commands[0] = prop;
@@ -422,6 +417,17 @@ fn links_beyond_six_are_fitted_by_least_squares() {
         "the seventh leg lifts the plate"
     );
     assert!(more - rest < 1e-3, "but the others hold against it");
+}
+
+#[test]
+fn a_neighbour_with_too_few_commands_leaves_the_rest_to_the_range() {
+    let machine = described(include_str!("robots/stewart.tau"), "Full");
+    let options = InverseOptions {
+        near: Some((level(0.8), vec![0.0])),
+        ..InverseOptions::default()
+    };
+    let reached = machine.inverse(level(0.8), &options).unwrap();
+    assert!(reached.commands_m.iter().all(|q| q.abs() < 1e-5));
 }
 
 #[test]
@@ -474,13 +480,36 @@ fn a_number_that_is_none_ends_every_search_at_once() {
     }
 }
 
+/// The Stewart platform with a seventh leg under the middle of the plate.
+fn propped() -> Machine {
+    let text = include_str!("robots/stewart.tau").replace(
+        "link leg1 actuated",
+        "link prop actuated length { length = 0.8 m; plate_joint = (0, 0, 0) m; track_offset = (0, 0, 0) m; }
+         link leg1 actuated",
+    );
+    described(&text, "Full")
+}
+
 #[test]
-fn a_neighbour_with_too_few_commands_leaves_the_rest_to_the_range() {
-    let machine = described(include_str!("robots/stewart.tau"), "Full");
-    let options = InverseOptions {
-        near: Some((level(0.8), vec![0.0])),
-        ..InverseOptions::default()
-    };
-    let reached = machine.inverse(level(0.8), &options).unwrap();
-    assert!(reached.commands_m.iter().all(|q| q.abs() < 1e-5));
+fn lengths_that_no_pose_has_are_an_error() {
+    let machine = propped();
+    let mut commands = [0.0; 7];
+    commands[0] = 0.05;
+    let start = Sample::new(level(0.8), &commands);
+    let error = machine.forward(&start).unwrap_err();
+    assert!(
+        matches!(error, Error::Inconsistent { mismatch_m, .. } if mismatch_m > 5e-3),
+        "{error}"
+    );
+    assert_eq!(
+        machine.assembly_modes(&commands, None).unwrap_err(),
+        Error::NoAssembly
+    );
+    // Whoever compares with measurements gets the best pose all the same, and how good it is.
+    let fitted = machine.forward_fitted(&start).unwrap();
+    let closures = machine.closures(&start.at(fitted.pose)).unwrap();
+    let rms = (closures.residuals.norm_squared() / 7.0).sqrt();
+    assert!((fitted.mismatch_m - rms).abs() < 1e-9 && rms > 5e-3);
+    let raised = machine.forward_sequence(&[vec![0.0; 7], commands.to_vec()], Some(level(0.8)));
+    assert_eq!(raised.unwrap_err().0, 1);
 }

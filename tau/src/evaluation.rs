@@ -31,7 +31,9 @@ impl Summary {
 }
 
 /// Predicts the poses of a folder, given by index, from their commands, and compares. Forward
-/// kinematics starts at the measured pose, which settles the assembly mode.
+/// kinematics starts at the measured pose, which settles the assembly mode. Where the machine has more
+/// links than hold the plate, the pose is that of least squares, however far they are off their lengths:
+/// what that means at the tool is what the errors show.
 ///
 /// # Errors
 /// Columns that the variant needs are missing; a pose can't be predicted.
@@ -41,8 +43,9 @@ pub fn evaluate(machine: &Machine, folder: &Folder, poses: &[usize]) -> Result<E
         .filter_map(|&pose| folder.tcp_poses.get(pose))
         .map(|measured| {
             let predicted = machine
-                .forward(&Sample::from(measured))
-                .map_err(|error| Error::at_pose(measured.pose, error))?;
+                .forward_fitted(&Sample::from(measured))
+                .map_err(|error| Error::at_pose(measured.pose, error))?
+                .pose;
             let angles = predicted.angles_near(measured.angles_rad);
             let position = predicted.position_m();
             let orientation = [0, 1, 2].map(|k| angles[k] - measured.angles_rad[k]);

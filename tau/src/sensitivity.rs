@@ -98,7 +98,7 @@ impl<'a> Place<'a> {
     fn new(machine: &Machine, measured: &'a TcpPose) -> Result<Self, Error> {
         let fail = |error| Error::at_pose(measured.pose, error);
         let sample = Sample::from(measured);
-        let pose = machine.forward(&sample).map_err(fail)?;
+        let pose = machine.forward_fitted(&sample).map_err(fail)?.pose;
         let sample = sample.at(pose);
         let closures = machine.closures(&sample).map_err(fail)?;
         let scales = machine

@@ -117,7 +117,9 @@ fn json_says_what_the_csv_says() {
         numbers("angles_rad"),
     ]
     .concat();
-    assert_eq!(all, csv[0][1..]);
+    // The reader of JSON rounds the last bit as it likes.
+    let pairs = all.iter().zip(&csv[0][1..]);
+    assert!(all.len() == 9 && pairs.into_iter().all(|(a, b)| (a - b).abs() < 1e-14));
     let reduced = line.replace("Full", "Nominal") + " --json -";
     let reduced = tau_in(folder.path(), &reduced).json();
     assert_eq!(reduced["poses"][0]["angles_rad"], Value::Null);

@@ -46,9 +46,9 @@ pub enum Error {
         /// Distance by which it falls short at best (m).
         short_m: f64,
     },
-    /// A pose that the commands can't produce.
+    /// A pose that no commands produce, or commands at which no pose has the links' lengths.
     Inconsistent {
-        /// Mismatch of the link lengths at the best commands (m), root mean square.
+        /// Mismatch of the link lengths at best (m), root mean square.
         mismatch_m: f64,
         /// What was allowed (m).
         allowed_m: f64,
@@ -82,8 +82,8 @@ impl fmt::Display for Error {
                 mismatch_m,
             } => write!(
                 f,
-                "no solution was found in {iterations} iterations: the link lengths still differ by {:.3} mm",
-                mismatch_m * 1e3
+                "no solution was found in {iterations} iterations: the link lengths still differ by {}",
+                length(*mismatch_m)
             ),
             Self::OutOfReach { closure, short_m } => {
                 write!(
@@ -97,9 +97,9 @@ impl fmt::Display for Error {
                 allowed_m,
             } => write!(
                 f,
-                "no commands give this pose: the link lengths differ by {:.1} µm at best, allowed are {:.1} µm",
-                mismatch_m * 1e6,
-                allowed_m * 1e6
+                "pose and commands do not go together: the link lengths differ by {} at best, allowed are {}",
+                length(*mismatch_m),
+                length(*allowed_m)
             ),
             Self::NoAssembly => {
                 write!(
@@ -109,6 +109,15 @@ impl fmt::Display for Error {
             }
             Self::Target(why) => f.write_str(why),
         }
+    }
+}
+
+/// A length in a unit in which it has digits to show.
+fn length(metres: f64) -> String {
+    match metres {
+        1e-3.. => format!("{:.1} mm", metres * 1e3),
+        1e-7.. => format!("{:.1} µm", metres * 1e6),
+        _ => format!("{:.1e} µm", metres * 1e6),
     }
 }
 

@@ -3,6 +3,7 @@
 use nalgebra::{Rotation3, Unit, Vector3};
 
 use super::inputs::Sample;
+use super::inverse::Reached;
 use super::machine::{Closures, Machine, POSE_COLUMNS};
 use super::{Error, Pose, newton};
 use crate::robot::Arm;
@@ -12,6 +13,11 @@ use crate::robot::Arm;
 const SINGULAR: f64 = 1e-4;
 /// How often the way from one set of commands to the next is halved before giving up.
 const HALVINGS: u32 = 8;
+/// Largest root mean square mismatch of the link lengths (m) at which [`Machine::forward`] takes a pose
+/// for that of the commands. Only a machine with more links than hold the plate has any: noise and what
+/// its model lacks leave tens of micrometres after calibration, commands that do not belong together
+/// leave many millimetres.
+pub const LARGEST_MISMATCH_M: f64 = 1e-3;
 /// Modes nearer to each other than this (m, rad) are the same.
 const SAME_MODE: f64 = 1e-6;
 
@@ -29,13 +35,25 @@ impl Machine {
     /// from the pose of `start`. A reduced arm says nothing about orientation: that of `start` is kept.
     ///
     /// # Errors
-    /// No solution from there; a singular pose; data missing.
+    /// No solution from there; a singular pose; data missing; more links than hold the plate, which
+    /// can't all have their lengths, by more than [`LARGEST_MISMATCH_M`].
     pub fn forward(&self, start: &Sample<'_>) -> Result<Pose, Error> {
-        let result = self.forward_unchecked(start);
+        Ok(self.forward_fitted(start)?.within(LARGEST_MISMATCH_M)?.pose)
+    }
+
+    /// The same, but however far the links are off their lengths at that pose: where there are more of
+    /// them than hold the plate, the sum of the squares is least. For whoever compares the pose with a
+    /// measured one and so sees how good it is: parameters straight from drawings may be off by
+    /// millimetres, and no limit tells their mismatch from that of wrong commands.
+    ///
+    /// # Errors
+    /// No solution from there; a singular pose; data missing.
+    pub fn forward_fitted(&self, start: &Sample<'_>) -> Result<Reached, Error> {
+        let result = newton::solve(self, start, self.pose_unknowns());
         // Where there is no solution, a start at a singular pose is the likely cause: then say so.
-        let pose = result.as_ref().copied().unwrap_or(start.pose);
+        let pose = result.as_ref().map_or(start.pose, |settled| settled.pose);
         self.check_regular(&self.closures(&start.at(pose))?)?;
-        result
+        Ok(self.reached(result?))
     }
 
     /// Forward kinematics without the check for singular poses, for many small steps.
@@ -69,27 +87,49 @@ impl Machine {
         let mut poses = Vec::with_capacity(commands_m.len());
         for (index, commands) in commands_m.iter().enumerate() {
             pose = self
-                .follow(pose, before, commands, HALVINGS)
-                .map_err(|error| (index, error))?;
+                .forward_along(before, &Sample::new(pose, commands))
+                .map_err(|error| (index, error))?
+                .pose;
             poses.push(pose);
             before = commands;
         }
         Ok(poses)
     }
 
-    fn follow(&self, start: Pose, from: &[f64], to: &[f64], halvings: u32) -> Result<Pose, Error> {
-        let result = self.forward(&Sample::new(start, to));
-        let has_way = from.len() == to.len() && from != to;
-        if !matches!(result, Err(Error::NotConverged { .. })) || halvings == 0 || !has_way {
+    /// The pose at the commands of `to`, where its pose is that at the commands `from` (m). Where the
+    /// step is too long for Newton's method, the way is halved.
+    ///
+    /// # Errors
+    /// As [`Machine::forward`].
+    pub(crate) fn forward_along(&self, from: &[f64], to: &Sample<'_>) -> Result<Reached, Error> {
+        self.follow(from, to, HALVINGS)
+    }
+
+    fn follow(&self, from: &[f64], to: &Sample<'_>, halvings: u32) -> Result<Reached, Error> {
+        let result = self
+            .forward_fitted(to)
+            .and_then(|reached| reached.within(LARGEST_MISMATCH_M));
+        let is_far = matches!(
+            result,
+            Err(Error::NotConverged { .. } | Error::Inconsistent { .. })
+        );
+        let has_way = from.len() == to.commands_m.len() && from != to.commands_m;
+        if !is_far || halvings == 0 || !has_way {
             return result;
         }
         let middle: Vec<f64> = from
             .iter()
-            .zip(to)
+            .zip(to.commands_m)
             .map(|(a, b)| f64::midpoint(*a, *b))
             .collect();
-        let pose = self.follow(start, from, &middle, halvings - 1)?;
-        self.follow(pose, &middle, to, halvings - 1)
+        let halfway = Sample {
+            commands_m: &middle,
+            ..*to
+        };
+        self.follow(from, &halfway, halvings - 1)
+            .and_then(|halfway| self.follow(&middle, &to.at(halfway.pose), halvings - 1))
+            // What is wrong half way says less than what is wrong where it leads.
+            .or(result)
     }
 
     /// All assembly modes at given commands (m) that a systematic search finds; singular ones are left
@@ -108,12 +148,25 @@ impl Machine {
         commands_m: &[f64],
         orientation: Option<Rotation3<f64>>,
     ) -> Result<Vec<AssemblyMode>, Error> {
+        let anywhere = Pose {
+            position: Vector3::zeros(),
+            rotation: Rotation3::identity(),
+        };
+        self.assembly_modes_of(&Sample::new(anywhere, commands_m), orientation)
+    }
+
+    /// The same with all that is known besides the commands; the sample's pose does not matter.
+    pub(crate) fn assembly_modes_of(
+        &self,
+        sample: &Sample<'_>,
+        orientation: Option<Rotation3<f64>>,
+    ) -> Result<Vec<AssemblyMode>, Error> {
         let reference = orientation.unwrap_or_else(Rotation3::identity);
         let orientations = match self.variant.arm {
             Arm::Full => cube_rotations().map(|turn| turn * reference).collect(),
             Arm::Reduced => vec![reference],
         };
-        let (centre, radius) = self.reach(commands_m, reference)?;
+        let (centre, radius) = self.reach(sample, reference)?;
         let mut modes: Vec<AssemblyMode> = Vec::new();
         for direction in directions() {
             for &rotation in &orientations {
@@ -121,7 +174,13 @@ impl Machine {
                     position: centre + direction * radius,
                     rotation,
                 };
-                let Ok(pose) = self.forward_unchecked(&Sample::new(start, commands_m)) else {
+                let Ok(settled) = newton::solve(self, &sample.at(start), self.pose_unknowns())
+                else {
+                    continue;
+                };
+                // With more links than hold the plate, the best of all poses nearby may be none.
+                let Ok(Reached { pose, .. }) = self.reached(settled).within(LARGEST_MISMATCH_M)
+                else {
                     continue;
                 };
                 let is_known = modes.iter().any(|mode| {
@@ -131,7 +190,7 @@ impl Machine {
                 if is_known {
                     continue;
                 }
-                let closures = self.closures(&Sample::new(pose, commands_m))?;
+                let closures = self.closures(&sample.at(pose))?;
                 let (smallest, _) = self.weakest_motion(&closures);
                 if smallest >= SINGULAR {
                     modes.push(AssemblyMode {
@@ -203,7 +262,7 @@ impl Machine {
     /// Centre of the cart-side joints and mean length of the links, both up to the size of the plate.
     fn reach(
         &self,
-        commands_m: &[f64],
+        sample: &Sample<'_>,
         rotation: Rotation3<f64>,
     ) -> Result<(Vector3<f64>, f64), Error> {
         // With r = L² − ‖T − C‖² at T = 0, half the gradient by T is C, and r + ‖C‖² is L².
@@ -211,7 +270,7 @@ impl Machine {
             position: Vector3::zeros(),
             rotation,
         };
-        let sample = Sample::new(pose, commands_m);
+        let sample = sample.at(pose);
         let (mut centre, mut radius, mut count) = (Vector3::zeros(), 0.0, 0.0);
         for instance in self.closure_instances() {
             let (residual, [x, y, z, ..]) = self.closure_by_pose(instance, &sample)?;

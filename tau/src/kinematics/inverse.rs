@@ -4,7 +4,9 @@ use nalgebra::Vector3;
 
 use super::inputs::Sample;
 use super::machine::{Machine, POSE_COLUMNS};
-use super::{Error, Pose, newton};
+use super::newton::{self, Settled};
+use super::{Error, Pose};
+use crate::measurements::Conditions;
 use crate::robot::{Arm, Instance};
 
 /// What is known when commands are sought.
@@ -18,6 +20,21 @@ pub struct InverseOptions {
     pub range_m: Vec<Option<(f64, f64)>>,
     /// Largest root mean square mismatch of the link lengths (m) at a pose that is given in full.
     pub allowed_mismatch_m: f64,
+    /// Sides of approach, ±1, one per command, for effects that read them.
+    pub directions: Option<Vec<f64>>,
+    /// Time and temperature, for effects that read them.
+    pub conditions: Conditions,
+}
+
+impl InverseOptions {
+    fn sample<'a>(&'a self, pose: Pose, commands_m: &'a [f64]) -> Sample<'a> {
+        Sample {
+            commands_m,
+            pose,
+            directions: self.directions.as_deref(),
+            conditions: self.conditions,
+        }
+    }
 }
 
 impl Default for InverseOptions {
@@ -26,6 +43,8 @@ impl Default for InverseOptions {
             near: None,
             range_m: Vec::new(),
             allowed_mismatch_m: 1e-6,
+            directions: None,
+            conditions: Conditions::default(),
         }
     }
 }
@@ -37,9 +56,25 @@ pub struct Reached {
     pub commands_m: Vec<f64>,
     /// Pose of the plate.
     pub pose: Pose,
-    /// Root mean square mismatch of the link lengths (m): zero up to rounding, unless a full pose was
-    /// given that the arm can take only approximately.
+    /// Root mean square mismatch of the link lengths (m): zero up to rounding, unless the arm has more
+    /// links than hold the plate, or a full pose was given that it can take only approximately.
     pub mismatch_m: f64,
+}
+
+impl Reached {
+    /// The same, where the links differ from their lengths by no more than allowed.
+    ///
+    /// # Errors
+    /// [`Error::Inconsistent`].
+    pub fn within(self, allowed_m: f64) -> Result<Self, Error> {
+        if self.mismatch_m > allowed_m {
+            return Err(Error::Inconsistent {
+                mismatch_m: self.mismatch_m,
+                allowed_m,
+            });
+        }
+        Ok(self)
+    }
 }
 
 impl Machine {
@@ -61,19 +96,8 @@ impl Machine {
     pub fn inverse(&self, pose: Pose, options: &InverseOptions) -> Result<Reached, Error> {
         let start = self.closed_form(pose, options)?;
         let commands: Vec<usize> = (0..self.robot.commands).map(|k| POSE_COLUMNS + k).collect();
-        let settled = newton::solve(self, &Sample::new(pose, &start), &commands)?;
-        let mismatch_m = settled.mismatch_m / (self.closure_count() as f64).sqrt();
-        if mismatch_m > options.allowed_mismatch_m {
-            return Err(Error::Inconsistent {
-                mismatch_m,
-                allowed_m: options.allowed_mismatch_m,
-            });
-        }
-        Ok(Reached {
-            commands_m: settled.commands_m,
-            pose,
-            mismatch_m,
-        })
+        let settled = newton::solve(self, &options.sample(pose, &start), &commands)?;
+        self.reached(settled).within(options.allowed_mismatch_m)
     }
 
     /// Commands at which the TCP takes a position (m), and the orientation that follows.
@@ -94,9 +118,14 @@ impl Machine {
         let rotation = match &options.near {
             Some((pose, _)) => pose.rotation,
             None if self.variant.arm == Arm::Full => {
-                self.assembly_modes(&self.middle(options), None)?[0]
-                    .pose
-                    .rotation
+                let middle = self.middle(options);
+                // The position is not looked at: any will do.
+                let pose = Pose {
+                    position,
+                    rotation: nalgebra::Rotation3::identity(),
+                };
+                let modes = self.assembly_modes_of(&options.sample(pose, &middle), None)?;
+                modes[0].pose.rotation
             }
             None => nalgebra::Rotation3::identity(),
         };
@@ -113,19 +142,16 @@ impl Machine {
         let unknowns: Vec<usize> = (3..POSE_COLUMNS)
             .chain((0..self.robot.commands).map(|k| POSE_COLUMNS + k))
             .collect();
-        let settled = newton::solve(self, &Sample::new(pose, &start), &unknowns)?;
-        let mismatch_m = settled.mismatch_m / (self.closure_count() as f64).sqrt();
-        if mismatch_m > options.allowed_mismatch_m {
-            return Err(Error::Inconsistent {
-                mismatch_m,
-                allowed_m: options.allowed_mismatch_m,
-            });
-        }
-        Ok(Reached {
+        let settled = newton::solve(self, &options.sample(pose, &start), &unknowns)?;
+        self.reached(settled).within(options.allowed_mismatch_m)
+    }
+
+    pub(super) fn reached(&self, settled: Settled) -> Reached {
+        Reached {
             commands_m: settled.commands_m,
             pose: settled.pose,
-            mismatch_m,
-        })
+            mismatch_m: settled.mismatch_m / (self.closure_count() as f64).sqrt(),
+        }
     }
 
     /// Commands along a sequence of poses, each the continuation of the one before.
@@ -197,7 +223,7 @@ impl Machine {
         let at = |offset: f64| {
             let mut commands = middle.to_vec();
             commands[command] += offset;
-            self.closure_by_pose(instance, &Sample::new(pose, &commands))
+            self.closure_by_pose(instance, &options.sample(pose, &commands))
         };
         let ((before, _), (c, _), (after, _)) = (at(-1.0)?, at(0.0)?, at(1.0)?);
         let (a, b) = (f64::midpoint(after, before) - c, (after - before) / 2.0);

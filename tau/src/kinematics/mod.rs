@@ -11,7 +11,7 @@ mod pose;
 mod statics;
 
 pub use error::Error;
-pub use forward::AssemblyMode;
+pub use forward::{AssemblyMode, LARGEST_MISMATCH_M};
 pub use inputs::{Sample, Surroundings};
 pub use inverse::{InverseOptions, Reached};
 pub use machine::{Closures, Machine, POSE_COLUMNS};
