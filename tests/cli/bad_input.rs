@@ -165,3 +165,46 @@ fn measurements_of_another_robot() {
     assert!(ran.err.contains("Pair"), "{}", ran.err);
     assert_eq!(listing(folder.path()), ["pair.tau"]);
 }
+
+#[test]
+fn tables_that_are_asked_about() {
+    let folder = tempfile::tempdir().unwrap();
+    let robot = "robot = \"LinearDelta\"\n[noise]\nposition_m = 1e-5\nrotation_rad = 4e-5\n";
+    let files = [
+        ("robot.toml", robot),
+        ("side.csv", "q1_m,q2_m,q3_m,dir1,dir2,dir3\n0,0,0,1,0,1\n"),
+        ("sides.csv", "q1_m,q2_m,q3_m,dir1\n0,0,0,1\n"),
+        ("kelvin.csv", "q1_m,q2_m,q3_m,temperature_c\n0,0,0,293\n"),
+        ("twice.csv", "pose,q1_m,q2_m,q3_m\n4,0,0,0\n4,0.1,0,0\n"),
+        (
+            "part.csv",
+            "q1_m,q2_m,q3_m,x_m,y_m,alpha_rad\n0,0,0,0,0,0\n",
+        ),
+        (
+            "angles.csv",
+            "x_m,y_m,z_m,alpha_rad,beta_rad\n0,0,-0.6,0,0\n",
+        ),
+        (
+            "degrees.csv",
+            "x_m,y_m,z_m,alpha_rad,beta_rad,gamma_rad\n0,0,-0.6,90,0,0\n",
+        ),
+        ("plain.csv", "x_m,y_m,z_m\n0,0,-0.6\n"),
+    ];
+    for (name, text) in files {
+        fs::write(folder.path().join(name), text).unwrap();
+    }
+    let with = "--model ROBOTS/linear_delta.tau --robot DIR/robot.toml --variant";
+    let lines = [
+        format!("tau kinematics forward {with} Full --poses DIR/side.csv"),
+        format!("tau kinematics forward {with} Full --poses DIR/sides.csv"),
+        format!("tau kinematics forward {with} Full --poses DIR/kelvin.csv"),
+        format!("tau kinematics forward {with} Full --poses DIR/twice.csv"),
+        format!("tau kinematics forward {with} Full --poses DIR/part.csv"),
+        format!("tau kinematics inverse {with} Full --poses DIR/angles.csv"),
+        format!("tau kinematics inverse {with} Full --poses DIR/degrees.csv"),
+        format!("tau kinematics inverse {with} Warm --poses DIR/plain.csv"),
+        format!("tau kinematics forward {with} Warm --commands 0,0,0"),
+    ];
+    let lines: Vec<&str> = lines.iter().map(String::as_str).collect();
+    insta::assert_snapshot!(answers(folder.path(), &lines));
+}

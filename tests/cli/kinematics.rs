@@ -203,3 +203,42 @@ fn poses_of_a_level_plate_are_predicted_from_measured_ones() {
     // The machine is the one that was simulated, so that what is left is noise of 10 µm an axis.
     assert!(largest < 60.0, "{largest} µm");
 }
+
+#[test]
+fn columns_of_a_csv_reach_the_effects_that_read_them() {
+    let folder = tempfile::tempdir().unwrap();
+    let robot = "robot = \"LinearDelta\"\n[noise]\nposition_m = 1e-5\nrotation_rad = 4e-5\n\
+                 [effects.\"backlash(a)\"]\ngap = { value = 1e-3, tol = 1e-3 }\n";
+    fs::write(folder.path().join("robot.toml"), robot).unwrap();
+    let with = "--model ROBOTS/linear_delta.tau --robot DIR/robot.toml --variant Warm";
+    let path = |name: &str, text: &str| fs::write(folder.path().join(name), text).unwrap();
+    path(
+        "poses.csv",
+        "x_m,y_m,z_m,dir1,dir2,dir3,temperature_c\n0.01,0,-0.6,1,1,1,20\n0.01,0,-0.6,-1,1,1,20\n\
+         0.01,0,-0.6,1,1,1,30\n",
+    );
+    let line = format!("tau kinematics inverse {with} --poses DIR/poses.csv");
+    let inverse = tau_in(folder.path(), &line).done();
+    // Half a gap to either side, which the command makes up for; 12 ppm/K make the links longer.
+    let command = column(&inverse, "q1_m");
+    assert!((command[1] - command[0] - 1e-3).abs() < 1e-9, "{command:?}");
+    assert!((command[2] - command[0]).abs() > 5e-5, "{command:?}");
+    let numbers: Vec<String> = ["q1_m", "q2_m", "q3_m"]
+        .iter()
+        .map(|name| column(&inverse, name)[1].to_string())
+        .collect();
+    path(
+        "commands.csv",
+        &format!(
+            "q1_m,q2_m,q3_m,dir1,dir2,dir3,temperature_c\n{},-1,1,1,20\n",
+            numbers.join(",")
+        ),
+    );
+    let line =
+        format!("tau kinematics forward {with} --poses DIR/commands.csv --start 0,0,-0.6,0,0,0");
+    let forward = tau_in(folder.path(), &line).done();
+    assert!(
+        (column(&forward, "x_m")[0] - 0.01).abs() < 1e-9,
+        "{forward}"
+    );
+}

@@ -398,8 +398,9 @@ Examples:
   tau kinematics forward --variant Full --commands 0.1,0.2,-0.1
   tau kinematics forward measured --variant Full --robot tau-calibration/robot.toml --poses path.csv
 
-Columns read: q1_m, q2_m, …; optional pose, the start x_m, y_m, z_m, alpha_rad, beta_rad, gamma_rad, and
-time_s, temperature_c, dir1, dir2, … where the variant's effects need them. Columns written: pose, q1_m, …,
+Columns read: q1_m, q2_m, …; optional pose, the start x_m, y_m, z_m, alpha_rad, beta_rad, gamma_rad
+(without angles where the arm is reduced), and time_s, temperature_c, dir1, dir2, … where the variant's
+effects need them. Columns written: pose, q1_m, …,
 x_m, y_m, z_m and, unless the arm is reduced, alpha_rad, beta_rad, gamma_rad (ZYZ Euler angles).")]
 pub(super) struct Forward {
     #[command(flatten)]
@@ -436,8 +437,9 @@ Examples:
   tau kinematics inverse --variant Full --pose -1.5,-4.6,0.2
   tau kinematics inverse measured --variant Full --robot tau-calibration/robot.toml --poses path.csv
 
-Columns read: x_m, y_m, z_m; optional pose, alpha_rad, beta_rad, gamma_rad (ZYZ Euler angles). Columns
-written are those of `tau kinematics forward`.")]
+Columns read: x_m, y_m, z_m; optional pose, alpha_rad, beta_rad, gamma_rad (ZYZ Euler angles), and time_s,
+temperature_c, dir1, dir2, … where the variant's effects need them. Columns written are those of
+`tau kinematics forward`.")]
 pub(super) struct Inverse {
     #[command(flatten)]
     pub(super) with: Kinematic,

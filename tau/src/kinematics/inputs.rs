@@ -59,6 +59,15 @@ impl<'a> From<&'a TcpPose> for Sample<'a> {
     }
 }
 
+const DIRECTIONS: &str = "the columns `dir1`, `dir2`, …";
+const TIME: &str = "the column `time_s`";
+const TEMPERATURE: &str = "the column `temperature_c`";
+
+/// Whether what a closure lacks is a column of the table that its samples come from.
+pub(crate) fn is_column(missing: &str) -> bool {
+    [DIRECTIONS, TIME, TEMPERATURE].contains(&missing)
+}
+
 const PATH: &str = "the path of the cart (set 2, `cart_poses.csv`)";
 const PAYLOAD: &str = "`[payload]` and all dimensions of the links in the robot file";
 
@@ -100,13 +109,10 @@ impl Surroundings {
                     sample
                         .directions
                         .and_then(|directions| directions.get(k).copied()),
-                    "the columns `dir1`, `dir2`, …",
+                    DIRECTIONS,
                 ),
-                Input::Time => (sample.conditions.time_s, "the column `time_s`"),
-                Input::Temperature => (
-                    sample.conditions.temperature_c,
-                    "the column `temperature_c`",
-                ),
+                Input::Time => (sample.conditions.time_s, TIME),
+                Input::Temperature => (sample.conditions.temperature_c, TEMPERATURE),
                 Input::Load { track, component } => (
                     forces
                         .as_ref()

@@ -12,6 +12,7 @@ mod statics;
 
 pub use error::Error;
 pub use forward::{AssemblyMode, LARGEST_MISMATCH_M};
+pub(crate) use inputs::is_column;
 pub use inputs::{Sample, Surroundings};
 pub use inverse::{InverseOptions, Reached};
 pub use machine::{Closures, Machine, POSE_COLUMNS};

@@ -1,9 +1,10 @@
 //! Measurement folders: TCP poses (set 1), cart poses (set 2), cart positions (set 3).
 
 mod checks;
-mod plausible;
+pub(crate) mod plausible;
 mod read;
 mod selection;
+pub(crate) mod set;
 pub(crate) mod table;
 
 pub use read::{Shape, Texts};

@@ -4,22 +4,21 @@ use std::fs;
 use std::io::ErrorKind;
 use std::path::Path;
 
-use super::table::{Column, Table};
-use super::{CartPose, CartPosition, Conditions, Folder, TcpPose, plausible};
+use super::set::{
+    ANGLES, ConditionColumns, DIRECTION, POSITION, Set, TEMPERATURE, TIME, file_name,
+    read_directions, vector,
+};
+use super::table::Column;
+use super::{CartPose, CartPosition, Folder, TcpPose, plausible};
 use tau_model_dsl::nearest;
 
-use crate::input_error::{self, Errors, InputError, Mistakes, Source, quoted};
+use crate::input_error::{self, Errors, InputError, Source};
 use crate::robot::Robot;
 
 const TCP_POSES: &str = "tcp_poses.csv";
 const CART_POSES: &str = "cart_poses.csv";
 const CART_POSITIONS: &str = "cart_positions.csv";
 
-const POSITION: [&str; 3] = ["x_m", "y_m", "z_m"];
-const ANGLES: [&str; 3] = ["alpha_rad", "beta_rad", "gamma_rad"];
-const TIME: &str = "time_s";
-const TEMPERATURE: &str = "temperature_c";
-const DIRECTION: &str = "dir";
 /// Optional columns of sets 2 and 3.
 const OPTIONAL: [&str; 3] = [TIME, TEMPERATURE, DIRECTION];
 
@@ -192,7 +191,7 @@ fn read_tcp_poses(
     let directions: Vec<String> = (1..=shape.commands).map(|n| format!("dir{n}")).collect();
     let optional = [&[TIME.to_owned(), TEMPERATURE.to_owned()], &directions[..]].concat();
     let names = ["pose", x, y, z, alpha, beta, gamma];
-    let set = Set::open(
+    let set = open(
         Source::new(name, text),
         names,
         &shape.command_names(),
@@ -204,6 +203,7 @@ fn read_tcp_poses(
         mut mistakes,
         columns: [pose, x, y, z, alpha, beta, gamma],
         commands,
+        ..
     } = set;
 
     let pose = table.whole_numbers(pose, &mut mistakes);
@@ -249,7 +249,7 @@ fn read_cart_poses(
     let [x, y, z] = POSITION;
     let [alpha, beta, gamma] = ANGLES;
     let names = ["cart", "point", "q_m", x, y, z, alpha, beta, gamma];
-    let set = Set::open(
+    let set = open(
         Source::new(name, text),
         names,
         &[],
@@ -327,7 +327,7 @@ fn read_cart_positions(
     let [x, y, z] = POSITION;
     let names = ["pose", "cart", x, y, z];
     let optional = OPTIONAL.map(str::to_owned);
-    let set = Set::open(
+    let set = open(
         Source::new(name, text),
         names,
         &shape.command_names(),
@@ -339,6 +339,7 @@ fn read_cart_positions(
         mut mistakes,
         columns: [pose, cart, x, y, z],
         commands,
+        ..
     } = set;
 
     let pose = table.whole_numbers(pose, &mut mistakes);
@@ -370,111 +371,27 @@ fn read_cart_positions(
         .collect())
 }
 
-/// A table with its columns found.
-struct Set<'a, const N: usize> {
-    table: Table<'a>,
-    mistakes: Mistakes<'a>,
-    columns: [usize; N],
-    commands: Vec<usize>,
-}
-
-impl<'a, const N: usize> Set<'a, N> {
-    /// Finds the columns; remarks on optional columns that are missing and on unknown ones.
-    fn open(
-        source: Source<'a>,
-        names: [&str; N],
-        commands: &[String],
-        optional: &[String],
-        remarks: &mut Vec<String>,
-    ) -> Result<Self, InputError> {
-        let mut mistakes = Mistakes::new(source);
-        let table = Table::parse(&mut mistakes);
-        let columns = table
-            .as_ref()
-            .and_then(|table| table.require(names, commands, optional, &mut mistakes));
-        let (Some(table), Some((columns, commands_at))) = (table, columns) else {
-            return Err(mistakes.into_error());
-        };
-        let file = Path::new(source.name)
-            .file_name()
-            .and_then(|name| name.to_str());
-        let file = file.unwrap_or(source.name);
-        let missing: Vec<&str> = optional
-            .iter()
-            .map(String::as_str)
-            .filter(|name| table.column(name).is_none())
-            .collect();
-        if !missing.is_empty() {
-            remarks.push(format!(
-                "{file} has no {}: effects that need them can't be seen in this set",
-                quoted(missing)
-            ));
-        }
-        let is_known = |name: &str| {
-            names.contains(&name) || commands.iter().chain(optional).any(|known| known == name)
-        };
-        let unknown: Vec<&str> = table.names().filter(|name| !is_known(name)).collect();
-        if !unknown.is_empty() {
-            remarks.push(format!(
-                "{file}: unknown columns {} are ignored",
-                quoted(unknown)
-            ));
-        }
-        Ok(Self {
-            table,
-            mistakes,
-            columns,
-            commands: commands_at,
-        })
-    }
+/// Finds the columns; remarks on optional columns that are missing and on unknown ones.
+fn open<'a, const N: usize>(
+    source: Source<'a>,
+    names: [&str; N],
+    commands: &[String],
+    optional: &[String],
+    remarks: &mut Vec<String>,
+) -> Result<Set<'a, N>, InputError> {
+    let set = Set::open(source, names, commands, optional)?;
+    let absent = set.absent(optional).map(|columns| {
+        let file = file_name(source.name);
+        format!("{file} has no {columns}: effects that need them can't be seen in this set")
+    });
+    remarks.extend(absent.into_iter().chain(set.unknown.clone()));
+    Ok(set)
 }
 
 impl Shape {
-    fn command_names(self) -> Vec<String> {
+    pub(crate) fn command_names(self) -> Vec<String> {
         (1..=self.commands).map(|n| format!("q{n}_m")).collect()
     }
-}
-
-/// The optional columns of time and temperature.
-struct ConditionColumns {
-    time_s: Option<Column>,
-    temperature_c: Option<Column>,
-}
-
-impl ConditionColumns {
-    fn read(table: &Table<'_>, mistakes: &mut Mistakes<'_>) -> Self {
-        let time_s = table
-            .column(TIME)
-            .map(|index| table.numbers(index, mistakes));
-        let temperature_c = table
-            .column(TEMPERATURE)
-            .map(|index| table.numbers(index, mistakes));
-        if let Some(column) = &temperature_c {
-            plausible::temperatures(table, column, mistakes);
-        }
-        Self {
-            time_s,
-            temperature_c,
-        }
-    }
-
-    fn at(&self, row: usize) -> Conditions {
-        let value = |column: &Option<Column>| column.as_ref().map(|column| column.values[row]);
-        Conditions {
-            time_s: value(&self.time_s),
-            temperature_c: value(&self.temperature_c),
-        }
-    }
-}
-
-fn read_directions(table: &Table<'_>, name: &str, mistakes: &mut Mistakes<'_>) -> Option<Column> {
-    let column = table.numbers(table.column(name)?, mistakes);
-    plausible::directions(table, &column, mistakes);
-    Some(column)
-}
-
-fn vector(columns: &[Column; 3], row: usize) -> [f64; 3] {
-    [0, 1, 2].map(|axis| columns[axis].values[row])
 }
 
 /// Index of the track whose cart has the number, from 1, that the file gives.

@@ -11,20 +11,22 @@ use super::deliver::{Outcome, Target, check_file};
 use super::resolve::{both, find, folder, robot, robot_file};
 use super::{Failure, arguments};
 use crate::input_error::InputError;
-use crate::kinematics::{self, InverseOptions, Machine, Pose, Reached, Sample};
+use crate::kinematics::{self, InverseOptions, Machine, Pose, Reached};
 use crate::measurements::{Folder, Shape, Split, TcpPose};
 use crate::robot::Arm;
 use crate::study::Poses;
-use targets::Row;
+use targets::{Asked, Row};
 
 pub(super) fn forward(arguments: &arguments::Forward) -> Result<Outcome, Failure> {
-    let setup = Setup::resolve(&arguments.with)?;
+    let mut setup = Setup::resolve(&arguments.with)?;
     let commands = setup.machine.robot.commands;
-    let (rows, start) = both(
+    let ((rows, unknown), start) = both(
         match (&arguments.poses, &arguments.commands) {
-            (Some(path), _) => targets::commands_of_file(path, commands),
-            (None, Some(numbers)) => targets::commands_of_option(numbers, commands),
-            (None, None) => Ok(Vec::new()),
+            (Some(path), _) => targets::of_file(path, Asked::Poses, &setup.machine),
+            (None, Some(numbers)) => {
+                targets::commands_of_option(numbers, commands).map(|rows| (rows, None))
+            }
+            (None, None) => Ok((Vec::new(), None)),
         },
         arguments
             .start
@@ -32,27 +34,25 @@ pub(super) fn forward(arguments: &arguments::Forward) -> Result<Outcome, Failure
             .map(targets::start_of_option)
             .transpose(),
     )?;
+    setup.remarks.extend(unknown);
     let mut reached: Vec<Reached> = Vec::with_capacity(rows.len());
-    for (index, row) in rows.iter().enumerate() {
-        let pose = setup
-            .predict(row, rows[..index].last().zip(reached.last()), start)
+    for row in &rows {
+        let next = setup
+            .predict(row, reached.last(), start)
             .map_err(|error| fail(row, &error))?;
-        reached.push(Reached {
-            commands_m: row.commands_m.clone(),
-            pose,
-            mismatch_m: 0.0,
-        });
+        reached.push(next);
     }
     setup.outcome(&rows, &reached)
 }
 
 pub(super) fn inverse(arguments: &arguments::Inverse) -> Result<Outcome, Failure> {
-    let setup = Setup::resolve(&arguments.with)?;
-    let rows = match (&arguments.poses, &arguments.pose) {
-        (Some(path), _) => targets::poses_of_file(path)?,
-        (None, Some(numbers)) => targets::poses_of_option(numbers)?,
-        (None, None) => Vec::new(),
+    let mut setup = Setup::resolve(&arguments.with)?;
+    let (rows, unknown) = match (&arguments.poses, &arguments.pose) {
+        (Some(path), _) => targets::of_file(path, Asked::Commands, &setup.machine)?,
+        (None, Some(numbers)) => (targets::poses_of_option(numbers)?, None),
+        (None, None) => (Vec::new(), None),
     };
+    setup.remarks.extend(unknown);
     let mut reached: Vec<Reached> = Vec::with_capacity(rows.len());
     for row in &rows {
         let next = setup
@@ -66,10 +66,19 @@ pub(super) fn inverse(arguments: &arguments::Inverse) -> Result<Outcome, Failure
 /// An error of a row; what the input lacks is the input's fault.
 fn fail(row: &Row, error: &kinematics::Error) -> Failure {
     use kinematics::Error::{Commands, Missing, Target};
+    let of_input = || InputError::whole(&row.source, format!("pose {}: {error}", row.pose));
     match error {
-        Missing { .. } | Commands { .. } | Target(_) => {
-            InputError::whole(&row.source, format!("pose {}: {error}", row.pose)).into()
+        Missing { what, .. } if kinematics::is_column(what) => {
+            let is_option = row.source.starts_with("--");
+            of_input()
+                .help(if is_option {
+                    "give them, with the commands or poses, in a CSV with `--poses`"
+                } else {
+                    "add them to the CSV"
+                })
+                .into()
         }
+        Missing { .. } | Commands { .. } | Target(_) => of_input().into(),
         error => Failure::Failed(format!("{}: pose {}: {error}", row.source, row.pose)),
     }
 }
@@ -81,6 +90,7 @@ struct Setup<'a> {
     measured: Vec<TcpPose>,
     json: Option<Target>,
     out: Option<&'a Path>,
+    remarks: Vec<String>,
 }
 
 impl<'a> Setup<'a> {
@@ -121,70 +131,71 @@ impl<'a> Setup<'a> {
             measured: folder.map_or_else(Vec::new, |folder| folder.tcp_poses),
             json,
             out: with.out.as_deref(),
+            remarks: Vec::new(),
         })
     }
 
     /// The pose at the commands of a row, by continuity from the row before where it gives no start.
     fn predict(
-        &self,
+        &mut self,
         row: &Row,
-        before: Option<(&Row, &Reached)>,
+        before: Option<&Reached>,
         start: Option<Pose>,
-    ) -> Result<Pose, kinematics::Error> {
-        let sample = |pose| Sample {
-            commands_m: &row.commands_m,
-            pose,
-            directions: row.directions.as_deref(),
-            conditions: row.conditions,
+    ) -> Result<Reached, kinematics::Error> {
+        let (from, pose) = match (row.start, before) {
+            (Some(own), _) => (&row.commands_m, own),
+            (None, Some(before)) => (&before.commands_m, before.pose),
+            (None, None) => {
+                let known = start.or_else(|| self.measured_near_commands(&row.commands_m));
+                let pose = match known {
+                    Some(pose) => pose,
+                    None => self.guess(row, &row.commands_m)?,
+                };
+                (&row.commands_m, pose)
+            }
         };
-        if let Some(own) = row.start {
-            return self.machine.forward(&sample(own));
-        }
-        let Some((before, reached)) = before else {
-            return match start.or_else(|| self.measured_near_commands(&row.commands_m)) {
-                Some(start) => self.machine.forward(&sample(start)),
-                None => {
-                    let modes = self.machine.assembly_modes(&row.commands_m, None)?;
-                    self.machine.forward(&sample(modes[0].pose))
-                }
-            };
-        };
-        let result = self.machine.forward(&sample(reached.pose));
-        if !matches!(result, Err(kinematics::Error::NotConverged { .. })) {
-            return result;
-        }
-        // Too far for one step: the way there is followed, then the row's own conditions taken in.
-        let way = [before.commands_m.clone(), row.commands_m.clone()];
-        match self.machine.forward_sequence(&way, Some(reached.pose)) {
-            Ok(poses) => self.machine.forward(&sample(poses[1])),
-            Err(_) => result,
-        }
+        self.machine
+            .forward_along(from, &row.sample(&row.commands_m, pose))
+    }
+
+    /// The pose at commands (m) in the best held way of assembling the arm.
+    fn guess(&self, row: &Row, commands_m: &[f64]) -> Result<Pose, kinematics::Error> {
+        let anywhere = Pose::from_zyz(row.position_m, [0.0; 3]);
+        let modes = self
+            .machine
+            .assembly_modes_of(&row.sample(commands_m, anywhere), None)?;
+        Ok(modes[0].pose)
     }
 
     /// The commands for the pose of a row, by continuity from the row before where it gives no angles.
-    fn reach(&self, row: &Row, before: Option<&Reached>) -> Result<Reached, kinematics::Error> {
+    fn reach(&mut self, row: &Row, before: Option<&Reached>) -> Result<Reached, kinematics::Error> {
         let position = row.position_m;
-        let commands_m = match before {
-            Some(before) => before.commands_m.clone(),
-            None => self.measured_near_position(position).map_or_else(
-                || {
-                    let middle = |range: &Option<(f64, f64)>| {
-                        range.map_or(0.0, |(low, high)| f64::midpoint(low, high))
-                    };
-                    self.range_m.iter().map(middle).collect()
-                },
-                |measured| measured.commands_m.clone(),
-            ),
+        let measured = self.measured_near_position(position);
+        let measured_pose =
+            measured.map(|measured| Pose::from_zyz(measured.position_m, measured.angles_rad));
+        let commands_m = match (before, measured) {
+            (Some(before), _) => before.commands_m.clone(),
+            (None, Some(measured)) => measured.commands_m.clone(),
+            (None, None) => {
+                let middle = |range: &Option<(f64, f64)>| {
+                    range.map_or(0.0, |(low, high)| f64::midpoint(low, high))
+                };
+                self.range_m.iter().map(middle).collect()
+            }
         };
-        let nearby = row.start.or_else(|| match before {
-            Some(before) => Some(before.pose),
-            None => self
-                .measured_near_position(position)
-                .map(|measured| Pose::from_zyz(measured.position_m, measured.angles_rad)),
-        });
+        let known = row
+            .start
+            .or(before.map(|before| before.pose))
+            .or(measured_pose);
+        let nearby = match known {
+            None if self.machine.orientation_follows() => Some(self.guess(row, &commands_m)?),
+            known => known,
+        };
         let options = InverseOptions {
             near: nearby.map(|pose| (pose, commands_m)),
             range_m: self.range_m.clone(),
+            directions: row.directions.clone(),
+            conditions: row.conditions,
             ..InverseOptions::default()
         };
         match row.start {
@@ -231,7 +242,7 @@ impl<'a> Setup<'a> {
         }
     }
 
-    fn outcome(self, rows: &[Row], reached: &[Reached]) -> Result<Outcome, Failure> {
+    fn outcome(mut self, rows: &[Row], reached: &[Reached]) -> Result<Outcome, Failure> {
         let has_orientation = self.machine.variant.arm == Arm::Full;
         let pairs = || rows.iter().zip(reached);
         let mut header = vec!["pose".to_owned()];
@@ -268,7 +279,9 @@ impl<'a> Setup<'a> {
             "variant": self.machine.variant.name,
             "poses": poses,
         });
-        let remarks = self.beyond_range(rows, reached).into_iter().collect();
+        let beyond = self.beyond_range(rows, reached);
+        self.remarks.extend(beyond);
+        let remarks = self.remarks;
         let json = self.json.map(|target| (value, target));
         Ok(match self.out {
             Some(path) => Outcome {

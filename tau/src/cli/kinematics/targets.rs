@@ -4,13 +4,14 @@ use std::path::Path;
 
 use super::super::arguments::Numbers;
 use super::super::resolve::read;
-use crate::input_error::{InputError, Mistakes, Source};
-use crate::kinematics::Pose;
-use crate::measurements::Conditions;
+use crate::input_error::{InputError, Mistakes, Source, quoted};
+use crate::kinematics::{Machine, Pose, Sample};
+use crate::measurements::set::{
+    ANGLES, ConditionColumns, DIRECTION, POSITION, Set, TEMPERATURE, TIME, read_directions, vector,
+};
 use crate::measurements::table::{Column, Table};
-
-const POSITION: [&str; 3] = ["x_m", "y_m", "z_m"];
-const ANGLES: [&str; 3] = ["alpha_rad", "beta_rad", "gamma_rad"];
+use crate::measurements::{Conditions, Shape, plausible};
+use crate::robot::Arm;
 
 /// What was asked for, once.
 #[derive(Debug, Clone)]
@@ -41,6 +42,16 @@ impl Row {
             start: None,
             directions: None,
             conditions: Conditions::default(),
+        }
+    }
+
+    /// The row at commands (m) and a pose.
+    pub(super) fn sample<'a>(&'a self, commands_m: &'a [f64], pose: Pose) -> Sample<'a> {
+        Sample {
+            commands_m,
+            pose,
+            directions: self.directions.as_deref(),
+            conditions: self.conditions,
         }
     }
 }
@@ -90,78 +101,135 @@ fn check_count(option: &str, numbers: &[f64], expected: &[usize]) -> Result<(), 
     ))
 }
 
-pub(super) fn commands_of_file(path: &Path, commands: usize) -> Result<Vec<Row>, InputError> {
-    let names: Vec<String> = (1..=commands).map(|k| format!("q{k}_m")).collect();
-    rows(path, [], &names, commands)
+/// What a CSV asks for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Asked {
+    /// The poses at its commands; a pose in the same row is the start.
+    Poses,
+    /// The commands at its poses, or at its positions.
+    Commands,
 }
 
-pub(super) fn poses_of_file(path: &Path) -> Result<Vec<Row>, InputError> {
-    rows(path, POSITION, &[], 0)
-}
-
-fn rows<const N: usize>(
+/// The rows of a CSV, checked as those of a measurement folder are, and remarks.
+pub(super) fn of_file(
     path: &Path,
-    required: [&str; N],
-    commands: &[String],
-    directions: usize,
-) -> Result<Vec<Row>, InputError> {
+    asked: Asked,
+    machine: &Machine,
+) -> Result<(Vec<Row>, Option<String>), InputError> {
     let name = path.display().to_string();
     let text = read(path, "a CSV of poses")?;
-    let mut mistakes = Mistakes::new(Source::new(&name, &text));
-    let Some(table) = Table::parse(&mut mistakes) else {
-        return Err(mistakes.into_error());
-    };
-    let directions: Vec<String> = (1..=directions).map(|k| format!("dir{k}")).collect();
-    let optional: Vec<String> = ["pose", "time_s", "temperature_c"]
+    let shape = Shape::from(&machine.robot);
+    let directions: Vec<String> = (1..=shape.commands)
+        .map(|n| format!("{DIRECTION}{n}"))
+        .collect();
+    // What the program writes can be read again: commands are no strangers beside poses.
+    let known = ["pose", TIME, TEMPERATURE]
         .iter()
         .chain(&POSITION)
         .chain(&ANGLES)
         .map(ToString::to_string)
         .chain(directions.iter().cloned())
-        .collect();
-    let Some((_, commands)) = table.require(required, commands, &optional, &mut mistakes) else {
+        .chain(shape.command_names());
+    let known: Vec<String> = known.collect();
+    let required = match asked {
+        Asked::Poses => shape.command_names(),
+        Asked::Commands => POSITION.map(str::to_owned).to_vec(),
+    };
+    let Set {
+        table,
+        mut mistakes,
+        commands: required,
+        unknown,
+        ..
+    } = Set::open(Source::new(&name, &text), [], &required, &known)?;
+
+    let has = |name: &&str| table.column(name).is_some();
+    // A reduced arm says nothing about orientation, so that a position is a start, too.
+    let is_position = (asked == Asked::Commands || machine.variant.arm == Arm::Reduced)
+        && !ANGLES.iter().any(has);
+    let mut pose: Vec<&str> = POSITION.to_vec();
+    if !is_position {
+        pose.extend(ANGLES);
+    }
+    all_or_none(&table, &pose, &mut mistakes);
+    let named: Vec<&str> = directions.iter().map(String::as_str).collect();
+    all_or_none(&table, &named, &mut mistakes);
+    if mistakes.len() > 0 {
         return Err(mistakes.into_error());
+    }
+
+    let commands = match asked {
+        Asked::Poses => table.numbers_of(&required, &mut mistakes),
+        Asked::Commands => Vec::new(),
     };
-    let commands = table.numbers_of(&commands, &mut mistakes);
-    let mut column = |name: &str| -> Option<Column> {
-        let index = table.column(name)?;
-        Some(table.numbers(index, &mut mistakes))
-    };
-    let position = POSITION.map(&mut column);
-    let angles = ANGLES.map(&mut column);
-    let (time, temperature) = (column("time_s"), column("temperature_c"));
-    let directions: Option<Vec<Column>> = directions.iter().map(|name| column(name)).collect();
+    let position = three(&table, POSITION, &mut mistakes);
+    let angles = three(&table, ANGLES, &mut mistakes);
+    let conditions = ConditionColumns::read(&table, &mut mistakes);
+    let directions: Option<Vec<Column>> = directions
+        .iter()
+        .map(|name| read_directions(&table, name, &mut mistakes))
+        .collect();
     let numbers = table
         .column("pose")
         .map(|index| table.whole_numbers(index, &mut mistakes));
+    plausible::commands(&table, &commands, &mut mistakes);
+    if let Some(position) = &position {
+        plausible::positions(&table, position, &mut mistakes);
+    }
+    if let Some(angles) = &angles {
+        plausible::angles(&table, angles, &mut mistakes);
+    }
+    if let Some(numbers) = &numbers {
+        plausible::distinct_keys(&table, [numbers], &mut mistakes, |[pose]| {
+            format!("pose {pose}")
+        });
+    }
     mistakes.finish()?;
 
-    let at = |column: &Option<Column>, row: usize| column.as_ref().map(|c| c.values[row]);
-    let three = |columns: &[Option<Column>; 3], row: usize| -> Option<[f64; 3]> {
-        let [a, b, c] = columns;
-        Some([at(a, row)?, at(b, row)?, at(c, row)?])
+    let rows = (0..table.rows()).map(|row| {
+        let numbered = numbers.as_ref().and_then(|numbers| numbers.values[row]);
+        let counted = u32::try_from(row + 1).unwrap_or(u32::MAX);
+        let position_m = position.as_ref().map(|columns| vector(columns, row));
+        let angles_rad = match &angles {
+            Some(columns) => Some(vector(columns, row)),
+            None => (asked == Asked::Poses).then_some([0.0; 3]),
+        };
+        Row {
+            commands_m: commands.iter().map(|column| column.values[row]).collect(),
+            position_m: position_m.unwrap_or_default(),
+            start: position_m
+                .zip(angles_rad)
+                .map(|(position, angles)| Pose::from_zyz(position, angles)),
+            directions: directions
+                .as_ref()
+                .map(|columns| columns.iter().map(|column| column.values[row]).collect()),
+            conditions: conditions.at(row),
+            ..Row::new(&name, numbered.unwrap_or(counted))
+        }
+    });
+    Ok((rows.collect(), unknown))
+}
+
+/// Reports columns that are missing although others without which they mean nothing are there.
+fn all_or_none(table: &Table<'_>, names: &[&str], mistakes: &mut Mistakes<'_>) {
+    let (there, missing): (Vec<&str>, Vec<&str>) = names
+        .iter()
+        .copied()
+        .partition(|name| table.column(name).is_some());
+    let first = there.first().and_then(|name| table.column(name));
+    if let (Some(first), false) = (first, missing.is_empty()) {
+        let message = format!(
+            "found {} without {}, expected all of them or none",
+            quoted(there),
+            quoted(missing)
+        );
+        mistakes.push(table.name_place(first), message);
+    }
+}
+
+fn three(table: &Table<'_>, names: [&str; 3], mistakes: &mut Mistakes<'_>) -> Option<[Column; 3]> {
+    let [Some(a), Some(b), Some(c)] = names.map(|name| table.column(name)) else {
+        return None;
     };
-    Ok((0..table.rows())
-        .map(|row| {
-            let numbered = numbers.as_ref().and_then(|numbers| numbers.values[row]);
-            let counted = u32::try_from(row + 1).unwrap_or(u32::MAX);
-            let position_m = three(&position, row);
-            let angles_rad = three(&angles, row);
-            Row {
-                commands_m: commands.iter().map(|column| column.values[row]).collect(),
-                position_m: position_m.unwrap_or_default(),
-                start: position_m
-                    .zip(angles_rad)
-                    .map(|(position, angles)| Pose::from_zyz(position, angles)),
-                directions: directions
-                    .as_ref()
-                    .map(|columns| columns.iter().map(|column| column.values[row]).collect()),
-                conditions: Conditions {
-                    time_s: at(&time, row),
-                    temperature_c: at(&temperature, row),
-                },
-                ..Row::new(&name, numbered.unwrap_or(counted))
-            }
-        })
-        .collect())
+    Some([a, b, c].map(|index| table.numbers(index, mistakes)))
 }
