@@ -242,3 +242,45 @@ fn columns_of_a_csv_reach_the_effects_that_read_them() {
         "{forward}"
     );
 }
+
+#[test]
+fn a_robot_with_too_many_links_reaches_no_impossible_pose() {
+    let folder = tempfile::tempdir().unwrap();
+    let text = fs::read_to_string(format!("{}/hexaglide.tau", super::ROBOTS)).unwrap();
+    let text = text
+        .replace(
+            "track t1, t2, t3, t4, t5, t6;",
+            "track t1, t2, t3, t4, t5, t6, t7;",
+        )
+        .replace(
+            "    variant Nominal",
+            "    cluster arm7 on t7 {
+        link l7 {
+            length = 0.7 m tol 0.3 mm;
+            plate_joint = (0, 0, 0) m tol 0.3 mm;
+            track_offset = (0, 0, 0) m tol 10 mm;
+            track_direction = (1, 0, 0) tol 0.01;
+        }
+    }
+
+    variant Nominal",
+        );
+    fs::write(folder.path().join("seven.tau"), text).unwrap();
+    let robot = "robot = \"Hexaglide\"\n[noise]\nposition_m = 1e-5\nrotation_rad = 4e-5\n";
+    fs::write(folder.path().join("robot.toml"), robot).unwrap();
+    let at = |commands: &str| {
+        let line = format!(
+            "tau kinematics forward --model DIR/seven.tau --robot DIR/robot.toml --variant Full \
+             --start 0,0,-0.7,0,0,0 --commands={commands}"
+        );
+        tau_in(folder.path(), &line)
+    };
+    assert_eq!(at("0,0,0,0,0,0,0").code, 0);
+    // The seventh cart alone moves: by 0.3 m its link is 62 mm too short.
+    let ran = at("0,0,0,0,0,0,0.3");
+    assert_eq!((ran.code, ran.out.as_str()), (1, ""), "{}", ran.err);
+    assert!(ran.err.contains("allowed are 1.0 mm"), "{}", ran.err);
+    let ran = at("0,0,0,0,0,0,0.02");
+    assert_eq!(ran.code, 0, "{}", ran.err);
+    assert!(ran.err.contains("least squares"), "{}", ran.err);
+}

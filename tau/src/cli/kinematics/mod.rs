@@ -42,6 +42,7 @@ pub(super) fn forward(arguments: &arguments::Forward) -> Result<Outcome, Failure
             .map_err(|error| fail(row, &error))?;
         reached.push(next);
     }
+    setup.remarks.extend(misfits(&rows, &reached));
     setup.outcome(&rows, &reached)
 }
 
@@ -271,6 +272,7 @@ impl<'a> Setup<'a> {
                     "commands_m": reached.commands_m,
                     "position_m": reached.pose.position_m(),
                     "angles_rad": has_orientation.then(|| reached.pose.angles_rad()),
+                    "mismatch_m": reached.mismatch_m,
                 })
             })
             .collect();
@@ -299,6 +301,22 @@ impl<'a> Setup<'a> {
             },
         })
     }
+}
+
+/// A remark on poses that are only the best of all, because the links can't all have their lengths.
+fn misfits(rows: &[Row], reached: &[Reached]) -> Option<String> {
+    let allowed_m = InverseOptions::default().allowed_mismatch_m;
+    let (row, worst) = rows
+        .iter()
+        .zip(reached)
+        .max_by(|(_, a), (_, b)| a.mismatch_m.total_cmp(&b.mismatch_m))
+        .filter(|(_, reached)| reached.mismatch_m > allowed_m)?;
+    Some(format!(
+        "the links can't all have their lengths at these commands, and poses are those of least squares: \
+         they differ by {:.1} µm at pose {}, where it is most",
+        worst.mismatch_m * 1e6,
+        row.pose
+    ))
 }
 
 fn nearest<'a>(
