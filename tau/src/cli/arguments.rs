@@ -390,8 +390,9 @@ pub(super) enum Kinematics {
 /// Several poses can belong to the same commands: the arm can be assembled in several ways. Each pose is
 /// the one reached from a start: the pose in the same row of the CSV; without it the row before, for the
 /// first row --start; without it the nearest measured pose of the folder; without a folder the way of
-/// assembly that holds the plate most firmly. Where the pose is singular the command fails and says how
-/// the plate is free to move.
+/// assembly that holds the plate most firmly, with a note. Where the pose is singular the command fails
+/// and says how the plate is free to move; where there are more links than hold the plate and they differ
+/// from their lengths by more than a millimetre at best, it fails, too.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:

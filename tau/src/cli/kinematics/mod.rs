@@ -150,7 +150,7 @@ impl<'a> Setup<'a> {
                 let known = start.or_else(|| self.measured_near_commands(&row.commands_m));
                 let pose = match known {
                     Some(pose) => pose,
-                    None => self.guess(row, &row.commands_m)?,
+                    None => self.guess(row, &row.commands_m, "a pose nearby as `--start`")?,
                 };
                 (&row.commands_m, pose)
             }
@@ -159,12 +159,25 @@ impl<'a> Setup<'a> {
             .forward_along(from, &row.sample(&row.commands_m, pose))
     }
 
-    /// The pose at commands (m) in the best held way of assembling the arm.
-    fn guess(&self, row: &Row, commands_m: &[f64]) -> Result<Pose, kinematics::Error> {
+    /// The pose at commands (m) in the best held way of assembling the arm, with a remark on how to
+    /// say which one is meant.
+    fn guess(
+        &mut self,
+        row: &Row,
+        commands_m: &[f64],
+        settle: &str,
+    ) -> Result<Pose, kinematics::Error> {
         let anywhere = Pose::from_zyz(row.position_m, [0.0; 3]);
         let modes = self
             .machine
             .assembly_modes_of(&row.sample(commands_m, anywhere), None)?;
+        if modes.len() > 1 {
+            self.remarks.push(format!(
+                "how the arm is assembled was guessed: of {} ways that were found, the one that holds \
+                 the plate most firmly was taken; give {settle}, or a measurement FOLDER",
+                modes.len()
+            ));
+        }
         Ok(modes[0].pose)
     }
 
@@ -189,7 +202,10 @@ impl<'a> Setup<'a> {
             .or(before.map(|before| before.pose))
             .or(measured_pose);
         let nearby = match known {
-            None if self.machine.orientation_follows() => Some(self.guess(row, &commands_m)?),
+            None if self.machine.orientation_follows() => {
+                let settle = "the angles of a pose nearby after its position";
+                Some(self.guess(row, &commands_m, settle)?)
+            }
             known => known,
         };
         let options = InverseOptions {
