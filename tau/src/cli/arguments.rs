@@ -464,7 +464,8 @@ pub(super) struct Inverse {
 /// What forward and inverse kinematics share.
 #[derive(Debug, Args)]
 pub(super) struct Kinematic {
-    /// Measurement folder, needed for piecewise tracks; with neither it nor --robot, the built-in one
+    /// Measurement folder, needed for piecewise tracks, and for reduced arms unless --robot was
+    /// calibrated with them; with neither it nor --robot, the built-in one
     pub(super) folder: Option<PathBuf>,
     #[command(flatten)]
     pub(super) variant: Variant,

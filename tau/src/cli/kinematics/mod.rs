@@ -98,7 +98,7 @@ impl<'a> Setup<'a> {
     fn resolve(with: &'a arguments::Kinematic) -> Result<Self, InputError> {
         let robot = robot(with.robot.model.as_deref())?;
         let path = with.folder.as_deref();
-        // Parameters without measurements are enough for straight tracks.
+        // Parameters without measurements are enough for straight tracks and full arms.
         let needs_folder = path.is_some() || with.robot.robot.is_none();
         let measurements = if needs_folder {
             folder(path, &robot).map(Some)
@@ -126,8 +126,20 @@ impl<'a> Setup<'a> {
             || Folder::default().measured_range(&file, shape),
             |folder| folder.measured_range(&file, shape),
         );
+        let machine = Machine::from_file(&robot, &variant, &file, folder.as_ref(), &poses);
+        let machine = machine.map_err(|error| {
+            let is_folded = variant.arm == Arm::Reduced
+                && robot
+                    .clusters
+                    .iter()
+                    .any(|cluster| !file.clusters.contains_key(&cluster.name));
+            match (&with.robot.robot, &folder) {
+                (Some(path), None) if is_folded => no_orientation(&variant.name, path),
+                _ => error,
+            }
+        })?;
         Ok(Self {
-            machine: Machine::from_file(&robot, &variant, &file, folder.as_ref(), &poses)?,
+            machine,
             range_m,
             measured: folder.map_or_else(Vec::new, |folder| folder.tcp_poses),
             json,
@@ -333,6 +345,18 @@ fn misfits(rows: &[Row], reached: &[Reached]) -> Option<String> {
         worst.mismatch_m * 1e6,
         row.pose
     ))
+}
+
+/// A reduced arm whose robot file gives links, without measured poses.
+fn no_orientation(variant: &str, file: &Path) -> InputError {
+    InputError::whole(
+        file.display().to_string(),
+        format!(
+            "`{variant}` has a reduced arm, whose track offsets hold the plate joints in the mean measured \
+             orientation: found links and no measured poses"
+        ),
+    )
+    .help("name a measurement FOLDER, or give with --robot a file that `tau calibrate` wrote for this variant")
 }
 
 fn nearest<'a>(
