@@ -131,7 +131,7 @@ pub(super) struct Calibrate {
 /// Compare predicted with measured poses
 ///
 /// Predicts the validation poses from their commands with the parameters of --robot, and prints the
-/// errors of position (µm) and orientation (rad). Give the robot.toml that `tau calibrate` wrote; that of
+/// errors of position (µm) and orientation (mrad). Give the robot.toml that `tau calibrate` wrote; that of
 /// the folder holds nominal values.
 #[derive(Debug, Args)]
 #[command(after_help = "\
