@@ -250,3 +250,94 @@ fn a_grid_out_of_reach_is_refused() {
         "{error}"
     );
 }
+
+/// What a request is refused for: option and message.
+fn refusal(request: &Request) -> (String, String) {
+    let error = refused(request);
+    let problem = &error.problems()[0];
+    (problem.source.clone(), problem.message.clone())
+}
+
+#[test]
+fn what_no_folder_may_hold_is_refused_with_what_was_found() {
+    let with = |change: fn(&mut Request)| {
+        let mut request = Request::default();
+        change(&mut request);
+        refusal(&request)
+    };
+    for (found, option, message) in [
+        (
+            with(|r| r.temperature_c = 70.0),
+            "--temperature",
+            "found 70.0, expected a temperature between -49 and 59 °C",
+        ),
+        (
+            with(|r| r.warming_k = 45.0),
+            "--warming",
+            "found 45.0, expected a rise of the temperature, in K, that ends between -49 and 59 °C",
+        ),
+        (
+            with(|r| r.noise_position_m = Some(2.0)),
+            "--noise-position",
+            "found 2.0, expected a length above zero, in m, and at most 1",
+        ),
+        (
+            with(|r| r.grid = [0, 2, 2]),
+            "--grid",
+            "found [0, 2, 2], expected three counts above zero, of together at most 100000 points",
+        ),
+    ] {
+        assert_eq!(found, (option.to_owned(), message.to_owned()));
+    }
+}
+
+#[test]
+fn whatever_is_written_is_read_again() {
+    let parent = tempfile::tempdir().unwrap();
+    let robot = drawings().0;
+    let extreme = Request {
+        grid: [2, 2, 2],
+        track_points: 3,
+        cart_poses: 4,
+        temperature_c: 59.0,
+        noise_position_m: Some(1.0),
+        noise_rotation_rad: Some(1.0),
+        noise_scale: [1e-3; 3],
+        ..Request::default()
+    };
+    let folder = parent.path().join("extreme");
+    extreme.run(&robot, &folder).unwrap();
+    tau::measurements::Folder::read(&folder, (&robot).into()).unwrap();
+    tau::robot_file::RobotFile::read(&folder.join("robot.toml"), &robot).unwrap();
+
+    let folder = parent.path().join("scattered");
+    let scattered = Request {
+        noise_scale: [1e3; 3],
+        ..extreme
+    };
+    let error = scattered.run(&robot, &folder).unwrap_err();
+    assert!(error.to_string().contains("tcp_poses.csv"), "{error}");
+    assert!(!folder.exists());
+}
+
+#[test]
+fn an_effect_of_forces_needs_a_payload() {
+    let (robot, mut file) = drawings();
+    file.payload = None;
+    for effect in [
+        "cart_compliance(all): along_compliance=1e-7",
+        "link_compliance(l1): strain=1e-8",
+    ] {
+        let simulation = tau::simulation::Simulation {
+            effects: vec![super::parsed(effect, &robot)],
+            ..tau::simulation::Simulation::new(robot.clone(), file.clone())
+        };
+        let error = tau::simulation::simulate(&simulation)
+            .unwrap_err()
+            .to_string();
+        assert!(
+            error.starts_with("robot.toml: found no `[payload]`"),
+            "{error}"
+        );
+    }
+}

@@ -228,8 +228,12 @@ pub(super) struct Simulate {
     /// Folder for the measurements
     #[arg(long, value_name = "DIR")]
     pub(super) out: PathBuf,
-    #[command(flatten)]
-    pub(super) robot: Robot,
+    /// Description of the robot; without it, the built-in Gantry-Tau
+    #[arg(long, value_name = "F.tau")]
+    pub(super) model: Option<PathBuf>,
+    /// Drawing of the robot, its noise and payload; without it, those of the built-in Gantry-Tau
+    #[arg(long, value_name = "ROBOT.toml")]
+    pub(super) robot: Option<PathBuf>,
     /// Variant whose simplifications the machine keeps, such as straight tracks
     #[arg(long, value_name = "NAME")]
     pub(super) variant: Option<String>,

@@ -9,7 +9,7 @@ use crate::simulation::Request;
 
 pub(super) fn run(arguments: &arguments::Simulate) -> Result<Outcome, Failure> {
     let out = &arguments.out;
-    let robot = robot(arguments.robot.model.as_deref())?;
+    let robot = robot(arguments.model.as_deref())?;
     let (target, ()) = both(
         Target::resolve(arguments.json.target.as_deref()),
         check_folder(out),
@@ -58,11 +58,9 @@ pub(super) fn run(arguments: &arguments::Simulate) -> Result<Outcome, Failure> {
 
 /// What was typed, as the simulation takes it.
 pub(super) fn request(arguments: &arguments::Simulate) -> Request {
-    let arguments::Simulate {
-        robot, noise, plan, ..
-    } = arguments;
+    let arguments::Simulate { noise, plan, .. } = arguments;
     Request {
-        robot: robot.robot.clone(),
+        robot: arguments.robot.clone(),
         variant: arguments.variant.clone(),
         effects: arguments.effects.clone(),
         seed: arguments.seed,

@@ -15,7 +15,7 @@ const LONGEST_M: f64 = 50.0;
 /// Angles may be unwrapped once, and rounded.
 const LARGEST_ANGLE_RAD: f64 = 1.01 * TAU;
 /// Room temperature is 293 in kelvin, 68 in degrees Fahrenheit.
-const TEMPERATURES_C: std::ops::RangeInclusive<f64> = -50.0..=60.0;
+pub(crate) const TEMPERATURES_C: std::ops::RangeInclusive<f64> = -50.0..=60.0;
 
 /// Positions are metres.
 pub(crate) fn positions(table: &Table<'_>, columns: &[Column; 3], mistakes: &mut Mistakes<'_>) {

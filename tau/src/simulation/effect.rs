@@ -393,6 +393,9 @@ pub(crate) const LISTED: &[Listed] = &[
     },
 ];
 
+/// Listed effects that follow the forces in the arm, of which there are none without a payload.
+pub(super) const LOADED: [&str; 2] = ["cart_compliance", "link_compliance"];
+
 /// Reference temperature of ISO 1 (°C).
 const REFERENCE_C: f64 = 20.0;
 

@@ -169,7 +169,7 @@ impl Mounting {
 /// Simulates a measurement folder.
 ///
 /// # Errors
-/// The robot file lacks values of a link; the links do not hold the plate, or not at all commands zero;
+/// The robot file lacks values of a link, or the payload that an effect follows; the links do not hold the plate, or not at all commands zero;
 /// fewer than two poses can be reached; the true machine does not close at a pose.
 pub fn simulate(simulation: &Simulation) -> Result<SimulatedFolder, InputError> {
     Session::new(simulation)?.run()
@@ -223,6 +223,16 @@ impl<'a> Session<'a> {
                     machine.effects.push(Effect::of_file(&key, values, robot)?);
                 }
             }
+        }
+        let is_loaded =
+            |effect: &&Effect| effect.listed && effect::LOADED.contains(&effect.name.as_str());
+        if let (None, Some(effect)) = (nominal.payload, machine.effects.iter().find(is_loaded)) {
+            let message = format!(
+                "found no `[payload]`, expected one: `{}` follows the forces in the arm",
+                effect.name
+            );
+            return Err(InputError::whole("robot.toml", message)
+                .help("add `[payload]` to the robot file, or give its mass with `--payload`"));
         }
         let length = nominal.mean_length_m();
         let range_m = file.range_m.unwrap_or((-length / 3.0, length / 3.0));

@@ -1,5 +1,6 @@
 //! Simulation as the command line asks for it.
 
+use std::fmt::Debug;
 use std::path::{Path, PathBuf};
 
 use super::{
@@ -7,9 +8,13 @@ use super::{
     TrackPoints, simulate,
 };
 use crate::input_error::{Errors, InputError};
+use crate::measurements::plausible;
 use crate::prototype;
 use crate::robot::Robot;
 use crate::robot_file::{Payload, RobotFile};
+
+/// Noise that a robot file may state at most (m or rad).
+const LARGEST_NOISE: f64 = 1.0;
 
 /// Everything that can be asked for, as it is typed.
 #[derive(Debug, Clone, PartialEq)]
@@ -124,6 +129,7 @@ impl Request {
     /// [`SimulatedFolder::write`].
     pub fn run(&self, robot: &Robot, folder: &Path) -> Result<Summary, InputError> {
         let simulated = simulate(&self.simulation(robot)?)?;
+        simulated.check(folder, robot)?;
         simulated.write(folder)?;
         Ok(Summary::of(&simulated))
     }
@@ -237,78 +243,123 @@ impl Request {
     fn check(&self, errors: &mut Errors) {
         /// More poses than a day has room for.
         const MOST: usize = 100_000;
-        let mut refuse = |fine: bool, option: &str, expected: &str| {
+        /// The random part of the temperature, over the ends of what a measurement folder may hold (K).
+        const MARGIN_K: f64 = 1.0;
+        let mut refuse = |fine: bool, option: &str, found: &dyn Debug, expected: &str| {
             if !fine {
-                errors.add(InputError::whole(option, format!("expected {expected}")));
+                let message = format!("found {found:?}, expected {expected}");
+                errors.add(InputError::whole(option, message));
             }
         };
         let share = |value: f64| (0.0..=1.0).contains(&value);
-        let positive = |value: Option<f64>| value.is_none_or(|v| v.is_finite() && v > 0.0);
+        let positive = |value: f64| value.is_finite() && value > 0.0;
+        let noise = |value: f64| positive(value) && value <= LARGEST_NOISE;
         let size = |value: f64| value.is_finite() && (0.0..=1e6).contains(&value);
+        if let Some(found) = self.noise_position_m {
+            let expected = "a length above zero, in m, and at most 1";
+            refuse(noise(found), "--noise-position", &found, expected);
+        }
+        if let Some(found) = self.noise_rotation_rad {
+            let expected = "an angle above zero, in rad, and at most 1";
+            refuse(noise(found), "--noise-rotation", &found, expected);
+        }
         refuse(
-            positive(self.noise_position_m),
-            "--noise-position",
-            "a length above zero, in m",
+            self.noise_scale.iter().all(|&scale| size(scale)),
+            "--noise-scale",
+            &self.noise_scale,
+            "factors from zero to a million",
         );
-        refuse(
-            positive(self.noise_rotation_rad),
-            "--noise-rotation",
-            "an angle above zero, in rad",
-        );
-        let scales = self.noise_scale.iter().all(|&scale| size(scale));
-        refuse(scales, "--noise-scale", "factors from zero to a million");
         refuse(
             share(self.common_noise),
             "--common-noise",
+            &self.common_noise,
             "a share from 0 to 1",
         );
         refuse(
             self.serial_noise.abs() < 1.0,
             "--serial-noise",
+            &self.serial_noise,
             "a correlation between -1 and 1",
         );
-        refuse(share(self.outliers), "--outliers", "a share from 0 to 1");
+        refuse(
+            share(self.outliers),
+            "--outliers",
+            &self.outliers,
+            "a share from 0 to 1",
+        );
         refuse(
             size(self.outlier_size),
             "--outlier-size",
+            &self.outlier_size,
             "a number of standard deviations",
         );
-        refuse(share(self.jitter), "--jitter", "a share from 0 to 1");
-        let steps = self
-            .grid_step_m
-            .is_none_or(|steps| steps.iter().all(|&s| positive(Some(s))));
-        refuse(steps, "--grid-step", "three lengths above zero, in m");
+        refuse(
+            share(self.jitter),
+            "--jitter",
+            &self.jitter,
+            "a share from 0 to 1",
+        );
+        if let Some(found) = self.grid_step_m {
+            let expected = "three lengths above zero, in m";
+            refuse(
+                found.iter().all(|&s| positive(s)),
+                "--grid-step",
+                &found,
+                expected,
+            );
+        }
         let points = self
             .grid
             .iter()
             .try_fold(1_usize, |product, &count| product.checked_mul(count));
-        let grid = points.is_some_and(|points| (1..=MOST).contains(&points));
         refuse(
-            grid,
+            points.is_some_and(|points| (1..=MOST).contains(&points)),
             "--grid",
+            &self.grid,
             "three counts above zero, of together at most 100000 points",
         );
+        if let Some(found) = self.poses {
+            refuse(
+                (2..=MOST).contains(&found),
+                "--poses",
+                &found,
+                "2 to 100000",
+            );
+        }
+        for (option, found) in [
+            ("--track-points", self.track_points),
+            ("--cart-poses", self.cart_poses),
+        ] {
+            let fine = found == 0 || (2..=MOST).contains(&found);
+            refuse(fine, option, &found, "none or 2 to 100000");
+        }
+        let lowest = plausible::TEMPERATURES_C.start() + MARGIN_K;
+        let highest = plausible::TEMPERATURES_C.end() - MARGIN_K;
+        let measurable = |value: f64| (lowest..=highest).contains(&value);
         refuse(
-            self.poses.is_none_or(|n| (2..=MOST).contains(&n)),
-            "--poses",
-            "2 to 100000",
+            measurable(self.temperature_c),
+            "--temperature",
+            &self.temperature_c,
+            &format!("a temperature between {lowest} and {highest} °C"),
         );
-        let points = self.track_points == 0 || (2..=MOST).contains(&self.track_points);
-        refuse(points, "--track-points", "none or 2 to 100000");
-        let poses = self.cart_poses == 0 || (2..=MOST).contains(&self.cart_poses);
-        refuse(poses, "--cart-poses", "none or 2 to 100000");
-        let temperatures = self.temperature_c.is_finite() && self.temperature_c.abs() < 200.0;
-        refuse(temperatures, "--temperature", "a temperature in °C");
-        refuse(
-            self.warming_k.abs() < 200.0,
-            "--warming",
-            "a rise of the temperature in K",
-        );
-        refuse(
-            positive(self.payload_mass_kg),
-            "--payload",
-            "a mass above zero, in kg",
-        );
+        if measurable(self.temperature_c) {
+            refuse(
+                measurable(self.temperature_c + self.warming_k),
+                "--warming",
+                &self.warming_k,
+                &format!(
+                    "a rise of the temperature, in K, that ends between {lowest} and {highest} °C"
+                ),
+            );
+        }
+        if let Some(found) = self.payload_mass_kg {
+            refuse(
+                positive(found),
+                "--payload",
+                &found,
+                "a mass above zero, in kg",
+            );
+        }
     }
 }
 

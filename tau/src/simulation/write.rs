@@ -10,8 +10,9 @@ use tau_codegen::language::model::Place;
 
 use super::{Effect, SimulatedFolder, Truth};
 use crate::input_error::InputError;
-use crate::measurements::{CartPose, CartPosition, Conditions, TcpPose};
+use crate::measurements::{CartPose, CartPosition, Conditions, Folder, TcpPose, Texts};
 use crate::robot::Robot;
+use crate::robot_file::RobotFile;
 
 impl SimulatedFolder {
     /// Names and texts of the folder's files. Numbers are written so that they read back bit for bit;
@@ -30,6 +31,33 @@ impl SimulatedFolder {
             files.push(("cart_positions.csv", cart_positions(&folder.cart_positions)));
         }
         files
+    }
+
+    /// Checks that the folder will be taken for measurements of the robot.
+    ///
+    /// # Errors
+    /// What reading it would answer, by the names that its files would have.
+    pub(super) fn check(&self, folder: &Path, robot: &Robot) -> Result<(), InputError> {
+        let texts = self.texts();
+        let text = |name: &str| {
+            let mut files = texts.iter();
+            files
+                .find(|(file, _)| *file == name)
+                .map(|(_, text)| text.as_str())
+        };
+        let read = Texts {
+            tcp_poses: text("tcp_poses.csv").unwrap_or_default(),
+            cart_poses: text("cart_poses.csv"),
+            cart_positions: text("cart_positions.csv"),
+        };
+        let file = folder.join("robot.toml").display().to_string();
+        let file = RobotFile::parse_for(text("robot.toml").unwrap_or_default(), &file, robot);
+        Folder::from_texts(&folder.display().to_string(), read, robot.into())
+            .map(|_| ())
+            .and(file.map(|_| ()))
+            .map_err(|error| {
+                error.help("nothing was written: ask for less noise or smaller errors")
+            })
     }
 
     /// Writes the measurement folder: all of it under another name first, so that none is ever there
