@@ -60,7 +60,7 @@ impl Case {
 
     /// What was noticed about the measurements.
     pub(super) fn remarks(&self, poses: &Poses) -> Vec<String> {
-        let dropped = study::dropped(poses.counts);
+        let dropped = study::dropped(poses.counts, &self.folder);
         self.folder.remarks.iter().cloned().chain(dropped).collect()
     }
 }

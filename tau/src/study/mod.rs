@@ -157,11 +157,16 @@ pub fn run(
 }
 
 /// A remark on the poses that take no part, if there are any.
-pub(crate) fn dropped(counts: PoseCounts) -> Option<String> {
+pub(crate) fn dropped(counts: PoseCounts, folder: &Folder) -> Option<String> {
     let dropped = counts.total - counts.in_range;
+    let range = if folder.cart_poses.is_empty() {
+        "`[range]` of the robot file"
+    } else {
+        "the range that set 2 covers"
+    };
     (dropped > 0).then(|| {
         format!(
-            "{dropped} of {} poses have commands outside the range that set 2 covers and take no part",
+            "{dropped} of {} poses have commands outside {range} and take no part",
             counts.total
         )
     })
