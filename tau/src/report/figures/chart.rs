@@ -78,7 +78,7 @@ pub(super) fn series(index: usize) -> Style {
 /// Fill of the bar that matters.
 pub(super) const STRONG: RGBColor = RGBColor(0x00, 0x5a, 0x8f);
 /// Fill of the bar behind it, lighter in grey too.
-pub(super) const PALE: RGBColor = RGBColor(0xa9, 0xcc, 0xe3);
+pub(super) const PALE: RGBColor = RGBColor(0x5b, 0x9b, 0xc8);
 /// What should catch the eye.
 pub(super) const ACCENT: RGBColor = RGBColor(0xc0, 0x4a, 0x00);
 
