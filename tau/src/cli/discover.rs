@@ -62,12 +62,18 @@ pub(super) fn run(
     let (found, compiled) = (found?, compiled?);
     spinner.show("calibrating what was found");
     let discovery = &found.discovery;
+    let setting = report::Setting {
+        poses: poses.counts,
+        has_cart_poses: !folder.cart_poses.is_empty(),
+        noise: (file.noise.position_m, file.noise.rotation_rad),
+        flips: options.flips,
+    };
     let (code, (calibrated, page)) = rayon::join(
         || generated(compiled, &discovery.model_text),
         || {
             let of_found = found.robot();
             let calibrated = of_found.and_then(|robot| found.calibrate(&robot, file, folder));
-            let page = report::html::discovery_page(discovery, &robot.name, &folder.name);
+            let page = report::html::discovery_page(discovery, &setting, &robot.name, &folder.name);
             (calibrated, page)
         },
     );

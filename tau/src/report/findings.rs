@@ -1,7 +1,7 @@
 //! What the study found, in plain sentences.
 
 use super::number::{fixed, general, largest, shared_decimals};
-use crate::study::results::{Study, VariantResult};
+use crate::study::results::{PoseCounts, Study, TrackLinearity, VariantResult};
 
 /// The variant with the smallest mean position error.
 pub(super) fn best(study: &Study) -> Option<&VariantResult> {
@@ -12,24 +12,28 @@ pub(super) fn best(study: &Study) -> Option<&VariantResult> {
         .min_by(|a, b| a.position_um.mean.total_cmp(&b.position_um.mean))
 }
 
-/// Which poses took part, and why.
-pub(super) fn poses(study: &Study) -> String {
-    let poses = study.poses;
+/// Which poses took part, and why: set 2 decides on the range, or without it the robot file.
+pub(super) fn poses(poses: PoseCounts, has_cart_poses: bool) -> String {
     let dropped = poses.total.saturating_sub(poses.in_range);
+    let range = if has_cart_poses {
+        "the range that the cart measurements (set 2) cover"
+    } else {
+        "[range] of the robot file, which decides where there is no set 2"
+    };
     let selection = match dropped {
         0 => format!("All {} measured poses take part", poses.total),
         1 => format!(
-            "Of {} measured poses {} take part; the commands of the other one leave the range that the cart \
-             measurements (set 2) cover, so it is left out of every comparison",
+            "Of {} measured poses {} take part; the commands of the other one leave {range}, so it is left out of \
+             every comparison",
             poses.total, poses.in_range
         ),
         _ => format!(
-            "Of {} measured poses {} take part; the commands of the other {dropped} leave the range that the \
-             cart measurements (set 2) cover, so they are left out of every comparison",
+            "Of {} measured poses {} take part; the commands of the other {dropped} leave {range}, so they are left \
+             out of every comparison",
             poses.total, poses.in_range
         ),
     };
-    let division = if held_out(study) {
+    let division = if held_out(poses) {
         "no pose does both"
     } else {
         "some do both, so the errors below are partly those of the fit"
@@ -40,14 +44,19 @@ pub(super) fn poses(study: &Study) -> String {
     )
 }
 
+/// Whether a study's folder has a set 2.
+pub(super) fn has_cart_poses(study: &Study) -> bool {
+    let mut tracks = study.assumptions.linearity.iter();
+    tracks.any(|track| !track.points.is_empty())
+}
+
 /// Whether the validation poses took no part in calibration.
-pub(super) fn held_out(study: &Study) -> bool {
-    study.poses.calibration + study.poses.validation <= study.poses.in_range
+pub(super) fn held_out(poses: PoseCounts) -> bool {
+    poses.calibration + poses.validation <= poses.in_range
 }
 
 /// The stated noise.
-pub(super) fn noise(study: &Study) -> String {
-    let (position, rotation) = study.noise;
+pub(super) fn noise((position, rotation): (f64, f64)) -> String {
     format!(
         "The stated noise is {} µm in position and {} µrad in rotation (one standard deviation per axis).",
         general(1e6 * position, 2),
@@ -184,8 +193,8 @@ pub(super) fn assumptions(study: &Study) -> Vec<String> {
     if sets().next().is_some() {
         let top = |axis: usize| fixed(largest(sets().map(|track| track.rms_um[axis])), 0);
         sentences.push(format!(
-            "At random poses (set 3) the carts repeat the paths of set 2 within {} µm along, {} µm horizontally and \
-             {} µm vertically (rms of the worst track).",
+            "At random poses (set 3) the carts differ from their paths in set 2 by {} µm rms along, {} µm horizontally \
+             and {} µm vertically on the worst track.",
             top(0),
             top(1),
             top(2)
@@ -195,6 +204,22 @@ pub(super) fn assumptions(study: &Study) -> Vec<String> {
             .push("Set 3 cannot be compared with set 2, since one of them is missing.".to_owned());
     }
     sentences
+}
+
+/// Distance between neighbouring points of set 2 (mm), where there are any: the median over the tracks' gaps.
+pub(super) fn spacing_mm(tracks: &[TrackLinearity]) -> Option<f64> {
+    let mut gaps: Vec<f64> = tracks
+        .iter()
+        .flat_map(|track| {
+            let mut commands: Vec<f64> = track.points.iter().map(|point| point.q_m).collect();
+            commands.sort_by(f64::total_cmp);
+            commands.dedup();
+            let gaps = commands.windows(2).map(|pair| 1e3 * (pair[1] - pair[0]));
+            gaps.collect::<Vec<f64>>()
+        })
+        .collect();
+    gaps.sort_by(f64::total_cmp);
+    gaps.get(gaps.len() / 2).copied()
 }
 
 /// How many combinations only the prior determines.

@@ -2,6 +2,7 @@
 
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
+use super::discovery::method::Setting;
 use super::discovery::section;
 use super::figures::{self, Figure};
 use super::findings;
@@ -14,56 +15,44 @@ const STYLE: &str = include_str!("style.css");
 /// Correlations listed for each variant.
 const CORRELATIONS: usize = 10;
 
-/// A part of the report, with the name that links point to.
+/// A part of the report, with the name that links point to, and the parts of it that have names of their own.
 struct Section {
     id: &'static str,
     title: &'static str,
     body: Markup,
+    parts: Vec<(String, &'static str)>,
+}
+
+impl Section {
+    fn new(id: &'static str, title: &'static str, body: Markup) -> Self {
+        Self {
+            id,
+            title,
+            body,
+            parts: vec![],
+        }
+    }
 }
 
 /// The report as an HTML document that needs no other file.
 pub fn page(study: &Study, figures: &[Figure]) -> String {
     let sections = [
-        Section {
-            id: "errors",
-            title: "Errors at the validation poses",
-            body: errors(study, figures),
-        },
-        Section {
-            id: "discovery",
-            title: "What the model lacks",
-            body: lacking(study, figures),
-        },
-        Section {
-            id: "method",
-            title: "How the figures were obtained",
-            body: method(study),
-        },
-        Section {
-            id: "assumptions",
-            title: "What the models assume",
-            body: assumptions(study, figures),
-        },
-        Section {
-            id: "geometry",
-            title: "Calibrated geometry",
-            body: geometry(study),
-        },
-        Section {
-            id: "sensitivity",
-            title: "Sensitivity",
-            body: sensitivity(study, figures),
-        },
-        Section {
-            id: "determined",
-            title: "What the data determine",
-            body: determined(study),
-        },
-        Section {
-            id: "parameters",
-            title: "All parameters",
-            body: parameters(study),
-        },
+        Section::new(
+            "errors",
+            "Errors at the validation poses",
+            errors(study, figures),
+        ),
+        lacking(study, figures),
+        Section::new("method", "How the figures were obtained", method(study)),
+        Section::new(
+            "assumptions",
+            "What the models assume",
+            assumptions(study, figures),
+        ),
+        Section::new("geometry", "Calibrated geometry", geometry(study)),
+        Section::new("sensitivity", "Sensitivity", sensitivity(study, figures)),
+        Section::new("determined", "What the data determine", determined(study)),
+        Section::new("parameters", "All parameters", parameters(study)),
     ];
     document(
         "Calibration report",
@@ -75,18 +64,14 @@ pub fn page(study: &Study, figures: &[Figure]) -> String {
 }
 
 /// A discovery as an HTML document that needs no other file.
-pub fn discovery_page(found: &Discovery, robot: &str, folder: &str) -> String {
+pub fn discovery_page(found: &Discovery, setting: &Setting, robot: &str, folder: &str) -> String {
     let figures = figures::discovery(found);
     let summary = html! {
         section.summary aria-label="Summary" { (section::keys(found)) (section::sentences(found)) }
     };
-    let sections: Vec<Section> = section::evidence(found, &figures)
+    let sections: Vec<Section> = section::evidence(found, setting, &figures)
         .into_iter()
-        .map(|part| Section {
-            id: part.id,
-            title: part.title,
-            body: part.body,
-        })
+        .map(|part| Section::new(part.id, part.title, part.body))
         .collect();
     document("Discovery report", robot, folder, &summary, &sections)
 }
@@ -116,7 +101,16 @@ fn document(
                 main {
                     (summary)
                     nav aria-label="Contents" {
-                        ol { @for section in sections { li { a href={ "#" (section.id) } { (section.title) } } } }
+                        ol {
+                            @for section in sections {
+                                li {
+                                    a href={ "#" (section.id) } { (section.title) }
+                                    @if !section.parts.is_empty() {
+                                        ul { @for (id, title) in &section.parts { li { a href={ "#" (id) } { (title) } } } }
+                                    }
+                                }
+                            }
+                        }
                     }
                     @for (index, section) in sections.iter().enumerate() {
                         section id=(section.id) {
@@ -132,17 +126,24 @@ fn document(
 }
 
 fn summary(study: &Study) -> Markup {
+    let um = |value: f64| general(value, 3) + " µm";
     html! {
         section.summary aria-label="Summary" {
             @if let Some(best) = findings::best(study) {
                 dl.keys {
                     div { dt { "Best variant" } dd { (best.name) } }
-                    div { dt { "Mean position error" } dd { (general(best.position_um.mean, 3)) " µm" } }
-                    div { dt { "Largest position error" } dd { (general(best.position_um.max, 3)) " µm" } }
-                    div { dt { "Validation poses" } dd { (study.poses.validation) } }
+                    div { dt { "Its mean position error" } dd { (um(best.position_um.mean)) } }
+                    @if let Some(found) = &study.discovery {
+                        div { dt { (found.base) ", with what it lacks" } dd { (um(found.validation.after.mean_um)) } }
+                        div { dt { "Stated noise alone" } dd { (um(found.noise_floor_um)) } }
+                    } @else {
+                        div { dt { "Its largest position error" } dd { (um(best.position_um.max)) } }
+                        div { dt { "Validation poses" } dd { (study.poses.validation) } }
+                    }
                 }
             }
-            p { (findings::poses(study)) " " (findings::noise(study)) }
+            @if let Some(found) = &study.discovery { (section::summary(found)) }
+            p { (findings::poses(study.poses, findings::has_cart_poses(study))) " " (findings::noise(study.noise)) }
             @if let Some(errors) = findings::errors(study) {
                 p { (errors) " " @if let Some(comparison) = findings::comparison(study) { (comparison) } }
             }
@@ -165,7 +166,8 @@ fn errors(study: &Study, figures: &[Figure]) -> Markup {
             p {
                 "Each calibrated model predicts the pose of the plate from the commands of a validation pose; the error \
                  is predicted minus measured. Position errors are lengths of the three-dimensional difference. A reduced \
-                 arm predicts no orientation."
+                 arm predicts no orientation. Tables I to III and the numbered figures follow those of Dressler, Brogårdh \
+                 and Robertsson, A Kinematic Error Model for a Parallel Gantry-Tau Manipulator (ICRA 2010)."
             }
             (table(&tables::errors(study), "wide"))
             (figure(figures, "position_error_by_variant.svg"))
@@ -175,13 +177,19 @@ fn errors(study: &Study, figures: &[Figure]) -> Markup {
     }
 }
 
-fn lacking(study: &Study, figures: &[Figure]) -> Markup {
-    html! {
+/// What discovery found, its parts named apart from the sections.
+fn lacking(study: &Study, figures: &[Figure]) -> Section {
+    let setting = Setting::from(study);
+    let parts = study.discovery.as_ref().map_or_else(Vec::new, |found| {
+        section::evidence(found, &setting, figures)
+    });
+    let id = |part: &section::Part| format!("discovery-{}", part.id);
+    let body = html! {
         @if let Some(found) = &study.discovery {
             (section::keys(found))
             (section::sentences(found))
-            @for part in section::evidence(found, figures) {
-                h3.part { (part.title) }
+            @for part in &parts {
+                h3.part id=(id(part)) { (part.title) }
                 (part.body)
             }
         } @else {
@@ -190,6 +198,10 @@ fn lacking(study: &Study, figures: &[Figure]) -> Markup {
                 ", or the search failed, and a remark says why."
             }
         }
+    };
+    Section {
+        parts: parts.iter().map(|part| (id(part), part.title)).collect(),
+        ..Section::new("discovery", "What the model lacks", body)
     }
 }
 
@@ -333,7 +345,7 @@ pub(super) fn figure(figures: &[Figure], file_name: &str) -> Markup {
     html! {
         @if let Some(found) = found {
             figure {
-                (PreEscaped(&found.svg))
+                div.scroll tabindex="0" role="region" aria-label=(found.title) { (PreEscaped(&found.svg)) }
                 figcaption {
                     @if let Some(number) = found.number { b { "Figure " (number) ". " } }
                     (found.caption)
@@ -346,6 +358,7 @@ pub(super) fn figure(figures: &[Figure], file_name: &str) -> Markup {
 /// A table with its headings in one or two rows.
 pub(super) fn table(table: &Table, class: &str) -> Markup {
     let grouped = table.columns.iter().any(|column| !column.group.is_empty());
+    let has_parts = table.rows.iter().any(|row| continues(row));
     let numeric = |index: usize| {
         !table
             .rows
@@ -355,11 +368,11 @@ pub(super) fn table(table: &Table, class: &str) -> Markup {
     let first =
         |index: usize| index > 0 && table.columns[index].group != table.columns[index - 1].group;
     html! {
-        div.scroll {
+        div.scroll tabindex="0" role="region" aria-label=(table.title) {
             table class=(class) {
                 caption { (table.title) }
                 thead {
-                    @if grouped { tr { (group_headings(table)) } }
+                    @if grouped { tr { (group_headings(table, numeric)) } }
                     tr {
                         @for (index, column) in table.columns.iter().enumerate() {
                             @if !grouped || !column.group.is_empty() {
@@ -368,12 +381,14 @@ pub(super) fn table(table: &Table, class: &str) -> Markup {
                         }
                     }
                 }
-                tbody {
-                    @for row in &table.rows {
-                        tr {
-                            @for (index, cell) in row.iter().enumerate() {
-                                @if index == 0 { th scope="row" { (cell_markup(cell)) } }
-                                @else { td.number[numeric(index)].first[first(index)] { (cell_markup(cell)) } }
+                @for rows in table.rows.chunk_by(|_, next| !has_parts || continues(next)) {
+                    tbody {
+                        @for row in rows {
+                            tr {
+                                @for (index, cell) in row.iter().enumerate() {
+                                    @if index == 0 { th scope="row" { (cell_markup(cell)) } }
+                                    @else { td.number[numeric(index)].first[first(index)] { (cell_markup(cell)) } }
+                                }
                             }
                         }
                     }
@@ -383,8 +398,13 @@ pub(super) fn table(table: &Table, class: &str) -> Markup {
     }
 }
 
+/// Whether a row has no name and belongs to the one above it: no page should part them.
+fn continues(row: &[Cell]) -> bool {
+    matches!(row.first(), Some(Cell::Text(name)) if name.is_empty())
+}
+
 /// The upper row of headings: groups over their columns, and single columns over both rows.
-fn group_headings(table: &Table) -> Markup {
+fn group_headings(table: &Table, numeric: impl Fn(usize) -> bool) -> Markup {
     let columns = &table.columns;
     let mut start = 0;
     let mut headings = Vec::new();
@@ -401,7 +421,7 @@ fn group_headings(table: &Table) -> Markup {
     html! {
         @for (start, span) in headings {
             @if columns[start].group.is_empty() {
-                th.first[start > 0] scope="col" rowspan="2" { (columns[start].name) }
+                th.number[numeric(start)].first[start > 0 && columns[start - 1].group != columns[start].group] scope="col" rowspan="2" { (columns[start].name) }
             } @else {
                 th.group.first[start > 0] scope="colgroup" colspan=(span) { (columns[start].group) }
             }

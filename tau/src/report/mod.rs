@@ -19,6 +19,7 @@ pub mod terminal;
 mod tests;
 mod write;
 
+pub use discovery::method::Setting;
 pub use figures::Figure;
 pub(crate) use write::write_files;
 pub use write::write_study;

@@ -1,5 +1,7 @@
 //! The study's tables for a terminal.
 
+use std::borrow::Cow;
+
 use super::discovery;
 use super::findings;
 use super::number::{general, printable};
@@ -17,8 +19,9 @@ const GAP: usize = 2;
 pub fn study(study: &Study) -> String {
     let mut text = format!("{}, {}\n\n", study.robot, study.folder);
     let mut say = |sentence: &str| text += &wrap(sentence, "");
-    say(&findings::poses(study));
-    say(&findings::noise(study));
+    let has_cart_poses = findings::has_cart_poses(study);
+    say(&findings::poses(study.poses, has_cart_poses));
+    say(&findings::noise(study.noise));
     for remark in &study.remarks {
         say(remark);
     }
@@ -56,26 +59,31 @@ pub fn discovery(found: &Discovery) -> String {
     use discovery::{findings, tables};
     let mut text = wrap(&findings::verdict(found), "") + &wrap(&findings::gap(found), "") + "\n";
     text += &render(&tables::steps(found));
+    let words = discovery::words::Words::of(found);
+    let unnamed = findings::unnamed(&words, found);
+    if !found.effects.is_empty() || !unnamed.is_empty() {
+        text += "\nWhat is wrong with the machine\n";
+    }
     for effect in &found.effects {
-        text += &format!("\n{}({})\n", effect.name, effect.place);
-        if let Some(meaning) = findings::meaning(found, &effect.name) {
-            text += &wrap(&meaning, "  ");
+        let label = discovery::at(&effect.name, &effect.place);
+        text += &wrap(
+            &format!("{label}: {}", findings::headline(&words, effect)),
+            "  ",
+        );
+        for sentence in findings::effect(&words, effect) {
+            text += &wrap(&sentence, "    ");
         }
-        text += &wrap(&findings::effect(effect), "  ");
         for rival in findings::rivals(effect) {
-            text += &wrap(&rival, "  ");
+            text += &wrap(&rival, "    ");
         }
+    }
+    for structure in unnamed {
+        text += &wrap(&format!("Without a name: {structure}"), "  ");
     }
     text += &findings::undisputed(found)
         .map(|sentence| format!("\n{}", wrap(&sentence, "")))
         .unwrap_or_default();
     text += "\nWhat remains\n";
-    for structure in &found.unnamed {
-        text += &wrap(&findings::unnamed(structure), "  ");
-    }
-    for track in &found.piecewise_tracks {
-        text += &wrap(&findings::piecewise_track(track), "  ");
-    }
     for sentence in findings::remains(found) {
         text += &wrap(&sentence, "  ");
     }
@@ -84,6 +92,9 @@ pub fn discovery(found: &Discovery) -> String {
         for (effects, why) in findings::unseen(found) {
             text += &wrap(&format!("{effects}: {why}"), "  ");
         }
+    }
+    if let Some(pairs) = findings::ambiguous(found) {
+        text += &format!("\nWhat could hardly be told apart\n{}", wrap(&pairs, "  "));
     }
     let outliers = findings::outliers(&found.left_out);
     if outliers.is_some() || !found.remarks.is_empty() {
@@ -191,10 +202,11 @@ fn wrap(sentence: &str, indent: &str) -> String {
     text
 }
 
-fn cell_text(cell: &Cell) -> &str {
+fn cell_text(cell: &Cell) -> Cow<'_, str> {
     match cell {
-        Cell::Text(text) | Cell::Number(text) => text,
-        Cell::Empty => "-",
+        Cell::Text(text) => Cow::Borrowed(text),
+        Cell::Number(number) => Cow::Owned(number.replace('-', "\u{2212}")),
+        Cell::Empty => Cow::Borrowed("–"),
     }
 }
 
@@ -212,7 +224,7 @@ fn render(table: &Table) -> String {
         .collect();
     for row in &table.rows {
         for (widest, cell) in widths.iter_mut().zip(row) {
-            *widest = (*widest).max(width(cell_text(cell)));
+            *widest = (*widest).max(width(&cell_text(cell)));
         }
     }
     let groups = groups(table);
@@ -287,7 +299,7 @@ fn block(table: &Table, widths: &[usize], groups: &[(usize, usize)]) -> String {
             };
             names += &pad(&table.columns[column].name);
             for (line, row) in rows.iter_mut().zip(&table.rows) {
-                *line += &pad(cell_text(&row[column]));
+                *line += &pad(&cell_text(&row[column]));
             }
         }
     }

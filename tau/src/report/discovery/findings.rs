@@ -1,12 +1,11 @@
 //! What discovery found, in plain sentences.
 
-use tau_codegen::language;
-
-use super::{at, chance, readable};
-use crate::discovery::results::{Estimate, FoundEffect, LeftOut, PiecewiseTrack, Unnamed};
+use super::words::{self, Words, capital, percent, probability};
+use super::{at, chance, listed, readable};
+use crate::discovery::results::{FoundEffect, LeftOut, Unnamed};
 use crate::discovery::{Discovery, Status};
 use crate::report::figures::typographic;
-use crate::report::number::{fixed, general, with_sigma};
+use crate::report::number::{fixed, general, largest};
 
 /// Noise over the stated one from which on it may be more than noise: trackers and repeatability are known
 /// better than by a factor of two.
@@ -14,11 +13,11 @@ const INCREDIBLE: f64 = 2.0;
 
 /// The verdict.
 pub(in crate::report) fn verdict(found: &Discovery) -> String {
-    let base = &found.base;
+    let base = format!("the model {}", Words::of(found).variant(&found.base));
     let count = found.effects.len();
-    let effects = match count {
-        1 => "one physical effect".to_owned(),
-        _ => format!("{} physical effects", count_word(count)),
+    let errors = match count {
+        1 => "one error".to_owned(),
+        _ => format!("{} errors", count_word(count)),
     };
     match found.status {
         Status::NothingMissing => match noisiest(found) {
@@ -28,19 +27,23 @@ pub(in crate::report) fn verdict(found: &Discovery) -> String {
                  that was recorded.",
                 general(factor, 2)
             ),
-            None => format!("{base} explains the measurements: nothing significant is missing."),
+            None => format!(
+                "{} explains the measurements: nothing significant is missing.",
+                capital(&base)
+            ),
         },
         Status::Explained => format!(
-            "{base} lacks {effects} of the machine. With {}, nothing significant is left.",
+            "The machine shows {errors} that {base} does not contain. With {} in the model, nothing significant is \
+             left.",
             if count == 1 { "it" } else { "them" }
         ),
         Status::PartlyExplained => format!(
-            "{base} lacks {effects} of the machine that {} a name. Something significant is left that has none.",
-            if count == 1 { "has" } else { "have" }
+            "The machine shows {errors} with a name that {base} does not contain. Something significant is left that \
+             has none."
         ),
         Status::UnnamedStructure => format!(
-            "{base} lacks something that no effect of the catalogue explains. It is described below, \
-             without a name."
+            "The machine shows something that {base} does not contain and no effect of the catalogue explains. It is \
+             described below, without a name."
         ),
     }
 }
@@ -105,52 +108,40 @@ fn is_base(found: &Discovery) -> bool {
     found.effects.is_empty() && found.piecewise_tracks.is_empty()
 }
 
-/// What an effect is, from its description.
-pub(in crate::report) fn meaning(found: &Discovery, name: &str) -> Option<String> {
-    let model = language::check_text(&found.model_text).ok()?;
-    let effect = model.effects.iter().find(|effect| effect.name == name)?;
-    let docs = effect.docs.iter().map(|line| line.trim());
-    Some(docs.collect::<Vec<_>>().join(" ")).filter(|docs| !docs.is_empty())
+/// What an effect is and where it acts.
+pub(in crate::report) fn headline(words: &Words, effect: &FoundEffect) -> String {
+    let FoundEffect { name, place, .. } = effect;
+    format!("{} – {}", words.title(name), words.place(name, place))
 }
 
-/// Size, certainty and consequence of one effect.
-pub(in crate::report) fn effect(effect: &FoundEffect) -> String {
-    let sizes: Vec<String> = effect
-        .parameters
-        .iter()
-        .map(|(name, estimate)| size(name, estimate))
-        .collect();
+/// Size, consequence and certainty of one effect, a sentence or two each.
+pub(in crate::report) fn effect(words: &Words, effect: &FoundEffect) -> Vec<String> {
+    let mut sentences: Vec<String> = words.more(&effect.name).into_iter().collect();
+    sentences.extend(words.amplitudes(effect));
+    let sizes = words::parameters(&words.sizes(effect));
+    if !sizes.is_empty() {
+        sentences.push(sizes);
+    }
     let change = effect.heldout_drop_um;
-    let matters = format!(
-        "Adding it {} the mean error at the tool by {} µm.",
+    sentences.push(format!(
+        "Added in the order of this list, it {} the mean error at the tool by {} µm.",
         if change < 0.0 { "raises" } else { "lowers" },
         general(change.abs(), 2)
-    );
-    let sizes = match sizes.as_slice() {
-        [] => String::new(),
-        sizes => format!("{}. ", sizes.join(", ")),
-    };
+    ));
     // A structural candidate has no columns whose score flips could test.
     let flips = if effect.flip_p_value.is_finite() {
         format!(
-            "; among random flips of the residuals' signs it is at most {}",
-            typographic(&chance(effect.flip_p_value))
+            ", random flips of the residuals' signs in at most {} of all cases",
+            percent(effect.flip_p_value)
         )
     } else {
         String::new()
     };
-    format!(
-        "{sizes}{matters} The chance of so strong a sign without it is {} by formula{flips}.",
-        typographic(&chance(effect.p_value)),
-    )
-}
-
-fn size(name: &str, estimate: &Estimate) -> String {
-    let (factor, unit) = readable(&estimate.unit, estimate.value);
-    let (value, sigma) = with_sigma(factor * estimate.value, factor * estimate.sigma);
-    format!("{name} = {} ± {sigma} {unit}", typographic(&value))
-        .trim_end()
-        .to_owned()
+    sentences.push(format!(
+        "By formula, noise alone would give so strong a signal with probability {}{flips}.",
+        probability(effect.p_value)
+    ));
+    sentences
 }
 
 /// What else could be meant by an effect, and what would decide.
@@ -216,22 +207,15 @@ pub(in crate::report) fn undisputed(found: &Discovery) -> Option<String> {
 }
 
 /// To what the measurements are blind.
-pub(in crate::report) fn blind(found: &Discovery) -> Option<String> {
-    let hidden = match found.cannot_see.len() {
-        0 => None,
-        1 => Some("One effect of the catalogue could not be seen".to_owned()),
-        count => Some(format!(
-            "{count} effects of the catalogue could not be seen"
-        )),
-    };
-    let hidden =
-        hidden.map(|hidden| format!("{hidden} with these measurements, whatever they are."));
-    let both: Vec<String> = hidden.into_iter().chain(ambiguous(found)).collect();
-    (!both.is_empty()).then(|| both.join(" "))
+pub(in crate::report) fn blind(found: &Discovery) -> Vec<String> {
+    let hidden = unseen(found).into_iter().map(|(effects, why)| {
+        format!("Whether they are there or not, these measurements cannot show {effects}: {why}.")
+    });
+    hidden.chain(ambiguous(found)).collect()
 }
 
 /// Pairs that these measurements could not tell apart.
-fn ambiguous(found: &Discovery) -> Option<String> {
+pub(in crate::report) fn ambiguous(found: &Discovery) -> Option<String> {
     const LISTED: usize = 3;
     let pairs: Vec<String> = found
         .ambiguous
@@ -295,46 +279,118 @@ fn serial(found: &Discovery) -> Option<String> {
     let whiteness = found.whiteness.as_ref()?;
     let after = whiteness.after;
     let verdict = if after.p_value.min(after.portmanteau_p_value) < 0.01 {
-        "which is more than chance: noise is serial, or something unknown varies slowly"
+        "more than chance: noise is serial, or something unknown varies slowly"
     } else {
-        "no more than by chance"
+        "no more than chance"
     };
     Some(format!(
-        "From pose to pose in the order of {}, the residuals of set 1 correlate by {} (p = {} over {} lags), {verdict}.",
+        "In the order of {}, neighbouring poses of set 1 correlate by {} (p = {}); lags 1 to {} together p = {}: \
+         {verdict}.",
         if whiteness.order == "time" {
             "time"
         } else {
             "the file"
         },
         typographic(&fixed(after.lag1, 2)),
-        typographic(&chance(after.portmanteau_p_value)),
+        typographic(&chance(after.p_value)),
         whiteness.lags,
+        typographic(&chance(after.portmanteau_p_value)),
     ))
 }
 
-/// What is left without a name.
-pub(in crate::report) fn unnamed(structure: &Unnamed) -> String {
-    format!(
-        "{}: {} as a function of {}, {} {} rms over the samples.",
-        structure.place,
-        structure.direction,
-        structure.against,
-        general(structure.rms_um, 2),
-        unnamed_unit(structure)
-    )
+/// What has no name, one entry for each track that follows its points and for everything else.
+pub(in crate::report) fn unnamed(words: &Words, found: &Discovery) -> Vec<String> {
+    let is_of = |track: &str, structure: &&Unnamed| {
+        structure.place == track && structure.against == "q" && bend(&structure.direction).is_some()
+    };
+    let tracks = found.piecewise_tracks.iter().map(|track| {
+        let bends: Vec<String> = found
+            .unnamed
+            .iter()
+            .filter(|structure| is_of(&track.place, structure))
+            .map(|structure| format!("{} {}", bend(&structure.direction).unwrap_or(""), extent(structure)))
+            .collect();
+        let bends = if bends.is_empty() {
+            "does not run straight".to_owned()
+        } else {
+            listed(&bends)
+        };
+        let change = track.heldout_drop_um;
+        format!(
+            "Track {} {bends}. No effect of the catalogue explains it, so the model follows the measured points of \
+             the track instead, which {} the mean error at the tool by {} µm. Noise alone would bend a straight track \
+             so much with probability {}.",
+            track.place,
+            if change < 0.0 { "raises" } else { "lowers" },
+            general(change.abs(), 2),
+            probability(track.p_value),
+        )
+    });
+    let others = found.unnamed.iter().filter(|structure| {
+        let mut tracks = found.piecewise_tracks.iter();
+        !tracks.any(|track| is_of(&track.place, structure))
+    });
+    let others = others.map(|structure| {
+        format!(
+            "{} {} {}. No effect of the catalogue explains it, and it is not in the model.",
+            capital(&words.part(&structure.place)),
+            movement(&structure.direction),
+            extent(structure)
+        )
+    });
+    tracks.chain(others).collect()
 }
 
-/// A track that follows its measured points, and what that does.
-pub(in crate::report) fn piecewise_track(track: &PiecewiseTrack) -> String {
-    let change = track.heldout_drop_um;
-    format!(
-        "Track {} follows its measured points in the model, which take up structure without a name; that {} the mean \
-         error at the tool by {} µm. The chance of so much on a straight track is {} by formula.",
-        track.place,
-        if change < 0.0 { "raises" } else { "lowers" },
-        general(change.abs(), 2),
-        typographic(&chance(track.p_value)),
-    )
+/// How far something goes, where most, and over all samples.
+fn extent(structure: &Unnamed) -> String {
+    let curve = || {
+        let finite = |point: &&[f64; 2]| point.iter().all(|value| value.is_finite());
+        structure.curve.iter().filter(finite)
+    };
+    let most = curve().max_by(|a, b| a[1].abs().total_cmp(&b[1].abs()));
+    let unit = unnamed_unit(structure);
+    let Unnamed { against, .. } = structure;
+    let place = most.map_or_else(
+        || format!("as a function of {against}"),
+        |[at, _]| {
+            let range = largest(curve().map(|point| point[0]));
+            let (factor, name) = match super::unit_of(against) {
+                // One unit along a track, whatever the place.
+                "m" => (1.0, "m".to_owned()),
+                unit => readable(unit, range),
+            };
+            let at = typographic(&general(factor * at, 2));
+            format!("near {against} = {at} {name}")
+                .trim_end()
+                .to_owned()
+        },
+    );
+    let most = general(1e6 * largest(curve().map(|point| point[1])), 2);
+    let rms = general(structure.rms_um, 2);
+    format!("by up to {most} {unit} {place} ({rms} {unit} rms)")
+}
+
+/// What a track does that runs off a straight line with even scale.
+fn bend(direction: &str) -> Option<&'static str> {
+    match direction {
+        "along" => Some("runs unevenly along itself"),
+        "horizontal" => Some("bends sideways"),
+        "vertical" => Some("bends up and down"),
+        _ => None,
+    }
+}
+
+/// What a part of the machine does in a direction.
+fn movement(direction: &str) -> String {
+    match direction {
+        "along" => "moves along its track".to_owned(),
+        "horizontal" => "moves sideways".to_owned(),
+        "vertical" => "moves up and down".to_owned(),
+        "length" => "changes its length".to_owned(),
+        "in one stretch" => "lies off in one stretch of its track".to_owned(),
+        turn @ ("roll" | "pitch" | "yaw") => format!("turns in {turn}"),
+        other => format!("moves in {other}"),
+    }
 }
 
 /// Micrometres, or microradians where it is a rotation.
@@ -369,28 +425,40 @@ pub(in crate::report) fn outliers(left_out: &[LeftOut]) -> Option<String> {
     Some(format!("Left out as outliers: {}.", groups.join("; ")))
 }
 
-/// Effects that could not be seen, those with one reason together.
+/// Effects that could not be seen with their places, those with one reason together.
 pub(in crate::report) fn unseen(found: &Discovery) -> Vec<(String, String)> {
-    let mut reasons: Vec<(String, Vec<String>)> = Vec::new();
+    let mut reasons: Vec<(&str, Vec<(&str, Vec<&str>)>)> = Vec::new();
     for unseen in &found.cannot_see {
-        let effect = at(&unseen.name, &unseen.place);
-        match reasons.iter_mut().find(|(why, _)| *why == unseen.why) {
-            Some((_, effects)) => effects.push(effect),
-            None => reasons.push((unseen.why.clone(), vec![effect])),
+        let why = reason(&unseen.why);
+        let index = reasons.iter().position(|group| group.0 == why);
+        let index = index.unwrap_or_else(|| {
+            reasons.push((why, vec![]));
+            reasons.len() - 1
+        });
+        let effects = &mut reasons[index].1;
+        match effects.iter_mut().find(|group| group.0 == unseen.name) {
+            Some((_, places)) => places.push(&unseen.place),
+            None => effects.push((&unseen.name, vec![&unseen.place])),
         }
     }
     reasons
         .into_iter()
-        .map(|(why, effects)| (effects.join(", "), why))
+        .map(|(why, effects)| {
+            let effects: Vec<String> = effects
+                .into_iter()
+                .map(|(name, places)| at(name, &places.join(", ")))
+                .collect();
+            (listed(&effects), why.to_owned())
+        })
         .collect()
 }
 
-/// Names in a sentence.
-fn listed(names: &[String]) -> String {
-    match names {
-        [] => String::new(),
-        [one] => one.clone(),
-        [first @ .., last] => format!("{} and {last}", first.join(", ")),
+/// A reason; the base absorbs all of a signal or all but less than a percent.
+fn reason(why: &str) -> &str {
+    if why.starts_with("the base absorbs") {
+        "the base absorbs all but at most 1 % of the signal"
+    } else {
+        why
     }
 }
 

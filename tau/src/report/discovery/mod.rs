@@ -1,10 +1,12 @@
 //! What discovery found, for a calibration engineer: sentences, tables and the sections of the report.
 
 pub(super) mod findings;
+pub(super) mod method;
 pub(super) mod section;
 pub(super) mod tables;
 #[cfg(test)]
 mod tests;
+pub(super) mod words;
 
 use super::number::general;
 
@@ -35,6 +37,29 @@ fn chance(p_value: f64) -> String {
         format!("<{SMALLEST:e}")
     } else {
         general(p_value, 2)
+    }
+}
+
+/// The unit of a quantity that an effect may follow.
+pub(super) fn unit_of(quantity: &str) -> &'static str {
+    match quantity {
+        "q" | "x" | "y" | "z" | "length" => "m",
+        "time" => "s",
+        "temperature" => "°C",
+        "tension" => "N",
+        _ if quantity.starts_with("q(") => "m",
+        _ if quantity.starts_with("load_") => "N",
+        _ => "",
+    }
+}
+
+/// Names in a sentence.
+fn listed(names: &[impl AsRef<str>]) -> String {
+    let names: Vec<&str> = names.iter().map(AsRef::as_ref).collect();
+    match names.as_slice() {
+        [] => String::new(),
+        [one] => (*one).to_owned(),
+        [first @ .., last] => format!("{} and {last}", first.join(", ")),
     }
 }
 

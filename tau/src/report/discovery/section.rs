@@ -2,6 +2,8 @@
 
 use maud::{Markup, html};
 
+use super::method::{self, Setting};
+use super::words::Words;
 use super::{at, findings, tables};
 use crate::discovery::Discovery;
 use crate::report::figures::Figure;
@@ -20,11 +22,38 @@ pub(in crate::report) fn keys(found: &Discovery) -> Markup {
     let um = |value: f64| general(value, 3) + " µm";
     html! {
         dl.keys {
-            div { dt { "Effects found" } dd { (found.effects.len()) } }
+            div { dt { "Errors found" } dd { (count(found)) } }
             div { dt { "Mean error before" } dd { (um(found.validation.before.mean_um)) } }
             div { dt { "Mean error after" } dd { (um(found.validation.after.mean_um)) } }
             div { dt { "Stated noise alone" } dd { (um(found.noise_floor_um)) } }
         }
+    }
+}
+
+/// How many errors were found, with and without a name.
+fn count(found: &Discovery) -> String {
+    let unnamed = findings::unnamed(&Words::of(found), found).len();
+    match (found.effects.len(), unnamed) {
+        (0, 0) => "none".to_owned(),
+        (named, 0) => named.to_string(),
+        (0, unnamed) => format!("{unnamed} without a name"),
+        (named, unnamed) => format!("{named} and {unnamed} without a name"),
+    }
+}
+
+/// The verdict, what was found in a few words, and what that brings: for a summary.
+pub(in crate::report) fn summary(found: &Discovery) -> Markup {
+    let words = Words::of(found);
+    let names: Vec<String> = found
+        .effects
+        .iter()
+        .map(|effect| findings::headline(&words, effect))
+        .chain(findings::unnamed(&words, found))
+        .collect();
+    html! {
+        p { (findings::verdict(found)) }
+        @if !names.is_empty() { ol { @for name in &names { li { (name) } } } }
+        p { (findings::gap(found)) }
     }
 }
 
@@ -37,19 +66,22 @@ pub(in crate::report) fn sentences(found: &Discovery) -> Markup {
         .flat_map(findings::rivals)
         .chain(findings::undisputed(found))
         .collect();
+    let words = Words::of(found);
+    let unnamed = findings::unnamed(&words, found);
     html! {
         p { (findings::verdict(found)) }
         p { (findings::gap(found)) }
-        @if !found.effects.is_empty() {
+        @if !found.effects.is_empty() || !unnamed.is_empty() {
             h3 { "What is wrong with the machine" }
-            ol {
+            ol.found {
                 @for effect in &found.effects {
                     li {
-                        b { (at(&effect.name, &effect.place)) } ". "
-                        @if let Some(meaning) = findings::meaning(found, &effect.name) { (meaning) " " }
-                        (findings::effect(effect))
+                        b { (findings::headline(&words, effect)) } " "
+                        code { (at(&effect.name, &effect.place)) }
+                        @for sentence in findings::effect(&words, effect) { div { (sentence) } }
                     }
                 }
+                @for structure in &unnamed { li { b { "Without a name" } div { (structure) } } }
             }
         }
         @if !rivals.is_empty() {
@@ -58,11 +90,9 @@ pub(in crate::report) fn sentences(found: &Discovery) -> Markup {
         }
         h3 { "What remains" }
         ul {
-            @for structure in &found.unnamed { li { "Without a name: " (findings::unnamed(structure)) } }
-            @for track in &found.piecewise_tracks { li { (findings::piecewise_track(track)) } }
             @for sentence in findings::remains(found) { li { (sentence) } }
             @if let Some(outliers) = findings::outliers(&found.left_out) { li { (outliers) } }
-            @if let Some(blind) = findings::blind(found) { li { (blind) } }
+            @for blind in findings::blind(found) { li { (blind) } }
         }
         @if !found.remarks.is_empty() {
             aside.remarks {
@@ -74,7 +104,11 @@ pub(in crate::report) fn sentences(found: &Discovery) -> Markup {
 }
 
 /// The evidence, in the order in which it convinces.
-pub(in crate::report) fn evidence(found: &Discovery, figures: &[Figure]) -> Vec<Part> {
+pub(in crate::report) fn evidence(
+    found: &Discovery,
+    setting: &Setting,
+    figures: &[Figure],
+) -> Vec<Part> {
     let mut parts = vec![Part {
         id: "gap",
         title: "How the error shrinks",
@@ -88,6 +122,11 @@ pub(in crate::report) fn evidence(found: &Discovery, figures: &[Figure]) -> Vec<
         });
     }
     parts.extend([
+        Part {
+            id: "obtained",
+            title: "How the figures of the search were obtained",
+            body: method::obtained(found, setting),
+        },
         Part {
             id: "where",
             title: "Where model and measurement disagree",
@@ -121,7 +160,14 @@ fn gap(found: &Discovery, figures: &[Figure]) -> Markup {
         }
         (table(&tables::steps(found), ""))
         (figure(figures, "discovery_gap_by_step.svg"))
-        @if let Some(effects) = tables::effects(found) { (table(&effects, "wide compact long")) }
+        @if let Some(effects) = tables::effects(found) {
+            (table(&effects, "wide compact long"))
+            p {
+                "χ² is the sum of the squared residuals of all sets, each over its noise as estimated when the effect \
+                 joined; p is the chance of such a fall from noise alone. The mean error at the tool falls by so much \
+                 when the effect joins the model, in the order of the table: another order divides the sum otherwise."
+            }
+        }
     }
 }
 
@@ -137,9 +183,9 @@ fn effects(found: &Discovery, figures: &[Figure]) -> Markup {
         }
         @if found.evidence.iter().any(|evidence| evidence.spectrum.is_some()) {
             p {
-                "Where a parameter was searched, the root of the score is the size of the signal in standard deviations. A \
-                 score beyond the line is significant although it is the highest of the whole search, and although all \
-                 candidates were tried."
+                "Where a parameter was searched, the root of the score is the size of the signal in standard deviations. \
+                 The highest peak is significant where it is beyond the line, over the whole search and all candidates. \
+                 Smaller peaks beside it are its echoes: they vanish once the effect is in the model (pale)."
             }
         }
         @for index in 1..=found.effects.len() {
@@ -153,8 +199,9 @@ fn effects(found: &Discovery, figures: &[Figure]) -> Markup {
 fn disagreement(found: &Discovery, figures: &[Figure]) -> Markup {
     html! {
         p {
-            "Excess is the root of what the mean squared residual exceeds that expected from the stated noise by, given \
-             what the fit absorbs of it. The p-value is the chance of so much from the stated noise alone."
+            "Residuals of " (found.base) ", before anything was found. Excess is the root of what the mean squared residual \
+             exceeds that expected from the stated noise by, given what the fit absorbs of it; it is left out where the \
+             p-value, the chance of so much from the stated noise alone, is above 0.05."
         }
         @if let Some(misfit) = tables::misfit(found) { (table(&misfit, "wide compact long")) }
         @if let Some(noise) = tables::noise(found) { (table(&noise, "compact")) }
@@ -174,9 +221,10 @@ fn disagreement(found: &Discovery, figures: &[Figure]) -> Markup {
 fn candidates(found: &Discovery) -> Markup {
     html! {
         p {
-            "Every effect of the catalogue at every place is scored by what " (found.base) " leaves of its signal in the \
-             residuals. The p-values are of one candidate each; what is called significant holds over all of them together, \
-             against unnamed rivals, under sign flips, and on blocks that were held out."
+            "Every effect of the catalogue at every place is scored by what " (tables::scored(found)) " leaves of its signal in the \
+             residuals. The p-values are of one candidate each beside " (tables::scored(found)) " alone; what is called significant holds \
+             over all of them together, against unnamed rivals, under sign flips, and on blocks that were held out. A weak \
+             effect may stand out only once stronger ones are in the model."
         }
         @if let Some(considered) = tables::considered(found) { (table(&considered, "wide compact long")) }
     }
@@ -189,9 +237,10 @@ fn sight(found: &Discovery) -> Markup {
         @if let Some(unseen) = tables::unseen(found) { (table(&unseen, "wide compact long reasons")) }
         @if let Some(ambiguous) = tables::ambiguous(found) {
             p {
-                "κ is the share of what " (found.base) " leaves of an effect's signal that another effect explains, in \
-                 the mean over amplitudes of the size of their tolerances. Above 0.64 a wrong name is likelier than none, \
-                 above 0.99 these measurements cannot tell the two apart."
+                "κ is the share of what " (tables::scored(found)) " leaves of an effect's signal that another effect explains, in \
+                 the mean over amplitudes of the size of their tolerances. Its root is the correlation of the two scores: \
+                 at κ = 0.64, from where on pairs are listed, it is 0.8, so that noise may well make the wrong one the \
+                 better one; above 0.99 these measurements cannot tell the two apart."
             }
             (table(&ambiguous, "wide compact long"))
         }

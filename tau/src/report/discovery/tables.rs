@@ -1,10 +1,14 @@
 //! The tables of a discovery.
 
+use super::words::Words;
 use super::{at, chance, readable};
 use crate::discovery::Discovery;
-use crate::discovery::results::SerialCorrelation;
-use crate::report::number::{fixed, general, shared_decimals, with_sigma};
+use crate::discovery::results::{FoundEffect, SerialCorrelation};
+use crate::report::number::{fixed, general, shared_decimals};
 use crate::report::tables::{Cell, Table, columns, number, text};
+
+/// Above this chance, more than the expected residuals are no excess.
+const EXCESS: f64 = 0.05;
 
 /// What each step adds to the model: the base first, then the effects that came and went.
 pub(in crate::report) fn labels(found: &Discovery) -> Vec<String> {
@@ -49,6 +53,15 @@ pub(in crate::report) fn labels(found: &Discovery) -> Vec<String> {
         .collect()
 }
 
+/// The variant beside which effects were scored: the base, or what its structure gave way to.
+pub(in crate::report) fn scored(found: &Discovery) -> &str {
+    let is_structural = |effect: &&FoundEffect| effect.name == "full_arm";
+    let changes = found.piecewise_tracks.len() + found.effects.iter().filter(is_structural).count();
+    let model = found.steps.get(changes).map(|step| step.model.as_str());
+    let sum = model.and_then(|model| model.split_once('=')?.1.split(['+', ';']).next());
+    sum.map_or(&found.base, str::trim)
+}
+
 /// The gap after each step, and the noise floor.
 pub(in crate::report) fn steps(found: &Discovery) -> Table {
     let errors = || {
@@ -86,58 +99,48 @@ pub(in crate::report) fn steps(found: &Discovery) -> Table {
 
 /// Parameters of the effects that were found.
 pub(in crate::report) fn effects(found: &Discovery) -> Option<Table> {
-    let rows: Vec<Vec<Cell>> = found
-        .effects
-        .iter()
-        .flat_map(|effect| {
-            effect
-                .parameters
-                .iter()
-                .enumerate()
-                .map(move |(index, (name, estimate))| {
-                    let (factor, unit) = readable(&estimate.unit, estimate.value);
-                    let (value, sigma) =
-                        with_sigma(factor * estimate.value, factor * estimate.sigma);
-                    let first = index == 0;
-                    let once = |value: String| {
-                        if first {
-                            Cell::Number(value)
-                        } else {
-                            Cell::Empty
-                        }
-                    };
-                    vec![
-                        text(&if first {
-                            at(&effect.name, &effect.place)
-                        } else {
-                            String::new()
-                        }),
-                        text(name),
-                        Cell::Number(value),
-                        Cell::Number(sigma),
-                        text(&unit),
-                        once(chance(effect.p_value)),
-                        once(general(effect.chi2_drop, 3)),
-                        once(general(effect.heldout_drop_um, 2)),
-                    ]
-                })
-        })
-        .collect();
+    let words = Words::of(found);
+    let rows = found.effects.iter().flat_map(|effect| {
+        let sizes = words.sizes(effect).into_iter().enumerate();
+        let rows: Vec<Vec<Cell>> = sizes
+            .map(|(index, size)| {
+                let first = index == 0;
+                let label = if first {
+                    at(&effect.name, &effect.place)
+                } else {
+                    String::new()
+                };
+                let once = |value: String| {
+                    if first {
+                        Cell::Number(value)
+                    } else {
+                        Cell::Number(String::new())
+                    }
+                };
+                vec![
+                    text(&label),
+                    text(&size.name),
+                    Cell::Number(size.value),
+                    Cell::Number(size.sigma),
+                    text(&size.unit),
+                    once(chance(effect.p_value)),
+                    once(general(effect.chi2_drop, 3)),
+                    once(general(effect.heldout_drop_um, 2)),
+                ]
+            })
+            .collect();
+        rows
+    });
+    let rows: Vec<Vec<Cell>> = rows.collect();
     (!rows.is_empty()).then(|| Table {
-        title: "Effects found".to_owned(),
-        columns: columns(&[(
-            "",
-            &[
-                "Effect",
-                "Parameter",
-                "Value",
-                "σ",
-                "Unit",
-                "p-value",
-                "fall of χ²",
-                "µm at the tool",
-            ],
-        )]),
+        title: "Effects found, in the order in which they joined the model".to_owned(),
+        columns: columns(&[
+            (
+                "",
+                &["Effect", "Parameter", "Value", "σ", "Unit", "p-value"],
+            ),
+            ("Fall when it joined", &["of χ²", "of the mean error (µm)"]),
+        ]),
         rows,
     })
 }
@@ -158,7 +161,11 @@ pub(in crate::report) fn misfit(found: &Discovery) -> Option<Table> {
                 text(&misfit.coordinate),
                 Cell::Number(general(misfit.rms, 3)),
                 Cell::Number(general(misfit.expected_rms, 3)),
-                Cell::Number(general(misfit.excess_rms, 3)),
+                if misfit.p_value <= EXCESS {
+                    Cell::Number(general(misfit.excess_rms, 2))
+                } else {
+                    Cell::Empty
+                },
                 text(if misfit.unit == "urad" {
                     "µrad"
                 } else {
@@ -233,7 +240,7 @@ pub(in crate::report) fn whiteness(found: &Discovery) -> Option<Table> {
             ),
         ]),
         rows: vec![
-            row(&found.base, whiteness.before),
+            row(scored(found), whiteness.before),
             row("with what was found", whiteness.after),
         ],
     })
@@ -305,18 +312,27 @@ pub(in crate::report) fn detectable(found: &Discovery) -> Option<Table> {
 pub(in crate::report) fn considered(found: &Discovery) -> Option<Table> {
     let mut considered: Vec<_> = found.considered.iter().collect();
     considered.sort_by(|a, b| a.p_value.total_cmp(&b.p_value));
+    // What others beside it are too weak for with a smaller chance, nothing stands out with alone.
+    let too_weak = considered
+        .iter()
+        .find(|candidate| candidate.verdict == "not significant")
+        .map_or(f64::INFINITY, |candidate| candidate.p_value);
     let rows: Vec<Vec<Cell>> = considered
         .into_iter()
         .map(|candidate| {
+            let verdict = match candidate.verdict {
+                "found" if candidate.p_value > too_weak => "found once others were in the model",
+                verdict => verdict,
+            };
             vec![
                 text(&at(&candidate.name, &candidate.place)),
                 Cell::Number(chance(candidate.p_value)),
-                text(candidate.verdict),
+                text(verdict),
             ]
         })
         .collect();
     (!rows.is_empty()).then(|| Table {
-        title: format!("Candidates, each alone beside {}", found.base),
+        title: format!("Candidates, each alone beside {}", scored(found)),
         columns: columns(&[("", &["Effect", "p-value", "Verdict"])]),
         rows,
     })

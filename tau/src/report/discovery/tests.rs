@@ -1,11 +1,15 @@
 use roxmltree::Document;
 
+use super::method::Setting;
+use super::words::Words;
 use super::{chance, findings, readable, tables};
 use crate::discovery::results::{
     Ambiguous, Bin, Discovery, Estimate, Evidence, FoundEffect, Gap, LeftOut, NoiseScale, Pattern,
-    Rival, SerialCorrelation, Spectrum, Status, Step, Unnamed, Unseen, Validation, Whiteness,
+    PiecewiseTrack, Rival, SerialCorrelation, Spectrum, Status, Step, Unnamed, Unseen, Validation,
+    Whiteness,
 };
 use crate::report::{figures, html, json, terminal};
+use crate::study::results::PoseCounts;
 
 fn gap(mean_um: f64) -> Gap {
     Gap {
@@ -164,6 +168,118 @@ fn found() -> Discovery {
     }
 }
 
+fn setting() -> Setting {
+    Setting {
+        poses: PoseCounts {
+            total: 10,
+            in_range: 9,
+            calibration: 5,
+            validation: 4,
+        },
+        has_cart_poses: false,
+        noise: (1e-5, 4e-5),
+        flips: 199,
+    }
+}
+
+/// A description with effects of its own, and one that ships.
+const MACHINE: &str = "
+pub robot Machine {
+    track one, two;
+    cluster arm1 on one { link l1; }
+    cluster arm2 on two { link l2a, l2b; }
+    variant Full { arm full; tracks linear per link; }
+    variant Bent { arm full; tracks linear per link; track two piecewise per link; }
+
+    /// Hum of the drive. It grows with age.
+    effect hum on cart from source {
+        param in_phase, out_of_phase: length tol 50 um;
+        param lean: angle tol 100 urad;
+        param twist: angle tol 1 mrad;
+        search pitch: length in 10 mm ..= 100 mm;
+        along += cos(2*pi*q(source)/pitch) * in_phase + out_of_phase * sin(2*pi*q(source)/pitch);
+        roll += (lean + twist) * q / (1 m);
+    }
+    effect own_stretch on link {
+        param strain: ratio tol 10 ppm;
+        length += strain * length;
+    }
+}
+";
+
+#[test]
+fn effects_of_a_user_are_told_in_words() {
+    let estimate = |value: f64, sigma: f64, unit: &str| Estimate {
+        value,
+        sigma,
+        unit: unit.to_owned(),
+    };
+    let mut found = found();
+    MACHINE.clone_into(&mut found.model_text);
+    let effect = FoundEffect {
+        name: "hum".to_owned(),
+        place: "two,one".to_owned(),
+        parameters: [
+            ("in_phase", estimate(-3e-5, 1e-6, "m")),
+            ("out_of_phase", estimate(4e-5, 1e-6, "m")),
+            ("pitch", estimate(0.05, 1e-4, "m")),
+            ("lean", estimate(1e-5, 3e-4, "rad")),
+            ("twist", estimate(1.5e-3, 1e-4, "rad")),
+        ]
+        .map(|(name, estimate)| (name.to_owned(), estimate))
+        .into(),
+        searched: Some("pitch".to_owned()),
+        ..found.effects[0].clone()
+    };
+    let words = Words::of(&found);
+    assert_eq!(
+        findings::headline(&words, &effect),
+        "Hum of the drive – cart two, from cart one"
+    );
+    let told = findings::effect(&words, &effect);
+    assert_eq!(
+        told[..3],
+        [
+            "It grows with age.",
+            "It swings by ±50.0 µm (σ about 1.0 µm) along the track, once every 50.00 mm of q(source), and is highest \
+             near q(source) = 18 mm.",
+            "in_phase = −30.0 ± 1.0 µm, out_of_phase = 40.0 ± 1.0 µm, twist = 1.50 ± 0.10 mrad, pitch = 50.00 ± 0.10 \
+             mm. Not determined by the data (σ above the tolerance): lean.",
+        ]
+    );
+    assert_eq!(words.title("own_stretch"), "Own stretch");
+    assert_eq!(words.place("own_stretch", "all"), "all links");
+    assert_eq!(words.place("own_stretch", "l2a"), "link l2a");
+    assert_eq!(words.variant("Full"), "Full (all links, straight tracks)");
+    assert_eq!(
+        words.variant("Bent"),
+        "Bent (all links, track two through measured points, the rest straight)"
+    );
+}
+
+#[test]
+fn a_track_that_follows_its_points_is_an_error_of_the_machine() {
+    let mut found = found();
+    found.effects.clear();
+    found.status = Status::UnnamedStructure;
+    found.steps = ["Full", "Bent"].map(|model| step(model, 1.0)).to_vec();
+    found.unnamed[0].direction = "horizontal".to_owned();
+    found.piecewise_tracks = vec![PiecewiseTrack {
+        place: "two".to_owned(),
+        p_value: 0.0,
+        chi2_drop: 90.0,
+        heldout_drop_um: 10.0,
+    }];
+    let told = findings::unnamed(&Words::of(&found), &found);
+    assert_eq!(told.len(), 1);
+    assert!(
+        told[0].starts_with("Track two bends sideways by up to 10 µm near q = "),
+        "{told:?}"
+    );
+    assert!(terminal::discovery(&found).contains("What is wrong with the machine"));
+    assert_eq!(tables::scored(&found), "Bent");
+}
+
 #[test]
 fn units_fit_the_size() {
     let shown = |unit: &str, value: f64| {
@@ -221,14 +337,17 @@ fn the_terminal_tells_everything_in_a_hundred_columns() {
         "lowers the mean error at the tool by 75 µm",
         "positioning_error(one) instead",
         "approach the same poses from both sides",
-        "two: along as a function of q, 12 µm rms",
-        "link_thermal(l1), link_thermal(l2a): the column",
+        "What is wrong with the machine",
+        "Without a name: Two moves along its track by up to 10 µm near q = 0 m (12 µm rms). No effect",
+        "link_thermal(l1, l2a): the column",
+        "probability below 10⁻⁹⁹, random flips of the residuals' signs in at most 0.5 % of all cases",
+        "can hardly tell link_thermal(l1) from track_thermal(one)",
         "set 1: 7; set 3, cart two: 9",
         "set 2 & set 3 disagree",
         "stated noise alone",
         "another gap: 84.00 µm",
         "Any method could still remove 18.0 µm rms",
-        "correlate by 0.30 (p = 0.00020 over 10 lags), which is more than chance",
+        "correlate by 0.30 (p = 0.00020); lags 1 to 10 together p = 0.00020: more than chance",
     ] {
         let words = |text: &str| text.split_whitespace().collect::<Vec<_>>().join(" ");
         assert!(words(&text).contains(expected), "{expected} in {text}");
@@ -244,7 +363,9 @@ fn a_verdict_claims_no_more_than_was_found() {
     let mut found = found();
     assert!(findings::verdict(&found).contains("is left that has none"));
     found.status = Status::Explained;
-    assert!(findings::verdict(&found).contains("lacks one physical effect"));
+    assert!(
+        findings::verdict(&found).contains("shows one error that the model Full does not contain")
+    );
     found.effects.clear();
     found.status = Status::NothingMissing;
     assert!(findings::verdict(&found).contains("nothing significant is missing"));
@@ -265,7 +386,7 @@ fn a_verdict_claims_no_more_than_was_found() {
 #[test]
 fn the_page_is_well_formed_and_escapes_what_it_is_given() {
     let found = found();
-    let page = html::discovery_page(&found, "<Robot>", "a & b");
+    let page = html::discovery_page(&found, &setting(), "<Robot>", "a & b");
     let page = page.replacen("<!DOCTYPE html>", "", 1);
     let (_, body) = page.split_once("<body>").expect("a body");
     let body = format!("<body>{}", body.replace("</html>", ""));
@@ -274,7 +395,7 @@ fn the_page_is_well_formed_and_escapes_what_it_is_given() {
         .descendants()
         .filter(|node| node.has_tag_name("h2"))
         .collect();
-    assert_eq!(headings.len(), 6);
+    assert_eq!(headings.len(), 7);
     assert_eq!(figures::discovery(&found).len(), 4);
     for figure in figures::discovery(&found) {
         Document::parse(&figure.svg).unwrap();
@@ -302,10 +423,10 @@ fn a_name_that_does_not_help_is_not_praised() {
 #[test]
 fn many_look_alikes_are_counted() {
     let mut found = found();
-    let listed = findings::blind(&found).unwrap();
+    let listed = findings::ambiguous(&found).unwrap();
     assert!(listed.contains("hardly tell link_thermal(l1) from track_thermal(one)."));
     found.ambiguous = vec![found.ambiguous[0].clone(); 7];
-    let counted = findings::blind(&found).unwrap();
+    let counted = findings::ambiguous(&found).unwrap();
     assert!(counted.contains("hardly tell 7 pairs"), "{counted}");
     assert_eq!(counted.matches("track_thermal").count(), 3);
 }

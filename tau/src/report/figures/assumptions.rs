@@ -3,7 +3,8 @@
 use super::axis::Axis;
 use super::chart::{self, Grid, Show, series};
 use super::{Figure, angle_unit, length_unit};
-use crate::report::number::largest;
+use crate::report::findings::spacing_mm;
+use crate::report::number::{general, largest};
 use crate::study::results::{PathDeviation, Study};
 
 const ANGLES: [&str; 3] = ["α", "β", "γ"];
@@ -216,10 +217,13 @@ pub fn set_comparison(study: &Study) -> Option<Figure> {
         file_name: "set_comparison.svg".to_owned(),
         number: None,
         title: title.to_owned(),
-        caption: "Set 3 is carried into the frame of set 2 by the rigid transform that fits best. Differences \
-                  beyond the noise mean that a cart's place depends on more than its own command: approach \
-                  direction, other carts, load, temperature."
-            .to_owned(),
+        caption: format!(
+            "Set 3 is carried into the frame of set 2 by the rigid transform that fits best. Differences beyond the \
+             noise mean that a cart's place depends on more than its own command (approach direction, other carts, \
+             load, temperature), or that its error changes between the points of set 2{}.",
+            spacing_mm(&study.assumptions.linearity)
+                .map_or_else(String::new, |gap| format!(", {} mm apart", general(gap, 2)))
+        ),
         svg,
     })
 }

@@ -4,7 +4,8 @@ use super::axis::Axis;
 use super::chart::{self, ACCENT, Anchor, Grid, PALE, Rect, STRONG, Show, WIDTH, series};
 use super::{Figure, evidence, length_unit};
 use crate::discovery::Discovery;
-use crate::report::discovery::{findings, tables};
+use crate::report::discovery::words::Words;
+use crate::report::discovery::{findings, tables, unit_of};
 use crate::report::number::{fixed, largest, shared_decimals};
 
 /// All figures of a discovery.
@@ -74,8 +75,8 @@ pub fn gap_by_step(found: &Discovery) -> Option<Figure> {
         file_name: "discovery_gap_by_step.svg".to_owned(),
         number: None,
         title: title.to_owned(),
-        caption: "How the error at the tool shrinks as effects are added to the model, on poses that took no part in \
-                  the search."
+        caption: "How the error at the tool shrinks as effects are added to the model, in this order, on poses that took \
+                  no part in the search."
             .to_owned(),
         svg,
     })
@@ -86,8 +87,10 @@ pub fn unnamed_structure(found: &Discovery) -> Option<Figure> {
     if found.unnamed.is_empty() {
         return None;
     }
+    let words = Words::of(found);
     let title = "Structure without a name";
-    let subtitle = "What the best unnamed function adds at each sample, against the quantity that it follows best";
+    let subtitle =
+        "Its size at each sample or measured point, against the quantity that it follows best";
     let grid = Grid {
         rows: found.unnamed.len(),
         columns: 1,
@@ -99,11 +102,16 @@ pub fn unnamed_structure(found: &Discovery) -> Option<Figure> {
     let svg = chart::draw(title, subtitle, grid.height(), |sheet| {
         for (row, structure) in found.unnamed.iter().enumerate() {
             let points = || structure.curve.iter().map(|[x, y]| (*x, 1e6 * y));
-            let x = Axis::linear(&structure.against, points().map(|point| point.0), 8.0);
+            let against = match unit_of(&structure.against) {
+                "" => structure.against.clone(),
+                unit => format!("{} ({unit})", structure.against),
+            };
+            let x = Axis::linear(&against, points().map(|point| point.0), 8.0);
             let unit = findings::unnamed_unit(structure);
-            let y = Axis::symmetric(unit, points().map(|point| point.1), 4.0);
+            let label = format!("{} ({unit})", structure.direction);
+            let y = Axis::symmetric(&label, points().map(|point| point.1), 4.0);
             let panel = sheet.panel(grid.cell(row, 0), &x, &y, Show::BOTH);
-            panel.title(&format!("{}, {}", structure.place, structure.direction));
+            panel.title(&words.part(&structure.place));
             panel.marks(points(), series(0), 2.2);
         }
     });
@@ -111,7 +119,9 @@ pub fn unnamed_structure(found: &Discovery) -> Option<Figure> {
         file_name: "discovery_unnamed_structure.svg".to_owned(),
         number: None,
         title: title.to_owned(),
-        caption: "Horizontal axes in SI units. A function of several quantities scatters about a curve of one.".to_owned(),
+        caption: "What no effect of the catalogue explains. A function of several quantities scatters about a curve of \
+                  one."
+            .to_owned(),
         svg,
     })
 }

@@ -2,7 +2,7 @@
 
 use super::axis::Axis;
 use super::chart::{self, ACCENT, Anchor, Grid, PALE, Rect, STRONG, Show, WIDTH, series};
-use super::{Figure, angle_unit, length_unit};
+use super::{Figure, length_unit};
 use crate::report::findings::held_out;
 use crate::report::number::{fixed, largest, shared_decimals};
 use crate::study::results::{PoseError, Study};
@@ -14,7 +14,7 @@ pub fn error_by_variant(study: &Study) -> Option<Figure> {
         return None;
     }
     let title = "Position error by variant";
-    let division = if held_out(study) {
+    let division = if held_out(study.poses) {
         ", which took no part in calibration"
     } else {
         ""
@@ -195,7 +195,8 @@ pub fn orientation_errors(study: &Study) -> Option<Figure> {
                     .map(|angles| (f64::from(error.pose), angles))
             })
     };
-    let (factor, unit) = angle_unit(largest(errors().flat_map(|(_, angles)| angles)));
+    // As in Table I.
+    let (factor, unit) = (1e3, "mrad");
     let title = "Orientation errors at the validation poses";
     let subtitle = "Predicted minus measured ZYZ Euler angles, for the variants with all links";
     let grid = Grid {

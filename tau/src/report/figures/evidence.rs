@@ -7,6 +7,7 @@ use super::chart::{
 };
 use crate::discovery::Discovery;
 use crate::discovery::results::{Evidence, FoundEffect, Pattern, Spectrum};
+use crate::report::discovery::words::Words;
 use crate::report::discovery::{at, readable};
 use crate::report::number::general;
 
@@ -21,6 +22,7 @@ const MEANS: Style = Style {
 
 /// The figures of each effect, in the order in which the effects were found.
 pub fn evidence(found: &Discovery) -> Vec<Figure> {
+    let words = Words::of(found);
     found
         .evidence
         .iter()
@@ -34,14 +36,14 @@ pub fn evidence(found: &Discovery) -> Vec<Figure> {
                 let effect = found.effects.iter().find(of)?;
                 self::spectrum(index, effect, evidence.spectrum.as_ref()?)
             };
-            [residuals(index, evidence), spectrum()]
+            [residuals(&words, index, evidence), spectrum()]
         })
         .flatten()
         .collect()
 }
 
 /// Residuals of the samples without and with an effect, with their means.
-fn residuals(index: usize, evidence: &Evidence) -> Option<Figure> {
+fn residuals(words: &Words, index: usize, evidence: &Evidence) -> Option<Figure> {
     let patterns = &evidence.residuals;
     if patterns.is_empty() {
         return None;
@@ -74,17 +76,19 @@ fn residuals(index: usize, evidence: &Evidence) -> Option<Figure> {
             } else {
                 "µm"
             };
-            let y = Axis::symmetric(unit, reach, 4.0);
+            let label = format!(
+                "{}, {} ({unit})",
+                words.part(&pattern.place),
+                pattern.target
+            );
+            let y = Axis::symmetric(&label, reach, 4.0);
             for (column, name) in ["without it in the model", "with it"].iter().enumerate() {
                 let show = Show {
                     x: true,
                     y: column == 0,
                 };
                 let panel = sheet.panel(grid.cell(row, column), &x, &y, show);
-                if column == 0 {
-                    panel.title(&format!("{}, {}", pattern.place, pattern.target));
-                }
-                panel.remark(name);
+                panel.title(name);
                 panel.marks(
                     points().map(|point| (factor * point[0], point[1 + column])),
                     POINTS,
@@ -106,10 +110,24 @@ fn residuals(index: usize, evidence: &Evidence) -> Option<Figure> {
     Some(Figure {
         file_name: format!("discovery_residuals_{}.svg", index + 1),
         number: None,
-        caption: format!("Left: without {effect} in the model, fitted anew. Right: with it."),
+        caption: format!(
+            "Left: without {effect} in the model, fitted anew. Right: with it.{}",
+            two_values(evidence)
+        ),
         title,
         svg,
     })
+}
+
+/// What means say of a quantity with two values.
+fn two_values(evidence: &Evidence) -> &'static str {
+    let has_two = |pattern: &Pattern| pattern.bins.len() == 2;
+    if evidence.residuals.iter().any(has_two) {
+        " Where a quantity has two values, the effect can always take up the difference of their means: that they are \
+         zero on the right is so by construction; what it brings shows in the scatter and at the validation poses."
+    } else {
+        ""
+    }
 }
 
 /// Factor of the unit in which a quantity is shown.
@@ -201,7 +219,7 @@ fn spectrum(index: usize, effect: &FoundEffect, spectrum: &Spectrum) -> Option<F
         }
     });
     let also = if effect.aliases.is_empty() {
-        "No other value fits as well."
+        "No other value fits as well; smaller peaks beside the highest are its echoes."
     } else {
         "The values marked as aliases fit as well."
     };
@@ -209,7 +227,7 @@ fn spectrum(index: usize, effect: &FoundEffect, spectrum: &Spectrum) -> Option<F
         file_name: format!("discovery_spectrum_{}.svg", index + 1),
         number: None,
         caption: format!(
-            "Even in one over the {}, in which all peaks are equally wide. {also}",
+            "The axis is linear in one over the {}, so that all peaks are equally wide. {also}",
             spectrum.parameter
         ),
         title,
