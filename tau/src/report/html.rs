@@ -2,6 +2,7 @@
 
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
+use super::discovery::findings::is_base;
 use super::discovery::method::Setting;
 use super::discovery::section;
 use super::figures::{self, Figure};
@@ -134,7 +135,7 @@ fn summary(study: &Study) -> Markup {
                     div { dt { "Best variant" } dd { (best.name) } }
                     div { dt { "Its mean position error" } dd { (um(best.position_um.mean)) } }
                     @if let Some(found) = &study.discovery {
-                        div { dt { (found.base) ", with what it lacks" } dd { (um(found.validation.after.mean_um)) } }
+                        div { dt { (found.base) ", " (extended(found)) } dd { (um(found.validation.after.mean_um)) } }
                         div { dt { "Stated noise alone" } dd { (um(found.noise_floor_um)) } }
                     } @else {
                         div { dt { "Its largest position error" } dd { (um(best.position_um.max)) } }
@@ -155,6 +156,15 @@ fn summary(study: &Study) -> Markup {
                 }
             }
         }
+    }
+}
+
+/// What became of the base in a search.
+fn extended(found: &Discovery) -> &'static str {
+    if is_base(found) {
+        "fitted to all sets"
+    } else {
+        "with what it lacks"
     }
 }
 

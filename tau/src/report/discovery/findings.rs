@@ -104,7 +104,7 @@ pub(in crate::report) fn gap(found: &Discovery) -> String {
 }
 
 /// Whether nothing joined the model.
-fn is_base(found: &Discovery) -> bool {
+pub(in crate::report) fn is_base(found: &Discovery) -> bool {
     found.effects.is_empty() && found.piecewise_tracks.is_empty()
 }
 
@@ -425,9 +425,12 @@ pub(in crate::report) fn outliers(left_out: &[LeftOut]) -> Option<String> {
     Some(format!("Left out as outliers: {}.", groups.join("; ")))
 }
 
+/// Names of effects, each with its places.
+type Places<'a> = Vec<(&'a str, Vec<&'a str>)>;
+
 /// Effects that could not be seen with their places, those with one reason together.
 pub(in crate::report) fn unseen(found: &Discovery) -> Vec<(String, String)> {
-    let mut reasons: Vec<(&str, Vec<(&str, Vec<&str>)>)> = Vec::new();
+    let mut reasons: Vec<(&str, Places<'_>)> = Vec::new();
     for unseen in &found.cannot_see {
         let why = reason(&unseen.why);
         let index = reasons.iter().position(|group| group.0 == why);
