@@ -29,6 +29,14 @@ pub(super) fn effect(
     for declaration in &effect.parameters {
         parameters(declaration, &mut names, &mut scope, diagnostics);
     }
+    let mut searches = effect.parameters.iter().filter(|one| one.search.is_some());
+    let first = searches.next().and_then(|one| one.names.first());
+    for further in searches.flat_map(|one| &one.names) {
+        let help = "an effect searches one parameter: declare the others with `param`";
+        let known = first.map_or_else(String::new, |first| format!(" beside `{}`", first.name));
+        let message = format!("`{}` is searched{known}", further.name);
+        diagnostics.error(&further.name, message, help);
+    }
     if effect.terms.is_empty() {
         let help = "add a term, such as `along += …;`";
         let message = format!("effect `{}` adds to nothing", effect.name);
@@ -111,24 +119,7 @@ fn parameters<'a>(
         .tolerance
         .as_ref()
         .and_then(|quantity| tolerance(quantity, dimension, &first, diagnostics));
-    let search = declaration.search.as_ref().and_then(|(low, high)| {
-        let what = format!("the search range of {first}");
-        let ends = (
-            scalar(low, dimension, &what, diagnostics),
-            scalar(high, dimension, &what, diagnostics),
-        );
-        let (from, to) = ends.0.zip(ends.1)?;
-        if from < to {
-            return Some((from, to));
-        }
-        let location = low.location.to(high.location);
-        diagnostics.error(
-            location,
-            format!("{what} is empty"),
-            "write the smaller end first: `in 4 mm ..= 50 mm`",
-        );
-        None
-    });
+    let search = search(declaration, dimension, &first, diagnostics);
     for given in &declaration.names {
         let name = given.name.to_string();
         names.declare(&given.name, "parameter", diagnostics);
@@ -169,6 +160,53 @@ fn parameters<'a>(
         };
         scope.declare(&given.name, parameter, dimension.is_some());
     }
+}
+
+/// The range of a searched parameter: one in which a grid even in the reciprocal has a meaning.
+fn search(
+    declaration: &syntax::Parameters,
+    dimension: Option<Dimension>,
+    name: &str,
+    diagnostics: &mut Diagnostics,
+) -> Option<(f64, f64)> {
+    let (low, high) = declaration.search.as_ref()?;
+    // The grid's density follows from the range of the commands, which are lengths.
+    if let Some(found) = dimension.filter(|dimension| *dimension != Dimension::LENGTH) {
+        diagnostics.error(
+            declaration.dimension.location,
+            format!(
+                "{name} is searched and must be {}, found {}",
+                Dimension::LENGTH.describe(),
+                found.describe()
+            ),
+            "what is searched is the length in which an effect repeats; declare anything else with `param`",
+        );
+        return None;
+    }
+    let what = format!("the search range of {name}");
+    let ends = (
+        scalar(low, dimension, &what, diagnostics),
+        scalar(high, dimension, &what, diagnostics),
+    );
+    let (from, to) = ends.0.zip(ends.1)?;
+    if from >= to {
+        diagnostics.error(
+            low.location.to(high.location),
+            format!("{what} is empty"),
+            "write the smaller end first: `in 4 mm ..= 50 mm`",
+        );
+        return None;
+    }
+    // Reciprocals of numbers smaller than the normal ones are infinite.
+    if from < f64::MIN_POSITIVE {
+        diagnostics.error(
+            low.location,
+            format!("{what} must begin above zero"),
+            "write the smallest length that is plausible first: `in 4 mm ..= 50 mm`",
+        );
+        return None;
+    }
+    Some((from, to))
 }
 
 fn term(
