@@ -7,7 +7,7 @@
 use divan::{Bencher, counter::ItemsCount};
 use num_dual::{Dual64, DualNum};
 use tau_generated::gantry_tau::ROBOT;
-use tau_runtime::{LANES, Lanes, NormalEquations, ResidualFamily, ResidualKind, blocks};
+use tau_runtime::{LANES, Lanes, NormalEquations, ResidualFamily, ResidualKind, block_count};
 
 const SAMPLES: usize = 2000;
 const PARAMETERS: [f64; 10] = [
@@ -112,7 +112,7 @@ fn linearized(family: &dyn ResidualFamily) -> Vec<f64> {
 }
 
 fn blocks_of(width: usize) -> Vec<Lanes> {
-    vec![Lanes::ZERO; blocks(SAMPLES) * width]
+    vec![Lanes::ZERO; block_count(SAMPLES) * width]
 }
 
 fn prepared_blocks(family: &dyn ResidualFamily) -> Vec<Lanes> {
@@ -251,7 +251,7 @@ fn values_bench(bencher: Bencher, family: &dyn ResidualFamily) {
 /// Residual, derivatives and their products, summed up.
 fn fused_bench(bencher: Bencher, family: &dyn ResidualFamily) {
     let prepared = prepared_blocks(family);
-    let weights = vec![Lanes::splat(1.0); blocks(SAMPLES)];
+    let weights = vec![Lanes::splat(1.0); block_count(SAMPLES)];
     let sizes = NormalEquations::new(family.shape(), family.pattern());
     let mut scratch = vec![Lanes::ZERO; sizes.scratch()];
     let family = family.blocks().expect("blocks");

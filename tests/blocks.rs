@@ -1,7 +1,7 @@
 //! Blocks of samples, and what is accumulated from them, against single samples.
 
 use tau::robot::Instance;
-use tau::runtime::{BlockFamily, LANES, Lanes, NormalEquations, ResidualFamily, blocks};
+use tau::runtime::{BlockFamily, LANES, Lanes, NormalEquations, ResidualFamily, block_count};
 
 /// Blocks of a family, computed from samples of data: residuals and Jacobian, one sample after the other.
 fn in_blocks(
@@ -11,7 +11,7 @@ fn in_blocks(
     samples: usize,
 ) -> (Vec<f64>, Vec<f64>, Vec<f64>) {
     let (shape, entries) = (family.shape(), family.pattern().len());
-    let count = blocks(samples);
+    let count = block_count(samples);
     let lanes = |width: usize| vec![Lanes::splat(f64::NAN); count * width];
     let mut prepared = lanes(shape.prepared);
     family.prepare_blocks(data, &mut prepared);
@@ -92,13 +92,13 @@ fn check_normal_equations(
     let (shape, pattern) = (family.shape(), family.pattern());
     let sizes = NormalEquations::new(shape, pattern);
     let weight = |sample: usize, row: usize| 0.5 + ((7 * sample + 3 * row) % 5) as f64;
-    let mut weights = vec![Lanes::ZERO; blocks(samples) * shape.residuals];
+    let mut weights = vec![Lanes::ZERO; block_count(samples) * shape.residuals];
     for sample in 0..samples {
         for row in 0..shape.residuals {
             weights[sample / LANES * shape.residuals + row][sample % LANES] = weight(sample, row);
         }
     }
-    let mut prepared = vec![Lanes::ZERO; blocks(samples) * shape.prepared];
+    let mut prepared = vec![Lanes::ZERO; block_count(samples) * shape.prepared];
     family.prepare_blocks(data, &mut prepared);
     let mut scratch = vec![Lanes::splat(f64::NAN); sizes.scratch()];
     let mut sums = vec![Lanes::ZERO; sizes.sums()];

@@ -2,7 +2,7 @@
 
 use nalgebra::{U1, U10};
 use num_dual::{Dual64, DualNum, DualSVec64};
-use tau_runtime::{Kernel, LANES, Lanes, blocks, vectorized};
+use tau_runtime::{Kernel, LANES, Lanes, block_count, vectorized};
 
 use crate::samples::{PARAMETERS, WIDTH};
 
@@ -104,7 +104,7 @@ pub(crate) fn staged(
 /// Prepared samples in blocks, the last one filled up with the last sample.
 pub(crate) fn prepare_blocks(data: &[f64]) -> Vec<Lanes> {
     let prepared = prepare_all(data);
-    (0..blocks(prepared.len()))
+    (0..block_count(prepared.len()))
         .flat_map(|block| {
             let lane = |lane: usize| prepared[(block * LANES + lane).min(prepared.len() - 1)];
             let lanes: [[f64; PREPARED]; LANES] = std::array::from_fn(lane);

@@ -8,7 +8,7 @@ use std::path::PathBuf;
 use tau_codegen::Family;
 use tau_generated::gantry_tau::{ROBOT, full::Closure};
 use tau_runtime::{
-    Formulas, Kernel, LANES, Lanes, NormalEquations, ResidualFamily, ResidualKind, blocks,
+    Formulas, Kernel, LANES, Lanes, NormalEquations, ResidualFamily, ResidualKind, block_count,
 };
 
 use crate::by_hand;
@@ -122,7 +122,7 @@ impl Contenders {
         operations: usize,
         mut function: impl FnMut(&[f64; 10], &mut [Lanes], &mut [Lanes]) + 'static,
     ) {
-        let lanes = |width: usize| vec![Lanes::ZERO; blocks(SAMPLES) * width];
+        let lanes = |width: usize| vec![Lanes::ZERO; block_count(SAMPLES) * width];
         let (mut r, mut j) = (lanes(1), lanes(10));
         function(&PARAMETERS, &mut r, &mut j);
         let difference = difference(&block_rows(&r, &j), &self.reference);
@@ -227,7 +227,7 @@ impl Contenders {
         prepared: Vec<Lanes>,
         staged: usize,
     ) {
-        let weights = vec![Lanes::splat(1.0); blocks(SAMPLES)];
+        let weights = vec![Lanes::splat(1.0); block_count(SAMPLES)];
         let sizes = NormalEquations::new(family.shape(), family.pattern());
         let mut scratch = vec![Lanes::ZERO; sizes.scratch()];
         let mut sums = vec![Lanes::ZERO; sizes.sums()];
@@ -304,7 +304,7 @@ impl Contenders {
 }
 
 fn prepared_blocks(family: &dyn ResidualFamily, data: &[f64]) -> Vec<Lanes> {
-    let mut lanes = vec![Lanes::ZERO; blocks(SAMPLES) * family.shape().prepared];
+    let mut lanes = vec![Lanes::ZERO; block_count(SAMPLES) * family.shape().prepared];
     family
         .blocks()
         .expect("blocks")

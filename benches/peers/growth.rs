@@ -5,7 +5,7 @@ use std::hint::black_box;
 use std::process::{Command, ExitCode};
 
 use tau::robot::Robot;
-use tau_runtime::{Lanes, NormalEquations, blocks};
+use tau_runtime::{Lanes, NormalEquations, block_count};
 use tau_solver::{Options, solve};
 
 use crate::samples::{PARAMETERS, closure, data};
@@ -148,7 +148,7 @@ fn exponent(points: &[(f64, f64)]) -> f64 {
 fn evaluate(samples: usize) -> f64 {
     let data = data(samples);
     let family = closure().blocks().expect("blocks");
-    let lanes = |width: usize| vec![Lanes::ZERO; blocks(samples) * width];
+    let lanes = |width: usize| vec![Lanes::ZERO; block_count(samples) * width];
     let (mut prepared, mut r, mut j) = (lanes(family.shape().prepared), lanes(1), lanes(10));
     family.prepare_blocks(&data, &mut prepared);
     least_seconds((20_000_000 / samples).clamp(10, 500), || {
@@ -162,8 +162,8 @@ fn normal_equations(samples: usize) -> f64 {
     let family = closure().blocks().expect("blocks");
     let sizes = NormalEquations::new(family.shape(), family.pattern());
     let lanes = |width: usize| vec![Lanes::ZERO; width];
-    let mut prepared = lanes(blocks(samples) * family.shape().prepared);
-    let weights = vec![Lanes::splat(1.0); blocks(samples)];
+    let mut prepared = lanes(block_count(samples) * family.shape().prepared);
+    let weights = vec![Lanes::splat(1.0); block_count(samples)];
     let (mut scratch, mut sums) = (lanes(sizes.scratch()), lanes(sizes.sums()));
     family.prepare_blocks(&data, &mut prepared);
     least_seconds((20_000_000 / samples).clamp(10, 500), || {
@@ -246,7 +246,7 @@ fn evaluate_effects(count: usize) -> f64 {
     let shape = family.shape();
     let samples: Vec<f64> = data(SAMPLES);
     let family = family.blocks().expect("blocks");
-    let lanes = |width: usize| vec![Lanes::ZERO; blocks(SAMPLES) * width];
+    let lanes = |width: usize| vec![Lanes::ZERO; block_count(SAMPLES) * width];
     let mut prepared = lanes(shape.prepared);
     let (mut r, mut j) = (lanes(shape.residuals), lanes(family.pattern().len()));
     family.prepare_blocks(&samples, &mut prepared);

@@ -11,7 +11,7 @@
 )]
 mod code;
 
-use tau_runtime::{BlockFamily, LANES, Lanes, Pattern, ResidualFamily, Shape, blocks};
+use tau_runtime::{BlockFamily, LANES, Lanes, Pattern, ResidualFamily, Shape, block_count};
 
 use crate::lower::Programs;
 use code::Code;
@@ -78,11 +78,11 @@ fn in_batches(
     [input_width, width, more_width]: [usize; 3],
 ) {
     let samples = outputs.len().checked_div(width).unwrap_or(0);
-    let room = |width: usize| vec![Lanes::ZERO; blocks(samples).min(BATCH) * width];
+    let room = |width: usize| vec![Lanes::ZERO; block_count(samples).min(BATCH) * width];
     let (mut first, mut second, mut third) = (room(input_width), room(width), room(more_width));
     for start in (0..samples).step_by(BATCH * LANES) {
         let end = samples.min(start + BATCH * LANES);
-        let count = blocks(end - start);
+        let count = block_count(end - start);
         let first = &mut first[..count * input_width];
         put_together(
             &inputs[start * input_width..end * input_width],

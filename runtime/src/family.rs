@@ -121,7 +121,7 @@ pub trait ResidualFamily: Send + Sync {
 /// operation is one of vectors. Results equal those of single samples bit for bit.
 pub trait BlockFamily: ResidualFamily {
     /// [`prepare`](ResidualFamily::prepare) for the samples in `data`, one after the other, into
-    /// [`blocks(samples)`](crate::blocks) blocks; lanes past the end repeat the last sample.
+    /// [`block_count(samples)`](crate::block_count) blocks; lanes past the end repeat the last sample.
     fn prepare_blocks(&self, data: &[f64], prepared: &mut [Lanes]);
 
     /// [`value`](ResidualFamily::value) for as many blocks as `residuals` holds.

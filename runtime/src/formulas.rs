@@ -2,7 +2,7 @@
 
 use core::marker::PhantomData;
 
-use crate::lanes::{Kernel, LANES, Lanes, Samples, blocks, vectorized};
+use crate::lanes::{Kernel, LANES, Lanes, Samples, block_count, vectorized};
 use crate::{BlockFamily, Pattern, ResidualFamily, Shape};
 
 /// The formulas of a residual family, written once for single samples and for blocks.
@@ -133,7 +133,7 @@ impl<F: Formulas> BlockFamily for F {
             return;
         }
         let samples = data.len() / width;
-        check_lengths!(prepared: blocks(samples) * entries);
+        check_lengths!(prepared: block_count(samples) * entries);
         for (block, prepared) in prepared.chunks_exact_mut(entries).enumerate() {
             for lane in 0..LANES {
                 // Lanes past the end repeat the last sample: no special values, no branches.

@@ -50,7 +50,7 @@ impl Samples for [f64; 1] {}
 impl Samples for Lanes {}
 
 /// Blocks that hold so many samples; the last one may be partly filled.
-pub const fn blocks(samples: usize) -> usize {
+pub const fn block_count(samples: usize) -> usize {
     samples.div_ceil(LANES)
 }
 

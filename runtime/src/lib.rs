@@ -24,7 +24,7 @@ mod tables;
 
 pub use family::{BlockFamily, Pattern, ResidualFamily, Shape};
 pub use formulas::Formulas;
-pub use lanes::{Kernel, LANES, Lanes, Samples, blocks, vectorized};
+pub use lanes::{Kernel, LANES, Lanes, Samples, block_count, vectorized};
 pub use normal::NormalEquations;
 pub use tables::{
     Arm, Cluster, EffectUse, Input, Instance, Link, Owner, Parameter, ResidualKind, Robot,

@@ -12,7 +12,7 @@
 use std::array::from_fn;
 
 use rayon::prelude::*;
-use tau_runtime::{BlockFamily, LANES, Lanes, NormalEquations, blocks};
+use tau_runtime::{BlockFamily, LANES, Lanes, NormalEquations, block_count};
 
 use crate::jacobian::{Jacobian, JacobianPattern};
 use crate::linear::{DENSE_COLUMNS, Method, qr};
@@ -310,7 +310,7 @@ fn write_triangle(
 /// Weights in the layout of residuals.
 fn weights(block: &Block) -> Vec<Lanes> {
     let residuals = block.family.shape().residuals;
-    let mut lanes = vec![Lanes::ZERO; blocks(block.samples) * residuals];
+    let mut lanes = vec![Lanes::ZERO; block_count(block.samples) * residuals];
     for index in 0..block.samples * residuals {
         let (sample, residual) = (index / residuals, index % residuals);
         lanes[sample / LANES * residuals + residual][sample % LANES] =

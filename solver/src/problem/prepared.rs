@@ -1,6 +1,6 @@
 //! What a family makes of samples once, and asking it for their residuals.
 
-use tau_runtime::{BlockFamily, LANES, Lanes, ResidualFamily, blocks};
+use tau_runtime::{BlockFamily, LANES, Lanes, ResidualFamily, block_count};
 
 use super::Block;
 
@@ -19,7 +19,7 @@ impl<'a> Prepared<'a> {
         let data = &data[..samples * shape.data];
         match family.blocks() {
             Some(family) => {
-                let mut prepared = vec![Lanes::ZERO; blocks(samples) * shape.prepared];
+                let mut prepared = vec![Lanes::ZERO; block_count(samples) * shape.prepared];
                 family.prepare_blocks(data, &mut prepared);
                 Self::Blocks(family, prepared)
             }
@@ -67,7 +67,7 @@ impl Block<'_> {
                 }
             }
             Prepared::Blocks(family, prepared) => {
-                let (first, count) = (first / LANES, blocks(samples));
+                let (first, count) = (first / LANES, block_count(samples));
                 let prepared = &prepared[first * shape.prepared..(first + count) * shape.prepared];
                 let entries = jacobian.as_ref().map_or(0, |_| self.family.pattern().len());
                 lanes.resize(count * (shape.residuals + entries), Lanes::ZERO);
