@@ -42,7 +42,7 @@ fn single_mut(numbers: &mut [f64]) -> &mut [[f64; 1]] {
     numbers.as_chunks_mut().0
 }
 
-/// Refuses wrong lengths, once: the compiler then drops the checks of all accesses behind.
+/// Checks the lengths once, so that the compiler can drop the bounds checks of all later accesses.
 macro_rules! check_lengths {
     ($($slice:ident: $length:expr),* $(,)?) => {
         $(assert!($slice.len() == $length, concat!("wrong length of `", stringify!($slice), "`"));)*
