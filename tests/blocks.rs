@@ -1,7 +1,11 @@
 //! Blocks of samples, and what is accumulated from them, against single samples.
 
-use tau::robot::Instance;
-use tau::runtime::{BlockFamily, LANES, Lanes, NormalEquations, ResidualFamily, block_count};
+use tau::Robot;
+use tau::robot::{Instance, ResidualKind};
+use tau::runtime::{
+    BlockFamily, Formulas, LANES, Lanes, NormalEquations, Pattern, ResidualFamily, Samples, Shape,
+    block_count,
+};
 
 /// Blocks of a family, computed from samples of data: residuals and Jacobian, one sample after the other.
 fn in_blocks(
@@ -134,4 +138,62 @@ fn check_normal_equations(
             "{what}: {sum} and {expected}"
         );
     }
+}
+
+/// Residual `sin(1) − x`: nothing is measured, but something is prepared.
+struct WithoutData;
+
+impl Formulas for WithoutData {
+    const SHAPE: Shape = Shape {
+        data: 0,
+        prepared: 1,
+        parameters: 1,
+        residuals: 1,
+    };
+    const PATTERN: Pattern<'static> = Pattern {
+        row_starts: &[0, 1],
+        columns: &[0],
+    };
+
+    fn prepare<S: Samples>(lane: usize, _: &[f64], prepared: &mut [S]) {
+        prepared[0][lane] = 1_f64.sin();
+    }
+
+    fn value<S: Samples>(lane: usize, prepared: &[S], parameters: &[f64], residuals: &mut [S]) {
+        residuals[0][lane] = prepared[0][lane] - parameters[0];
+    }
+
+    fn linearize<S: Samples>(
+        lane: usize,
+        prepared: &[S],
+        parameters: &[f64],
+        residuals: &mut [S],
+        jacobian: &mut [S],
+    ) {
+        <Self as Formulas>::value(lane, prepared, parameters, residuals);
+        jacobian[0][lane] = -1.0;
+    }
+}
+
+#[test]
+fn constants_are_prepared_without_data() {
+    let (values, _, jacobian) = in_blocks(&WithoutData, &[], &[0.5], 1);
+    assert_eq!((values, jacobian), (vec![1_f64.sin() - 0.5], vec![-1.0]));
+
+    let robot = Robot::from_text(
+        "robot Slide {
+            track one;
+            cluster arm on one { link l1; }
+            effect longer on link { param amount: length; length += amount * sin(1); }
+            variant Full { arm full; tracks linear; }
+            variant Longer = Full + longer(l1);
+        }",
+    )
+    .unwrap();
+    let is_by_pose = |instance: &&Instance| instance.kind == ResidualKind::ClosureByPose;
+    let instance = robot.variants[1].instances.iter().find(is_by_pose).unwrap();
+    let shape = instance.family.shape();
+    assert_eq!((shape.data, shape.prepared), (0, 1));
+    let x: Vec<f64> = (1..=shape.parameters).map(|k| 0.3 * k as f64).collect();
+    check_blocks("Longer", instance, &[vec![]], &x);
 }

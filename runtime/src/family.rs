@@ -122,6 +122,7 @@ pub trait ResidualFamily: Send + Sync {
 pub trait BlockFamily: ResidualFamily {
     /// [`prepare`](ResidualFamily::prepare) for the samples in `data`, one after the other, into
     /// [`block_count(samples)`](crate::block_count) blocks; lanes past the end repeat the last sample.
+    /// A family without data has one sample.
     fn prepare_blocks(&self, data: &[f64], prepared: &mut [Lanes]);
 
     /// [`value`](ResidualFamily::value) for as many blocks as `residuals` holds.

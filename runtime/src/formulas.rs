@@ -132,7 +132,8 @@ impl<F: Formulas> BlockFamily for F {
         if entries == 0 {
             return;
         }
-        let samples = data.len() / width;
+        // Without data there is one sample; constants may still have to be prepared.
+        let samples = data.len().checked_div(width).unwrap_or(1);
         check_lengths!(prepared: block_count(samples) * entries);
         for (block, prepared) in prepared.chunks_exact_mut(entries).enumerate() {
             for lane in 0..LANES {
