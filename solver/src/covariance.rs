@@ -10,7 +10,7 @@ use crate::system::{Content, System};
 use crate::{Error, Problem};
 
 /// Parts with more parameters are factored sparsely.
-const DENSE_COLUMNS: usize = 400;
+const DENSE_COVARIANCE_COLUMNS: usize = 400;
 /// Share of a direction without information from which on a parameter counts as taking part in it.
 const LEAST_SHARE: f64 = 1e-6;
 
@@ -99,7 +99,7 @@ enum PartCovariance {
 impl PartCovariance {
     fn new(system: &mut System) -> Result<Self, Error> {
         let factors = inverse_column_norms(system);
-        if factors.len() > DENSE_COLUMNS {
+        if factors.len() > DENSE_COVARIANCE_COLUMNS {
             let jacobian = &mut system.jacobian;
             for (&column, value) in jacobian.columns.iter().zip(&mut jacobian.values) {
                 *value *= factors[column];

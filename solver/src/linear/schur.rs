@@ -7,14 +7,12 @@
 //! and so keeps the accuracy of a dense QR of the whole.
 
 use crate::jacobian::Jacobian;
-use crate::linear::LinearSolver;
 use crate::linear::dense::DampedTriangle;
 use crate::linear::qr::{RowReduction, triangularize};
+use crate::linear::{LEAST_DAMPING, LinearSolver};
 
 /// Most parameters of a group.
 pub(crate) const MAX_GROUP: usize = 12;
-/// Damping used where a group alone is singular; columns have norm one.
-const LEAST_DAMPING: f64 = 1e-14;
 
 /// Which parameters are eliminated.
 #[derive(Debug, Clone, PartialEq, Eq)]

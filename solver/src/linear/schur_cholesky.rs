@@ -16,12 +16,10 @@ use faer::{Mat, Side};
 use rayon::prelude::*;
 
 use crate::jacobian::Jacobian;
-use crate::linear::LinearSolver;
 use crate::linear::group::{MOST_ROWS, Normal, Pattern, Sums, Values, forward};
 use crate::linear::schur::{Elimination, MAX_GROUP};
+use crate::linear::{LEAST_DAMPING, LinearSolver};
 
-/// First damping tried where the normal equations are singular; columns have norm one.
-const LEAST_DAMPING: f64 = 1e-14;
 /// Groups of a class that are summed up together.
 const CHUNK: usize = 256;
 /// Most portions of the work, each with a sum of its own.

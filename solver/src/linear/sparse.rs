@@ -13,10 +13,7 @@ use faer::{Conj, Mat, Par, Side, Spec};
 
 use crate::Error;
 use crate::jacobian::Jacobian;
-use crate::linear::LinearSolver;
-
-/// First damping tried where the normal equations are singular; columns have norm one.
-const LEAST_DAMPING: f64 = 1e-14;
+use crate::linear::{LEAST_DAMPING, LinearSolver};
 
 /// Factors `JᵀJ + damping I` by a sparse Cholesky factorisation.
 pub(crate) struct SparseCholesky {
