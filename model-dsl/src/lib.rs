@@ -46,6 +46,9 @@ use crate::diagnostics::Diagnostics;
 /// Checks a description given as tokens, as the macro receives it.
 ///
 /// The tokens hold one `robot` and any number of `effect` items.
+///
+/// # Errors
+/// All mistakes of the description, each at its tokens.
 pub fn check_tokens(tokens: TokenStream) -> Result<Model, Errors> {
     let mut diagnostics = Diagnostics::new();
     let description = parse::description(tokens, true, &mut diagnostics);
@@ -61,7 +64,8 @@ pub fn check_tokens(tokens: TokenStream) -> Result<Model, Errors> {
 
 /// Checks a description given as text.
 ///
-/// Positions in the errors count from the start of `text`.
+/// # Errors
+/// As [`check_tokens`], and where the text holds what is no token; positions count from the start of `text`.
 pub fn check_text(text: &str) -> Result<Model, Errors> {
     check_tokens(tokens(text)?)
 }
@@ -70,6 +74,9 @@ pub fn check_text(text: &str) -> Result<Model, Errors> {
 ///
 /// An effect that the model already has by name stands: a description's own effect wins over the
 /// catalogue's.
+///
+/// # Errors
+/// All mistakes of the catalogue; positions count from the start of `text`.
 pub fn effects_from_text(text: &str, into: &Model) -> Result<Model, Errors> {
     let tokens = tokens(text)?;
     let mut diagnostics = Diagnostics::new();

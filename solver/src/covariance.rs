@@ -36,6 +36,10 @@ enum Place {
 }
 
 /// Computes the covariance at `parameters`, one value per parameter of the problem.
+///
+/// # Errors
+/// As [`solve`](crate::solve), at `parameters` instead of the start; [`Error::ParameterCount`] where these are
+/// too many or too few; [`Error::SingularValues`] where a decomposition fails.
 pub fn covariance(problem: &Problem, parameters: &[f64]) -> Result<Covariance, Error> {
     check_at(problem, parameters)?;
     let mut place: Vec<Place> = problem
@@ -178,12 +182,18 @@ pub(crate) fn rank_tolerance(values: &[f64]) -> f64 {
 impl Covariance {
     /// Standard deviation of a parameter, by index in the problem: zero if fixed, infinite if nothing
     /// determines it.
+    ///
+    /// # Panics
+    /// Where the problem has no parameter of that index.
     pub fn sigma(&self, parameter: usize) -> f64 {
         self.covariance(parameter, parameter).sqrt()
     }
 
     /// Covariance of two parameters, by index in the problem. Not a number where one of two different
     /// parameters of the same part is undetermined.
+    ///
+    /// # Panics
+    /// Where the problem has no parameter of one of the indices.
     pub fn covariance(&self, first: usize, second: usize) -> f64 {
         match (self.place[first], self.place[second]) {
             (Place::Unknown, Place::Unknown) if first == second => f64::INFINITY,
@@ -198,7 +208,14 @@ impl Covariance {
         }
     }
 
-    /// Correlation coefficient of two parameters, by index in the problem; zero with a fixed one.
+    /// Correlation coefficient of two parameters, by index in the problem.
+    ///
+    /// One of a parameter with itself, be it fixed or undetermined. Zero of different ones where either is
+    /// fixed, where no residual and no prior knows it, or where they are in different parts. Not a number where
+    /// one of two different parameters of the same part is undetermined.
+    ///
+    /// # Panics
+    /// Where the problem has no parameter of one of the indices.
     pub fn correlation(&self, first: usize, second: usize) -> f64 {
         if first == second {
             return 1.0;

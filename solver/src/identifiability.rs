@@ -41,6 +41,9 @@ pub struct Undetermined {
 /// priors' standard deviations: a singular value s says that the data know the direction s times as
 /// well as the prior. Parameters without prior are free to follow, so a direction counts as known only
 /// as far as they can't imitate it; among themselves only exact indeterminacy is reported.
+///
+/// # Errors
+/// As [`covariance`](crate::covariance).
 pub fn identifiability(problem: &Problem, parameters: &[f64]) -> Result<Identifiability, Error> {
     check_at(problem, parameters)?;
     let mut result = Identifiability {

@@ -22,13 +22,21 @@ const MAX_RETREATS: usize = 8;
 
 /// Minimises the cost of `problem`.
 ///
-/// Fails if the problem makes no sense or is not finite at its start. That no minimum is reached
-/// within the iterations allowed is no error: see [`Solution::termination`].
+/// That no minimum is reached within the iterations allowed is no error: see
+/// [`Solution::termination`].
+///
+/// # Errors
+/// [`Error::InvalidParameter`] and [`Error::InvalidBlock`] where the problem makes no sense;
+/// [`Error::NonFinite`] where a residual, its cost or a derivative is not finite at the start, or at every trial
+/// step however short; [`Error::TooLarge`] where a factorisation does not fit in memory.
 pub fn solve(problem: &Problem, options: &Options) -> Result<Solution, Error> {
     solve_observed(problem, options, &mut |_| {})
 }
 
 /// Like [`solve`], and shows every trial step to `observer`.
+///
+/// # Errors
+/// As [`solve`].
 pub fn solve_observed(
     problem: &Problem,
     options: &Options,

@@ -292,7 +292,10 @@ impl<'a> Block<'a> {
 }
 
 impl Problem<'_> {
-    /// Checks that starts, bounds, priors, sizes and indices make sense.
+    /// Checks that starts, bounds, priors, losses, sizes and indices make sense.
+    ///
+    /// # Errors
+    /// [`Error::InvalidParameter`] or [`Error::InvalidBlock`], for the first that does not.
     pub fn check(&self) -> Result<(), Error> {
         self.parameters.iter().try_for_each(Parameter::check)?;
         self.blocks
