@@ -6,8 +6,8 @@ use std::fmt;
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Error {
-    /// A residual or a derivative is infinite or not a number where a finite one is needed: at the
-    /// start, or at every trial step however short.
+    /// A residual, its square or a derivative is infinite or not a number where a finite one is needed:
+    /// at the start, or at every trial step however short.
     NonFinite {
         /// Label of the block.
         block: String,

@@ -149,8 +149,7 @@ impl<'p> Fused<'p> {
             }
         }
         for ((column, prior), cost) in self.priors.iter().zip(rest) {
-            let r = (x[*column] - prior.mean) / prior.sigma;
-            *cost = 0.5 * r * r;
+            *cost = prior.cost(x[*column]);
         }
         Ok(())
     }

@@ -4,7 +4,7 @@ use crate::jacobian::{dot, norm, sum, sum_of_differences};
 use crate::linear::{LinearSolver, Method, new_solver};
 use crate::partition::{Part, partition};
 use crate::subproblem::Subproblem;
-use crate::system::{NonFinite, System, constant_cost};
+use crate::system::{NonFinite, System, constant_cost, require_finite};
 use crate::{Error, Iteration, Options, PartSummary, Problem, Solution, Termination};
 
 /// Share of the predicted decrease from which on a step is taken.
@@ -162,6 +162,7 @@ impl<'p> Minimizer<'p> {
             .costs(&x, &mut costs)
             .map_err(|fault| fault.into_error(problem))?;
         let cost = sum(&costs);
+        require_finite(cost, problem, part, all)?;
         Ok(Self {
             subproblem: Subproblem::new(rows, columns, bounded),
             system,

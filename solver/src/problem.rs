@@ -25,6 +25,14 @@ pub struct Prior {
     pub sigma: f64,
 }
 
+impl Prior {
+    /// What it costs a parameter to be `x`.
+    pub(crate) fn cost(&self, x: f64) -> f64 {
+        let r = (x - self.mean) / self.sigma;
+        0.5 * r * r
+    }
+}
+
 /// An unknown number.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Parameter {
@@ -270,10 +278,14 @@ impl<'a> Block<'a> {
         } else if self
             .loss
             .threshold()
-            .is_some_and(|k| k.is_nan() || k <= 0.0)
+            .is_some_and(|k| k <= 0.0 || !(k * k).is_normal())
         {
-            "the threshold of a loss must be positive".to_owned()
+            "the threshold of a loss, and its square, must be positive and finite".to_owned()
+        } else if shape.residuals == 0 {
+            "the residual family has no residuals".to_owned()
         } else if pattern.row_starts.len() != shape.residuals + 1
+            || pattern.row_starts[0] != 0
+            || !pattern.row_starts.is_sorted()
             || pattern.row_starts.last().copied() != u32::try_from(pattern.len()).ok()
             || pattern
                 .columns

@@ -247,8 +247,7 @@ impl<'p> System<'p> {
         }
         let first_prior = costs.len() - self.priors.len();
         for ((column, prior), cost) in self.priors.iter().zip(&mut costs[first_prior..]) {
-            let r = (x[*column] - prior.mean) / prior.sigma;
-            *cost = 0.5 * r * r;
+            *cost = prior.cost(x[*column]);
         }
         Ok(())
     }
@@ -516,9 +515,52 @@ pub(crate) fn constant_cost(
         .map_err(|fault| fault.into_error(problem))?;
     for (parameter, x) in problem.parameters.iter().zip(all) {
         if let (false, Some(prior)) = (parameter.is_free(), parameter.prior) {
-            let r = (x - prior.mean) / prior.sigma;
-            costs.push(0.5 * r * r);
+            costs.push(prior.cost(*x));
         }
     }
-    Ok(costs.iter().sum())
+    let cost = costs.iter().sum();
+    require_finite(cost, problem, &part, all)?;
+    Ok(cost)
+}
+
+/// Refuses a cost at the start that is infinite although its residuals are not: names the largest residual, or
+/// the parameter that starts farthest from its prior.
+pub(crate) fn require_finite(
+    cost: f64,
+    problem: &Problem,
+    part: &Part,
+    all: &[f64],
+) -> Result<(), Error> {
+    if cost.is_finite() {
+        return Ok(());
+    }
+    let mut system = System::new(problem, part, all, Content::DataOnly);
+    let x: Vec<f64> = part.parameters.iter().map(|&p| all[p]).collect();
+    let mut costs = vec![0.0; system.residuals.len()];
+    system
+        .costs(&x, &mut costs)
+        .map_err(|fault| fault.into_error(problem))?;
+    let largest = (0..costs.len()).max_by(|&a, &b| costs[a].total_cmp(&costs[b]));
+    let least = largest.map_or(0.0, |row| costs[row]);
+    let farthest = (problem.parameters.iter().zip(all))
+        .filter_map(|(parameter, &x)| Some((parameter, parameter.prior?.cost(x))))
+        .filter(|(_, cost)| *cost > least)
+        .max_by(|(_, a), (_, b)| a.total_cmp(b));
+    if let Some((parameter, _)) = farthest {
+        return Err(Error::InvalidParameter {
+            name: parameter.name.clone(),
+            reason: "it starts too many standard deviations from its prior's mean".to_owned(),
+        });
+    }
+    let fault = system.pieces.iter().find_map(|piece| {
+        let residuals = problem.blocks[piece.block].family.shape().residuals;
+        let index = largest?.checked_sub(piece.row)?;
+        (index < piece.samples * residuals).then_some(NonFinite {
+            block: piece.block,
+            sample: piece.first + index / residuals,
+            residual: index % residuals,
+            parameter: None,
+        })
+    });
+    fault.map_or(Ok(()), |fault| Err(fault.into_error(problem)))
 }

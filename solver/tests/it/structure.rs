@@ -4,8 +4,8 @@ use std::cell::RefCell;
 
 use tau_runtime::{Pattern, ResidualFamily, Shape};
 use tau_solver::{
-    Block, Error, Iteration, Method, Options, Parameter, Problem, Termination, covariance, solve,
-    solve_observed,
+    Block, Error, Iteration, Loss, Method, Options, Parameter, Problem, Termination, covariance,
+    solve, solve_observed,
 };
 
 use crate::family::{Family, Model, problem};
@@ -273,6 +273,107 @@ fn values_that_stay_not_finite_are_an_error() {
         "the derivative of residual 0 of sample 0 in block `block` by parameter `x1` is not a \
          finite number"
     );
+}
+
+/// Residuals that are the parameter, with a shape and a pattern as given.
+struct Shaped {
+    residuals: usize,
+    row_starts: &'static [u32],
+}
+
+impl ResidualFamily for Shaped {
+    fn shape(&self) -> Shape {
+        Shape {
+            data: 0,
+            prepared: 0,
+            parameters: 1,
+            residuals: self.residuals,
+        }
+    }
+    fn pattern(&self) -> Pattern<'_> {
+        Pattern {
+            row_starts: self.row_starts,
+            columns: &[0, 0],
+        }
+    }
+    fn prepare(&self, _: &[f64], _: &mut [f64]) {}
+    fn value(&self, _: &[f64], parameters: &[f64], residuals: &mut [f64]) {
+        residuals.fill(parameters[0]);
+    }
+    fn linearize(&self, _: &[f64], x: &[f64], residuals: &mut [f64], jacobian: &mut [f64]) {
+        residuals.fill(x[0]);
+        jacobian.fill(1.0);
+    }
+}
+
+#[test]
+fn families_whose_pattern_is_none_are_refused() {
+    let refused = |residuals, row_starts| {
+        let family = Shaped {
+            residuals,
+            row_starts,
+        };
+        match solve(&problem(&family, &[], &[1.0]), &Options::default()) {
+            Err(Error::InvalidBlock { reason, .. }) => Some(reason),
+            Err(other) => panic!("{other}"),
+            Ok(_) => None,
+        }
+    };
+    assert_eq!(refused(2, &[0, 1, 2]), None);
+    let pattern = "the family's Jacobian pattern does not fit its shape";
+    assert_eq!(refused(2, &[1, 1, 2]).as_deref(), Some(pattern));
+    assert_eq!(refused(3, &[0, 2, 1, 2]).as_deref(), Some(pattern));
+    let none = "the residual family has no residuals";
+    assert_eq!(refused(0, &[0]).as_deref(), Some(none));
+    assert_eq!(refused(0, &[2]).as_deref(), Some(none));
+}
+
+/// Finite residuals whose squares are not, and what is that far from its prior.
+#[test]
+fn costs_that_are_not_finite_at_the_start_are_named() {
+    let family = Family::new(Logarithm);
+    for fixed in [false, true] {
+        let mut problem = problem(&family, &[0.0, -1e200, 0.0], &[1.0]);
+        problem.parameters[0].fixed = fixed;
+        assert_eq!(
+            solve(&problem, &Options::default()).unwrap_err(),
+            Error::NonFinite {
+                block: "block".to_owned(),
+                sample: 1,
+                residual: 1,
+                parameter: None,
+            }
+        );
+    }
+    for fixed in [false, true] {
+        let mut problem = problem(&family, &[0.0], &[1.0]);
+        let mut far = Parameter::new("far", 1.0).with_prior(0.0, 1e-200);
+        far.fixed = fixed;
+        problem.parameters.push(far);
+        let error = solve(&problem, &Options::default()).unwrap_err();
+        assert!(
+            matches!(error, Error::InvalidParameter { ref name, .. } if name == "far"),
+            "{error}"
+        );
+    }
+}
+
+#[test]
+fn thresholds_of_losses_are_finite() {
+    let family = Family::new(Logarithm);
+    let solved = |loss| {
+        let mut problem = problem(&family, &[0.0], &[1.5]);
+        let block = problem.blocks.remove(0);
+        problem.blocks.push(block.with_loss(loss));
+        solve(&problem, &Options::default()).map(|_| ())
+    };
+    for loss in [Loss::Huber, Loss::Cauchy, Loss::Tukey] {
+        assert_eq!(solved(loss(2.0)), Ok(()));
+        for threshold in [f64::INFINITY, 1e200, 1e-200, 0.0, -1.0, f64::NAN] {
+            let error = solved(loss(threshold)).unwrap_err();
+            assert!(matches!(error, Error::InvalidBlock { .. }), "{error}");
+        }
+    }
 }
 
 /// A camera in the plane (position, heading) that measures the bearing of a point as a tangent.
