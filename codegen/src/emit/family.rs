@@ -3,7 +3,7 @@
 use proc_macro2::{Literal, TokenStream};
 use quote::quote;
 
-use super::{camel_case, ident, word};
+use super::{camel_case, ident};
 use crate::compile::Family;
 use crate::graph::Elementary;
 use crate::program::{Operand, Operation, Program};
@@ -204,7 +204,7 @@ fn body(program: &Program, split: usize) -> Body {
         .inputs
         .iter()
         .zip(reads)
-        .map(|(name, read)| read.then(|| word(name)))
+        .map(|(name, read)| read.then(|| name.clone()))
         .collect();
     let rest = first.split_off(split.min(first.len()));
     let mut statements = Vec::new();
@@ -223,7 +223,7 @@ fn body(program: &Program, split: usize) -> Body {
             } else {
                 (other, index)
             };
-            let (sin_name, cos_name) = (word(&writer.names[sin]), word(&writer.names[cos]));
+            let (sin_name, cos_name) = (&writer.names[sin], &writer.names[cos]);
             let (angle, _) = writer.operand(angle);
             statements.push(format!(
                 "let ({sin_name}, {cos_name}) = math::sin_cos({angle});"
@@ -232,7 +232,7 @@ fn body(program: &Program, split: usize) -> Body {
             written[cos] = true;
             continue;
         }
-        let name = word(&writer.names[index]);
+        let name = &writer.names[index];
         let (value, _) = writer.operation(index);
         statements.push(format!("let {name} = {value};"));
         written[index] = true;
@@ -307,9 +307,9 @@ impl Writer<'_> {
         match operand {
             Operand::Constant(value) if value < 0.0 => (literal(value), Binding::Unary),
             Operand::Constant(value) => (literal(value), Binding::Atom),
-            Operand::Input(index) => (word(&self.program.inputs[index]), Binding::Atom),
+            Operand::Input(index) => (self.program.inputs[index].clone(), Binding::Atom),
             Operand::Temporary(index) if self.is_inline(index) => self.operation(index),
-            Operand::Temporary(index) => (word(&self.names[index]), Binding::Atom),
+            Operand::Temporary(index) => (self.names[index].clone(), Binding::Atom),
         }
     }
 

@@ -267,29 +267,9 @@ pub fn expansion(compiled: &CompiledRobot, name: &Ident, paths: &Paths) -> Token
     }
 }
 
-/// Words of Rust that can't be names, of all editions, but those that can't be raw either.
-const KEYWORDS: [&str; 48] = [
-    "abstract", "as", "async", "await", "become", "box", "break", "const", "continue", "do", "dyn",
-    "else", "enum", "extern", "false", "final", "fn", "for", "gen", "if", "impl", "in", "let",
-    "loop", "macro", "match", "mod", "move", "mut", "override", "priv", "pub", "ref", "return",
-    "static", "struct", "trait", "true", "try", "type", "typeof", "unsafe", "unsized", "use",
-    "virtual", "where", "while", "yield",
-];
-
-/// A name as Rust writes it.
-pub(crate) fn word(name: &str) -> String {
-    let raw = if KEYWORDS.contains(&name) { "r#" } else { "" };
-    format!("{raw}{name}")
-}
-
+/// A name as Rust writes it; the language admits none that Rust keeps for itself.
 pub(crate) fn ident(name: &str) -> Ident {
-    // Names of the description that are words of Rust become raw identifiers. To ask syn about each name
-    // takes longer than all the rest of writing code.
-    if KEYWORDS.contains(&name) {
-        Ident::new_raw(name, Span::mixed_site())
-    } else {
-        Ident::new(name, Span::call_site())
-    }
+    Ident::new(name, Span::call_site())
 }
 
 /// `FullPiecewise` to `full_piecewise`.
