@@ -414,7 +414,8 @@ impl Graph {
 
     /// An elementary function.
     pub fn apply(&mut self, function: Elementary, a: Expr) -> Expr {
-        // Sines and cosines of constants fold; the others keep their rounding to run time.
+        // What is exact folds: functions of zero, and roots, which every machine rounds alike. The others depend
+        // on the machine's library, and generated text must not.
         if self.is_zero(a) {
             match function {
                 Elementary::Cos | Elementary::Exp => return self.constant(1.0),
@@ -557,7 +558,7 @@ impl Graph {
         roots.iter().map(|&root| images[root]).collect()
     }
 
-    /// The same operation on other children; turns are expanded when `expand` asks for it.
+    /// The same operation on other children.
     fn rebuild(&mut self, node: Node, children: &[Expr]) -> Expr {
         match node {
             Node::Constant(_) | Node::Symbol(_) => self.intern(node),

@@ -2,11 +2,11 @@
 //!
 //! 1. Turns are written out ([`Graph::expand_turns`]).
 //! 2. Sums and products are flattened where nothing else reads them, grouped by stage so that
-//!    data-only parts become one value, and common factors are taken out ([`regroup`]).
+//!    data-only parts become one value, and common factors are taken out (`regroup`).
 //! 3. Whatever depends on data alone and is read by parameter-dependent work becomes a *prepared*
-//!    value, computed once per sample ([`stage`]).
+//!    value, computed once per sample.
 //! 4. Every sum may be stored with either sign; signs are chosen so that few negations remain, and the
-//!    rest becomes straight-line code ([`select_instructions`]).
+//!    rest becomes straight-line code (`signs`, `instructions`).
 
 mod instructions;
 mod regroup;
