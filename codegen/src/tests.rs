@@ -6,7 +6,7 @@ use crate::differentiate::gradient;
 use crate::equations::{self, Context, Equations, Staging};
 use crate::evaluate::evaluate;
 use crate::graph::{Elementary, Expr, Graph, Node, Stage, Symbol};
-use crate::lower::lower;
+use crate::lower::{Programs, lower};
 use crate::program::{Operand, Operation, Program};
 
 const GANTRY_TAU: &str = include_str!("../../generated/models/gantry_tau.tau");
@@ -44,6 +44,35 @@ fn construction_simplifies() {
     let (sine, of_minus) = (g.apply(Elementary::Sin, x), g.apply(Elementary::Sin, minus));
     assert_eq!(of_minus, g.negate(sine));
     assert_eq!(g.turn(zero, x, one), (x, one));
+}
+
+/// Code of the closure of a link whose length has a term.
+fn closure_with(term: &str) -> Programs {
+    let text = format!(
+        "robot Slide {{ track one; cluster arm on one {{ link l1; }}
+            effect e on link {{ param a, b: length; length += {term}; }}
+            variant Nominal {{ arm reduced; tracks linear; }}
+            variant More = Nominal + e(l1); }}"
+    );
+    let model = tau_model_dsl::check_text(&text).expect("a valid description");
+    let variant = model.variant("More").expect("a variant");
+    let table = equations::parameters(&model, variant);
+    equations::closure(
+        Context::new(&model, variant, &table, Staging::Staged),
+        0,
+        false,
+    )
+    .lower()
+}
+
+#[test]
+fn nested_magnitudes_take_code_in_proportion() {
+    let nested = |levels: usize| {
+        let term = format!("{}a{} + b", "abs(b - ".repeat(levels), ")".repeat(levels));
+        closure_with(&term).linearize.counts().total()
+    };
+    let (ten, twenty) = (nested(10), nested(20));
+    assert_eq!(nested(40) - twenty, 2 * (twenty - ten));
 }
 
 /// A published derive crate has the wrong sign here.

@@ -4,7 +4,7 @@ use tau_model_dsl::model::{BinaryOperator, Formula, Function, Readable};
 use tau_runtime::{Input, Owner};
 
 use super::Context;
-use crate::graph::{Elementary, Expr};
+use crate::graph::{Elementary, Expr, Graph};
 
 /// Where a formula is evaluated.
 #[derive(Debug, Clone, Copy)]
@@ -81,6 +81,11 @@ impl Context<'_> {
     fn call(&mut self, function: Function, arguments: &[Expr]) -> Expr {
         let g = &mut self.g;
         let a = arguments[0];
+        let sign = |g: &mut Graph| {
+            let (zero, one) = (g.constant(0.0), g.constant(1.0));
+            let minus_one = g.negate(one);
+            g.select(a, zero, minus_one, one)
+        };
         let elementary = match function {
             Function::Sin => Elementary::Sin,
             Function::Cos => Elementary::Cos,
@@ -90,15 +95,13 @@ impl Context<'_> {
             Function::Ln => Elementary::Ln,
             Function::Tanh => Elementary::Tanh,
             Function::Sqrt => Elementary::Sqrt,
+            // A select between `-a` and `a` would have both differentiated, and what is nested in them
+            // twice as often at every level.
             Function::Abs => {
-                let (zero, negated) = (g.constant(0.0), g.negate(a));
-                return g.select(a, zero, negated, a);
+                let sign = sign(g);
+                return g.multiply(a, sign);
             }
-            Function::Sign => {
-                let (zero, one) = (g.constant(0.0), g.constant(1.0));
-                let minus_one = g.negate(one);
-                return g.select(a, zero, minus_one, one);
-            }
+            Function::Sign => return sign(g),
             Function::Min => return g.select(arguments[1], a, arguments[1], a),
             Function::Max => return g.select(a, arguments[1], arguments[1], a),
         };
