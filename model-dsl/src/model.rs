@@ -231,9 +231,42 @@ pub struct Effect {
 }
 
 impl Effect {
+    /// The quantities that its terms read, in order.
+    pub fn quantities(&self) -> impl Iterator<Item = Readable> {
+        self.terms.iter().flat_map(|term| term.formula.quantities())
+    }
+
     /// Whether one of its terms reads a quantity.
     pub fn reads(&self, quantity: Readable) -> bool {
-        self.terms.iter().any(|term| term.formula.reads(quantity))
+        self.quantities().any(|own| own == quantity)
+    }
+
+    /// Why it needs a full arm at a place of a robot with such links, if it does.
+    ///
+    /// A reduced arm folds the plate joints into the track's offset and has one length per cluster, so
+    /// that effects on single links and rotations of the cart have nothing to act on.
+    pub fn needs_full_arm(&self, place: Place, links: &[Link]) -> Option<String> {
+        let adds_to =
+            |targets: &[Target]| self.terms.iter().any(|term| targets.contains(&term.target));
+        if adds_to(&[Target::Joint]) {
+            return Some("a reduced arm has no plate joints to move".to_owned());
+        }
+        if adds_to(&[Target::Roll, Target::Pitch, Target::Yaw]) {
+            return Some("a reduced arm has no levers for the cart to turn".to_owned());
+        }
+        let (at_place, what) = match place {
+            Place::Link(link) => (links.get(link..=link)?, "length"),
+            Place::AllLinks if self.reads(Readable::Tension) => (links, "tension"),
+            _ => return None,
+        };
+        let shared = at_place.iter().find(|link| {
+            let in_cluster = links.iter().filter(|other| other.cluster == link.cluster);
+            in_cluster.count() > 1
+        })?;
+        Some(format!(
+            "`{}` shares the one {what} of its cluster",
+            shared.name
+        ))
     }
 }
 
@@ -312,16 +345,34 @@ pub enum Formula {
 }
 
 impl Formula {
-    /// Whether a quantity occurs in it.
-    pub fn reads(&self, quantity: Readable) -> bool {
-        match self {
-            Self::Number(_) | Self::Parameter(..) => false,
-            Self::Read(own) => *own == quantity,
-            Self::Negate(inner) | Self::Power(inner, _) => inner.reads(quantity),
-            Self::Binary(_, left, right) => left.reads(quantity) || right.reads(quantity),
-            Self::Call(_, arguments) => arguments.iter().any(|one| one.reads(quantity)),
-            Self::Vector(components) => components.iter().any(|one| one.reads(quantity)),
-        }
+    /// The formulas that it is made of, in order.
+    fn children(&self) -> impl DoubleEndedIterator<Item = &Self> {
+        let (first, second, more): (Option<&Self>, Option<&Self>, &[Self]) = match self {
+            Self::Number(_) | Self::Parameter(..) | Self::Read(_) => (None, None, &[]),
+            Self::Negate(inner) | Self::Power(inner, _) => (Some(inner), None, &[]),
+            Self::Binary(_, left, right) => (Some(left), Some(right), &[]),
+            Self::Call(_, arguments) => (None, None, arguments),
+            Self::Vector(components) => (None, None, &components[..]),
+        };
+        first.into_iter().chain(second).chain(more)
+    }
+
+    /// Itself and all that it is made of, from the left, each before its own parts.
+    pub fn parts(&self) -> impl Iterator<Item = &Self> {
+        let mut ahead = vec![self];
+        std::iter::from_fn(move || {
+            let next = ahead.pop()?;
+            ahead.extend(next.children().rev());
+            Some(next)
+        })
+    }
+
+    /// The quantities that it reads, from the left.
+    pub fn quantities(&self) -> impl Iterator<Item = Readable> {
+        self.parts().filter_map(|part| match part {
+            Self::Read(quantity) => Some(*quantity),
+            _ => None,
+        })
     }
 }
 

@@ -6,7 +6,7 @@ use super::effect::CheckedEffect;
 use super::robot::unknown_track;
 use super::variant::Context;
 use crate::diagnostics::{Diagnostic, Diagnostics, Location};
-use crate::model::{Effect, EffectUse, Place, Readable, Subject, Target};
+use crate::model::{Effect, EffectUse, Place, Readable, Subject};
 use crate::names::suggest;
 use crate::syntax;
 
@@ -206,56 +206,6 @@ impl Context<'_> {
             format!("name a {wanted}: {}", names.join(", "))
         };
         Some(Diagnostic::new(place, message).help(help))
-    }
-
-    /// A reduced arm folds the plate joints into the track's offset and has one length per cluster, so
-    /// that effects on single links and rotations of the cart have nothing to act on.
-    pub(super) fn needs_full(
-        &self,
-        effect: &Effect,
-        used: &EffectUse,
-        location: Location,
-    ) -> Option<Diagnostic> {
-        let adds_to = |targets: &[Target]| {
-            effect
-                .terms
-                .iter()
-                .any(|term| targets.contains(&term.target))
-        };
-        let shares = self.shared(used.place);
-        let reason = if adds_to(&[Target::Joint]) {
-            "a reduced arm has no plate joints to move".to_owned()
-        } else if adds_to(&[Target::Roll, Target::Pitch, Target::Yaw]) {
-            "a reduced arm has no levers for the cart to turn".to_owned()
-        } else if let (Place::Link(_), Some(link)) = (used.place, shares) {
-            format!("`{link}` shares the one length of its cluster")
-        } else if let (true, Some(link)) = (effect.reads(Readable::Tension), shares) {
-            format!("`{link}` shares the one tension of its cluster")
-        } else {
-            return None;
-        };
-        let message = format!("effect `{}` needs a full arm: {reason}", effect.name);
-        Some(Diagnostic::new(location, message).help("start from a variant with `arm full;`"))
-    }
-
-    /// A link at a place on links that is not alone in its cluster.
-    fn shared(&self, place: Place) -> Option<&str> {
-        let links = &self.geometry.links;
-        let mut at_place = links.iter().enumerate().filter(|(index, _)| match place {
-            Place::Link(link) => link == *index,
-            Place::AllLinks => true,
-            _ => false,
-        });
-        let alone = |cluster| {
-            links
-                .iter()
-                .filter(|other| other.cluster == cluster)
-                .count()
-                == 1
-        };
-        at_place
-            .find(|(_, link)| !alone(link.cluster))
-            .map(|(_, link)| link.name.as_str())
     }
 }
 

@@ -305,9 +305,11 @@ impl Context<'_> {
                     diagnostics.error(*location, message, "name it once");
                 }
                 if arm == Arm::Reduced
-                    && let Some(diagnostic) = self.needs_full(effect, used, *location)
+                    && let Some(reason) = effect.needs_full_arm(used.place, &self.geometry.links)
                 {
-                    diagnostics.push(diagnostic);
+                    let message = format!("effect `{}` needs a full arm: {reason}", effect.name);
+                    let help = "start from a variant with `arm full;`";
+                    diagnostics.error(*location, message, help);
                 }
             }
         }

@@ -88,6 +88,9 @@ impl Entry {
 /// All candidates for a variant: effects at every place that a name can have.
 pub(super) fn all(model: &Model, base: &Variant, families: &[Family]) -> Vec<Candidate> {
     let mut candidates = Vec::new();
+    let is_admitted = |effect: &Effect, place| {
+        base.arm == Arm::Full || effect.needs_full_arm(place, &model.links).is_none()
+    };
     for (index, effect) in model.effects.iter().enumerate() {
         let family = families
             .iter()
@@ -98,9 +101,7 @@ pub(super) fn all(model: &Model, base: &Variant, families: &[Family]) -> Vec<Can
             let each: Vec<Place> = effects::places(model, effect)
                 .into_iter()
                 .filter(|place| !matches!(place, Place::AllCarts | Place::AllLinks))
-                .filter(|&place| {
-                    base.arm == Arm::Full || !effects::needs_full_arm(model, effect, place)
-                })
+                .filter(|&place| is_admitted(effect, place))
                 .collect();
             if each.len() > 1 {
                 candidates.push(Candidate::of_all(index, effect, &each, family));
@@ -118,9 +119,7 @@ pub(super) fn all(model: &Model, base: &Variant, families: &[Family]) -> Vec<Can
                 Some(_) => !is_common,
                 None => !(is_searched && is_common),
             };
-            if !is_wanted
-                || (base.arm == Arm::Reduced && effects::needs_full_arm(model, effect, place))
-            {
+            if !is_wanted || !is_admitted(effect, place) {
                 continue;
             }
             let places = equations::places(model, place);

@@ -151,7 +151,12 @@ impl<'a> Formulas<'a> {
 
     /// Whether a term has any of the wanted derivatives.
     pub(super) fn concern(&self, term: &Term) -> bool {
-        self.are_in(&term.formula)
+        term.formula.parts().any(|part| match part {
+            Formula::Parameter(index, component) => {
+                self.wanted.contains(&(self.starts[*index] + component))
+            }
+            _ => false,
+        })
     }
 
     /// A formula with the wanted parameters counted in their order, and the values of all others.
@@ -176,19 +181,6 @@ impl<'a> Formulas<'a> {
             Formula::Vector(parts) => {
                 Formula::Vector(Box::new(parts.each_ref().map(|part| self.form(part))))
             }
-        }
-    }
-
-    fn are_in(&self, formula: &Formula) -> bool {
-        match formula {
-            Formula::Number(_) | Formula::Read(_) => false,
-            Formula::Parameter(index, component) => {
-                self.wanted.contains(&(self.starts[*index] + component))
-            }
-            Formula::Negate(a) | Formula::Power(a, _) => self.are_in(a),
-            Formula::Binary(_, a, b) => self.are_in(a) || self.are_in(b),
-            Formula::Call(_, parts) => parts.iter().any(|part| self.are_in(part)),
-            Formula::Vector(parts) => parts.iter().any(|part| self.are_in(part)),
         }
     }
 

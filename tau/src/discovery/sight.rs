@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use tau_codegen::language::Model;
-use tau_codegen::language::model::{Formula, Place, Readable};
+use tau_codegen::language::model::{Place, Readable};
 
 use super::bench::{Bench, Table};
 use super::candidates::Candidate;
@@ -92,10 +92,6 @@ pub(super) fn sight(
 
 /// Which quantity that an effect reads hardly changes, in words.
 fn constant(model: &Model, candidate: &Candidate, samples: &[Sample]) -> Option<String> {
-    let mut read = Vec::new();
-    for term in &model.effects[candidate.effect].terms {
-        readables(&term.formula, &mut read);
-    }
     let spread = |of: &dyn Fn(&Sample) -> Option<f64>| {
         // With set 1 alone an effect has to vary: another level in sets 2 and 3, which have frames and
         // targets of their own, says nothing that could not have other causes.
@@ -108,7 +104,7 @@ fn constant(model: &Model, candidate: &Candidate, samples: &[Sample]) -> Option<
         });
         high - low
     };
-    for readable in read {
+    for readable in model.effects[candidate.effect].quantities() {
         let (what, width, least, unit) = match readable {
             Readable::Temperature => (
                 "temperature",
@@ -138,19 +134,4 @@ fn constant(model: &Model, candidate: &Candidate, samples: &[Sample]) -> Option<
         }
     }
     None
-}
-
-/// All quantities that a formula reads.
-pub(super) fn readables(formula: &Formula, found: &mut Vec<Readable>) {
-    match formula {
-        Formula::Read(readable) => found.push(*readable),
-        Formula::Negate(a) | Formula::Power(a, _) => readables(a, found),
-        Formula::Binary(_, a, b) => {
-            readables(a, found);
-            readables(b, found);
-        }
-        Formula::Call(_, arguments) => arguments.iter().for_each(|a| readables(a, found)),
-        Formula::Vector(parts) => parts.iter().for_each(|a| readables(a, found)),
-        Formula::Number(_) | Formula::Parameter(..) => {}
-    }
 }

@@ -10,7 +10,6 @@ use crate::discovery::bench::Bench;
 use crate::discovery::candidates::{Candidate, Entry, Scope};
 use crate::discovery::probes::Probe;
 use crate::discovery::results::{Bin, Pattern};
-use crate::discovery::sight::readables;
 use crate::discovery::structure::correlation;
 use crate::discovery::view::View;
 
@@ -74,10 +73,8 @@ pub(super) fn patterns(
         .into_iter()
         .filter_map(|((term, component), mut group)| {
             let target = terms[term].target;
-            let mut read = Vec::new();
-            for term in terms.iter().filter(|term| term.target == target) {
-                readables(&term.formula, &mut read);
-            }
+            let moving = terms.iter().filter(|term| term.target == target);
+            let read = moving.flat_map(|term| term.formula.quantities()).collect();
             let readable = covariate(bench, described, values, &group, read)?;
             let (against, against_unit) = quantity(&bench.model, readable, group[0].scope);
             let period = period(described, values, readable);
