@@ -264,7 +264,8 @@ fn call(function: Function, mut arguments: Vec<Dual>) -> Dual {
         Function::Sqrt => a.apply(f64::sqrt, |a| 0.5 / a.sqrt()),
         Function::Abs => a.apply(f64::abs, |a| if a < 0.0 { -1.0 } else { 1.0 }),
         Function::Sign => a.apply(|a| if a < 0.0 { -1.0 } else { 1.0 }, |_| 0.0),
-        Function::Min => a.combine(b, f64::min, below, |a, b| 1.0 - below(a, b)),
+        // Where both are equal the derivative is that of the first, as in compiled code.
+        Function::Min => a.combine(b, f64::min, |a, b| 1.0 - below(b, a), |a, b| below(b, a)),
         Function::Max => a.combine(b, f64::max, |a, b| 1.0 - below(a, b), below),
     }
 }
@@ -273,6 +274,9 @@ fn call(function: Function, mut arguments: Vec<Dual>) -> Dual {
 mod tests {
     use super::*;
     use tau_codegen::language::{check_text, effects_from_text};
+
+    use crate::Robot;
+    use crate::robot::{Input, Owner, ResidualKind};
 
     /// Slopes agree with central differences, for every function and operator.
     #[test]
@@ -319,6 +323,60 @@ mod tests {
                     );
                 }
             }
+        }
+    }
+
+    /// At zero amplitudes every sample is a tie. The closure's derivatives are those of the cart's displacement
+    /// times one factor, which that by `c` gives.
+    #[test]
+    fn ties_fall_to_the_side_that_compiled_code_takes() {
+        let text = "robot Slide { track one; cluster arm on one { link l; }
+            effect tied on cart {
+                param a, b, c, d, e, f: number;
+                along += min(a*q, b*q) + max(d*q, e*q) + abs(f*q) + c*q;
+            }
+            variant Nominal { arm reduced; tracks linear; }
+            variant Tied = Nominal + tied(one); }";
+        let model = check_text(text).unwrap();
+        let robot = Robot::from_text(text).unwrap();
+        let variant = &robot.variants[1];
+        let closure = variant.instances_of(ResidualKind::Closure).next().unwrap();
+        let family = &closure.family;
+        let (shape, pattern) = (family.shape(), family.pattern());
+        let q = 0.7;
+        let data: Vec<f64> = (closure.inputs.iter())
+            .map(|input| if *input == Input::Command(0) { q } else { 0.4 })
+            .collect();
+        let parameters: Vec<f64> = (closure.parameters.iter())
+            .map(|&index| match variant.parameters[index].owner {
+                Owner::Effect(_) => 0.0,
+                _ => 0.9,
+            })
+            .collect();
+        let mut prepared = vec![0.0; shape.prepared];
+        family.prepare(&data, &mut prepared);
+        let (mut residuals, mut jacobian) = (vec![0.0], vec![0.0; pattern.len()]);
+        family.linearize(&prepared, &parameters, &mut residuals, &mut jacobian);
+        let compiled = |name: &str| {
+            let is_own = |&index: &usize| variant.parameters[index].quantity == name;
+            let column = closure.parameters.iter().position(is_own).unwrap();
+            let entry = (pattern.columns.iter()).position(|&own| own as usize == column);
+            entry.map_or(0.0, |entry| jacobian[entry])
+        };
+
+        let effect = &model.effects[0];
+        let wanted = [0, 1, 2, 3, 4, 5];
+        let slopes = Formulas::new(effect, &[0.0; 6], &wanted)
+            .slopes(&effect.terms[0], &|_| Ok(vec![q]))
+            .unwrap();
+        let slope = |place: usize| slopes[0].get(&place).map_or(0.0, |slope| slope.at(0));
+        assert!(slope(2) == q && compiled("c") != 0.0);
+        for (place, name) in ["a", "b", "c", "d", "e", "f"].into_iter().enumerate() {
+            assert_eq!(
+                slope(place) * compiled("c"),
+                compiled(name) * slope(2),
+                "{name}"
+            );
         }
     }
 }
