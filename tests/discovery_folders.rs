@@ -340,3 +340,32 @@ fn an_effect_of_ones_own_is_found_by_its_name() {
         "{unnamed:?}"
     );
 }
+
+/// Effects without parameters, or with such alone as are searched or optional: nothing of them can be scored.
+#[test]
+fn effects_without_amplitudes_are_out_of_sight() {
+    let folder = trial("01");
+    let text = "
+effect known_wave on cart { along += (1 um) * sin(2*pi*q/(100 mm)); }
+effect known_ripple on cart {
+    search period: length in 100 mm ..= 600 mm;
+    along += (1 um) * sin(2*pi*q/period);
+}
+effect spare_wave on cart {
+    optional param size: length;
+    along += size * sin(2*pi*q/(100 mm));
+}
+effect spare_ripple on cart {
+    optional param size: length;
+    search period: length in 100 mm ..= 600 mm;
+    along += size * sin(2*pi*q/period);
+}
+";
+    fs::write(folder.path().join("fixed.tau"), text).unwrap();
+    let found = found(&folder, "--effects DIR/fixed.tau");
+    for name in ["known_wave", "known_ripple", "spare_wave", "spare_ripple"] {
+        let mut unseen = list(&found, "cannot_see").iter();
+        let unseen = unseen.find(|unseen| unseen["name"] == name).unwrap();
+        assert_eq!(unseen["why"], "it has no amplitude to fit", "{name}");
+    }
+}

@@ -149,6 +149,9 @@ impl Bench {
         let indices: Vec<usize> = (0..candidates.len()).collect();
         let prepared = parallel::map(&indices, |&index| {
             let candidate = &candidates[index];
+            if candidate.amplitudes().is_empty() {
+                return Err("it has no amplitude to fit");
+            }
             if candidate.search.is_some() && !candidate.is_named() {
                 return Ok(Columns::Later);
             }

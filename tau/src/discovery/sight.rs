@@ -45,6 +45,7 @@ pub(super) fn sight(
         };
         if let Some((_, why)) = bench.unseen.iter().find(|(unseen, _)| *unseen == index) {
             unseen.push(out_of_sight(why.clone()));
+            bench.hidden.insert(index);
             continue;
         }
         if let Some(why) = constant {
