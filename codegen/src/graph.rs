@@ -284,6 +284,12 @@ impl Graph {
         self.intern(Node::Constant((value + 0.0).to_bits()))
     }
 
+    /// The constant that an operation on constants comes out as; where that is infinite or not a number, the
+    /// operation stays and is left to run time, which has an error for it.
+    fn folded(&mut self, value: f64) -> Option<Expr> {
+        value.is_finite().then(|| self.constant(value))
+    }
+
     /// Value of a constant or of a negated constant.
     fn number(&self, expr: Expr) -> Option<f64> {
         match self.node(expr) {
@@ -303,8 +309,10 @@ impl Graph {
 
     /// `a + b`
     pub fn add(&mut self, a: Expr, b: Expr) -> Expr {
-        if let (Some(x), Some(y)) = (self.number(a), self.number(b)) {
-            return self.constant(x + y);
+        if let (Some(x), Some(y)) = (self.number(a), self.number(b))
+            && let Some(sum) = self.folded(x + y)
+        {
+            return sum;
         }
         if self.is_zero(a) {
             return b;
@@ -335,8 +343,10 @@ impl Graph {
 
     /// `a * b`
     pub fn multiply(&mut self, a: Expr, b: Expr) -> Expr {
-        if let (Some(x), Some(y)) = (self.number(a), self.number(b)) {
-            return self.constant(x * y);
+        if let (Some(x), Some(y)) = (self.number(a), self.number(b))
+            && let Some(product) = self.folded(x * y)
+        {
+            return product;
         }
         for (x, y) in [(a, b), (b, a)] {
             match self.node(x) {
@@ -355,8 +365,9 @@ impl Graph {
                     // 2 · (3 · z) is 6 · z.
                     if let Node::Multiply(p, q) = self.node(y) {
                         for (constant, rest) in [(p, q), (q, p)] {
-                            if let Some(other) = self.constant_value(constant) {
-                                let folded = self.constant(value * other);
+                            if let Some(other) = self.constant_value(constant)
+                                && let Some(folded) = self.folded(value * other)
+                            {
                                 return self.multiply(folded, rest);
                             }
                         }
@@ -371,9 +382,9 @@ impl Graph {
     /// `a / b`
     pub fn divide(&mut self, a: Expr, b: Expr) -> Expr {
         if let (Some(x), Some(y)) = (self.number(a), self.number(b))
-            && y != 0.0
+            && let Some(quotient) = self.folded(x / y)
         {
-            return self.constant(x / y);
+            return quotient;
         }
         if self.is_zero(a) || self.constant_value(b) == Some(1.0) {
             return a;

@@ -46,6 +46,32 @@ fn construction_simplifies() {
     assert_eq!(g.turn(zero, x, one), (x, one));
 }
 
+/// What would fold to an infinity stays an operation: Rust has no literal for it.
+#[test]
+fn constants_fold_while_they_are_finite() {
+    let mut g = Graph::new();
+    let x = symbols(&mut g, 1)[0];
+    let (large, zero) = (g.constant(1e300), g.constant(0.0));
+    let minus = g.negate(large);
+    let power = g.power(large, 2);
+    let inner = g.multiply(large, x);
+    let nested = g.multiply(large, inner);
+    let quotient = g.divide(large, zero);
+    let mut sum = g.multiply(minus, large);
+    for _ in 0..2 {
+        sum = g.add(sum, minus);
+    }
+    for expr in [power, nested, quotient, sum] {
+        for node in g.reachable(&[expr]) {
+            assert!(g.constant_value(node).is_none_or(f64::is_finite));
+        }
+        assert!(evaluate(&g, &[expr], &[1.0])[0].is_infinite());
+    }
+    let small = g.constant(1e-300);
+    let (one, product) = (g.constant(1.0), g.multiply(large, small));
+    assert_eq!(product, one);
+}
+
 /// Code of the closure of a link whose length has a term.
 fn closure_with(term: &str) -> Programs {
     let text = format!(

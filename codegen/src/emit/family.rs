@@ -365,6 +365,7 @@ impl Writer<'_> {
 }
 
 fn literal(value: f64) -> String {
+    debug_assert!(value.is_finite(), "constants fold to finite numbers");
     let mut text = value.to_string();
     if !text.contains('.') {
         text.push_str(".0");

@@ -301,6 +301,18 @@ mod tests {
     use super::*;
     use crate::language::check_text;
 
+    /// Each written constant is finite, but not what they come out as together.
+    #[test]
+    fn no_infinity_is_written() {
+        let text = "robot Slide { track one; cluster arm on one { link l1; }
+            effect vast on cart { param a: length; along += 1e300 * (1e300 * a); }
+            variant Nominal { arm reduced; tracks linear; }
+            variant Vast = Nominal + vast(one); }";
+        let compiled = crate::compile(&check_text(text).unwrap(), text);
+        let file = file(&compiled, "slide.tau", "tau generate");
+        assert!(!file.contains("inf"), "{file}");
+    }
+
     /// A file holds what the macro expands to, for all that bodies are made of.
     #[test]
     fn a_file_is_the_expansion_laid_out() {
