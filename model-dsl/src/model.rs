@@ -367,6 +367,21 @@ impl Formula {
         })
     }
 
+    /// Its value, if it is a scalar that holds neither parameters nor quantities.
+    pub fn constant(&self) -> Option<f64> {
+        Some(match self {
+            Self::Number(value) => *value,
+            Self::Parameter(..) | Self::Read(_) | Self::Vector(_) => return None,
+            Self::Negate(inner) => -inner.constant()?,
+            Self::Binary(operator, left, right) => operator.of(left.constant()?, right.constant()?),
+            Self::Power(inner, exponent) => inner.constant()?.powi(*exponent),
+            Self::Call(function, arguments) => {
+                let values: Option<Vec<f64>> = arguments.iter().map(Self::constant).collect();
+                function.of(&values?)?
+            }
+        })
+    }
+
     /// The quantities that it reads, from the left.
     pub fn quantities(&self) -> impl Iterator<Item = Readable> {
         self.parts().filter_map(|part| match part {
@@ -387,6 +402,17 @@ pub enum BinaryOperator {
     Multiply,
     /// `/`
     Divide,
+}
+
+impl BinaryOperator {
+    fn of(self, left: f64, right: f64) -> f64 {
+        match self {
+            Self::Add => left + right,
+            Self::Subtract => left - right,
+            Self::Multiply => left * right,
+            Self::Divide => left / right,
+        }
+    }
 }
 
 /// An elementary function. Angles are in radians, arguments otherwise dimensionless, except that
@@ -417,6 +443,28 @@ pub enum Function {
     Min,
     /// The larger of two.
     Max,
+}
+
+impl Function {
+    /// Its value; `None` for a wrong number of arguments.
+    fn of(self, arguments: &[f64]) -> Option<f64> {
+        Some(match (self, arguments) {
+            (Self::Sin, [a]) => a.sin(),
+            (Self::Cos, [a]) => a.cos(),
+            (Self::Tan, [a]) => a.tan(),
+            (Self::Atan, [a]) => a.atan(),
+            (Self::Exp, [a]) => a.exp(),
+            (Self::Ln, [a]) => a.ln(),
+            (Self::Tanh, [a]) => a.tanh(),
+            (Self::Sqrt, [a]) => a.sqrt(),
+            (Self::Abs, [a]) => a.abs(),
+            (Self::Sign, [a]) if *a < 0.0 => -1.0,
+            (Self::Sign, [_]) => 1.0,
+            (Self::Min, [a, b]) => a.min(*b),
+            (Self::Max, [a, b]) => a.max(*b),
+            _ => return None,
+        })
+    }
 }
 
 /// A quantity that a formula may read, SI.

@@ -124,6 +124,35 @@ pub(super) fn formula(
     scope: &mut Scope<'_>,
     diagnostics: &mut Diagnostics,
 ) -> Option<Checked> {
+    let checked = by_kind(expression, scope, diagnostics)?;
+    let components = match &checked.shape {
+        Shape::Scalar(scalar) => std::slice::from_ref(scalar),
+        Shape::Vector(components) => &components[..],
+    };
+    let mut constants = components.iter().filter_map(Formula::constant);
+    let Some(wrong) = constants.find(|value| !value.is_finite()) else {
+        return Some(checked);
+    };
+    let (message, help) = if wrong.is_nan() {
+        let help =
+            "check the arguments of its functions: roots and logarithms take positive numbers";
+        ("this constant is not a number", help.to_owned())
+    } else {
+        let help = format!(
+            "numbers end at {:e}: check its values and exponents",
+            f64::MAX
+        );
+        ("this constant is infinite", help)
+    };
+    diagnostics.error(expression.location, message, help);
+    None
+}
+
+fn by_kind(
+    expression: &Expression,
+    scope: &mut Scope<'_>,
+    diagnostics: &mut Diagnostics,
+) -> Option<Checked> {
     match &expression.kind {
         ExpressionKind::Number(value) => {
             Some(Checked::scalar(Formula::Number(*value), Dimension::NUMBER))
@@ -169,7 +198,7 @@ pub(super) fn formula(
             );
             let (left, right_checked) = operands.0.zip(operands.1)?;
             if *operator == BinaryOperator::Divide
-                && matches!(right_checked.shape, Shape::Scalar(Formula::Number(0.0)))
+                && matches!(&right_checked.shape, Shape::Scalar(right) if right.constant() == Some(0.0))
             {
                 let message = "division by zero";
                 diagnostics.error(right.location, message, "divide by something else");

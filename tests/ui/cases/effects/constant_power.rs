@@ -1,0 +1,16 @@
+//! A constant whose power is too large.
+
+tau_macro::tau_model! {
+    robot Slide {
+        track one, two;
+        cluster arm1 on one { link l1; }
+        cluster arm2 on two { link l2a, l2b; }
+        effect backlash on cart {
+            param gap: length;
+            along += gap * (1e200)^2 * direction;
+        }
+        variant Full { arm full; tracks linear per link; }
+    }
+}
+
+fn main() {}
