@@ -439,6 +439,31 @@ fn quiet_commands_print_only_what_was_asked_for() {
     assert_eq!(value["variant"], "Nominal");
 }
 
+/// However its places are spaced, and told where the variant does not have it.
+#[test]
+fn an_effect_of_a_robot_file_takes_effect_or_is_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let robot = fs::read_to_string(format!("{DATA}/robot.toml")).unwrap();
+    let mean_um = |effect: &str| {
+        let text =
+            format!("{robot}\n[effects.\"{effect}\"]\nsine = {{ value = 1e-3, tol = 1.0 }}\n");
+        fs::write(folder.path().join("robot.toml"), text).unwrap();
+        let line = "tau evaluate DATA --variant FullRack --robot DIR/robot.toml --json -";
+        let ran = tau_in(folder.path(), line);
+        let remarks = ran.err.clone();
+        (number(&ran.json()["position_um"]["mean"]), remarks)
+    };
+    let (moved, remarks) = mean_um("rack_pitch(two)");
+    assert!(!remarks.contains("rack"), "{remarks}");
+    assert_eq!(mean_um("rack_pitch( two )").0, moved);
+    let (unmoved, remarks) = mean_um("rack_pich(two)");
+    assert!(
+        remarks.contains("the values of `rack_pich(two)`"),
+        "{remarks}"
+    );
+    assert!((moved - unmoved).abs() > 100.0, "{moved} {unmoved}");
+}
+
 #[test]
 fn remarks_go_to_standard_error() {
     let folder = tempfile::tempdir().unwrap();

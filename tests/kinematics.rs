@@ -5,14 +5,20 @@ use std::collections::BTreeMap;
 use nalgebra::{Rotation3, Vector3};
 use tau::Robot;
 use tau::kinematics::{Error, InverseOptions, Machine, Pose, Sample, Statics, track_axes, zyz};
-use tau::robot_file::{Noise, RobotFile};
+use tau::robot_file::{LinkValues, Noise, RobotFile, Value};
 
 use crate::support::{Random, gantry_tau, paper_file, prototype};
 
 /// A machine with the values of its description.
 fn described(text: &str, variant: &str) -> Machine {
     let robot = Robot::from_text(text).expect("a description without mistakes");
-    let file = RobotFile {
+    let file = file_of(&robot);
+    Machine::from_file(&robot, robot.variant(variant).unwrap(), &file, None, &[]).unwrap()
+}
+
+/// A file that leaves all values to the description.
+fn file_of(robot: &Robot) -> RobotFile {
+    RobotFile {
         robot: robot.name.clone(),
         noise: Noise {
             position_m: 1e-5,
@@ -24,8 +30,7 @@ fn described(text: &str, variant: &str) -> Machine {
         clusters: BTreeMap::default(),
         tracks: BTreeMap::default(),
         effects: BTreeMap::default(),
-    };
-    Machine::from_file(&robot, robot.variant(variant).unwrap(), &file, None, &[]).unwrap()
+    }
 }
 
 fn nominal(variant: &str) -> Machine {
@@ -53,6 +58,55 @@ fn level(height: f64) -> Pose {
     Pose {
         position: Vector3::new(0.0, 0.0, height),
         rotation: Rotation3::identity(),
+    }
+}
+
+/// Three struts, each a cluster of its own: Pythagoras says how long they are at a point.
+#[test]
+fn a_reduced_arm_is_driven_by_the_lengths_of_its_links() {
+    let robot = Robot::from_text(
+        "robot Tripod {
+            cluster a on base { link l1 actuated length; }
+            cluster b on base { link l2 actuated length; }
+            cluster c on base { link l3 actuated length; }
+            variant Nominal { arm reduced; }
+        }",
+    )
+    .unwrap();
+    let feet = [[0.5, 0.0, 0.0], [-0.25, 0.4, 0.0], [-0.25, -0.4, 0.0]];
+    let value = |value: &[f64]| {
+        let (value, tol) = (value.to_vec(), 1e-3);
+        Some(Value {
+            value,
+            tol,
+            sigma: None,
+        })
+    };
+    let mut file = file_of(&robot);
+    for (cluster, foot) in robot.clusters.iter().zip(feet) {
+        let values = LinkValues {
+            length: value(&[1.0]),
+            track_offset: value(&foot),
+            ..LinkValues::default()
+        };
+        file.clusters.insert(cluster.name.clone(), values);
+    }
+    let variant = robot.variant("Nominal").unwrap();
+    let machine = Machine::from_file(&robot, variant, &file, None, &[]).unwrap();
+    let at = Vector3::new(0.1, -0.05, 0.8);
+    let commands = feet.map(|foot| (at - Vector3::from(foot)).norm() - 1.0);
+    let near = Sample::new(level(0.7), &commands);
+    let reached = machine.forward(&near).unwrap();
+    assert!(
+        (reached.position - at).norm() < 1e-9,
+        "{}",
+        reached.position
+    );
+    let found = machine
+        .inverse(&[reached], &InverseOptions::default())
+        .unwrap();
+    for (found, command) in found[0].commands_m.iter().zip(commands) {
+        assert!((found - command).abs() < 1e-9, "{found} {command}");
     }
 }
 

@@ -75,6 +75,41 @@ fn names_and_numbers() {
 }
 
 #[test]
+fn outputs_on_one_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let lines = [
+        "tau calibrate --variant Nominal --out DIR/x --json DIR/x/statistics.json",
+        "tau study --no-discover --out DIR/x --json DIR/./x/report.html",
+        "tau kinematics inverse --variant Full --pose=-1.5,-4.6,0.2 --out DIR/x --json DIR/x",
+    ];
+    insta::assert_snapshot!(answers(folder.path(), &lines));
+}
+
+/// A name or a parameter that is misspelt changes numbers without a word, unless it is told.
+#[test]
+fn effects_of_robot_files() {
+    let folder = tempfile::tempdir().unwrap();
+    let robot = fs::read_to_string(format!("{DATA}/robot.toml")).unwrap();
+    for (name, effect) in [
+        (
+            "parameter",
+            "[effects.\"rack_pitch(two)\"]\nsinee = { value = 1e-3, tol = 1.0 }\n",
+        ),
+        (
+            "vector",
+            "[effects.\"rack_pitch(two)\"]\nsine = { value = [1e-3, 2, 3], tol = 1.0 }\n",
+        ),
+    ] {
+        fs::write(folder.path().join(name), format!("{robot}\n{effect}")).unwrap();
+    }
+    let lines = [
+        "tau evaluate DATA --variant FullRack --robot DIR/parameter",
+        "tau evaluate DATA --variant FullRack --robot DIR/vector",
+    ];
+    insta::assert_snapshot!(answers(folder.path(), &lines));
+}
+
+#[test]
 fn missing_input() {
     let folder = tempfile::tempdir().unwrap();
     fs::create_dir(folder.path().join("empty")).unwrap();

@@ -135,17 +135,16 @@ fn residual(context: &mut Context<'_>, of: usize, turn: Option<Vector>) -> Expr 
         Arm::Reduced => (Owner::Cluster(of), of),
     };
     let track = context.model.clusters[cluster].track;
-    let actuated_by = match context.variant.arm {
-        Arm::Full => context.model.links[of].actuated_by,
-        Arm::Reduced => None,
-    };
-    context.own = Some(owner);
-    context.own_command = track.or(actuated_by);
-
     let links = match context.variant.arm {
         Arm::Full => vec![of],
         Arm::Reduced => context.model.links_of_cluster(of),
     };
+    // The checker admits a driven link in a reduced arm only where the cluster is one link.
+    let driven = |link: &usize| context.model.links[*link].actuated_by;
+    let actuated_by = links.iter().find_map(driven);
+    context.own = Some(owner);
+    context.own_command = track.or(actuated_by);
+
     let mut tcp = context.vector_datum(Input::Position);
     let mut length = context.parameter(owner, "length", None);
     let mut joint = match context.variant.arm {

@@ -212,9 +212,10 @@ impl Context<'_> {
                 .links
                 .iter()
                 .filter(|link| link.cluster == index);
-            if links.filter(|link| link.actuated_by.is_some()).count() > 1 {
+            let driven = links.clone().filter(|link| link.actuated_by.is_some());
+            if links.count() > 1 && driven.count() > 0 {
                 let message = format!(
-                    "a reduced arm has one length per cluster, but `{}` has several driven links",
+                    "a reduced arm has one length per cluster, but `{}` has a driven link beside others",
                     cluster.name
                 );
                 let help = "write `arm full;`, or give every driven link a cluster of its own";

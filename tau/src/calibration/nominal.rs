@@ -1,6 +1,7 @@
 //! Values and tolerances of a variant's parameters before calibration.
 
 use nalgebra::{Rotation3, Vector3};
+use tau_codegen::language;
 
 use super::registration::Registration;
 use crate::input_error::InputError;
@@ -202,37 +203,54 @@ impl RobotFile {
     #[must_use]
     pub fn completed(&self, robot: &Robot) -> Self {
         let mut completed = self.clone();
-        for parameter in robot
-            .variants
-            .iter()
-            .flat_map(|variant| &variant.parameters)
-        {
-            let (Owner::Link(link), Some(value)) = (parameter.owner, parameter.nominal) else {
-                continue;
-            };
-            let name = &robot.links[link].name;
-            // Angles of a path are nominally zero against its registration, not against a frame.
-            if parameter.quantity == "track_rotation" {
-                continue;
+        for (link, described) in robot.links.iter().zip(described_links(robot)) {
+            let values = completed.links.entry(link.name.clone()).or_default();
+            for quantity in ["length", "plate_joint", "track_offset", "track_direction"] {
+                if let Some(slot) = quantity_slot(values, quantity)
+                    && slot.is_none()
+                {
+                    *slot = quantity_of(&described, quantity).cloned();
+                }
             }
-            let is_given = self
-                .links
-                .get(name)
-                .is_some_and(|values| quantity_of(values, &parameter.quantity).is_some());
-            if is_given {
-                continue;
-            }
-            let values = completed.links.entry(name.clone()).or_default();
-            if let Some(slot) = quantity_slot(values, &parameter.quantity) {
-                let slot = slot.get_or_insert_default();
-                slot.value
-                    .resize(if parameter.component.is_some() { 3 } else { 1 }, 0.0);
-                slot.value[parameter.component.unwrap_or(0)] = value;
-                slot.tol = parameter.tolerance.unwrap_or(WIDE * value.abs().max(1.0));
+            if *values == LinkValues::default() {
+                completed.links.remove(&link.name);
             }
         }
         completed
     }
+}
+
+/// Values that the description itself gives, by link.
+pub(crate) fn described_links(robot: &Robot) -> Vec<LinkValues> {
+    // Without a text, as for a robot made by hand, nothing is described.
+    let links = language::check_text(&robot.description).map_or_else(|_| vec![], |m| m.links);
+    let value = |value: Option<&[f64]>, tolerance: Option<f64>| {
+        let value = value?.to_vec();
+        let size = value.iter().fold(1.0, |size: f64, v| size.max(v.abs()));
+        Some(Value {
+            tol: tolerance.unwrap_or(WIDE * size),
+            value,
+            sigma: None,
+        })
+    };
+    let of_link = |link: &language::model::Link| {
+        let given = &link.defaults;
+        let length = given.length.value.as_ref().map(<[f64; 1]>::as_slice);
+        let vector = |quantity: &language::model::Quantity<3>| {
+            value(
+                quantity.value.as_ref().map(<[f64; 3]>::as_slice),
+                quantity.tolerance,
+            )
+        };
+        LinkValues {
+            length: value(length, given.length.tolerance),
+            plate_joint: vector(&given.plate_joint),
+            track_offset: vector(&given.track_offset),
+            track_direction: vector(&given.track_direction),
+            track_rotation: None,
+        }
+    };
+    links.iter().map(of_link).collect()
 }
 
 /// Key of an effect at its place in the file, such as `rack_pitch(two)`.

@@ -69,7 +69,7 @@ pub(super) fn run(arguments: &arguments::Calibrate) -> Result<Outcome, Failure> 
     summary += &written(files.iter().map(|(path, _)| path.as_path()));
     Ok(Outcome {
         summary,
-        remarks: case.remarks(&poses),
+        remarks: case.remarks_for(&variant, &poses),
         files: files.into(),
         json: target.map(|target| (statistics, target)),
         ..Outcome::default()

@@ -1,6 +1,5 @@
 //! Handing over results: files first, all of them complete, then what is printed.
 
-use std::ffi::OsStr;
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -54,7 +53,8 @@ impl Outcome {
         if let Some((text, Target::File(path))) = &json {
             self.files.push((path.clone(), text.clone()));
         }
-        write(self.files)?;
+        report::write_files(&self.files)
+            .map_err(|error| InputError::whole("output", format!("cannot write {error}")))?;
         if !console.quiet {
             for remark in &self.remarks {
                 console.complain(&format_args!("note: {remark}"));
@@ -81,26 +81,8 @@ pub(super) fn written<'a>(paths: impl IntoIterator<Item = &'a Path>) -> String {
     format!("\nWritten\n{}", lines.collect::<Vec<_>>().concat())
 }
 
-/// Writes files, those of each folder all or none.
-fn write(files: Vec<(PathBuf, String)>) -> Result<(), InputError> {
-    let mut rest = files;
-    while let Some((path, _)) = rest.first() {
-        let folder = folder_of(path).to_owned();
-        let (here, elsewhere): (Vec<_>, Vec<_>) = rest
-            .into_iter()
-            .partition(|(path, _)| folder_of(path) == folder);
-        let named: Vec<(&str, String)> = here
-            .iter()
-            .filter_map(|(path, content)| Some((path.file_name()?.to_str()?, content.clone())))
-            .collect();
-        report::write_files(&folder, &named).map_err(|error| cannot_write(&folder, &error))?;
-        rest = elsewhere;
-    }
-    Ok(())
-}
-
 /// An error of the file system, which names its path.
-pub(super) fn cannot_write(folder: &Path, error: &io::Error) -> InputError {
+fn cannot_write(folder: &Path, error: &io::Error) -> InputError {
     InputError::whole(
         folder.display().to_string(),
         format!("cannot write here: {error}"),
@@ -110,10 +92,10 @@ pub(super) fn cannot_write(folder: &Path, error: &io::Error) -> InputError {
 /// Fails where a file can't be written, before any work is done for it.
 pub(super) fn check_file(path: &Path) -> Result<(), InputError> {
     let refuse = |why: &str| Err(InputError::whole(path.display().to_string(), why));
-    if path.file_name().and_then(OsStr::to_str).is_none() || path.is_dir() {
+    if path.file_name().is_none() || path.is_dir() {
         return refuse("this is a folder, expected a file to write");
     }
-    check_folder(folder_of(path))
+    check_folder(report::folder_of(path))
 }
 
 /// Fails where a folder can't be made or written into.
@@ -142,12 +124,5 @@ pub(super) fn check_folder(folder: &Path) -> Result<(), InputError> {
             Err(cannot_write(present, &error))
         }
         _ => Ok(()),
-    }
-}
-
-fn folder_of(path: &Path) -> &Path {
-    match path.parent() {
-        Some(parent) if !parent.as_os_str().is_empty() => parent,
-        _ => Path::new("."),
     }
 }

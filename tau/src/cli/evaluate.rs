@@ -27,7 +27,7 @@ pub(super) fn run(arguments: &arguments::Evaluate) -> Result<Outcome, Failure> {
     let title = format!("{}, {}, {}", robot.name, variant.name, folder.name);
     Ok(Outcome {
         summary: format!("{title}\n\n{}", report::terminal::evaluation(&found)),
-        remarks: case.remarks(&poses),
+        remarks: case.remarks_for(&variant, &poses),
         json: target.map(|target| {
             let mut value = report::json::evaluation(&found);
             value["variant"] = json!(variant.name);

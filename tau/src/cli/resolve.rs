@@ -5,7 +5,8 @@ use std::io::ErrorKind;
 use std::path::Path;
 
 use super::arguments;
-use crate::input_error::{self, InputError};
+use crate::calibration::effect_key;
+use crate::input_error::{self, InputError, quoted};
 use crate::measurements::{Folder, Shape, Split, Texts};
 use crate::prototype;
 use crate::robot::{Robot, Variant};
@@ -60,9 +61,35 @@ impl Case {
 
     /// What was noticed about the measurements.
     pub(super) fn remarks(&self, poses: &Poses) -> Vec<String> {
+        let (of_file, of_robot) = (&self.file.robot, &self.robot.name);
+        let other = (of_file != of_robot).then(|| {
+            format!("robot.toml is for robot `{of_file}`, the description is of `{of_robot}`")
+        });
         let dropped = study::dropped(poses.counts, &self.folder);
-        self.folder.remarks.iter().cloned().chain(dropped).collect()
+        let folder = self.folder.remarks.iter().cloned();
+        folder.chain(other).chain(dropped).collect()
     }
+
+    /// The same where one variant is asked for.
+    pub(super) fn remarks_for(&self, variant: &Variant, poses: &Poses) -> Vec<String> {
+        let mut remarks = self.remarks(poses);
+        remarks.extend(unused_effects(&self.file, variant));
+        remarks
+    }
+}
+
+/// Says which effects of a file a variant does not have: their values mean nothing to it.
+pub(super) fn unused_effects(file: &RobotFile, variant: &Variant) -> Option<String> {
+    let used: Vec<&str> = variant.parameters.iter().filter_map(effect_key).collect();
+    let unused = file.effects.keys().map(String::as_str);
+    let unused: Vec<&str> = unused.filter(|key| !used.contains(key)).collect();
+    (!unused.is_empty()).then(|| {
+        format!(
+            "the values of {} in robot.toml are not used: variant `{}` does not have them",
+            quoted(unused),
+            variant.name
+        )
+    })
 }
 
 /// Both values, or the mistakes of both.

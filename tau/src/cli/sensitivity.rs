@@ -24,7 +24,7 @@ pub(super) fn run(arguments: &arguments::Sensitivity) -> Result<Outcome, Failure
     let found = sensitivity::analyse(&machine, folder, &division.validation, arguments.step)?;
     Ok(Outcome {
         summary: report::terminal::sensitivity(&found),
-        remarks: case.remarks(&poses),
+        remarks: case.remarks_for(&variant, &poses),
         json: target.map(|target| (report::json::sensitivity(&found), target)),
         ..Outcome::default()
     })

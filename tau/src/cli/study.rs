@@ -1,8 +1,6 @@
 //! `tau study`.
 
-use std::path::PathBuf;
-
-use super::deliver::{Outcome, Target, cannot_write, check_folder, written};
+use super::deliver::{Outcome, Target, check_folder, written};
 use super::progress::{Bar, Spinner};
 use super::resolve::{Case, both};
 use super::{Console, Failure, arguments};
@@ -38,10 +36,11 @@ pub(super) fn run(arguments: &arguments::Study, console: &Console<'_>) -> Result
         );
     }
 
-    let paths = report::write_study(out, &results).map_err(|error| cannot_write(out, &error))?;
-    let files = written(paths.iter().map(PathBuf::as_path));
+    let files = report::study_files(out, &results);
+    let paths = written(files.iter().map(|(path, _)| path.as_path()));
     Ok(Outcome {
-        summary: report::terminal::study(&results) + &files,
+        summary: report::terminal::study(&results) + &paths,
+        files,
         json: target.map(|target| (report::json::study(&results), target)),
         ..Outcome::default()
     })

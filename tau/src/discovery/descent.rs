@@ -330,6 +330,32 @@ mod tests {
     use super::super::projection::tests::normal;
     use super::*;
 
+    /// Values at the minimum are the same wherever the descent began, those near it need not be.
+    #[test]
+    fn settled_values_forget_where_they_began() {
+        let mut random = Random(37);
+        let mut settled = |tolerances: f64| {
+            let (joint, samples) = of_set_1();
+            let nominal = joint.fitted(&joint.machine.values);
+            let start = nominal.iter().zip(&joint.priors).map(|(value, prior)| {
+                value + tolerances * prior.tolerance.unwrap_or(0.0) * normal(&mut random)
+            });
+            let start = start.collect();
+            let descent = Descent::from(joint, start, [1.0; 4], vec![1.0; samples.len()]).unwrap();
+            let reached = descent.settled().unwrap();
+            let deviations = reached.normal.inverse_factor().unwrap();
+            let sigmas: Vec<f64> = deviations.row_iter().map(|row| row.norm()).collect();
+            (reached.fitted, sigmas)
+        };
+        let (near, sigmas) = settled(0.0);
+        for _ in 0..4 {
+            let (far, _) = settled(40.0);
+            for ((near, far), sigma) in near.iter().zip(&far).zip(&sigmas) {
+                assert!((near - far).abs() < 0.05 * sigma, "{near} {far} ± {sigma}");
+            }
+        }
+    }
+
     /// From values forty tolerances off, where whole steps go too far, descents end at one minimum.
     #[test]
     fn far_starts_end_where_near_ones_do() {

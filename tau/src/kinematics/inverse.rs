@@ -201,14 +201,15 @@ impl Machine {
 
     /// The command that moves a closure's link.
     fn driving_command(&self, instance: &Instance) -> Option<usize> {
-        let of_cluster = |cluster: usize| self.robot.clusters.get(cluster)?.track;
-        match self.variant.arm {
-            Arm::Full => {
-                let link = self.robot.links.get(instance.of)?;
-                link.actuated_by.or_else(|| of_cluster(link.cluster))
-            }
-            Arm::Reduced => of_cluster(instance.of),
-        }
+        let links = match self.variant.arm {
+            Arm::Full => vec![instance.of],
+            Arm::Reduced => self.robot.links_of_cluster(instance.of),
+        };
+        links.iter().find_map(|&link| {
+            let link = self.robot.links.get(link)?;
+            let of_cluster = || self.robot.clusters.get(link.cluster)?.track;
+            link.actuated_by.or_else(of_cluster)
+        })
     }
 
     /// Root of a closure in one command: exact where the closure is a quadratic in it.

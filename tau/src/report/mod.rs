@@ -21,5 +21,5 @@ mod write;
 
 pub use discovery::method::Setting;
 pub use figures::Figure;
-pub(crate) use write::write_files;
 pub use write::write_study;
+pub(crate) use write::{folder_of, study_files, write_files};

@@ -1,5 +1,7 @@
 //! Writing the output folder.
 
+use std::collections::BTreeSet;
+use std::ffi::OsString;
 use std::fs;
 use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
@@ -17,52 +19,93 @@ use crate::study::results::Study;
 ///
 /// What the file system says, with the path it says it of.
 pub fn write_study(folder: &Path, study: &Study) -> io::Result<Vec<PathBuf>> {
+    let files = study_files(folder, study);
+    write_files(&files)?;
+    Ok(files.into_iter().map(|(path, _)| path).collect())
+}
+
+/// What [`write_study`] writes: paths and contents.
+pub(crate) fn study_files(folder: &Path, study: &Study) -> Vec<(PathBuf, String)> {
     let figures = figures::all(study);
-    let mut json = serde_json::to_string_pretty(&json::study(study)).map_err(io::Error::other)?;
-    json.push('\n');
-    let mut files: Vec<(&str, String)> = vec![
+    let mut files = vec![
         ("report.html", html::page(study, &figures)),
-        ("study.json", json),
+        ("study.json", format!("{:#}\n", json::study(study))),
     ];
     files.extend(
         figures
             .iter()
             .map(|figure| (figure.file_name.as_str(), figure.svg.clone())),
     );
-    write_files(folder, &files)
+    files
+        .into_iter()
+        .map(|(name, content)| (folder.join(name), content))
+        .collect()
 }
 
-/// Writes all files of a folder or none; the folder is made if it is not there.
-pub(crate) fn write_files(folder: &Path, files: &[(&str, String)]) -> io::Result<Vec<PathBuf>> {
-    fs::create_dir_all(folder).map_err(|error| at(&error, folder))?;
-    let targets: Vec<PathBuf> = files.iter().map(|(name, _)| folder.join(name)).collect();
-    if let Some(target) = targets.iter().find(|target| target.is_dir()) {
-        let error = io::Error::new(
-            io::ErrorKind::IsADirectory,
-            "a folder stands where a file is to be written",
-        );
-        return Err(at(&error, target));
-    }
+/// Writes all files or none; folders are made if they are not there.
+pub(crate) fn write_files(files: &[(PathBuf, String)]) -> io::Result<()> {
     // A device or a pipe, such as /dev/null, is written to, never replaced.
     let is_special = |target: &Path| fs::metadata(target).is_ok_and(|found| !found.is_file());
+    let mut targets = BTreeSet::new();
+    for (path, _) in files {
+        let refused = |kind, why: &str| Err(at(&io::Error::new(kind, why), path));
+        if path.is_dir() {
+            let why = "a folder stands where a file is to be written";
+            return refused(io::ErrorKind::IsADirectory, why);
+        }
+        if !targets.insert(resolved(path)) && !is_special(path) {
+            let why = "two outputs are to be written to this file";
+            return refused(io::ErrorKind::InvalidInput, why);
+        }
+    }
+    for (path, _) in files {
+        let folder = folder_of(path);
+        fs::create_dir_all(folder).map_err(|error| at(&error, folder))?;
+    }
     let mut partial = Partial(Vec::with_capacity(files.len()));
     let mut renamed = Vec::with_capacity(files.len());
-    for ((name, content), target) in files.iter().zip(&targets) {
-        if is_special(target) {
-            fs::write(target, content).map_err(|error| at(&error, target))?;
+    for (path, content) in files {
+        if is_special(path) {
+            fs::write(path, content).map_err(|error| at(&error, path))?;
             continue;
         }
-        renamed.push(target);
-        let path = folder.join(format!(".{name}.{}.partial", std::process::id()));
-        partial.0.push(path.clone());
+        let mut name = OsString::from(".");
+        name.push(path.file_name().unwrap_or_default());
+        name.push(format!(".{}.partial", std::process::id()));
+        let temporary = path.with_file_name(name);
+        renamed.push(path);
+        partial.0.push(temporary.clone());
         let written =
-            fs::File::create(&path).and_then(|mut file| file.write_all(content.as_bytes()));
-        written.map_err(|error| at(&error, &path))?;
+            fs::File::create(&temporary).and_then(|mut file| file.write_all(content.as_bytes()));
+        written.map_err(|error| at(&error, &temporary))?;
     }
-    for (path, target) in partial.0.iter().zip(renamed) {
-        fs::rename(path, target).map_err(|error| at(&error, target))?;
+    for (temporary, path) in partial.0.iter().zip(renamed) {
+        fs::rename(temporary, path).map_err(|error| at(&error, path))?;
     }
-    Ok(targets)
+    Ok(())
+}
+
+/// A path without links and detours, as far as it exists.
+fn resolved(path: &Path) -> PathBuf {
+    let folder = folder_of(path);
+    let present = folder
+        .ancestors()
+        .find_map(|above| Some((above, fs::canonicalize(above).ok()?)));
+    let folder = match present {
+        Some((above, canonical)) => folder
+            .strip_prefix(above)
+            .map_or_else(|_| folder.to_owned(), |rest| canonical.join(rest)),
+        None => folder.to_owned(),
+    };
+    folder.join(path.file_name().unwrap_or_default())
+}
+
+/// The folder that a file is in.
+pub(crate) fn folder_of(path: &Path) -> &Path {
+    match path.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
+    }
 }
 
 fn at(error: &io::Error, path: &Path) -> io::Error {
@@ -93,14 +136,18 @@ mod tests {
         names
     }
 
+    fn texts(folder: &Path, names: &[&str]) -> Vec<(PathBuf, String)> {
+        let text = |name| (folder.join(name), "text".to_owned());
+        names.iter().map(text).collect()
+    }
+
     #[cfg(unix)]
     #[test]
     fn a_device_is_written_to_and_stays() {
         let folder = tempfile::tempdir().unwrap();
         let link = folder.path().join("null");
         std::os::unix::fs::symlink("/dev/null", &link).unwrap();
-        let files = [("null", "text".to_owned()), ("plain", "text".to_owned())];
-        write_files(folder.path(), &files).unwrap();
+        write_files(&texts(folder.path(), &["null", "plain"])).unwrap();
         assert!(fs::symlink_metadata(&link).unwrap().is_symlink());
         assert_eq!(names(folder.path()), ["null", "plain"]);
     }
@@ -137,15 +184,22 @@ mod tests {
     fn a_failure_replaces_nothing() {
         let folder = tempfile::tempdir().unwrap();
         fs::write(folder.path().join("a"), "old").unwrap();
-        let blocked = [("a", "new".to_owned()), ("missing/b", "new".to_owned())];
-        assert!(write_files(folder.path(), &blocked).is_err());
+        assert!(write_files(&texts(folder.path(), &["a", "a/b"])).is_err());
         assert_eq!(fs::read_to_string(folder.path().join("a")).unwrap(), "old");
         fs::create_dir(folder.path().join("c")).unwrap();
-        let blocked = [("a", "new".to_owned()), ("c", "new".to_owned())];
-        let error = write_files(folder.path(), &blocked).unwrap_err();
+        let error = write_files(&texts(folder.path(), &["a", "c"])).unwrap_err();
         assert_eq!(error.kind(), io::ErrorKind::IsADirectory);
         assert_eq!(fs::read_to_string(folder.path().join("a")).unwrap(), "old");
         assert_eq!(names(folder.path()), ["a", "c"]);
+    }
+
+    #[test]
+    fn two_outputs_on_one_file_are_an_error() {
+        let folder = tempfile::tempdir().unwrap();
+        fs::create_dir(folder.path().join("c")).unwrap();
+        let error = write_files(&texts(folder.path(), &["a", "c/../a"])).unwrap_err();
+        assert!(error.to_string().contains("two outputs"), "{error}");
+        assert_eq!(names(folder.path()), ["c"]);
     }
 
     #[test]

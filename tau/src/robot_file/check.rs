@@ -1,11 +1,14 @@
 //! Whether a `robot.toml` fits its robot: names that exist, values for every link.
 
+use std::collections::BTreeMap;
+
 use tau_model_dsl::nearest;
 use toml::Spanned;
 use toml::de::{DeString, DeTable};
 
 use super::read::key_place;
 use super::{LinkValues, RobotFile};
+use crate::calibration::{described_links, effect_key};
 use crate::input_error::{Mistakes, quoted, suggestion};
 use crate::robot::{Owner, Robot};
 
@@ -50,7 +53,7 @@ pub(super) fn names<'r>(
             .get_ref()
             .strip_suffix(')')
             .and_then(|form| form.split_once('('));
-        let Some((_, at)) = form else {
+        let Some((name, at)) = form else {
             mistakes.push_with_help(
                 key.span(),
                 format!(
@@ -72,8 +75,58 @@ pub(super) fn names<'r>(
                 format!("expected one of {}", quoted(places.iter().copied())),
             );
         }
+        effect_values(mistakes, root, key, name.trim(), robot);
     }
     meant
+}
+
+/// An effect that the robot has anywhere has the parameters that the file gives it, in as many components.
+///
+/// One that it has nowhere may be that of another description, which is no mistake.
+fn effect_values(
+    mistakes: &mut Mistakes<'_>,
+    root: &DeTable<'_>,
+    key: &Spanned<DeString<'_>>,
+    name: &str,
+    robot: &Robot,
+) {
+    let mut components: BTreeMap<&str, usize> = BTreeMap::new();
+    for parameter in robot.variants.iter().flat_map(|v| &v.parameters) {
+        let of_effect = effect_key(parameter).and_then(|key| key.split('(').next());
+        if matches!(parameter.owner, Owner::Effect(_)) && of_effect == Some(name) {
+            let count = components.entry(&parameter.quantity).or_default();
+            *count = parameter.component.map_or(1, |c| (c + 1).max(*count));
+        }
+    }
+    let values = root
+        .get("effects")
+        .and_then(|effects| effects.get_ref().get(key.get_ref().as_ref()))
+        .and_then(|values| values.get_ref().as_table());
+    if components.is_empty() {
+        return;
+    }
+    for (parameter, value) in values.into_iter().flatten() {
+        let quantity = parameter.get_ref().as_ref();
+        let Some(&expected) = components.get(quantity) else {
+            mistakes.push_with_help(
+                parameter.span(),
+                format!("effect `{name}` has no parameter `{quantity}`"),
+                suggestion(quantity, components.keys().copied()),
+            );
+            continue;
+        };
+        let found = value.get_ref().get("value");
+        let count = found.map(|value| value.get_ref().as_array().map_or(1, |array| array.len()));
+        if count.is_some_and(|count| count != expected) {
+            let expected = if expected == 1 {
+                "a number"
+            } else {
+                "three numbers"
+            };
+            let message = format!("expected {expected} as the value of `{quantity}`");
+            mistakes.push(value.span(), message);
+        }
+    }
 }
 
 /// Every link has its values, from the file or from the description, unless its cluster has been
@@ -85,21 +138,22 @@ pub(super) fn complete(
     robot: &Robot,
     misspelt: &[&str],
 ) {
+    let described = described_links(robot);
     for (index, link) in robot.links.iter().enumerate() {
         let cluster = &robot.clusters[link.cluster];
         if file.clusters.contains_key(&cluster.name) || misspelt.contains(&link.name.as_str()) {
             continue;
         }
         let described = |quantity: &str| {
-            robot
-                .variants
-                .iter()
-                .flat_map(|variant| &variant.parameters)
-                .any(|parameter| {
-                    parameter.owner == Owner::Link(index)
-                        && parameter.quantity == quantity
-                        && parameter.nominal.is_some()
-                })
+            let Some(values) = described.get(index) else {
+                return false;
+            };
+            match quantity {
+                "length" => values.length.is_some(),
+                "plate_joint" => values.plate_joint.is_some(),
+                "track_offset" => values.track_offset.is_some(),
+                _ => values.track_direction.is_some(),
+            }
         };
         let shared = cluster
             .track

@@ -131,7 +131,11 @@ impl<'a> Document<'a> {
             links: self.section(root, "links", Self::link_values),
             clusters: self.section(root, "clusters", Self::link_values),
             tracks: self.section(root, "tracks", Self::link_values),
-            effects: self.section(root, "effects", Self::effect_values),
+            effects: self
+                .section(root, "effects", Self::effect_values)
+                .into_iter()
+                .map(|(key, values)| (canonical(&key), values))
+                .collect(),
         }
     }
 
@@ -470,4 +474,13 @@ impl<'a> Document<'a> {
 
 pub(super) fn key_place(table: &DeTable<'_>, key: &str) -> Range<usize> {
     table.get_key_value(key).map_or(0..0, |(key, _)| key.span())
+}
+
+/// Name and places of an effect as all other places write them, `cart_crosstalk(one, two)`.
+fn canonical(key: &str) -> String {
+    let Some((name, places)) = key.strip_suffix(')').and_then(|key| key.split_once('(')) else {
+        return key.to_owned();
+    };
+    let places: Vec<&str> = places.split(',').map(str::trim).collect();
+    format!("{}({})", name.trim(), places.join(", "))
 }

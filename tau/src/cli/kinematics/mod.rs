@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 
 use super::calibrate::{csv, number};
 use super::deliver::{Outcome, Target, check_file};
-use super::resolve::{both, find, folder, robot, robot_file};
+use super::resolve::{both, find, folder, robot, robot_file, unused_effects};
 use super::{Failure, arguments};
 use crate::input_error::InputError;
 use crate::kinematics::{self, InverseOptions, Machine, Pose, Reached};
@@ -146,7 +146,7 @@ impl<'a> Setup<'a> {
             measured: folder.map_or_else(Vec::new, |folder| folder.tcp_poses),
             json,
             out: with.out.as_deref(),
-            remarks: Vec::new(),
+            remarks: unused_effects(&file, &variant).into_iter().collect(),
         })
     }
 
