@@ -28,7 +28,7 @@ pub struct Folder {
 /// When and how warm, where the file says so.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Conditions {
-    /// Time (s).
+    /// Time since the first measurement of the folder (s).
     pub time_s: Option<f64>,
     /// Temperature (°C).
     pub temperature_c: Option<f64>,

@@ -97,6 +97,21 @@ impl Folder {
         Self::from_texts(&name, texts, shape)
     }
 
+    /// Counts time from the first measurement: from the origin of a calendar, what drifts would have drifted
+    /// for decades.
+    fn start_clock(&mut self) {
+        let mut times: Vec<&mut f64> = (self.tcp_poses.iter_mut().map(|pose| &mut pose.conditions))
+            .chain(self.cart_poses.iter_mut().map(|pose| &mut pose.conditions))
+            .chain(self.cart_positions.iter_mut().map(|at| &mut at.conditions))
+            .filter_map(|conditions| conditions.time_s.as_mut())
+            .collect();
+        let first = times
+            .iter()
+            .map(|time| **time)
+            .fold(f64::INFINITY, f64::min);
+        times.iter_mut().for_each(|time| **time -= first);
+    }
+
     /// Reads texts as if they were the files of a folder of that name.
     ///
     /// # Errors
@@ -140,13 +155,15 @@ impl Folder {
             Vec::new()
         };
         errors.finish()?;
-        Ok(Self {
+        let mut folder = Self {
             name: name.to_owned(),
             tcp_poses,
             cart_poses,
             cart_positions,
             remarks,
-        })
+        };
+        folder.start_clock();
+        Ok(folder)
     }
 }
 
