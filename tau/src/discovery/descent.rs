@@ -9,11 +9,30 @@ use super::projection::{Damped, Normal};
 use super::samples::Sample;
 use crate::calibration::Error;
 
-/// A fall of χ² this small is no progress; what is left of it is taken to first order.
+/// Where a descent ends.
+#[derive(Debug, Clone, Copy)]
+struct End {
+    /// A fall of χ² this small is no progress.
+    fall: f64,
+    /// Nor is a step that lowers χ² by less than this share.
+    share: f64,
+    iterations: usize,
+}
+
+/// Near enough to score what is missing: what is left of the way is taken to first order. Where something is
+/// missing, mountings and turning rates creep along a valley that means nothing.
+const NEAR: End = End {
+    fall: CONVERGED,
+    share: 1e-4,
+    iterations: 40,
+};
+/// Near enough for values to be stated: within a hundredth of a standard deviation.
+const AT_MINIMUM: End = End {
+    fall: 1e-4,
+    share: 0.0,
+    iterations: 200,
+};
 const CONVERGED: f64 = 0.1;
-/// Nor is a step that lowers χ² by less than this share: where something is missing, mountings and
-/// turning rates creep along a valley that means nothing.
-const SLOW: f64 = 1e-4;
 /// A descent that ends with steps that still lower χ² by more than this share has not arrived.
 const UNSETTLED: f64 = 1e-3;
 /// Longest turn of a tracker frame in one step (rad).
@@ -32,7 +51,6 @@ const WORTHWHILE: f64 = 0.8;
 const SAME_NOISE: f64 = 0.02;
 const NOISE_ROUNDS: usize = 6;
 const ROBUST_ROUNDS: usize = 2;
-const MAX_ITERATIONS: usize = 40;
 
 /// A variant on its way to the minimum.
 pub(super) struct Descent {
@@ -149,9 +167,18 @@ impl Descent {
 
     /// To the minimum by the way of Levenberg and Marquardt: damping holds back what the data hardly
     /// determine, along which steps go further than the model is linear, and lets all else go its whole way.
-    pub(super) fn converged(mut self) -> Result<Self, Error> {
+    pub(super) fn converged(self) -> Result<Self, Error> {
+        self.descended(NEAR)
+    }
+
+    /// To the minimum itself, where values can be read off; noise and weights stay.
+    pub(super) fn settled(self) -> Result<Self, Error> {
+        self.descended(AT_MINIMUM)
+    }
+
+    fn descended(mut self, end: End) -> Result<Self, Error> {
         let mut damping = LEAST_DAMPING;
-        for iteration in 1..=MAX_ITERATIONS {
+        for iteration in 1..=end.iterations {
             let cost = self.residuals.norm_squared();
             let mut gradient = self.normal.gradient(&self.residuals);
             let held = self.held(&gradient);
@@ -167,7 +194,7 @@ impl Descent {
                 if !expected.is_finite() {
                     return Err(not_converged(&self.joint, "the residuals are not finite"));
                 }
-                if expected < CONVERGED {
+                if expected < end.fall {
                     return Ok(self);
                 }
                 let share = self.longest_share(&step);
@@ -187,10 +214,10 @@ impl Descent {
             };
             damping = f64::max(damping / DAMPED, LEAST_DAMPING);
             self = Self::from(self.joint, moved, self.scales, self.weights)?;
-            if fall < SLOW * cost {
+            if fall < end.share * cost {
                 return Ok(self);
             }
-            self.is_settled = iteration < MAX_ITERATIONS || fall < UNSETTLED * cost;
+            self.is_settled = iteration < end.iterations || fall < UNSETTLED * cost;
         }
         Ok(self)
     }

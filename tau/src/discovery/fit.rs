@@ -5,7 +5,7 @@ use nalgebra::{DMatrix, DVector};
 use super::descent::{Descent, not_converged};
 use super::joint::Joint;
 use super::outliers;
-use super::projection::Basis;
+use super::projection::{Basis, Normal};
 use super::samples::Sample;
 use crate::calibration::{Error, searched, widest};
 use crate::robot_file::Noise;
@@ -95,6 +95,19 @@ impl Fit {
         }
     }
 
+    /// The same at the minimum itself: far along curved valleys, what a fit that is near has left to go is more
+    /// than its standard deviations say.
+    pub(super) fn settled(self) -> Result<Self, Error> {
+        let Self {
+            joint,
+            fitted,
+            scales,
+            weights,
+            ..
+        } = self;
+        Self::of(Descent::from(joint, fitted, scales, weights)?.settled()?)
+    }
+
     fn of(descent: Descent) -> Result<Self, Error> {
         let Descent {
             joint,
@@ -121,6 +134,20 @@ impl Fit {
             basis,
             residuals,
         })
+    }
+
+    /// `B` of the covariance `B·Bᵀ` that the fitted values would have if the noise were the stated one.
+    pub(super) fn deviations_at_stated_noise(&self) -> DMatrix<f64> {
+        let stated = self.joint.factors(&[1.0; 4], &self.weights);
+        let mut ratios = vec![1.0; self.residuals.len()];
+        for ((ratio, stated), now) in ratios.iter_mut().zip(&stated).zip(&self.factors) {
+            if *now > 0.0 {
+                *ratio = stated / now;
+            }
+        }
+        Normal::from(self.joint.groups.fill(&self.jacobian).scaled(&ratios))
+            .and_then(|normal| normal.inverse_factor())
+            .unwrap_or_else(|| self.basis.b.clone())
     }
 
     /// Sum of squares, degrees of freedom and count of the rows that take part and are wanted.

@@ -17,8 +17,9 @@ pub(super) struct Floor {
     pub(super) square_m2: f64,
 }
 
-/// By propagating the noise of the measured position and of the calibrated parameters through the
-/// forward kinematics.
+/// By propagating the stated noise of the measured position and what it leaves of the calibrated parameters
+/// through the forward kinematics. The noise is the stated one even where a model leaves more: what is more is
+/// what a better model could remove.
 pub(super) fn floor(
     fit: &Fit,
     machine: &Machine,
@@ -28,6 +29,7 @@ pub(super) fn floor(
 ) -> Result<Floor, Error> {
     let mut floor = Floor::default();
     let mut count = 0.0;
+    let deviations = fit.deviations_at_stated_noise();
     let unknowns = machine.pose_unknowns().len();
     let closures: Vec<_> = machine
         .variant
@@ -36,7 +38,7 @@ pub(super) fn floor(
     for measured in poses.iter().filter_map(|&pose| folder.tcp_poses.get(pose)) {
         let sample = Sample::from(measured);
         let mut by_pose = DMatrix::zeros(closures.len(), unknowns);
-        let mut by_parameter = DMatrix::zeros(closures.len(), fit.basis.b.nrows());
+        let mut by_parameter = DMatrix::zeros(closures.len(), deviations.nrows());
         let mut by_path = DMatrix::zeros(closures.len(), 3 * machine.variant.tracks.len());
         for (row, closure) in closures.iter().enumerate() {
             let Some(pair) = machine
@@ -78,7 +80,7 @@ pub(super) fn floor(
                 }
             }
         }
-        let of_parameters = by_parameter * &fit.basis.b;
+        let of_parameters = by_parameter * &deviations;
         let width = of_parameters.ncols();
         let mut spread = of_parameters.resize_horizontally(width + by_path.ncols(), 0.0);
         spread

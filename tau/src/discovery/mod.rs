@@ -201,16 +201,23 @@ fn discovered(
             InputError::whole(&folder.name, "discovery needs set 1, `tcp_poses.csv`").into(),
         );
     }
-    let shape = Shape {
-        commands: robot.commands,
-        tracks: robot.tracks.len(),
-    };
-    let in_range = folder.in_range(file, shape);
+    if robot.variant(text::DISCOVERED).is_some() {
+        let problem = format!("there is a variant `{}` already", text::DISCOVERED);
+        return Err(InputError::whole(&robot.name, problem)
+            .help("rename it in the description: what is found gets this name")
+            .into());
+    }
+    let in_range = folder.in_range(file, Shape::from(robot));
     let division = options.split.divide(&in_range);
+    if division.calibration.is_empty() {
+        let problem = "none of the poses of set 1 is in the range of the commands";
+        return Err(InputError::whole(&folder.name, problem).into());
+    }
+    let completed = file.completed(robot);
     let input = Input {
         robot,
         base,
-        file,
+        file: &completed,
         folder,
         division: &division,
         options,
@@ -250,16 +257,19 @@ fn discovered(
 }
 
 fn variant_of<'r>(robot: &'r Robot, name: &str) -> Result<&'r Variant, InputError> {
-    robot.variant(name).ok_or_else(|| {
-        let problem = format!("robot `{}` has no variant `{name}`", robot.name);
-        InputError::whole(&robot.name, problem)
-    })
+    let variant = robot.variant(name);
+    variant.ok_or_else(|| not_described(robot, name))
+}
+
+fn not_described(robot: &Robot, name: &str) -> InputError {
+    let problem = format!("robot `{}` has no variant `{name}`", robot.name);
+    InputError::whole(&robot.name, problem)
 }
 
 /// The base fitted to all sets.
 fn fitted(input: &Input<'_>) -> Result<(Fit, Vec<Sample>), Error> {
     let (model, index, _) = model_of(input)?;
-    base_fit(input, &model, index, &input.robot.variants[index])
+    base_fit(input, &model, index, variant_of(input.robot, input.base)?)
 }
 
 /// Where the base disagrees with the measurements, and its error at the tool.
@@ -291,7 +301,7 @@ fn model_of(input: &Input<'_>) -> Result<(Model, usize, Vec<generic::Family>), E
         .variants
         .iter()
         .position(|v| v.name == input.base)
-        .unwrap_or_default();
+        .ok_or_else(|| not_described(robot, input.base))?;
     Ok((model, index, families))
 }
 
@@ -309,7 +319,7 @@ fn search_from(
         ..
     } = *input;
     let (model, index, families) = model_of(input)?;
-    let variant = &robot.variants[index];
+    let variant = variant_of(robot, input.base)?;
     progress("fitting the base to all sets");
     let (fitted, compiled) = parallel::both(
         || base_fit(input, &model, index, variant),
@@ -370,6 +380,11 @@ fn search_from(
         is_left: false,
     };
     search.run(progress)?;
+    if !search.accepted.is_empty() {
+        progress("settling what was found");
+        search.fit = search.fit.settled()?;
+        search.restate()?;
+    }
     let outcome = finish(input, &search, beforehand, started)?;
     Found::of(&search, variant, outcome)
 }

@@ -1,6 +1,7 @@
 //! One effect at a time: score, confirm, add, refit; then drop and swap.
 
 mod growth;
+mod places;
 mod review;
 
 use std::collections::BTreeSet;
@@ -102,6 +103,11 @@ impl Search<'_> {
                 self.first.get_or_insert(table);
                 break;
             };
+            if let Some(common) = self.common_to_split(&winner) {
+                self.refused.insert(self.accepted[common].candidate);
+                self.remove(common)?;
+                continue;
+            }
             let label = self.bench.candidates[winner.candidate].label();
             progress(&format!("{label} scores {:.0}", winner.statistic));
             let Some(subspace) = self.subspace(&view, &winner) else {
@@ -167,7 +173,10 @@ impl Search<'_> {
             table,
             score.adjusted.max(LEAST),
             self.input.options.flips,
-            self.input.options.seed + self.steps.len() as u64,
+            self.input
+                .options
+                .seed
+                .wrapping_add(self.steps.len() as u64),
         )
     }
 
@@ -285,6 +294,11 @@ impl Search<'_> {
             };
             name = better.clone();
         }
+        if let Some(place) = self.place_to_begin(view, &name)
+            && let Some(there) = names.iter().find(|score| score.candidate == place)
+        {
+            name = (*there).clone();
+        }
         let own = self.subspace(view, &name)?;
         let pairs = self.bench.pairs_with(view, table, &own, &families);
         let level = ENCOMPASSES / families.len().max(1) as f64;
@@ -298,7 +312,12 @@ impl Search<'_> {
             .chain(encompassing(&families, &pairs))
             .collect();
         match best(&above) {
-            Some(family) if !self.is_accounted_for(view, (&own, name.bic), &family) => Some(family),
+            Some(family)
+                if !self.is_accounted_for(view, (&own, name.bic), &family)
+                    && !self.is_accounted_for_by_places(view, &name, &family) =>
+            {
+                Some(family)
+            }
             _ => Some(name),
         }
     }

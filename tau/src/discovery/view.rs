@@ -42,6 +42,7 @@ impl Freed {
 }
 
 /// A linear model at its minimum.
+#[derive(Clone)]
 pub(super) struct View {
     /// Orthonormal basis of what the model absorbs.
     pub(super) q: DMatrix<f64>,

@@ -188,24 +188,46 @@ impl Search<'_> {
 
     /// Notes the gap with the model as it stands, and by how much the newest effect lowered it.
     pub(super) fn record(&mut self, newest: Option<usize>) -> Result<(), Error> {
+        let gap = self.gap()?;
+        if let (Some(newest), Some(before)) = (newest, self.gaps.last()) {
+            self.accepted[newest].heldout_drop_um = before.mean_um - gap.mean_um;
+        }
+        self.steps.push(self.step(gap));
+        self.gaps.push(gap);
+        Ok(())
+    }
+
+    /// Notes the gap once more, after the last fit has been improved.
+    pub(in super::super) fn restate(&mut self) -> Result<(), Error> {
+        let gap = self.gap()?;
+        let step = self.step(gap);
+        if let (Some(last), Some(stated)) = (self.steps.last_mut(), self.gaps.last_mut()) {
+            if let Some(newest) = self.accepted.last_mut() {
+                newest.heldout_drop_um += stated.mean_um - gap.mean_um;
+            }
+            (*last, *stated) = (step, gap);
+        }
+        Ok(())
+    }
+
+    /// The position error on the validation poses.
+    fn gap(&self) -> Result<Gap, Error> {
         let machine = self
             .fit
             .joint
             .machine
             .with_values(self.fit.joint.values(&self.fit.fitted));
         let evaluation = evaluate(&machine, self.input.folder, &self.input.division.validation)?;
-        let gap = Gap::from(evaluation.position_um);
-        if let (Some(newest), Some(before)) = (newest, self.gaps.last()) {
-            self.accepted[newest].heldout_drop_um = before.mean_um - gap.mean_um;
-        }
-        self.steps.push(Step {
+        Ok(Gap::from(evaluation.position_um))
+    }
+
+    fn step(&self, gap: Gap) -> Step {
+        Step {
             model: text::line(self.input.base, &self.labels()),
             mean_um: gap.mean_um,
             max_um: gap.max_um,
             rms_um: gap.rms_um,
-        });
-        self.gaps.push(gap);
-        Ok(())
+        }
     }
 
     /// The effects as the description writes them.

@@ -128,6 +128,7 @@ impl Search<'_> {
         let (names, families): (Vec<&Score>, Vec<&Score>) = significant
             .iter()
             .filter(|score| score.candidate != own.candidate)
+            .filter(|score| !self.is_same_but_common(effect, score.candidate))
             .partition(|score| self.is_named(score));
         let pairs_with = |scores: &[&Score]| self.bench.pairs_with(&view, &table, &of_own, scores);
         let of_families = pairs_with(&families);

@@ -1,0 +1,162 @@
+//! One effect at several places: at each with an amplitude of its own, or with one that all have in common.
+
+use tau_codegen::language::model::Place;
+
+use super::super::bench::{Score, f_form};
+use super::super::projection::Subspace;
+use super::super::scan::AS_GOOD;
+use super::super::view::View;
+use super::{ENCOMPASSES, FURTHER, Search};
+
+/// Places of one effect, the most telling first, and what a model with them leaves.
+struct Places {
+    candidates: Vec<usize>,
+    bic: f64,
+    view: View,
+}
+
+impl Search<'_> {
+    /// The place to begin with instead of a name's own, where the name stands for all places in common and the
+    /// effect is at some of them, each with an amplitude of its own.
+    pub(super) fn place_to_begin(&self, view: &View, name: &Score) -> Option<usize> {
+        if !self.is_common(name.candidate) {
+            return None;
+        }
+        let places = self.places(view, name.candidate)?;
+        let first = *places.candidates.first()?;
+        let there = self.accepted_at(name.candidate, |other| !self.is_common(other));
+        if !there.is_empty() {
+            return self.are_needed_beside(&there, name).then_some(first);
+        }
+        // What is common to all, and more of it at one place, is as simple as two places.
+        let own = self.subspace(view, name)?;
+        let beside = view.with(&own);
+        let more = self.best_place(&beside, name.candidate, &[]);
+        let with_more = name.bic + more.map_or(0.0, |(score, _)| score.bic.max(0.0));
+        let is_better = places.candidates.len() > 1
+            && places.bic > name.bic + AS_GOOD
+            && places.bic > with_more - AS_GOOD;
+        is_better.then_some(first)
+    }
+
+    /// The accepted effect that is common to all places, where a name is the same effect at one of them and
+    /// places of their own explain as much.
+    pub(super) fn common_to_split(&self, name: &Score) -> Option<usize> {
+        if self.is_common(name.candidate) {
+            return None;
+        }
+        let common = *self
+            .accepted_at(name.candidate, |other| self.is_common(other))
+            .first()?;
+        let (view, own, _) = self.without(common);
+        let places = self.places(&view, name.candidate)?;
+        (places.bic > own.bic + name.bic - AS_GOOD).then_some(common)
+    }
+
+    /// Whether a name at several places leaves nothing to a family that explains more than it does at one.
+    pub(super) fn is_accounted_for_by_places(
+        &self,
+        view: &View,
+        name: &Score,
+        family: &Score,
+    ) -> bool {
+        let Some(places) = self.places(view, name.candidate) else {
+            return false;
+        };
+        if places.candidates.len() < 2 || places.bic < family.bic - AS_GOOD {
+            return false;
+        }
+        let view = &places.view;
+        self.subspace(view, family).is_none_or(|left| {
+            let statistic = left.statistic(&view.residuals);
+            let (_, p_value) = f_form(statistic, left.rank() as f64, view.total(), view.degrees);
+            p_value > ENCOMPASSES
+        })
+    }
+
+    /// Whether a candidate is an accepted effect in common to all places, of which the model has others already:
+    /// beside them it is the same under another name.
+    pub(super) fn is_same_but_common(&self, effect: usize, candidate: usize) -> bool {
+        let own = self.accepted[effect].candidate;
+        let effect_of = |candidate: usize| self.bench.candidates[candidate].effect;
+        self.is_common(candidate)
+            && effect_of(candidate) == effect_of(own)
+            && self.accepted_at(own, |other| !self.is_common(other)).len() > 1
+    }
+
+    /// The places of a candidate's effect that earn their parameters (BIC), one after the other.
+    fn places(&self, view: &View, candidate: usize) -> Option<Places> {
+        let mut places = Places {
+            candidates: vec![],
+            bic: 0.0,
+            view: view.clone(),
+        };
+        while let Some((score, subspace)) =
+            self.best_place(&places.view, candidate, &places.candidates)
+            && score.bic > 0.0
+        {
+            places.candidates.push(score.candidate);
+            places.bic += score.bic;
+            places.view = places.view.with(&subspace);
+        }
+        (!places.candidates.is_empty()).then_some(places)
+    }
+
+    /// The single place at which a candidate's effect explains most beside a model.
+    fn best_place(
+        &self,
+        view: &View,
+        candidate: usize,
+        taken: &[usize],
+    ) -> Option<(Score, Subspace)> {
+        let effect = self.bench.candidates[candidate].effect;
+        let scored = (0..self.bench.candidates.len()).filter_map(|place| {
+            let described = &self.bench.candidates[place];
+            let is_one = described.effect == effect
+                && described.search.is_none()
+                && !self.is_common(place)
+                && !taken.contains(&place)
+                && self.is_open(place)
+                && !self.bench.hidden.contains(&place);
+            let (_, subspace) = is_one.then(|| self.bench.subspace(view, place, None))??;
+            let statistic = subspace.statistic(&view.residuals);
+            let rank = subspace.rank() as f64;
+            Some((self.bench.score_of(view, place, statistic, rank), subspace))
+        });
+        scored.max_by(|a, b| a.0.bic.total_cmp(&b.0.bic))
+    }
+
+    fn is_common(&self, candidate: usize) -> bool {
+        let place = self.bench.candidates[candidate].place;
+        matches!(place, Place::AllCarts | Place::AllLinks)
+    }
+
+    /// Accepted effects that are a candidate's effect at such places.
+    fn accepted_at(&self, candidate: usize, at: impl Fn(usize) -> bool) -> Vec<usize> {
+        let effect_of = |candidate: usize| self.bench.candidates[candidate].effect;
+        (0..self.accepted.len())
+            .filter(|&k| {
+                let accepted = self.accepted[k].candidate;
+                effect_of(accepted) == effect_of(candidate) && at(accepted)
+            })
+            .collect()
+    }
+
+    /// Whether any of some accepted effects is still needed once a name has joined the model.
+    fn are_needed_beside(&self, effects: &[usize], name: &Score) -> bool {
+        effects.iter().any(|&effect| {
+            let (view, own, _) = self.without(effect);
+            let Some(subspace) = self.subspace(&view, name) else {
+                return true;
+            };
+            let view = view.with(&subspace);
+            self.bench
+                .subspace(&view, own.candidate, None)
+                .is_some_and(|(_, left)| {
+                    let statistic = left.statistic(&view.residuals);
+                    let rank = left.rank() as f64;
+                    f_form(statistic, rank, view.total(), view.degrees).1 <= FURTHER
+                })
+        })
+    }
+}
