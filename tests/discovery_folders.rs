@@ -341,6 +341,58 @@ fn an_effect_of_ones_own_is_found_by_its_name() {
     );
 }
 
+/// Two carts with one effect look like the effect on all carts and its opposite on the third, or like
+/// something without a name; three with one effect each like all in common.
+#[test]
+fn an_effect_at_several_places_is_named_at_each() {
+    let folder = TempDir::new().unwrap();
+    for (seed, gaps) in [
+        (22, vec![("one", 4e-5), ("three", 3e-5)]),
+        (2, vec![("one", 4e-5), ("two", 3e-5), ("three", 5e-5)]),
+        (3, vec![("all", 3e-5)]),
+    ] {
+        let hidden: Vec<String> = gaps
+            .iter()
+            .map(|(place, gap)| format!("--effect backlash({place}):gap={gap}"))
+            .collect();
+        let line = format!("tau simulate --out DIR --seed {seed} {}", hidden.join(" "));
+        assert_eq!(tau_in(&folder, &line).0, 0);
+        let found = found(&folder, "");
+        let mut expected: Vec<String> = gaps
+            .iter()
+            .map(|(place, _)| format!("backlash({place})"))
+            .collect();
+        expected.sort();
+        assert_eq!(effects(&found), expected, "seed {seed}");
+        for effect in list(&found, "effects") {
+            let estimate = &effect["parameters"]["gap"];
+            let (value, sigma) = (&estimate["value"], &estimate["sigma"]);
+            let gap = gaps.iter().find(|(place, _)| *place == effect["place"]);
+            let off = value.as_f64().unwrap() - gap.unwrap().1;
+            assert!(off.abs() < 4.0 * sigma.as_f64().unwrap(), "{effect}");
+        }
+    }
+}
+
+/// The origin of time is anyone's choice.
+#[test]
+fn a_drift_is_found_whatever_time_counts_from() {
+    let folder = TempDir::new().unwrap();
+    let line = "tau simulate --out DIR --random --seed 77 --effect tracker_drift(tcp):rate=[1e-8,-1e-8,5e-9]";
+    assert_eq!(tau_in(&folder, line).0, 0);
+    let since_the_start = found(&folder, "");
+    for file in ["tcp_poses.csv", "cart_poses.csv", "cart_positions.csv"] {
+        change(&folder, file, &["time_s"], |rows| {
+            for row in rows {
+                let time: f64 = row[0].parse().unwrap();
+                row[0] = format!("{:?}", time + 1.7e9);
+            }
+        });
+    }
+    assert_eq!(effects(&since_the_start), ["tracker_drift(tcp)"]);
+    assert_eq!(effects(&found(&folder, "")), ["tracker_drift(tcp)"]);
+}
+
 /// Effects without parameters, or with such alone as are searched or optional: nothing of them can be scored.
 #[test]
 fn effects_without_amplitudes_are_out_of_sight() {

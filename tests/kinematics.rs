@@ -103,9 +103,9 @@ fn a_reduced_arm_is_driven_by_the_lengths_of_its_links() {
         reached.position
     );
     let found = machine
-        .inverse(&[reached], &InverseOptions::default())
+        .inverse(reached, &InverseOptions::default())
         .unwrap();
-    for (found, command) in found[0].commands_m.iter().zip(commands) {
+    for (found, command) in found.commands_m.iter().zip(commands) {
         assert!((found - command).abs() < 1e-9, "{found} {command}");
     }
 }

@@ -100,7 +100,7 @@ impl Folder {
     /// Counts time from the first measurement: from the origin of a calendar, what drifts would have drifted
     /// for decades.
     fn start_clock(&mut self) {
-        let mut times: Vec<&mut f64> = (self.tcp_poses.iter_mut().map(|pose| &mut pose.conditions))
+        let times: Vec<&mut f64> = (self.tcp_poses.iter_mut().map(|pose| &mut pose.conditions))
             .chain(self.cart_poses.iter_mut().map(|pose| &mut pose.conditions))
             .chain(self.cart_positions.iter_mut().map(|at| &mut at.conditions))
             .filter_map(|conditions| conditions.time_s.as_mut())
@@ -109,7 +109,9 @@ impl Folder {
             .iter()
             .map(|time| **time)
             .fold(f64::INFINITY, f64::min);
-        times.iter_mut().for_each(|time| **time -= first);
+        for time in times {
+            *time -= first;
+        }
     }
 
     /// Reads texts as if they were the files of a folder of that name.
