@@ -345,7 +345,6 @@ fn an_effect_of_ones_own_is_found_by_its_name() {
 /// something without a name; three with one effect each like all in common.
 #[test]
 fn an_effect_at_several_places_is_named_at_each() {
-    let folder = TempDir::new().unwrap();
     for (seed, gaps) in [
         (22, vec![("one", 4e-5), ("three", 3e-5)]),
         (2, vec![("one", 4e-5), ("two", 3e-5), ("three", 5e-5)]),
@@ -355,8 +354,10 @@ fn an_effect_at_several_places_is_named_at_each() {
             .iter()
             .map(|(place, gap)| format!("--effect backlash({place}):gap={gap}"))
             .collect();
+        let folder = TempDir::new().unwrap();
         let line = format!("tau simulate --out DIR --seed {seed} {}", hidden.join(" "));
-        assert_eq!(tau_in(&folder, &line).0, 0);
+        let (code, err) = tau_in(&folder, &line);
+        assert_eq!(code, 0, "{err}");
         let found = found(&folder, "");
         let mut expected: Vec<String> = gaps
             .iter()
