@@ -10,8 +10,8 @@ use crate::discovery::projection::orthonormal;
 use crate::discovery::results::Ambiguous;
 use crate::discovery::view::View;
 
-/// Share of a signal from which on a wrong name is likelier than none (the correlation of the two
-/// statistics is 0.8 there).
+/// Share of a signal from which on the statistics of the two correlate by 0.8: noise may well make the wrong one
+/// the better (the rule of geodesy, where wrong identification becomes likelier than missed detection).
 const AMBIGUOUS: f64 = 0.64;
 
 /// Pairs of named candidates that would show of which one explains more than [`AMBIGUOUS`] of what a

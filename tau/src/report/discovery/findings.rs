@@ -21,12 +21,7 @@ pub(in crate::report) fn verdict(found: &Discovery) -> String {
     };
     match found.status {
         Status::NothingMissing => match noisiest(found) {
-            Some(factor) => format!(
-                "Of what is missing from {base} these measurements show nothing significant; yet their noise is {} \
-                 times the stated one. Either less was stated than there is, or something acts that follows nothing \
-                 that was recorded.",
-                general(factor, 2)
-            ),
+            Some(factor) => noisy(&base, factor),
             None => format!(
                 "{} explains the measurements: nothing significant is missing.",
                 capital(&base)
@@ -41,11 +36,24 @@ pub(in crate::report) fn verdict(found: &Discovery) -> String {
             "The machine shows {errors} with a name that {base} does not contain. Something significant is left that \
              has none."
         ),
+        Status::UnnamedStructure if found.unnamed.is_empty() => {
+            let factors = found.noise.iter().map(|noise| noise.factor);
+            noisy(&base, factors.fold(1.0, f64::max))
+        }
         Status::UnnamedStructure => format!(
             "The machine shows something that {base} does not contain and no effect of the catalogue explains. It is \
              described below, without a name."
         ),
     }
+}
+
+/// What is said where the measurements scatter far beyond their noise and nothing follows anything.
+fn noisy(base: &str, factor: f64) -> String {
+    format!(
+        "Of what is missing from {base} these measurements show nothing significant; yet their noise is {} times the \
+         stated one. Either less was stated than there is, or something acts that follows nothing that was recorded.",
+        general(factor, 2)
+    )
 }
 
 /// The largest noise over the stated one, where it is not to be believed.

@@ -233,7 +233,10 @@ fn candidates(found: &Discovery) -> Markup {
 /// What could and what could not be found, whatever the residuals.
 fn sight(found: &Discovery) -> Markup {
     html! {
-        p { "This follows from where was measured and from the stated noise, before residuals are looked at." }
+        p {
+            "This follows from where was measured and from the noise; of the residuals, only how much larger than \
+             stated they leave it is used."
+        }
         @if let Some(unseen) = tables::unseen(found) { (table(&unseen, "wide compact long reasons")) }
         @if let Some(ambiguous) = tables::ambiguous(found) {
             p {

@@ -280,6 +280,18 @@ fn a_track_that_follows_its_points_is_an_error_of_the_machine() {
     assert_eq!(tables::scored(&found), "Bent");
 }
 
+/// Nothing is said to be described below that is not.
+#[test]
+fn noise_beyond_the_stated_one_is_no_structure() {
+    let mut found = found();
+    found.effects.clear();
+    found.unnamed.clear();
+    found.status = Status::UnnamedStructure;
+    let told = findings::verdict(&found);
+    assert!(told.contains("times the stated one"), "{told}");
+    assert!(!told.contains("described below"), "{told}");
+}
+
 #[test]
 fn units_fit_the_size() {
     let shown = |unit: &str, value: f64| {
