@@ -26,6 +26,8 @@ pub(crate) fn reserved(name: &Ident) -> Option<Diagnostic> {
     } else if KEYWORDS.contains(&text.to_ascii_lowercase().as_str()) {
         // Generated code has a module of the same name in lower case.
         format!("`{text}` is but for case a keyword of Rust")
+    } else if text.eq_ignore_ascii_case("math") {
+        format!("`{text}` is a module that generated code uses")
     } else if PLACES.contains(&text.as_str()) {
         format!("`{text}` is a word of the language")
     } else if !text.is_ascii() {

@@ -1,7 +1,7 @@
 //! The static tables of a robot and its variants.
 
 use proc_macro2::{Literal, TokenStream};
-use quote::quote;
+use quote::{ToTokens, quote};
 use tau_model_dsl::model::Model;
 use tau_runtime::{Arm, Input, Owner, ResidualKind, TrackShape};
 
@@ -217,6 +217,10 @@ fn optional_number(value: Option<f64>) -> TokenStream {
 
 /// A string literal that keeps its lines.
 fn raw_string(text: &str) -> TokenStream {
+    if text.replace("\r\n", "\n").contains('\r') {
+        // A carriage return alone may not stand in a raw string.
+        return Literal::string(text).into_token_stream();
+    }
     let mut hashes = String::from("#");
     while text.contains(&format!("\"{hashes}")) {
         hashes.push('#');
@@ -224,4 +228,18 @@ fn raw_string(text: &str) -> TokenStream {
     format!("r{hashes}\"{text}\"{hashes}")
         .parse()
         .expect("a raw string is one token")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::raw_string;
+
+    /// Whatever a description holds, the literal reads back as it.
+    #[test]
+    fn literals_read_back() {
+        for text in ["a\nb", "\"#", "#\"##", "// a\rb", "\\n"] {
+            let literal: syn::LitStr = syn::parse2(raw_string(text)).unwrap();
+            assert_eq!(literal.value(), text);
+        }
+    }
 }

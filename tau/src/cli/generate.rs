@@ -34,8 +34,8 @@ pub(super) fn run(arguments: &arguments::Generate) -> Result<Outcome, Failure> {
     );
     let code = emit::file(
         &tau_codegen::compile(&model, &text),
-        &source.display().to_string().replace('\\', "/"),
-        &command,
+        &one_line(&source.display().to_string().replace('\\', "/")),
+        &one_line(&command),
     );
     let current = fs::read_to_string(&path).ok();
     let is_fresh = current
@@ -60,6 +60,11 @@ pub(super) fn run(arguments: &arguments::Generate) -> Result<Outcome, Failure> {
             ..Outcome::default()
         }),
     }
+}
+
+/// For a comment, which ends where the line does.
+fn one_line(text: &str) -> String {
+    text.replace(char::is_control, "?")
 }
 
 fn check_languages(languages: &[Language]) -> Result<(), InputError> {
