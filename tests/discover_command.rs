@@ -242,5 +242,8 @@ fn calibrated_values_do_not_replace_the_nominal_ones() {
     let line = "tau discover --robot DIR/robot.toml --out DIR";
     let (code, _, err) = tau_in(folder.path(), line);
     assert_eq!(code, 2);
-    assert!(err.contains("would replace the nominal ones"), "{err}");
+    assert!(
+        err.contains("robot.toml") && err.contains("would replace this file"),
+        "{err}"
+    );
 }

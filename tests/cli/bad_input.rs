@@ -156,6 +156,10 @@ fn nominal_values_are_not_replaced() {
     let lines = [
         "tau calibrate DIR --variant Full --out DIR",
         "tau calibrate --robot DIR/robot.toml --variant Full --out DIR",
+        "tau calibrate DIR --variant Full --out DIR/out --json DIR/cart_poses.csv",
+        "tau evaluate DIR --variant Full --json DIR/robot.toml",
+        "tau study DIR --out DIR/out --json DIR/tcp_poses.csv",
+        "tau discover DIR --out DIR/out --json DIR/robot.toml",
     ];
     insta::assert_snapshot!(answers(folder.path(), &lines));
     assert_eq!(fs::read(folder.path().join("robot.toml")).unwrap(), nominal);

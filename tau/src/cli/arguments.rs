@@ -519,6 +519,13 @@ pub(super) struct Robot {
     pub(super) robot: Option<PathBuf>,
 }
 
+impl Robot {
+    /// The files that are named.
+    pub(super) fn files(&self) -> impl Iterator<Item = &PathBuf> {
+        self.model.iter().chain(&self.robot)
+    }
+}
+
 /// Which variant.
 #[derive(Debug, Args)]
 pub(super) struct Variant {

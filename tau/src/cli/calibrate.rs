@@ -1,24 +1,31 @@
 //! `tau calibrate`.
 
-use std::fs;
-use std::path::Path;
-
 use serde_json::json;
 
 use super::deliver::{Outcome, Target, check_folder, pretty, written};
+use super::kept::Kept;
 use super::resolve::{Case, both};
 use super::{Failure, arguments};
 use crate::calibration::{self, Calibration, calibrate};
 use crate::errors_in_variables;
-use crate::input_error::InputError;
 use crate::report;
 use crate::study;
 
+/// What is written into the output folder.
+const FILES: [&str; 5] = [
+    "robot.toml",
+    "parameters.csv",
+    "covariance.csv",
+    "undetermined.csv",
+    "statistics.json",
+];
+
 pub(super) fn run(arguments: &arguments::Calibrate) -> Result<Outcome, Failure> {
     let out = &arguments.out;
+    let kept = Kept::from(&arguments.input);
     let outputs = both(
-        Target::resolve(arguments.json.target.as_deref()),
-        check_folder(out).and_then(|()| check_nominal_is_kept(&arguments.input, out)),
+        Target::resolve(&arguments.json, &kept),
+        check_folder(out).and_then(|()| kept.check_all(out, FILES)),
     );
     let ((case, variant), (target, ())) = both(
         Case::with_variant(&arguments.input, &arguments.variant),
@@ -58,43 +65,23 @@ pub(super) fn run(arguments: &arguments::Calibrate) -> Result<Outcome, Failure> 
         statistics["errors_in_variables"] =
             report::errors_in_variables::json(fitted, &result, &closure);
     }
-    let files = [
-        ("robot.toml", found.file.to_toml()),
-        ("parameters.csv", parameters(&found)?),
-        ("covariance.csv", covariance(&found)?),
-        ("undetermined.csv", undetermined(&found)?),
-        ("statistics.json", pretty(&statistics)),
+    let contents = [
+        found.file.to_toml(),
+        parameters(&found)?,
+        covariance(&found)?,
+        undetermined(&found)?,
+        pretty(&statistics),
     ];
-    let files = files.map(|(name, content)| (out.join(name), content));
+    let paths = FILES.into_iter().map(|name| out.join(name));
+    let files: Vec<_> = paths.zip(contents).collect();
     summary += &written(files.iter().map(|(path, _)| path.as_path()));
     Ok(Outcome {
         summary,
         remarks: case.remarks_for(&variant, &poses),
-        files: files.into(),
+        files,
         json: target.map(|target| (statistics, target)),
         ..Outcome::default()
     })
-}
-
-/// The calibrated file must not replace the nominal values that it comes from.
-pub(super) fn check_nominal_is_kept(
-    input: &arguments::Input,
-    out: &Path,
-) -> Result<(), InputError> {
-    let nominal = match (&input.robot.robot, &input.folder) {
-        (Some(file), _) => file.clone(),
-        (None, Some(folder)) => folder.join("robot.toml"),
-        (None, None) => return Ok(()),
-    };
-    let calibrated = out.join("robot.toml");
-    match (fs::canonicalize(&nominal), fs::canonicalize(&calibrated)) {
-        (Ok(nominal), Ok(same)) if nominal == same => Err(InputError::whole(
-            calibrated.display().to_string(),
-            "the calibrated parameters would replace the nominal ones that they are computed from",
-        )
-        .help("name another folder with `--out`")),
-        _ => Ok(()),
-    }
 }
 
 fn parameters(found: &Calibration) -> Result<String, Failure> {

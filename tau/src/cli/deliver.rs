@@ -6,7 +6,8 @@ use std::path::{Path, PathBuf};
 
 use serde_json::Value;
 
-use super::{Console, Failure};
+use super::kept::Kept;
+use super::{Console, Failure, arguments};
 use crate::input_error::InputError;
 use crate::report;
 
@@ -33,13 +34,15 @@ pub(super) enum Target {
 }
 
 impl Target {
-    /// Where the JSON that was asked for goes; a file that can't be written is an error already here.
-    pub(super) fn resolve(path: Option<&Path>) -> Result<Option<Self>, InputError> {
+    /// Where the JSON that was asked for goes; a file that can't be written, or is read, is an error already here.
+    pub(super) fn resolve(json: &arguments::Json, kept: &Kept) -> Result<Option<Self>, InputError> {
+        let path = json.target.as_deref();
         match path {
             None => Ok(None),
             Some(path) if path == Path::new("-") => Ok(Some(Self::StandardOutput)),
             Some(path) => {
                 check_file(path)?;
+                kept.check("--json", path)?;
                 Ok(Some(Self::File(path.to_owned())))
             }
         }

@@ -6,8 +6,8 @@ use tau_codegen::CompiledRobot;
 use tau_codegen::emit;
 use tau_codegen::language::{self, Model};
 
-use super::calibrate::check_nominal_is_kept;
 use super::deliver::{Outcome, Target, check_folder, written};
+use super::kept::Kept;
 use super::progress::Spinner;
 use super::resolve::{Case, both, find, read};
 use super::{Console, Failure, arguments};
@@ -20,15 +20,19 @@ use crate::study;
 
 /// Name of the description that is written.
 const DESCRIPTION: &str = "discovered.tau";
+/// What is written into the output folder.
+const FILES: [&str; 4] = [DESCRIPTION, "discovered.rs", "robot.toml", "report.html"];
 
 pub(super) fn run(
     arguments: &arguments::Discover,
     console: &Console<'_>,
 ) -> Result<Outcome, Failure> {
     let out = &arguments.out;
+    let named = arguments.input.robot.files().chain(&arguments.effects);
+    let kept = Kept::of(arguments.input.folder.as_ref(), named);
     let outputs = both(
-        Target::resolve(arguments.json.target.as_deref()),
-        check_folder(out).and_then(|()| check_nominal_is_kept(&arguments.input, out)),
+        Target::resolve(&arguments.json, &kept),
+        check_folder(out).and_then(|()| kept.check_all(out, FILES)),
     );
     let (case, (target, ())) = both(Case::resolve(&arguments.input), outputs)?;
     let Case {
@@ -37,7 +41,7 @@ pub(super) fn run(
         folder,
         split,
     } = &case;
-    let (base, own) = both(
+    let (base, (own, not_used)) = both(
         base(robot, arguments.base.as_deref()),
         catalogues(robot, &arguments.effects),
     )?;
@@ -81,20 +85,21 @@ pub(super) fn run(
     let calibrated = calibrated?;
     drop(spinner);
 
-    let files = [
-        (DESCRIPTION, discovery.model_text.clone()),
-        ("discovered.rs", code),
-        ("robot.toml", calibrated.file.to_toml()),
-        ("report.html", page),
-    ]
-    .map(|(name, content)| (out.join(name), content));
+    let contents = [
+        discovery.model_text.clone(),
+        code,
+        calibrated.file.to_toml(),
+        page,
+    ];
+    let paths = FILES.into_iter().map(|name| out.join(name));
+    let files: Vec<_> = paths.zip(contents).collect();
     let summary = format!("{}, {}\n\n", robot.name, folder.name)
         + &report::terminal::discovery(discovery)
         + &written(files.iter().map(|(path, _)| path.as_path()));
     Ok(Outcome {
         summary,
-        remarks: case.remarks(&poses),
-        files: files.into(),
+        remarks: [case.remarks(&poses), not_used].concat(),
+        files,
         json: target.map(|target| (report::json::discovery(discovery), target)),
         ..Outcome::default()
     })
@@ -116,25 +121,48 @@ fn base(robot: &Robot, named: Option<&str>) -> Result<String, InputError> {
         })
 }
 
-/// The texts of the user's catalogues; mistakes of all of them are reported together.
-fn catalogues(robot: &Robot, paths: &[impl AsRef<Path>]) -> Result<Vec<String>, InputError> {
-    let model = checked(&robot.description, &robot.name)?;
-    let mut texts = Ok(Vec::new());
+/// The texts of the user's catalogues, and which of their effects are not used; mistakes of all of them are reported
+/// together.
+fn catalogues(
+    robot: &Robot,
+    paths: &[impl AsRef<Path>],
+) -> Result<(Vec<String>, Vec<String>), InputError> {
+    let mut model = checked(&robot.description, &robot.name)?;
+    let known: Vec<String> = model.effects.iter().map(|own| own.name.clone()).collect();
+    let mut read = Ok((Vec::new(), Vec::new()));
     for path in paths {
-        texts = both(texts, catalogue(path.as_ref(), &model)).map(|(mut texts, text)| {
+        let of_path = catalogue(path.as_ref(), &model);
+        read = both(read, of_path).map(|((mut texts, mut remarks), (text, more))| {
+            let file = path.as_ref().display();
+            let own = more.effects.iter().map(|own| &own.name);
+            let twice = own.filter(|name| model.effects.iter().any(|first| first.name == **name));
+            remarks.extend(twice.map(|name| {
+                let first = if known.contains(name) {
+                    "the description"
+                } else {
+                    "another file"
+                };
+                format!("effect `{name}` of {file} is not used: {first} has one of that name")
+            }));
+            model.effects.extend(more.effects);
             texts.push(text);
-            texts
+            (texts, remarks)
         });
     }
-    texts
+    read
 }
 
-fn catalogue(path: &Path, model: &Model) -> Result<String, InputError> {
+/// A catalogue's text and its effects.
+fn catalogue(path: &Path, model: &Model) -> Result<(String, Model), InputError> {
     let text = read(path, "effects in the language (.tau)")?;
-    language::effects_from_text(&text, model).map_err(|errors| {
+    let alone = Model {
+        effects: vec![],
+        ..model.clone()
+    };
+    let effects = language::effects_from_text(&text, &alone).map_err(|errors| {
         InputError::of_description(&path.display().to_string(), &text, &errors)
     })?;
-    Ok(text)
+    Ok((text, effects))
 }
 
 fn compiled(robot: &Robot) -> Result<CompiledRobot, InputError> {

@@ -3,6 +3,7 @@
 use serde_json::json;
 
 use super::deliver::{Outcome, Target};
+use super::kept::Kept;
 use super::resolve::{Case, both};
 use super::{Failure, arguments};
 use crate::evaluation::evaluate;
@@ -12,7 +13,7 @@ use crate::report;
 pub(super) fn run(arguments: &arguments::Evaluate) -> Result<Outcome, Failure> {
     let ((case, variant), target) = both(
         Case::with_variant(&arguments.input, &arguments.variant),
-        Target::resolve(arguments.json.target.as_deref()),
+        Target::resolve(&arguments.json, &Kept::from(&arguments.input)),
     )?;
     let poses = case.poses()?;
     let (calibration, validation) = (&poses.division.calibration, &poses.division.validation);

@@ -10,6 +10,7 @@ mod deliver;
 mod discover;
 mod evaluate;
 mod generate;
+mod kept;
 mod kinematics;
 mod progress;
 mod resolve;

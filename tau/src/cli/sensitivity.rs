@@ -1,6 +1,7 @@
 //! `tau sensitivity`.
 
 use super::deliver::{Outcome, Target};
+use super::kept::Kept;
 use super::resolve::{Case, both};
 use super::{Failure, arguments};
 use crate::kinematics::Machine;
@@ -10,7 +11,7 @@ use crate::sensitivity;
 pub(super) fn run(arguments: &arguments::Sensitivity) -> Result<Outcome, Failure> {
     let ((case, variant), target) = both(
         Case::with_variant(&arguments.input, &arguments.variant),
-        Target::resolve(arguments.json.target.as_deref()),
+        Target::resolve(&arguments.json, &Kept::from(&arguments.input)),
     )?;
     let poses = case.poses()?;
     let division = &poses.division;

@@ -3,6 +3,7 @@
 use serde_json::json;
 
 use super::deliver::{Outcome, Target, check_folder};
+use super::kept::Kept;
 use super::resolve::{both, robot};
 use super::{Failure, arguments};
 use crate::simulation::Request;
@@ -10,10 +11,8 @@ use crate::simulation::Request;
 pub(super) fn run(arguments: &arguments::Simulate) -> Result<Outcome, Failure> {
     let out = &arguments.out;
     let robot = robot(arguments.model.as_deref())?;
-    let (target, ()) = both(
-        Target::resolve(arguments.json.target.as_deref()),
-        check_folder(out),
-    )?;
+    let kept = Kept::of(None, arguments.model.iter().chain(&arguments.robot));
+    let (target, ()) = both(Target::resolve(&arguments.json, &kept), check_folder(out))?;
     let made = request(arguments).run(&robot, out)?;
     let [poses, points, positions] = made.rows;
     let effects: Vec<String> = made

@@ -1,6 +1,7 @@
 //! `tau study`.
 
 use super::deliver::{Outcome, Target, check_folder, written};
+use super::kept::Kept;
 use super::progress::{Bar, Spinner};
 use super::resolve::{Case, both};
 use super::{Console, Failure, arguments};
@@ -10,7 +11,7 @@ use crate::study;
 pub(super) fn run(arguments: &arguments::Study, console: &Console<'_>) -> Result<Outcome, Failure> {
     let out = arguments.out();
     let outputs = both(
-        Target::resolve(arguments.json.target.as_deref()),
+        Target::resolve(&arguments.json, &Kept::from(&arguments.input)),
         check_folder(out),
     );
     let (case, (target, ())) = both(Case::resolve(&arguments.input), outputs)?;

@@ -2,13 +2,13 @@
 
 mod targets;
 
-use std::fs;
 use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 
 use super::calibrate::{csv, number};
 use super::deliver::{Outcome, Target, check_file};
+use super::kept::Kept;
 use super::resolve::{both, find, folder, robot, robot_file, unused_effects};
 use super::{Failure, arguments};
 use crate::input_error::InputError;
@@ -19,7 +19,7 @@ use crate::study::Poses;
 use targets::{Asked, Row};
 
 pub(super) fn forward(arguments: &arguments::Forward) -> Result<Outcome, Failure> {
-    let mut setup = Setup::resolve(&arguments.with, arguments.poses.as_deref())?;
+    let mut setup = Setup::resolve(&arguments.with, arguments.poses.as_ref())?;
     let commands = setup.machine.robot.commands;
     let ((rows, unknown), start) = both(
         match (&arguments.poses, &arguments.commands) {
@@ -48,7 +48,7 @@ pub(super) fn forward(arguments: &arguments::Forward) -> Result<Outcome, Failure
 }
 
 pub(super) fn inverse(arguments: &arguments::Inverse) -> Result<Outcome, Failure> {
-    let mut setup = Setup::resolve(&arguments.with, arguments.poses.as_deref())?;
+    let mut setup = Setup::resolve(&arguments.with, arguments.poses.as_ref())?;
     let (rows, unknown) = match (&arguments.poses, &arguments.pose) {
         (Some(path), _) => targets::of_file(path, Asked::Commands, &setup.machine)?,
         (None, Some(numbers)) => (targets::poses_of_option(numbers)?, None),
@@ -96,10 +96,14 @@ struct Setup<'a> {
 }
 
 impl<'a> Setup<'a> {
-    fn resolve(with: &'a arguments::Kinematic, poses: Option<&Path>) -> Result<Self, InputError> {
+    fn resolve(
+        with: &'a arguments::Kinematic,
+        poses: Option<&PathBuf>,
+    ) -> Result<Self, InputError> {
         let robot = robot(with.robot.model.as_deref())?;
         let path = with.folder.as_deref();
-        check_kept(with, poses)?;
+        let kept = Kept::of(with.folder.as_ref(), with.robot.files().chain(poses));
+        let out = with.out.as_deref();
         // Parameters without measurements are enough for straight tracks and full arms.
         let needs_folder = path.is_some() || with.robot.robot.is_none();
         let measurements = if needs_folder {
@@ -109,8 +113,10 @@ impl<'a> Setup<'a> {
         };
         let file = robot_file(with.robot.robot.as_deref(), path, &robot);
         let outputs = both(
-            Target::resolve(with.json.target.as_deref()),
-            with.out.as_deref().map_or(Ok(()), check_file),
+            Target::resolve(&with.json, &kept),
+            out.map_or(Ok(()), |out| {
+                check_file(out).and_then(|()| kept.check("--out", out))
+            }),
         );
         let variant = find(&robot, &with.variant.name, "--variant");
         let (((folder, file), variant), (json, ())) =
@@ -359,54 +365,6 @@ fn no_orientation(variant: &str, file: &Path) -> InputError {
         ),
     )
     .help("name a measurement FOLDER, or give with --robot a file that `tau calibrate` wrote for this variant")
-}
-
-/// Fails where an output would take the place of what is read, or of the other output.
-fn check_kept(with: &arguments::Kinematic, poses: Option<&Path>) -> Result<(), InputError> {
-    const READ: [&str; 4] = [
-        "tcp_poses.csv",
-        "cart_poses.csv",
-        "cart_positions.csv",
-        "robot.toml",
-    ];
-    let folder = with.folder.iter();
-    let inputs: Vec<PathBuf> = folder
-        .flat_map(|folder| READ.map(|name| folder.join(name)))
-        .chain(with.robot.model.clone())
-        .chain(with.robot.robot.clone())
-        .chain(poses.map(Path::to_owned))
-        .collect();
-    let json = with
-        .json
-        .target
-        .as_deref()
-        .filter(|path| *path != Path::new("-"));
-    for (option, output) in [("--out", with.out.as_deref()), ("--json", json)] {
-        let Some(output) = output else { continue };
-        if inputs.iter().any(|input| is_same(input, output)) {
-            let name = output.display().to_string();
-            let message = format!("`{option}` would replace this file, which is read");
-            return Err(InputError::whole(name, message).help("name another file to write"));
-        }
-    }
-    match (with.out.as_deref(), json) {
-        (Some(out), Some(json)) if out == json || is_same(out, json) => {
-            let name = out.display().to_string();
-            Err(InputError::whole(
-                name,
-                "`--out` and `--json` name the same file",
-            ))
-        }
-        _ => Ok(()),
-    }
-}
-
-/// Whether two paths lead to the same file, through whatever links.
-fn is_same(one: &Path, other: &Path) -> bool {
-    match (fs::canonicalize(one), fs::canonicalize(other)) {
-        (Ok(one), Ok(other)) => one == other,
-        _ => false,
-    }
 }
 
 fn nearest<'a>(
