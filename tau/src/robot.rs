@@ -132,6 +132,12 @@ impl Variant {
                 && parameter.component == component
         })
     }
+
+    /// Index of a parameter that is the variant's.
+    pub(crate) fn index_of(&self, name: &str) -> usize {
+        let index = self.parameters.iter().position(|own| own.name == name);
+        index.unwrap_or_else(|| unreachable!("`{name}` is a parameter of `{}`", self.name))
+    }
 }
 
 /// A family that is compiled in, behind the same pointer as one that is interpreted.

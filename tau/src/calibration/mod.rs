@@ -11,7 +11,7 @@ use tau_solver::{Block, Problem, Solution};
 
 pub use error::Error;
 pub use nominal::{Nominal, TRACK_ROTATION_TOLERANCE_RAD};
-pub(crate) use nominal::{described_links, effect_key};
+pub(crate) use nominal::{described_links, effect_key, quantity_of};
 pub use registration::{Line, MOUNTING_M, NominalTrack, Registration, set_2, set_3};
 
 use crate::input_error::InputError;

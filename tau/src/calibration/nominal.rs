@@ -258,7 +258,8 @@ pub(crate) fn effect_key(parameter: &Parameter) -> Option<&str> {
     Some(&parameter.name[..=parameter.name.rfind(')')?])
 }
 
-fn quantity_of<'a>(values: &'a LinkValues, quantity: &str) -> Option<&'a Value> {
+/// What a file gives for a quantity.
+pub(crate) fn quantity_of<'a>(values: &'a LinkValues, quantity: &str) -> Option<&'a Value> {
     match quantity {
         "length" => values.length.as_ref(),
         "plate_joint" => values.plate_joint.as_ref(),

@@ -138,12 +138,7 @@ impl Descent {
         if self.factors.contains(&0.0) && weights != self.weights {
             return Self::from(self.joint, self.fitted, scales, weights);
         }
-        let mut ratios = vec![1.0; self.residuals.len()];
-        for ((ratio, new), old) in ratios.iter_mut().zip(&factors).zip(&self.factors) {
-            if *old > 0.0 {
-                *ratio = new / old;
-            }
-        }
+        let ratios = ratios(&factors, &self.factors, self.residuals.len());
         for mut column in self.jacobian.column_iter_mut() {
             column
                 .iter_mut()
@@ -337,6 +332,16 @@ impl Descent {
     }
 }
 
+/// What rows with some factors are to be multiplied by to have others; those left out, and priors, stay as they are.
+pub(super) fn ratios(to: &[f64], from: &[f64], rows: usize) -> Vec<f64> {
+    let of_rows = to.iter().zip(from);
+    let mut ratios: Vec<f64> = of_rows
+        .map(|(to, from)| if *from > 0.0 { to / from } else { 1.0 })
+        .collect();
+    ratios.resize(rows, 1.0);
+    ratios
+}
+
 /// Whether estimates of the noise differ by next to nothing.
 fn is_same(a: &[f64; 4], b: &[f64; 4]) -> bool {
     a.iter()
@@ -358,19 +363,23 @@ mod tests {
     use super::super::projection::tests::normal;
     use super::*;
 
+    /// A descent from values as many of their tolerances away from nominal ones.
+    fn descent(random: &mut Random, tolerances: f64) -> Descent {
+        let (joint, samples) = of_set_1();
+        let nominal = joint.fitted(&joint.machine.values);
+        let start = nominal.iter().zip(&joint.priors).map(|(value, prior)| {
+            value + tolerances * prior.tolerance.unwrap_or(0.0) * normal(random)
+        });
+        let start = start.collect();
+        Descent::from(joint, start, [1.0; 4], vec![1.0; samples.len()]).unwrap()
+    }
+
     /// Values at the minimum are the same wherever the descent began, those near it need not be.
     #[test]
     fn settled_values_forget_where_they_began() {
         let mut random = Random(37);
         let mut settled = |tolerances: f64| {
-            let (joint, samples) = of_set_1();
-            let nominal = joint.fitted(&joint.machine.values);
-            let start = nominal.iter().zip(&joint.priors).map(|(value, prior)| {
-                value + tolerances * prior.tolerance.unwrap_or(0.0) * normal(&mut random)
-            });
-            let start = start.collect();
-            let descent = Descent::from(joint, start, [1.0; 4], vec![1.0; samples.len()]).unwrap();
-            let reached = descent.settled().unwrap();
+            let reached = descent(&mut random, tolerances).settled().unwrap();
             let deviations = reached.normal.inverse_factor().unwrap();
             let sigmas: Vec<f64> = deviations.row_iter().map(|row| row.norm()).collect();
             (reached.fitted, sigmas)
@@ -389,14 +398,7 @@ mod tests {
     fn far_starts_end_where_near_ones_do() {
         let mut random = Random(31);
         let mut cost = |tolerances: f64| {
-            let (joint, samples) = of_set_1();
-            let nominal = joint.fitted(&joint.machine.values);
-            let start = nominal.iter().zip(&joint.priors).map(|(value, prior)| {
-                value + tolerances * prior.tolerance.unwrap_or(0.0) * normal(&mut random)
-            });
-            let start = start.collect();
-            let descent = Descent::from(joint, start, [1.0; 4], vec![1.0; samples.len()]).unwrap();
-            let reached = descent.converged().unwrap();
+            let reached = descent(&mut random, tolerances).converged().unwrap();
             assert!(reached.is_settled);
             reached.residuals.norm_squared()
         };

@@ -2,7 +2,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::descent::{Descent, not_converged};
+use super::descent::{Descent, not_converged, ratios};
 use super::joint::Joint;
 use super::outliers;
 use super::projection::{Basis, Normal};
@@ -11,6 +11,7 @@ use crate::calibration::{Error, searched, widest};
 use crate::robot_file::Noise;
 
 /// A variant at its minimum, linearised there.
+#[derive(Clone)]
 pub(super) struct Fit {
     pub(super) joint: Joint,
     pub(super) fitted: Vec<f64>,
@@ -139,12 +140,7 @@ impl Fit {
     /// `B` of the covariance `B·Bᵀ` that the fitted values would have if the noise were the stated one.
     pub(super) fn deviations_at_stated_noise(&self) -> DMatrix<f64> {
         let stated = self.joint.factors(&[1.0; 4], &self.weights);
-        let mut ratios = vec![1.0; self.residuals.len()];
-        for ((ratio, stated), now) in ratios.iter_mut().zip(&stated).zip(&self.factors) {
-            if *now > 0.0 {
-                *ratio = stated / now;
-            }
-        }
+        let ratios = ratios(&stated, &self.factors, self.residuals.len());
         Normal::from(self.joint.groups.fill(&self.jacobian).scaled(&ratios))
             .and_then(|normal| normal.inverse_factor())
             .unwrap_or_else(|| self.basis.b.clone())

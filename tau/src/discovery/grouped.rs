@@ -11,7 +11,7 @@ use super::parallel;
 const FEWEST: usize = 16;
 
 /// Which rows depend on which columns.
-#[derive(Default)]
+#[derive(Clone, Default)]
 pub(super) struct Groups {
     /// Rows and columns of each.
     patterns: Vec<(Vec<usize>, Vec<usize>)>,

@@ -48,6 +48,7 @@ impl Component {
 }
 
 /// A family with its samples.
+#[derive(Clone)]
 struct Part {
     family: Arc<dyn ResidualFamily>,
     /// Index of each parameter among those of the fit.
@@ -63,6 +64,7 @@ struct Part {
 }
 
 /// The residuals of a variant at all samples.
+#[derive(Clone)]
 pub(super) struct Joint {
     pub(super) machine: Machine,
     /// Index in the variant of each parameter of the fit.

@@ -132,8 +132,7 @@ impl Probes {
             .map(|mut instance| {
                 for index in &mut instance.parameters {
                     let name = &base_variant.parameters[*index].name;
-                    let place = compiled.parameters.iter().position(|p| p.name == *name);
-                    *index = place.unwrap_or_default();
+                    *index = compiled.index_of(name);
                 }
                 instance
             })

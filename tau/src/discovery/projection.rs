@@ -16,6 +16,7 @@ const LEAST_SINGULAR: f64 = 1e-3;
 const PASSES: usize = 5;
 
 /// An orthonormal basis of a Jacobian's columns: `Q = J·B`.
+#[derive(Clone)]
 pub(super) struct Basis {
     pub(super) q: DMatrix<f64>,
     /// Also a factor of the covariance: `(JᵀJ)⁻¹ = B·Bᵀ`.

@@ -156,28 +156,22 @@ fn stretching(model: &Model, variant: usize) -> Option<Model> {
 
 /// Takes over instances of another variant whose parameters are there by the same names.
 fn adopt(into: &mut Variant, from: &Variant, wanted: impl Fn(&Instance) -> bool) {
-    let places: Vec<usize> = from
-        .parameters
-        .iter()
-        .map(|own| {
-            into.parameters
-                .iter()
-                .position(|p| p.name == own.name)
-                .unwrap_or_default()
-        })
-        .collect();
-    let adopted = from
+    let adopted: Vec<Instance> = from
         .instances
         .iter()
         .filter(|instance| wanted(instance))
-        .cloned();
-    into.instances.extend(adopted.map(|mut instance| {
-        instance
-            .parameters
-            .iter_mut()
-            .for_each(|index| *index = places[*index]);
-        instance
-    }));
+        .map(|instance| {
+            let name_of = |index: &usize| &from.parameters[*index].name;
+            let mut adopted = instance.clone();
+            adopted.parameters = instance
+                .parameters
+                .iter()
+                .map(|index| into.index_of(name_of(index)))
+                .collect();
+            adopted
+        })
+        .collect();
+    into.instances.extend(adopted);
 }
 
 fn is_of_cart(kind: ResidualKind) -> bool {
@@ -200,11 +194,8 @@ pub(super) fn with_effects(model: &Model, text: &str) -> Model {
     })
 }
 
-/// Index of an effect of the model.
+/// Index of an effect that is the model's.
 pub(super) fn index_of(model: &Model, name: &str) -> usize {
-    model
-        .effects
-        .iter()
-        .position(|effect| effect.name == name)
-        .unwrap_or_default()
+    let index = model.effects.iter().position(|effect| effect.name == name);
+    index.unwrap_or_else(|| unreachable!("`{name}` is an effect of the model"))
 }

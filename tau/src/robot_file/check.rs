@@ -8,7 +8,7 @@ use toml::de::{DeString, DeTable};
 
 use super::read::key_place;
 use super::{LinkValues, RobotFile};
-use crate::calibration::{described_links, effect_key};
+use crate::calibration::{described_links, effect_key, quantity_of};
 use crate::input_error::{Mistakes, quoted, suggestion};
 use crate::robot::{Owner, Robot};
 
@@ -145,15 +145,8 @@ pub(super) fn complete(
             continue;
         }
         let described = |quantity: &str| {
-            let Some(values) = described.get(index) else {
-                return false;
-            };
-            match quantity {
-                "length" => values.length.is_some(),
-                "plate_joint" => values.plate_joint.is_some(),
-                "track_offset" => values.track_offset.is_some(),
-                _ => values.track_direction.is_some(),
-            }
+            let values = described.get(index);
+            values.is_some_and(|values| quantity_of(values, quantity).is_some())
         };
         let shared = cluster
             .track
