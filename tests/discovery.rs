@@ -138,6 +138,13 @@ fn a_reduced_arm_lacks_the_full_one() {
     let gaps: Vec<f64> = found.steps.iter().map(|step| step.mean_um).collect();
     assert!(gaps.windows(2).all(|pair| pair[1] < pair[0]), "{gaps:?}");
     assert!((gaps[2] - found.validation.after.mean_um).abs() < 1e-9);
+    // What any method could remove is what was removed and what remains.
+    let removed = found.validation.before.rms_um.hypot(found.remaining_um);
+    let removable = (removed.powi(2) - found.validation.after.rms_um.powi(2)).sqrt();
+    assert!(
+        (found.ceiling_um / removable - 1.0).abs() < 0.02,
+        "{removable}"
+    );
 }
 
 /// Links that are parallel and of one length need no full arm, and one that is tested for that costs nothing.

@@ -127,7 +127,11 @@ pub(super) fn finish(
         noise_floor_um: floor.mean_m * 1e6,
         ceiling_um: removable_um(before, &beforehand.floor),
         remaining_um: removable_um(after, &floor),
-        validation: Validation { before, after },
+        validation: Validation {
+            before,
+            after,
+            held_out: search.input.division.is_disjoint(),
+        },
         misfit: beforehand.misfit,
         noise: misfit::noise_scales(fit),
         effects: effects(search),

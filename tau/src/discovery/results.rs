@@ -93,6 +93,8 @@ pub struct Validation {
     pub before: Gap,
     /// With what was found.
     pub after: Gap,
+    /// Whether these poses took no part in the search; they do where the split has all poses on both sides.
+    pub held_out: bool,
 }
 
 /// Position error on the validation poses (µm).

@@ -189,6 +189,9 @@ impl FullArm {
             other => other,
         };
         let before = std::mem::replace(&mut found.validation.before, gap);
+        // The noise is the same under both arms.
+        let more = gap.rms_um.powi(2) - before.rms_um.powi(2);
+        found.ceiling_um = (found.ceiling_um.powi(2) + more).max(0.0).sqrt();
         found.effects.insert(
             0,
             FoundEffect {

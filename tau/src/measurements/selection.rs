@@ -1,5 +1,6 @@
 //! Which poses take part: those in the measured range, split into calibration and validation.
 
+use std::collections::BTreeSet;
 use std::str::FromStr;
 
 use super::{Folder, Shape};
@@ -74,6 +75,17 @@ pub struct Division {
     pub calibration: Vec<usize>,
     /// Indices of the poses that validate.
     pub validation: Vec<usize>,
+}
+
+impl Division {
+    /// Whether no pose does both.
+    pub fn is_disjoint(&self) -> bool {
+        let calibration: BTreeSet<usize> = self.calibration.iter().copied().collect();
+        !self
+            .validation
+            .iter()
+            .any(|pose| calibration.contains(pose))
+    }
 }
 
 impl Split {

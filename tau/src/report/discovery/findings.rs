@@ -69,9 +69,14 @@ pub(in crate::report) fn gap(found: &Discovery) -> String {
     let (before, after) = (found.validation.before, found.validation.after);
     let um = |value: f64| general(value, 3);
     let [floor, ceiling] = [found.noise_floor_um, found.ceiling_um].map(um);
+    let poses = if found.validation.held_out {
+        "On the validation poses, which took no part,"
+    } else {
+        "On the poses that were searched, for none was kept apart,"
+    };
     let change = if is_base(found) {
         format!(
-            "On the validation poses, which took no part, the position error at the tool is {} µm in the mean, \
+            "{poses} the position error at the tool is {} µm in the mean, \
              {} µm at most and {} µm rms.",
             um(before.mean_um),
             um(before.max_um),
@@ -79,7 +84,7 @@ pub(in crate::report) fn gap(found: &Discovery) -> String {
         )
     } else {
         format!(
-            "On the validation poses, which took no part, the position error at the tool {} from {} to {} µm \
+            "{poses} the position error at the tool {} from {} to {} µm \
              in the mean, from {} to {} µm at most, and from {} to {} µm rms.",
             if after.mean_um < before.mean_um {
                 "falls"

@@ -155,8 +155,13 @@ pub(in crate::report) fn evidence(
 fn gap(found: &Discovery, figures: &[Figure]) -> Markup {
     html! {
         p {
-            "After each step the model is fitted to all sets at once and predicts the validation poses, which take no part \
-             in the search. The stated noise alone is what a perfect model would show in the mean."
+            "After each step the model is fitted to all sets at once and predicts "
+            @if found.validation.held_out {
+                "the validation poses, which take no part in the search."
+            } @else {
+                "the same poses again: none was kept apart, so part of what the model follows is their noise."
+            }
+            " The stated noise alone is what a perfect model would show in the mean."
         }
         (table(&tables::steps(found), ""))
         (figure(figures, "discovery_gap_by_step.svg"))

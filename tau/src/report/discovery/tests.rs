@@ -96,6 +96,7 @@ fn found() -> Discovery {
         validation: Validation {
             before: gap(100.0),
             after: gap(25.0),
+            held_out: true,
         },
         misfit: vec![],
         noise: vec![],
@@ -393,6 +394,20 @@ fn a_verdict_claims_no_more_than_was_found() {
     let verdict = findings::verdict(&found);
     assert!(verdict.contains("4.0 times the stated one"), "{verdict}");
     assert!(!verdict.contains("explains the measurements"), "{verdict}");
+}
+
+#[test]
+fn poses_that_were_searched_are_not_said_to_be_kept_apart() {
+    let mut found = found();
+    let claims = |found: &Discovery| {
+        let page = html::discovery_page(found, &setting(), "Robot", "folder");
+        let (page, text) = (page.to_lowercase(), terminal::discovery(found));
+        let of = |text: &str| text.contains("took no part") || text.contains("take no part");
+        (of(&page), of(&text))
+    };
+    assert_eq!(claims(&found), (true, true));
+    found.validation.held_out = false;
+    assert_eq!(claims(&found), (false, false));
 }
 
 #[test]

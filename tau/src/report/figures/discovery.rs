@@ -75,9 +75,14 @@ pub fn gap_by_step(found: &Discovery) -> Option<Figure> {
         file_name: "discovery_gap_by_step.svg".to_owned(),
         number: None,
         title: title.to_owned(),
-        caption: "How the error at the tool shrinks as effects are added to the model, in this order, on poses that took \
-                  no part in the search."
-            .to_owned(),
+        caption: format!(
+            "How the error at the tool shrinks as effects are added to the model, in this order, on {}.",
+            if found.validation.held_out {
+                "poses that took no part in the search"
+            } else {
+                "the poses that were searched"
+            }
+        ),
         svg,
     })
 }
