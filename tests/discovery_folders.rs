@@ -33,6 +33,19 @@ fn trial(name: &str) -> TempDir {
     folder
 }
 
+/// What the virtual robot writes with some effects.
+fn simulated<T: AsRef<str>>(options: &str, effects: &[T]) -> TempDir {
+    let folder = TempDir::new().unwrap();
+    let effects: Vec<String> = effects
+        .iter()
+        .map(|effect| format!("--effect {}", effect.as_ref()))
+        .collect();
+    let line = format!("tau simulate --out DIR {options} {}", effects.join(" "));
+    let (code, err) = tau_in(&folder, &line);
+    assert_eq!(code, 0, "{err}");
+    folder
+}
+
 /// Columns of a table, rewritten.
 fn change(folder: &TempDir, file: &str, columns: &[&str], change: impl Fn(&mut [Vec<String>])) {
     let path = folder.path().join(file);
@@ -306,7 +319,20 @@ fn an_effect_of_ones_own_is_found_by_its_name() {
     simulated.write(folder.path()).unwrap();
     fs::write(folder.path().join("ripple.tau"), RIPPLE).unwrap();
 
-    let with = found(&folder, "--effects DIR/ripple.tau");
+    // One that the description has already does not replace it, and is owned up to.
+    let rack =
+        "effect rack_pitch on cart { param gain: length tol 1 um; along += gain * q / 1 m; }";
+    fs::write(folder.path().join("rack.tau"), rack).unwrap();
+    let options = "--effects DIR/ripple.tau --effects DIR/rack.tau";
+    let line = format!("tau discover DIR --out DIR/out --json DIR/found.json {options}");
+    let (code, err) = tau_in(&folder, &line);
+    assert_eq!(code, 0, "{err}");
+    assert!(
+        err.contains("`rack_pitch`") && err.contains("is not used: the description has one"),
+        "{err}"
+    );
+    let with: Value =
+        serde_json::from_slice(&fs::read(folder.path().join("found.json")).unwrap()).unwrap();
     assert_eq!(effects(&with), ["link_ripple(l3b)"]);
     assert_eq!(with["status"], "explained");
     let parameter = |name: &str| {
@@ -352,12 +378,9 @@ fn an_effect_at_several_places_is_named_at_each() {
     ] {
         let hidden: Vec<String> = gaps
             .iter()
-            .map(|(place, gap)| format!("--effect backlash({place}):gap={gap}"))
+            .map(|(place, gap)| format!("backlash({place}):gap={gap}"))
             .collect();
-        let folder = TempDir::new().unwrap();
-        let line = format!("tau simulate --out DIR --seed {seed} {}", hidden.join(" "));
-        let (code, err) = tau_in(&folder, &line);
-        assert_eq!(code, 0, "{err}");
+        let folder = simulated(&format!("--seed {seed}"), &hidden);
         let found = found(&folder, "");
         let mut expected: Vec<String> = gaps
             .iter()
@@ -375,12 +398,68 @@ fn an_effect_at_several_places_is_named_at_each() {
     }
 }
 
+/// While backlash of two carts is not yet known, a family without a name holds its place, and thermal growth of the
+/// links is named beside it or not, and goes when the first cart's is named: it has to come back.
+#[test]
+fn names_that_others_drove_out_come_back() {
+    let hidden = [
+        "rack_pitch(two):sine=3e-5,period=0.0133,second_sine=1.5e-5",
+        "backlash(one):gap=4e-5",
+        "backlash(three):gap=3e-5",
+        "link_thermal(all):expansion=1.2e-5",
+    ];
+    let names = [
+        "backlash(one)",
+        "backlash(three)",
+        "link_thermal(all)",
+        "rack_pitch(two)",
+    ];
+    for (seed, missing) in [(22, None), (28, Some("cart_positions.csv"))] {
+        let folder = simulated(&format!("--warming 5 --seed {seed}"), &hidden);
+        if let Some(missing) = missing {
+            fs::remove_file(folder.path().join(missing)).unwrap();
+        }
+        let found = found(&folder, "");
+        assert_eq!(effects(&found), names, "seed {seed}");
+        assert_eq!(list(&found, "unnamed").len(), 0, "seed {seed}");
+    }
+}
+
+/// Two tracks that grow move the TCP much as a drifting tracker does, and two links of a cluster as the
+/// displacement of their cart: what one effect explains at several places is weighed against another at one.
+#[test]
+fn one_effect_at_two_places_is_a_rival_of_another_at_one() {
+    let tracks = [
+        "track_thermal(one):expansion=1.2e-5,shift=2e-5",
+        "track_thermal(two):expansion=1.2e-5,shift=1.5e-5",
+    ];
+    let found_of_tracks = found(&simulated("--warming 6 --seed 1", &tracks), "");
+    assert_eq!(
+        effects(&found_of_tracks),
+        ["track_thermal(one)", "track_thermal(two)"]
+    );
+
+    let links = [
+        "link_thermal(l2a):expansion=1.5e-5",
+        "link_thermal(l2b):expansion=1.5e-5",
+    ];
+    let found_of_links = found(&simulated("--warming 6 --seed 2", &links), "");
+    assert_eq!(effects(&found_of_links), ["track_thermal(two)"]);
+    let rivals = list(&found_of_links["effects"][0], "rivals");
+    assert_eq!(rivals.len(), 1, "{rivals:?}");
+    assert_eq!(
+        (&rivals[0]["name"], &rivals[0]["place"]),
+        (&"link_thermal".into(), &"l2a, l2b".into())
+    );
+    let decides = rivals[0]["separate_by"].as_str().unwrap();
+    assert!(decides.starts_with("poses "), "{decides}");
+}
+
 /// The origin of time is anyone's choice.
 #[test]
 fn a_drift_is_found_whatever_time_counts_from() {
-    let folder = TempDir::new().unwrap();
-    let line = "tau simulate --out DIR --random --seed 77 --effect tracker_drift(tcp):rate=[1e-8,-1e-8,5e-9]";
-    assert_eq!(tau_in(&folder, line).0, 0);
+    let drift = "tracker_drift(tcp):rate=[1e-8,-1e-8,5e-9]";
+    let folder = simulated("--random --seed 77", &[drift]);
     let since_the_start = found(&folder, "");
     for file in ["tcp_poses.csv", "cart_poses.csv", "cart_positions.csv"] {
         change(&folder, file, &["time_s"], |rows| {

@@ -177,6 +177,12 @@ fn whiteness(search: &Search<'_>, before: Option<SerialCorrelation>) -> Option<W
 
 fn effects(search: &Search<'_>) -> Vec<FoundEffect> {
     let (fit, bench) = (&search.fit, &search.bench);
+    let places = |candidates: &[usize]| {
+        let places = candidates
+            .iter()
+            .map(|&c| bench.candidates[c].places.as_str());
+        places.collect::<Vec<_>>().join(", ")
+    };
     search
         .accepted
         .iter()
@@ -208,8 +214,8 @@ fn effects(search: &Search<'_>) -> Vec<FoundEffect> {
                     .rivals
                     .iter()
                     .map(|rival| Rival {
-                        name: bench.candidates[rival.candidate].name.clone(),
-                        place: bench.candidates[rival.candidate].places.clone(),
+                        name: bench.candidates[rival.candidates[0]].name.clone(),
+                        place: places(&rival.candidates),
                         cosine: rival.cosine,
                         separate_by: rival.separate_by.clone(),
                     })
@@ -238,7 +244,7 @@ fn considered(search: &Search<'_>) -> Vec<Considered> {
             let is_rival = search.accepted.iter().any(|a| {
                 a.rivals
                     .iter()
-                    .any(|rival| rival.candidate == score.candidate)
+                    .any(|rival| rival.candidates.contains(&score.candidate))
             });
             let verdict = if search
                 .accepted

@@ -372,6 +372,7 @@ fn search_from(
         accepted: vec![],
         unnamed: vec![],
         refused: std::collections::BTreeSet::new(),
+        idle: std::collections::BTreeSet::new(),
         imitated: std::collections::BTreeSet::new(),
         steps: vec![],
         gaps: vec![],

@@ -211,7 +211,7 @@ pub struct Estimate {
 pub struct Rival {
     /// Name in the catalogue.
     pub name: String,
-    /// Where it would act.
+    /// Where it would act; several places, each with amplitudes of its own, are separated by commas.
     pub place: String,
     /// Cosine between the two signals, after what the model absorbs.
     pub cosine: f64,

@@ -4,6 +4,7 @@ mod growth;
 mod places;
 mod review;
 
+use std::cmp::Reverse;
 use std::collections::BTreeSet;
 
 use nalgebra::{Cholesky, DVector};
@@ -48,10 +49,10 @@ pub(super) struct Accepted {
     pub(super) rivals: Vec<FoundRival>,
 }
 
-/// A candidate that explains the same residuals as an effect.
+/// A candidate that explains the same residuals as an effect, or one effect at several places that does.
 #[derive(Clone)]
 pub(super) struct FoundRival {
-    pub(super) candidate: usize,
+    pub(super) candidates: Vec<usize>,
     pub(super) cosine: f64,
     pub(super) separate_by: String,
 }
@@ -69,6 +70,8 @@ pub(super) struct Search<'a> {
     pub(super) unnamed: Vec<(usize, Option<f64>)>,
     /// Candidates that were tried and not confirmed.
     pub(super) refused: BTreeSet<usize>,
+    /// Candidates that were in the model, and were idle beside what came after them.
+    pub(super) idle: BTreeSet<usize>,
     /// Candidates that serial noise could imitate beside the model as it stands.
     pub(super) imitated: BTreeSet<usize>,
     pub(super) steps: Vec<Step>,
@@ -85,6 +88,36 @@ impl Search<'_> {
     /// Grows the model until nothing passes.
     pub(super) fn run(&mut self, progress: &mut dyn FnMut(&str)) -> Result<(), Error> {
         self.record(None)?;
+        let mut seen = BTreeSet::new();
+        self.grow_and_review(&mut seen, progress)?;
+        while self.is_better_anew(&mut seen, progress)? {}
+        self.guard();
+        self.is_left = !self.unnamed.is_empty();
+        Ok(())
+    }
+
+    /// Grows the model and reviews it in turns until neither changes it, or it is one that was `seen` before.
+    fn grow_and_review(
+        &mut self,
+        seen: &mut BTreeSet<[BTreeSet<usize>; 2]>,
+        progress: &mut dyn FnMut(&str),
+    ) -> Result<(), Error> {
+        loop {
+            self.grow(progress)?;
+            let accepted = self.accepted.iter().map(|accepted| accepted.candidate);
+            let unnamed = self.unnamed.iter().map(|unnamed| unnamed.0);
+            let is_new = seen.insert([accepted.collect(), unnamed.collect()]);
+            if is_new && self.name_unnamed()? {
+                continue;
+            }
+            if !(self.review()? && is_new) {
+                return Ok(());
+            }
+        }
+    }
+
+    /// One effect after the other until nothing passes.
+    fn grow(&mut self, progress: &mut dyn FnMut(&str)) -> Result<(), Error> {
         while self.accepted.len() + self.unnamed.len() < MAX_EFFECTS {
             let view = self.view();
             let mut table = self.table(&view);
@@ -160,11 +193,34 @@ impl Search<'_> {
             }
             self.drop_idle()?;
         }
-        self.name_unnamed()?;
-        self.review()?;
-        self.guard();
-        self.is_left = !self.unnamed.is_empty();
         Ok(())
+    }
+
+    /// Grows the model once more from the names that it has, for what was unnamed, or not yet known, may have kept
+    /// others out or driven them out. Counts where less is left without a name, or as little beside more names.
+    fn is_better_anew(
+        &mut self,
+        seen: &mut BTreeSet<[BTreeSet<usize>; 2]>,
+        progress: &mut dyn FnMut(&str),
+    ) -> Result<bool, Error> {
+        if self.unnamed.is_empty() && self.idle.is_empty() {
+            return Ok(false);
+        }
+        let (fit, accepted) = (self.fit.clone(), self.accepted.clone());
+        let unnamed = std::mem::take(&mut self.unnamed);
+        let idle = std::mem::take(&mut self.idle);
+        let steps = self.steps.len();
+        self.imitated.clear();
+        self.grow_and_review(seen, progress)?;
+        let merit = |unnamed: &[_], accepted: &[_]| (Reverse(unnamed.len()), accepted.len());
+        let is_better = merit(&self.unnamed, &self.accepted) > merit(&unnamed, &accepted);
+        if !is_better {
+            self.go_on(fit);
+            (self.accepted, self.unnamed, self.idle) = (accepted, unnamed, idle);
+            self.steps.truncate(steps);
+            self.gaps.truncate(steps);
+        }
+        Ok(is_better)
     }
 
     fn flip_p(&self, view: &View, table: &Table, score: &Score) -> f64 {
@@ -235,6 +291,7 @@ impl Search<'_> {
 
     fn is_open(&self, candidate: usize) -> bool {
         !self.refused.contains(&candidate)
+            && !self.idle.contains(&candidate)
             && !self.imitated.contains(&candidate)
             && !self.unnamed.iter().any(|unnamed| unnamed.0 == candidate)
             && !self
@@ -252,15 +309,20 @@ impl Search<'_> {
         }
     }
 
-    /// Scores that pass Holm's procedure over all candidates, each with its share of the level.
+    /// Scores that are significant at the level of the next step.
     fn significant<'t>(&self, table: &'t Table) -> Vec<&'t Score> {
+        self.significant_at(self.level(), table)
+    }
+
+    /// Scores that pass Holm's procedure over all candidates, each with its share of the level.
+    fn significant_at<'t>(&self, level: f64, table: &'t Table) -> Vec<&'t Score> {
         let mut scores: Vec<&Score> = table.scores.iter().collect();
         scores.sort_by(|a, b| a.adjusted.total_cmp(&b.adjusted));
         let mut left = 1.0;
         scores
             .into_iter()
             .take_while(|score| {
-                let passes = score.adjusted * left <= self.level();
+                let passes = score.adjusted * left <= level;
                 left -= table.weights.of(self.is_named(score));
                 passes
             })
@@ -294,9 +356,10 @@ impl Search<'_> {
             };
             name = better.clone();
         }
-        if let Some(place) = self.place_to_begin(view, &name)
-            && let Some(there) = names.iter().find(|score| score.candidate == place)
-        {
+        let place = self
+            .place_to_begin(view, &name)
+            .or_else(|| self.place_of_several(view, &names, &name));
+        if let Some(there) = names.iter().find(|score| Some(score.candidate) == place) {
             name = (*there).clone();
         }
         let own = self.subspace(view, &name)?;
@@ -357,8 +420,12 @@ impl Search<'_> {
         if family.bic > name_bic + other.bic {
             return false;
         }
-        let view = view.with(&of_other);
-        self.subspace(&view, family).is_none_or(|left| {
+        self.leaves_nothing_to(family, &view.with(&of_other))
+    }
+
+    /// Whether a model leaves nothing to a family.
+    fn leaves_nothing_to(&self, family: &Score, view: &View) -> bool {
+        self.subspace(view, family).is_none_or(|left| {
             let statistic = left.statistic(&view.residuals);
             let (_, p_value) = f_form(statistic, left.rank() as f64, view.total(), view.degrees);
             p_value > ENCOMPASSES
@@ -405,7 +472,7 @@ impl Search<'_> {
             };
             if chi2_survival(statistic, rank) > FURTHER {
                 let removed = self.accepted.remove(effect);
-                self.refused.insert(removed.candidate);
+                self.idle.insert(removed.candidate);
                 self.go_on(self.refit(&self.uses(), None)?);
                 self.record(None)?;
             }

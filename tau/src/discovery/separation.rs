@@ -22,7 +22,7 @@ pub(super) struct Signal<'a> {
 }
 
 /// In words: poses of set 1, repeated under other conditions, that separate an effect as fitted from a
-/// rival, or that nothing does.
+/// rival, or that nothing does. The rival is one effect or several together.
 ///
 /// The separation is the non-centrality that is left of the effect's signal once base and rival have
 /// been fitted to it, over the old rows and those of the poses that are repeated: those where the
@@ -31,14 +31,15 @@ pub(super) fn separate_by(
     bench: &Bench,
     fit: &Fit,
     own: &Signal<'_>,
-    rival: &Signal<'_>,
+    rivals: &[Signal<'_>],
     base: &[usize],
 ) -> String {
-    let Some(now) = system(bench, fit, own, rival, base, Treatment::Same) else {
+    let Some(now) = system(bench, fit, own, rivals, base, Treatment::Same) else {
         return "no measurement of set 1 shows the one without the other".to_owned();
     };
     let present = now.all().separation();
-    let needed = detectable_noncentrality(rival.candidate.parameters.len() as f64, LEVEL, POWER);
+    let parameters: usize = rivals.iter().map(|r| r.candidate.parameters.len()).sum();
+    let needed = detectable_noncentrality(parameters as f64, LEVEL, POWER);
     let treatments = [
         (Treatment::Same, "repeated as they are"),
         (Treatment::Load(3.0), "with three times the payload"),
@@ -50,7 +51,7 @@ pub(super) fn separate_by(
     let best = treatments
         .into_iter()
         .filter_map(|(treatment, words)| {
-            let further = system(bench, fit, own, rival, base, treatment)?;
+            let further = system(bench, fit, own, rivals, base, treatment)?;
             let (poses, sum) = now.with_best(&further);
             Some((sum.separation(), poses, words))
         })
@@ -92,7 +93,7 @@ fn system(
     bench: &Bench,
     fit: &Fit,
     own: &Signal<'_>,
-    rival: &Signal<'_>,
+    rivals: &[Signal<'_>],
     base: &[usize],
     treatment: Treatment,
 ) -> Option<System> {
@@ -132,17 +133,18 @@ fn system(
             .map(|k| own.values[k] - own.candidate.parameters[k].nominal),
     );
     let signal = columns_of(own)? * amplitudes;
-    let of_rival = columns_of(rival)?;
+    let of_rivals: Vec<DMatrix<f64>> = rivals.iter().map(columns_of).collect::<Option<_>>()?;
     let jacobian = fit.jacobian.select_columns(base);
-    let width = base.len() + of_rival.ncols();
+    let width = base.len() + of_rivals.iter().map(DMatrix::ncols).sum::<usize>();
     let block = |rows: &[usize]| {
         let mut block = DMatrix::zeros(rows.len(), width);
         for (to, &from) in rows.iter().enumerate() {
             for column in 0..base.len() {
                 block[(to, column)] = jacobian[(from, column)];
             }
-            for column in 0..of_rival.ncols() {
-                block[(to, base.len() + column)] = of_rival[(from, column)];
+            let of_rivals = of_rivals.iter().flat_map(DMatrix::column_iter);
+            for (column, of_rival) in of_rivals.enumerate() {
+                block[(to, base.len() + column)] = of_rival[from];
             }
         }
         let values = DVector::from_iterator(rows.len(), rows.iter().map(|&row| signal[row]));

@@ -1,17 +1,21 @@
 //! One effect at several places: at each with an amplitude of its own, or with one that all have in common.
 
+use std::collections::BTreeSet;
+
 use tau_codegen::language::model::Place;
 
 use super::super::bench::{Score, f_form};
 use super::super::projection::Subspace;
 use super::super::scan::AS_GOOD;
 use super::super::view::View;
-use super::{ENCOMPASSES, FURTHER, Search};
+use super::{FURTHER, Search};
 
 /// Places of one effect, the most telling first, and what a model with them leaves.
-struct Places {
-    candidates: Vec<usize>,
-    bic: f64,
+pub(super) struct Places {
+    pub(super) candidates: Vec<usize>,
+    pub(super) bic: f64,
+    /// Of each, what those before leave of it.
+    pub(super) subspaces: Vec<Subspace>,
     view: View,
 }
 
@@ -37,6 +41,40 @@ impl Search<'_> {
             && places.bic > name.bic + AS_GOOD
             && places.bic > with_more - AS_GOOD;
         is_better.then_some(first)
+    }
+
+    /// The place to begin with, where another effect than a name's explains more at several places than the name
+    /// does at its own.
+    pub(super) fn place_of_several(
+        &self,
+        view: &View,
+        names: &[&Score],
+        name: &Score,
+    ) -> Option<usize> {
+        self.several_places(view, names, name.candidate)
+            .filter(|places| places.bic > name.bic + AS_GOOD)
+            .max_by(|a, b| a.bic.total_cmp(&b.bic))
+            .map(|places| places.candidates[0])
+    }
+
+    /// Of some names, each effect other than a candidate's that earns its parameters at more than one of its places
+    /// among them. Places that tell nothing by themselves could make up any signal together.
+    pub(super) fn several_places(
+        &self,
+        view: &View,
+        names: &[&Score],
+        candidate: usize,
+    ) -> impl Iterator<Item = Places> {
+        let effect_of = |candidate: usize| self.bench.candidates[candidate].effect;
+        let mut tried = BTreeSet::from([effect_of(candidate)]);
+        names
+            .iter()
+            .filter(move |score| tried.insert(effect_of(score.candidate)))
+            .filter_map(|score| self.places(view, score.candidate))
+            .filter(|places| {
+                let is_name = |place: &usize| names.iter().any(|name| name.candidate == *place);
+                places.candidates.len() > 1 && places.candidates.iter().all(is_name)
+            })
     }
 
     /// The accepted effect that is common to all places, where a name is the same effect at one of them and
@@ -66,22 +104,20 @@ impl Search<'_> {
         if places.candidates.len() < 2 || places.bic < family.bic - AS_GOOD {
             return false;
         }
-        let view = &places.view;
-        self.subspace(view, family).is_none_or(|left| {
-            let statistic = left.statistic(&view.residuals);
-            let (_, p_value) = f_form(statistic, left.rank() as f64, view.total(), view.degrees);
-            p_value > ENCOMPASSES
-        })
+        self.leaves_nothing_to(family, &places.view)
     }
 
-    /// Whether a candidate is an accepted effect in common to all places, of which the model has others already:
+    /// Whether a candidate is an accepted effect in common to all places, of which the model has every one already:
     /// beside them it is the same under another name.
     pub(super) fn is_same_but_common(&self, effect: usize, candidate: usize) -> bool {
-        let own = self.accepted[effect].candidate;
         let effect_of = |candidate: usize| self.bench.candidates[candidate].effect;
+        let own = effect_of(self.accepted[effect].candidate);
+        let is_accepted = |place: usize| self.accepted.iter().any(|at| at.candidate == place);
         self.is_common(candidate)
-            && effect_of(candidate) == effect_of(own)
-            && self.accepted_at(own, |other| !self.is_common(other)).len() > 1
+            && effect_of(candidate) == own
+            && (0..self.bench.candidates.len())
+                .filter(|&place| effect_of(place) == own && !self.is_common(place))
+                .all(is_accepted)
     }
 
     /// The places of a candidate's effect that earn their parameters (BIC), one after the other.
@@ -89,6 +125,7 @@ impl Search<'_> {
         let mut places = Places {
             candidates: vec![],
             bic: 0.0,
+            subspaces: vec![],
             view: view.clone(),
         };
         while let Some((score, subspace)) =
@@ -98,6 +135,7 @@ impl Search<'_> {
             places.candidates.push(score.candidate);
             places.bic += score.bic;
             places.view = places.view.with(&subspace);
+            places.subspaces.push(subspace);
         }
         (!places.candidates.is_empty()).then_some(places)
     }

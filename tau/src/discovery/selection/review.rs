@@ -29,8 +29,10 @@ enum Verdict {
 }
 
 impl Search<'_> {
-    /// With all names found, an unnamed family may turn out to be one of them after all, or nothing.
-    pub(super) fn name_unnamed(&mut self) -> Result<(), Error> {
+    /// With all names found, an unnamed family may turn out to be one of them after all, or nothing. Returns
+    /// whether any did.
+    pub(super) fn name_unnamed(&mut self) -> Result<bool, Error> {
+        let before = self.unnamed.len();
         for family in self.unnamed.clone() {
             let kept = self.unnamed.clone();
             self.unnamed.retain(|other| other.0 != family.0);
@@ -57,13 +59,14 @@ impl Search<'_> {
                 None => self.unnamed = kept,
             }
         }
-        Ok(())
+        Ok(self.unnamed.len() < before)
     }
 
     /// Each effect against its rivals in the presence of all others: what is better takes its place, and
-    /// what the others have made idle goes.
-    pub(super) fn review(&mut self) -> Result<(), Error> {
+    /// what the others have made idle goes. Returns whether the model has changed.
+    pub(super) fn review(&mut self) -> Result<bool, Error> {
         let mut replaced = BTreeSet::new();
+        let mut is_changed = false;
         loop {
             let whole = (self.unnamed.is_empty()).then(|| self.table(&View::of(&self.fit)));
             let effects: Vec<usize> = (0..self.accepted.len()).collect();
@@ -86,8 +89,9 @@ impl Search<'_> {
             }
             // Each change may change what is said of the others.
             let Some((effect, verdict)) = change else {
-                return Ok(());
+                return Ok(is_changed);
             };
+            is_changed = true;
             let Accepted {
                 candidate,
                 flip_p_value,
@@ -97,13 +101,13 @@ impl Search<'_> {
             match verdict {
                 Verdict::Stands(_) => {}
                 Verdict::Idle => {
-                    self.refused.insert(candidate);
+                    self.idle.insert(candidate);
                 }
                 Verdict::Unnamed(family) => self.unnamed.push(family),
                 Verdict::Replaced(name, aliases) => {
                     replaced.insert(candidate);
                     let Some(fit) = self.joined(&name) else {
-                        return Ok(());
+                        return Ok(true);
                     };
                     self.accept(fit, &name, flip_p_value, aliases)?;
                 }
@@ -120,16 +124,18 @@ impl Search<'_> {
     ) -> Verdict {
         let (view, own, of_own) = self.without(effect);
         let table = self.table_without(effect, whole, &view);
-        let significant = self.significant(&table);
         let scored = table.scores.iter().find(|s| s.candidate == own.candidate);
         if scored.is_none_or(|scored| scored.adjusted > LEVEL) {
             return Verdict::Idle;
         }
-        let (names, families): (Vec<&Score>, Vec<&Score>) = significant
-            .iter()
-            .filter(|score| score.candidate != own.candidate)
-            .filter(|score| !self.is_same_but_common(effect, score.candidate))
-            .partition(|score| self.is_named(score));
+        let others = |level: f64| -> (Vec<&Score>, Vec<&Score>) {
+            self.significant_at(level, &table)
+                .into_iter()
+                .filter(|score| score.candidate != own.candidate)
+                .filter(|score| !self.is_same_but_common(effect, score.candidate))
+                .partition(|score| self.is_named(score))
+        };
+        let (names, families) = others(self.level());
         let pairs_with = |scores: &[&Score]| self.bench.pairs_with(&view, &table, &of_own, scores);
         let of_families = pairs_with(&families);
         if let Some(family) = encompassing(&families, &of_families)
@@ -152,6 +158,9 @@ impl Search<'_> {
         {
             return Verdict::Replaced(name.clone(), self.bench.aliases(&table, name));
         }
+        // To be meant as well takes no more than to stay: further names need more than the first one did.
+        let (names, families) = others(LEVEL);
+        let (of_names, of_families) = (pairs_with(&names), pairs_with(&families));
         // What is about as likely, or leaves nothing to the effect.
         let named = names
             .iter()
@@ -167,14 +176,29 @@ impl Search<'_> {
             .chain(unnamed.map(|(score, _)| (score, false)))
             .filter_map(|(score, is_named)| {
                 let rival = self.subspace(&view, score)?;
-                let cosine = cosine(&view, &of_own, &rival);
+                let cosine = cosine(&view, &of_own, &[rival]);
                 (is_named || cosine < SAME).then(|| FoundRival {
-                    candidate: score.candidate,
+                    candidates: vec![score.candidate],
                     cosine,
-                    separate_by: self.separate_by(effect, score),
+                    separate_by: self.separate_by(effect, &[(score.candidate, score.searched)]),
                 })
+            });
+        let mut rivals: Vec<FoundRival> = rivals.collect();
+        let is_told = |candidate: usize| rivals.iter().any(|r| r.candidates.contains(&candidate));
+        let at_several = self.several_places(&view, &names, own.candidate);
+        let at_several: Vec<FoundRival> = at_several
+            .filter(|places| places.bic > own.bic - AS_GOOD)
+            .filter(|places| !places.candidates.iter().any(|&place| is_told(place)))
+            .map(|places| {
+                let together: Vec<_> = places.candidates.iter().map(|&c| (c, None)).collect();
+                FoundRival {
+                    cosine: cosine(&view, &of_own, &places.subspaces),
+                    separate_by: self.separate_by(effect, &together),
+                    candidates: places.candidates,
+                }
             })
             .collect();
+        rivals.extend(at_several);
         Verdict::Stands(rivals)
     }
 
@@ -253,37 +277,36 @@ impl Search<'_> {
         Some((family, strongest.1, p_value))
     }
 
-    /// The measurement that would tell an effect from a rival, in words.
-    fn separate_by(&self, effect: usize, rival: &Score) -> String {
+    /// The measurement that would tell an effect from a rival, in words: candidates, with what is searched.
+    fn separate_by(&self, effect: usize, rival: &[(usize, Option<f64>)]) -> String {
         let own = &self.bench.candidates[self.accepted[effect].candidate];
         let columns = self.columns_of(effect);
         let base: Vec<usize> = (0..self.fit.jacobian.ncols())
             .filter(|column| !columns.contains(column))
             .collect();
-        let other = &self.bench.candidates[rival.candidate];
-        let mut values = other.nominal();
-        if let (Some((place, _)), Some(value)) = (other.search, rival.searched) {
-            values[place] = value;
-        }
+        let rivals = rival.iter().map(|&(candidate, searched)| {
+            let candidate = &self.bench.candidates[candidate];
+            let mut values = candidate.nominal();
+            if let (Some((place, _)), Some(value)) = (candidate.search, searched) {
+                values[place] = value;
+            }
+            Signal { candidate, values }
+        });
+        let rivals: Vec<Signal<'_>> = rivals.collect();
         let own = Signal {
             candidate: own,
             values: self.values_of(effect),
         };
-        separate_by(
-            &self.bench,
-            &self.fit,
-            &own,
-            &Signal {
-                candidate: other,
-                values,
-            },
-            &base,
-        )
+        separate_by(&self.bench, &self.fit, &own, &rivals, &base)
     }
 }
 
-/// Cosine between the signal of an effect and what a rival can make of it.
-fn cosine(view: &View, own: &Subspace, rival: &Subspace) -> f64 {
+/// Cosine between the signal of an effect and what a rival can make of it, whose subspaces follow each other, each
+/// without what is in those before.
+fn cosine(view: &View, own: &Subspace, rival: &[Subspace]) -> f64 {
     let signal = &own.u * own.u.tr_mul(&view.residuals);
-    (rival.u.tr_mul(&signal).norm() / signal.norm().max(1e-300)).min(1.0)
+    let made = rival
+        .iter()
+        .map(|rival| rival.u.tr_mul(&signal).norm_squared());
+    (made.sum::<f64>().sqrt() / signal.norm().max(1e-300)).min(1.0)
 }
