@@ -1,5 +1,6 @@
 //! Which trials there are.
 
+use tau::effects::places;
 use tau::simulation::{Noise, Tails};
 use tau_codegen::language::Model;
 
@@ -26,12 +27,20 @@ pub(crate) enum Section {
     Single,
     /// Two to four effects of the catalogue.
     Several,
+    /// One effect of the catalogue at two places.
+    Places,
     /// One effect that the catalogue lacks.
     Withheld,
 }
 
 impl Section {
-    pub(crate) const ALL: [Self; 4] = [Self::Nulls, Self::Single, Self::Several, Self::Withheld];
+    pub(crate) const ALL: [Self; 5] = [
+        Self::Nulls,
+        Self::Single,
+        Self::Several,
+        Self::Places,
+        Self::Withheld,
+    ];
 
     /// Trials of each kind where none are asked for: together some half an hour.
     fn trials(self) -> usize {
@@ -39,7 +48,7 @@ impl Section {
             Self::Nulls => 40,
             Self::Several => 20,
             Self::Single => 12,
-            Self::Withheld => 8,
+            Self::Places | Self::Withheld => 8,
         }
     }
 
@@ -48,7 +57,7 @@ impl Section {
         match self {
             Self::Nulls => &[0.0],
             Self::Single => &[15.0, 30.0, 60.0, 120.0, 240.0],
-            Self::Several => &[30.0, 60.0, 120.0],
+            Self::Several | Self::Places => &[30.0, 60.0, 120.0],
             Self::Withheld => &[60.0, 120.0, 240.0],
         }
     }
@@ -63,6 +72,8 @@ pub(crate) enum Subject {
     Listed(String),
     /// So many effects of the catalogue, of different names.
     Several(usize),
+    /// An effect of the catalogue at two places, with amplitudes of its own at each.
+    AtTwo(String),
     /// An effect of the catalogue that is taken out of it.
     Withheld(String),
     /// An effect that no catalogue lists.
@@ -137,6 +148,18 @@ fn kinds(section: Section, model: &Model) -> Vec<(String, Subject, OfIndex)> {
             .collect(),
         Section::Several => (2..=4)
             .map(|count| (format!("{count} effects"), Subject::Several(count), stated))
+            .collect(),
+        Section::Places => model
+            .effects
+            .iter()
+            .filter(|effect| places(model, effect).len() > 2)
+            .map(|effect| {
+                (
+                    effect.name.clone(),
+                    Subject::AtTwo(effect.name.clone()),
+                    stated,
+                )
+            })
             .collect(),
         Section::Withheld => names
             .map(|name| (name.clone(), Subject::Withheld(name), stated))

@@ -58,12 +58,20 @@ impl Verdict {
             .map(|own| (own.name.as_str(), own.place.as_str()))
             .collect();
         let key = |named: &Named| hidden.contains(&(named.name.as_str(), named.place.as_str()));
+        // A rival may be one effect at several places.
         let rivals = |named: &Named| -> Vec<(&str, &str)> {
-            hidden
-                .iter()
-                .filter(|(name, place)| named.rivals.iter().any(|r| r.0 == *name && r.1 == *place))
-                .copied()
-                .collect()
+            let of_rival = |(name, places): &(String, String)| -> Option<Vec<(&str, &str)>> {
+                let places = places.split(", ");
+                places
+                    .map(|place| {
+                        hidden
+                            .iter()
+                            .find(|(own, at)| own == name && *at == place)
+                            .copied()
+                    })
+                    .collect()
+            };
+            named.rivals.iter().filter_map(of_rival).flatten().collect()
         };
         let hits = found.named.iter().filter(|named| key(named)).count();
         let covered: BTreeSet<(&str, &str)> = found

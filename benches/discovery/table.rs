@@ -17,7 +17,11 @@ pub(crate) fn markdown(records: &[Record]) -> String {
         text += &match section {
             Section::Nulls => nulls(&own),
             Section::Single => single(&own),
-            Section::Several => several(&own),
+            Section::Several => several("Several effects", &own),
+            Section::Places => {
+                let title = "One effect at two places";
+                several(title, &own) + &confusion(&format!("{title}: answers"), &own)
+            }
             Section::Withheld => withheld(&own),
         };
     }
@@ -210,7 +214,7 @@ fn periods(records: &[&Record]) -> String {
     table("Periods, where the name is right", &columns, &rows)
 }
 
-fn several(records: &[&Record]) -> String {
+fn several(title: &str, records: &[&Record]) -> String {
     let rows: Vec<Vec<String>> = groups(records, |r| format!("{}, λ {}", r.kind, r.noncentrality))
         .iter()
         .map(|(name, members)| {
@@ -239,11 +243,11 @@ fn several(records: &[&Record]) -> String {
         "confidently wrong",
         "share of the oracle's gap",
     ];
-    table("Several effects", &columns, &rows) + &missed(records)
+    table(title, &columns, &rows) + &missed(title, records)
 }
 
 /// What was missed and what was named in its place, effect by effect.
-fn missed(records: &[&Record]) -> String {
+fn missed(title: &str, records: &[&Record]) -> String {
     let mut counts: BTreeMap<&str, (usize, usize, BTreeMap<String, usize>)> = BTreeMap::new();
     for record in records {
         let Some(found) = &record.found else { continue };
@@ -286,7 +290,7 @@ fn missed(records: &[&Record]) -> String {
         })
         .collect();
     let columns = ["hidden", "trials", "missed", "wrong names in those trials"];
-    table("Several effects, by name", &columns, &rows)
+    table(&format!("{title}, by name"), &columns, &rows)
 }
 
 fn withheld(records: &[&Record]) -> String {
@@ -352,10 +356,12 @@ fn answer(record: &Record, found: &Found) -> String {
         .named
         .iter()
         .map(|named| {
-            let own = record.truth.iter().find(|own| own.name == named.name);
-            match own {
-                Some(own) if own.place != named.place => format!("{} elsewhere", named.name),
-                _ => named.name.clone(),
+            let mut places = record.truth.iter().filter(|own| own.name == named.name);
+            let is_hidden = places.clone().next().is_some();
+            if is_hidden && places.all(|own| own.place != named.place) {
+                format!("{} elsewhere", named.name)
+            } else {
+                named.name.clone()
             }
         })
         .collect();

@@ -262,7 +262,7 @@ impl Laboratory {
             own.p_value = score.map(|score| score.p_value);
         }
         let mut found = Found::of(&discovery);
-        if matches!(case.section, Section::Single | Section::Several) {
+        if !matches!(case.section, Section::Nulls | Section::Withheld) {
             found.oracle_um = self.oracle_um(&record.truth, &measured);
         }
         if let (Section::Single, [own]) = (case.section, record.truth.as_slice()) {
@@ -362,6 +362,17 @@ impl Laboratory {
                     )));
                 }
                 (all.len() == *count).then_some(all)
+            }
+            Subject::AtTwo(name) => {
+                let mut all: Vec<(Hidden, Sized)> = Vec::new();
+                for _ in 0..2 * DRAWINGS {
+                    let hidden = Hidden::listed(&self.robot, &self.model, name, random);
+                    let is_there = |other: &(Hidden, Sized)| other.0.place == hidden.place;
+                    if all.len() < 2 && hidden.place != "all" && !all.iter().any(is_there) {
+                        all.extend(sized(hidden));
+                    }
+                }
+                (all.len() == 2).then_some(all)
             }
         }
     }
