@@ -17,10 +17,10 @@ pub(crate) fn markdown(records: &[Record]) -> String {
         text += &match section {
             Section::Nulls => nulls(&own),
             Section::Single => single(&own),
-            Section::Several => several("Several effects", &own),
+            Section::Several => several("Several effects", OF_KIND_AND_SIZE, &own),
             Section::Places => {
                 let title = "One effect at two places";
-                several(title, &own) + &confusion(&format!("{title}: answers"), &own)
+                several(title, OF_SIZE, &own) + &confusion(&format!("{title}: answers"), &own)
             }
             Section::Withheld => withheld(&own),
         };
@@ -32,6 +32,8 @@ pub(crate) fn markdown(records: &[Record]) -> String {
 type Key = fn(&Record) -> String;
 
 const OF_KIND: Key = |record| record.kind.clone();
+const OF_SIZE: Key = |record| format!("λ {}", record.noncentrality);
+const OF_KIND_AND_SIZE: Key = |record| format!("{}, λ {}", record.kind, record.noncentrality);
 const OF_NONCENTRALITY: Key = |record| format!("{}", record.noncentrality);
 
 /// Trials by a key, in order of first appearance.
@@ -214,8 +216,8 @@ fn periods(records: &[&Record]) -> String {
     table("Periods, where the name is right", &columns, &rows)
 }
 
-fn several(title: &str, records: &[&Record]) -> String {
-    let rows: Vec<Vec<String>> = groups(records, |r| format!("{}, λ {}", r.kind, r.noncentrality))
+fn several(title: &str, key: Key, records: &[&Record]) -> String {
+    let rows: Vec<Vec<String>> = groups(records, key)
         .iter()
         .map(|(name, members)| {
             let ended = ended(members);

@@ -387,7 +387,11 @@ impl Laboratory {
             let place = own.place.replace(',', ", ");
             let key = format!("{}({place})", own.name);
             line += &format!(" + {key}");
-            text += item(CATALOGUE, &own.name);
+            // At two places it is one item.
+            let item = item(CATALOGUE, &own.name);
+            if !text.contains(item) {
+                text += item;
+            }
             if let Some(period) = own.period_m {
                 let value = Value {
                     value: vec![period],
