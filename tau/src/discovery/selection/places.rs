@@ -67,9 +67,18 @@ impl Search<'_> {
     ) -> impl Iterator<Item = Places> {
         let effect_of = |candidate: usize| self.bench.candidates[candidate].effect;
         let mut tried = BTreeSet::from([effect_of(candidate)]);
+        let is_at_several = move |effect: usize| {
+            let at_one = |name: &&&Score| !self.is_common(name.candidate);
+            let of_effect = names.iter().filter(at_one);
+            of_effect
+                .filter(|name| effect_of(name.candidate) == effect)
+                .count()
+                > 1
+        };
         names
             .iter()
             .filter(move |score| tried.insert(effect_of(score.candidate)))
+            .filter(move |score| is_at_several(effect_of(score.candidate)))
             .filter_map(|score| self.places(view, score.candidate))
             .filter(|places| {
                 let is_name = |place: &usize| names.iter().any(|name| name.candidate == *place);
