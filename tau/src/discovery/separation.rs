@@ -41,7 +41,7 @@ pub(super) fn separate_by(
     let parameters: usize = rivals.iter().map(|r| r.candidate.parameters.len()).sum();
     let needed = detectable_noncentrality(parameters as f64, LEVEL, POWER);
     let treatments = [
-        (Treatment::Same, "repeated as they are"),
+        (Treatment::Same, "under the same conditions"),
         (Treatment::Load(3.0), "with three times the payload"),
         (Treatment::Load(0.0), "without payload"),
         (Treatment::Warmer(5.0), "5 K warmer"),
@@ -69,7 +69,7 @@ pub(super) fn separate_by(
     numbers.sort_unstable();
     let list: Vec<String> = numbers.iter().map(u32::to_string).collect();
     format!(
-        "poses {} {words}: they raise the separation from χ² = {present:.1} to {separation:.1}",
+        "poses {} once more, {words}: they raise the separation from χ² = {present:.1} to {separation:.1}",
         list.join(", ")
     )
 }

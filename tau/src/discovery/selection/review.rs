@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 
 use super::super::Error;
 use super::super::bench::{Score, Table, f_form};
+use super::super::encompassing::Pair;
 use super::super::parallel;
 use super::super::projection::Subspace;
 use super::super::scan::AS_GOOD;
@@ -26,6 +27,15 @@ enum Verdict {
     Unnamed((usize, Option<f64>)),
     /// Another name, with its aliases, is better.
     Replaced(Score, Vec<f64>),
+}
+
+/// An effect, and the model with all others but without it.
+struct Beside {
+    effect: usize,
+    view: View,
+    table: Table,
+    own: Score,
+    of_own: Subspace,
 }
 
 impl Search<'_> {
@@ -128,78 +138,107 @@ impl Search<'_> {
         if scored.is_none_or(|scored| scored.adjusted > LEVEL) {
             return Verdict::Idle;
         }
-        let others = |level: f64| -> (Vec<&Score>, Vec<&Score>) {
-            self.significant_at(level, &table)
-                .into_iter()
-                .filter(|score| score.candidate != own.candidate)
-                .filter(|score| !self.is_same_but_common(effect, score.candidate))
-                .partition(|score| self.is_named(score))
+        let beside = Beside {
+            effect,
+            view,
+            table,
+            own,
+            of_own,
         };
-        let (names, families) = others(self.level());
-        let pairs_with = |scores: &[&Score]| self.bench.pairs_with(&view, &table, &of_own, scores);
-        let of_families = pairs_with(&families);
+        let (names, families) = self.others(&beside, self.level());
+        let of_families = self.pairs(&beside, &families);
         if let Some(family) = encompassing(&families, &of_families)
             .into_iter()
             .max_by(by_bic)
         {
             return Verdict::Unnamed((family.candidate, family.searched));
         }
-        let of_names = pairs_with(&names);
+        let of_names = self.pairs(&beside, &names);
         let above = encompassing(&names, &of_names);
         let better = above.first().copied().or_else(|| {
             names
                 .iter()
                 .copied()
-                .filter(|name| name.bic > own.bic)
+                .filter(|name| name.bic > beside.own.bic)
                 .max_by(by_bic)
         });
         if let Some(name) = better
-            && !replaced.contains(&own.candidate)
+            && !replaced.contains(&beside.own.candidate)
         {
-            return Verdict::Replaced(name.clone(), self.bench.aliases(&table, name));
+            return Verdict::Replaced(name.clone(), self.bench.aliases(&beside.table, name));
         }
-        // To be meant as well takes no more than to stay: further names need more than the first one did.
-        let (names, families) = others(LEVEL);
-        let (of_names, of_families) = (pairs_with(&names), pairs_with(&families));
+        Verdict::Stands(self.rivals(&beside))
+    }
+
+    /// Names and unnamed families that are significant where an effect is left out.
+    fn others<'a>(&self, beside: &'a Beside, level: f64) -> (Vec<&'a Score>, Vec<&'a Score>) {
+        self.significant_at(level, &beside.table)
+            .into_iter()
+            .filter(|score| score.candidate != beside.own.candidate)
+            .filter(|score| !self.is_same_but_common(beside.effect, score.candidate))
+            .partition(|score| self.is_named(score))
+    }
+
+    fn pairs(&self, beside: &Beside, others: &[&Score]) -> Vec<Pair> {
+        let Beside {
+            view,
+            table,
+            of_own,
+            ..
+        } = beside;
+        self.bench.pairs_with(view, table, of_own, others)
+    }
+
+    /// What could be meant as well as an effect. That takes no more than to stay: further names need more than the
+    /// first one did.
+    fn rivals(&self, beside: &Beside) -> Vec<FoundRival> {
+        let Beside {
+            effect,
+            view,
+            own,
+            of_own,
+            ..
+        } = beside;
+        let (names, families) = self.others(beside, LEVEL);
         // What is about as likely, or leaves nothing to the effect.
         let named = names
             .iter()
-            .zip(of_names)
+            .zip(self.pairs(beside, &names))
             .filter(|(score, pair)| score.bic > own.bic - AS_GOOD || pair.beside_other > NOTHING);
         // What has no name is a rival only where it is something else.
         let unnamed = families
             .iter()
-            .zip(of_families)
+            .zip(self.pairs(beside, &families))
             .filter(|(score, pair)| score.bic > own.bic - AS_GOOD && pair.beside_other > NOTHING);
         let rivals = named
             .map(|(score, _)| (score, true))
             .chain(unnamed.map(|(score, _)| (score, false)))
             .filter_map(|(score, is_named)| {
-                let rival = self.subspace(&view, score)?;
-                let cosine = cosine(&view, &of_own, &[rival]);
+                let rival = self.subspace(view, score)?;
+                let cosine = cosine(view, of_own, &[rival]);
                 (is_named || cosine < SAME).then(|| FoundRival {
                     candidates: vec![score.candidate],
                     cosine,
-                    separate_by: self.separate_by(effect, &[(score.candidate, score.searched)]),
+                    separate_by: self.separate_by(*effect, &[(score.candidate, score.searched)]),
                 })
             });
         let mut rivals: Vec<FoundRival> = rivals.collect();
         let is_told = |candidate: usize| rivals.iter().any(|r| r.candidates.contains(&candidate));
-        let at_several = self.several_places(&view, &names, own.candidate);
+        let at_several = self.several_places(view, &names, own.candidate);
         let at_several: Vec<FoundRival> = at_several
             .filter(|places| places.bic > own.bic - AS_GOOD)
             .filter(|places| !places.candidates.iter().any(|&place| is_told(place)))
             .map(|places| {
                 let together: Vec<_> = places.candidates.iter().map(|&c| (c, None)).collect();
                 FoundRival {
-                    cosine: cosine(&view, &of_own, &places.subspaces),
-                    separate_by: self.separate_by(effect, &together),
+                    cosine: cosine(view, of_own, &places.subspaces),
+                    separate_by: self.separate_by(*effect, &together),
                     candidates: places.candidates,
                 }
             })
             .collect();
         rivals.extend(at_several);
-        Verdict::Stands(rivals)
+        rivals
     }
 
     /// Looks for significant structure that the model leaves where its effects act: there are few
