@@ -5,8 +5,7 @@
 //! with its blocks, by way of the normal equations or of the stored Jacobian, and without blocks.
 
 use divan::Bencher;
-use tau::measurements::Split;
-use tau::study::Poses;
+use tau::measurements::{Poses, Split};
 use tau::{Robot, calibration};
 use tau_generated::gantry_tau::ROBOT;
 use tau_runtime::{Pattern, ResidualFamily, ResidualKind, Shape};

@@ -6,10 +6,9 @@ use std::path::Path;
 use std::sync::{Arc, Mutex};
 
 use tau::calibration::{self, Calibration, calibrate};
-use tau::measurements::Split;
+use tau::measurements::{Poses, Split};
 use tau::prototype;
 use tau::robot::{Robot, Variant};
-use tau::study::Poses;
 use tau_generated::gantry_tau::ROBOT;
 use tau_runtime::{Pattern, ResidualFamily, ResidualKind, Shape};
 use tau_solver::{Block, Options, Parameter, Problem, solve};

@@ -11,9 +11,9 @@ use super::kept::Kept;
 use super::progress::Spinner;
 use super::resolve::{Case, both, find, read};
 use super::{Console, Failure, arguments};
-use crate::discovery::{Options, discover};
+use crate::discovery::{Options, UNNAMED, discover, reserved};
 use crate::effects::CATALOGUE;
-use crate::input_error::InputError;
+use crate::input_error::{InputError, Source};
 use crate::report;
 use crate::robot::Robot;
 use crate::study;
@@ -162,6 +162,18 @@ fn catalogue(path: &Path, model: &Model) -> Result<(String, Model), InputError> 
     let effects = language::effects_from_text(&text, &alone).map_err(|errors| {
         InputError::of_description(&path.display().to_string(), &text, &errors)
     })?;
+    let mut names = effects.effects.iter().map(|effect| &effect.name);
+    if let Some(name) = names.find(|name| name.starts_with(UNNAMED)) {
+        let file = path.display().to_string();
+        let source = Source::new(&file, &text);
+        let at = text.find(name.as_str()).unwrap_or_default();
+        let problem = format!("the name `{name}` is reserved");
+        return Err(reserved(InputError::at(
+            source,
+            at..at + name.len(),
+            problem,
+        )));
+    }
     Ok((text, effects))
 }
 

@@ -7,11 +7,11 @@ use std::path::Path;
 use super::arguments;
 use crate::calibration::effect_key;
 use crate::input_error::{self, InputError, quoted};
-use crate::measurements::{Folder, Shape, Split, Texts};
+use crate::measurements::{Folder, Poses, Shape, Split, Texts};
 use crate::prototype;
 use crate::robot::{Robot, Variant};
 use crate::robot_file::RobotFile;
-use crate::study::{self, Poses};
+use crate::study;
 
 /// What a command computes from.
 pub(super) struct Case {
@@ -61,10 +61,7 @@ impl Case {
 
     /// What was noticed about the measurements.
     pub(super) fn remarks(&self, poses: &Poses) -> Vec<String> {
-        let (of_file, of_robot) = (&self.file.robot, &self.robot.name);
-        let other = (of_file != of_robot).then(|| {
-            format!("robot.toml is for robot `{of_file}`, the description is of `{of_robot}`")
-        });
+        let other = self.file.other_robot(&self.robot);
         let dropped = study::dropped(poses.counts, &self.folder);
         let folder = self.folder.remarks.iter().cloned();
         folder.chain(other).chain(dropped).collect()

@@ -28,7 +28,12 @@ pub(super) fn base_fit(
     } = *input;
     let free = variant::free_turning(model, index, Some(variant));
     let prepared = Prepared::new(robot, &free, file, Some(folder), &division.calibration)?;
-    let mut of_set_1 = Sample::all(robot, folder, &division.calibration, &Frames::default());
+    let samples_in = |frames: &Frames| {
+        let mut samples = Sample::all(robot, folder, &division.calibration, frames);
+        Sample::sort_by_time(&mut samples);
+        samples
+    };
+    let mut of_set_1 = samples_in(&Frames::default());
     place_plates(&prepared.machine, file, &mut of_set_1);
     let alone = Joint::new(
         prepared.machine.clone(),
@@ -40,7 +45,7 @@ pub(super) fn base_fit(
     let machine = prepared.machine.with_values(values.clone());
     let frames = Frames::of(&machine, file, folder);
     numbering::check(&machine, folder)?;
-    let mut samples = Sample::all(robot, folder, &division.calibration, &frames);
+    let mut samples = samples_in(&frames);
     place_plates(&machine, file, &mut samples);
     let joint = Joint::new(machine.clone(), &prepared.nominal, &samples, file.noise)?;
     let about_lines = outliers::deviations(outliers::about_lines(&samples), &samples);

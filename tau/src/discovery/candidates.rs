@@ -9,7 +9,7 @@ use tau_codegen::language::model::{
 use super::formula::{Formulas, Series};
 use super::generic::{self, Family, Stands};
 use super::probes::Probes;
-use super::samples::Sample;
+use super::samples::{NOT_FINITE, Sample};
 use crate::effects;
 use crate::kinematics::Surroundings;
 use crate::robot::{Arm, Input, Variant};
@@ -194,7 +194,7 @@ impl Candidate {
 
     /// Whether it has a name of its own.
     pub(super) fn is_named(&self) -> bool {
-        !self.name.starts_with(generic::PREFIX)
+        !self.name.starts_with(generic::UNNAMED)
     }
 
     /// As the description writes it.
@@ -325,14 +325,23 @@ impl Candidate {
                         Series::Each(values) => Some(values),
                         Series::Same(value) => Some(vec![value; at.len()]),
                     };
+                    let slopes: Vec<Option<Vec<f64>>> = (0..self.parameters.len())
+                        .map(|k| each(k.checked_sub(first)?))
+                        .collect();
+                    if slopes
+                        .iter()
+                        .flatten()
+                        .flatten()
+                        .any(|slope| !slope.is_finite())
+                    {
+                        return Err(NOT_FINITE);
+                    }
                     entries.push(Entry {
                         term: index,
                         component,
                         scope: action.scope,
                         probe,
-                        slopes: (0..self.parameters.len())
-                            .map(|k| each(k.checked_sub(first)?))
-                            .collect(),
+                        slopes,
                     });
                 }
             }

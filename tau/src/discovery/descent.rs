@@ -174,6 +174,7 @@ impl Descent {
 
     fn descended(mut self, end: End) -> Result<Self, Error> {
         let mut damping = LEAST_DAMPING;
+        self.is_settled = true;
         for iteration in 1..=end.iterations {
             let cost = self.residuals.norm_squared();
             let mut gradient = self.normal.gradient(&self.residuals);

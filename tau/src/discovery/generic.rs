@@ -5,7 +5,7 @@ use std::fmt::Write;
 use tau_codegen::language::Model;
 
 /// Start of the names of unnamed families; no catalogue may use it.
-pub(super) const PREFIX: &str = "unnamed_";
+pub(crate) const UNNAMED: &str = "unnamed_";
 
 /// What an unnamed family moves, and as a function of what.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -125,9 +125,15 @@ pub(super) fn families(model: &Model, (low_m, high_m): (f64, f64)) -> (String, V
             families.add("cart", axis, "commands", &travels);
         }
         for (axes, name) in [(shift, "shift"), (turn, "turn")] {
-            families.bundle("cart", name, &axes, "q", &legendre[..3]);
-            families.bundle("cart", name, &axes, "direction", &DIRECTION[..2]);
-            families.bundle("cart", name, &axes, "load", &LOAD);
+            families.bundle(("cart", Stands::Alone), name, &axes, "q", &legendre[..3]);
+            families.bundle(
+                ("cart", Stands::Alone),
+                name,
+                &axes,
+                "direction",
+                &DIRECTION[..2],
+            );
+            families.bundle(("cart", Stands::Alone), name, &axes, "load", &LOAD);
         }
         families.of_all("cart", "along", "temperature", &WARM_TRAVEL);
         families.of_all("cart", "along", "direction", &DIRECTION[..1]);
@@ -147,9 +153,21 @@ pub(super) fn families(model: &Model, (low_m, high_m): (f64, f64)) -> (String, V
         families.add("tcp", axis, "temperature", &TEMPERATURE);
         families.add("tcp", axis, "position", &PLACE);
     }
-    families.bundle("tcp", "vector", &axes, "time", &TIME);
-    families.bundle("tcp", "vector", &axes, "temperature", &TEMPERATURE);
-    families.bundle("tcp", "vector", &axes, "position", &PLACE[..3]);
+    families.bundle(("tcp", Stands::Alone), "vector", &axes, "time", &TIME);
+    families.bundle(
+        ("tcp", Stands::Alone),
+        "vector",
+        &axes,
+        "temperature",
+        &TEMPERATURE,
+    );
+    families.bundle(
+        ("tcp", Stands::Alone),
+        "vector",
+        &axes,
+        "position",
+        &PLACE[..3],
+    );
     families.scale();
     for (subject, axis, range) in PERIODS {
         families.periodic(subject, axis, range);
@@ -167,12 +185,12 @@ struct Families {
 impl Families {
     /// One axis as a function of something.
     fn add(&mut self, subject: &str, axis: &str, against: &'static str, basis: &[&str]) {
-        self.bundle(subject, axis, &[axis], against, basis);
+        self.bundle((subject, Stands::Alone), axis, &[axis], against, basis);
     }
 
     /// What repeats along a track.
     fn periodic(&mut self, subject: &str, axis: &str, range: &str) {
-        let name = format!("{PREFIX}{subject}_{axis}_periodic");
+        let name = format!("{UNNAMED}{subject}_{axis}_periodic");
         let _ = writeln!(
             self.text,
             "effect {name} on {subject} {{ param sine, cosine: length; \
@@ -189,7 +207,7 @@ impl Families {
 
     /// What grows with the distance from the origin.
     fn scale(&mut self) {
-        let name = format!("{PREFIX}tcp_scale_position");
+        let name = format!("{UNNAMED}tcp_scale_position");
         let _ = writeln!(
             self.text,
             "effect {name} on tcp {{ param c: length; position += c * (x/(1 m), y/(1 m), z/(1 m)); }}"
@@ -204,29 +222,29 @@ impl Families {
 
     /// The same everywhere.
     fn common(&mut self, subject: &str, axis: &str, against: &'static str, basis: &[&str]) {
-        self.bundle(&format!("{subject}_common"), axis, &[axis], against, basis);
+        self.bundle((subject, Stands::Common), axis, &[axis], against, basis);
     }
 
     /// The same at all places at once.
     fn of_all(&mut self, subject: &str, axis: &str, against: &'static str, basis: &[&str]) {
-        self.bundle(&format!("{subject}_all"), axis, &[axis], against, basis);
+        self.bundle((subject, Stands::AtAll), axis, &[axis], against, basis);
     }
 
     /// Several axes, each with amplitudes of its own.
     fn bundle(
         &mut self,
-        subject: &str,
+        (subject, stands): (&str, Stands),
         direction: &str,
         axes: &[&str],
         against: &'static str,
         basis: &[&str],
     ) {
-        let name = format!("{PREFIX}{subject}_{direction}_{against}");
-        let (subject, stands) = match subject.split_once('_') {
-            Some((subject, "all")) => (subject, Stands::AtAll),
-            Some((subject, _)) => (subject, Stands::Common),
-            None => (subject, Stands::Alone),
+        let at = match stands {
+            Stands::Alone => "",
+            Stands::AtAll => "_all",
+            Stands::Common => "_common",
         };
+        let name = format!("{UNNAMED}{subject}{at}_{direction}_{against}");
         let (mut parameters, mut terms) = (String::new(), String::new());
         for (k, axis) in axes.iter().enumerate() {
             let coefficients: Vec<String> =

@@ -56,7 +56,7 @@ use crate::calibration::{Calibration, Prepared, calibrate};
 use crate::effects::CATALOGUE;
 use crate::evaluation::evaluate;
 use crate::input_error::InputError;
-use crate::measurements::{Division, Folder, Shape, Split};
+use crate::measurements::{Division, Folder, Poses, Split};
 use crate::robot::{Arm, Robot, Variant};
 use crate::robot_file::RobotFile;
 use base::base_fit;
@@ -65,6 +65,7 @@ use bench::Bench;
 use evidence::whiteness::Series;
 use findings::{Beforehand, finish};
 use fit::Fit;
+pub(crate) use generic::UNNAMED;
 use misfit::misfits;
 use probes::Probes;
 use results::{Gap, Misfit};
@@ -85,7 +86,8 @@ pub struct Options {
     pub split: Split,
     /// Seed of the sign flips and resamples.
     pub seed: u64,
-    /// Number of sign flips; with fewer than [`LEAST_FLIPS`] the search ends early.
+    /// Number of sign flips; fewer than [`LEAST_FLIPS`] can't show the levels that the search tests at, and let more
+    /// pass by chance.
     pub flips: usize,
     /// Catalogues of effects in the language; of effects of one name, the first counts.
     pub catalogues: Vec<String>,
@@ -207,12 +209,7 @@ fn discovered(
             .help("rename it in the description: what is found gets this name")
             .into());
     }
-    let in_range = folder.in_range(file, Shape::from(robot));
-    let division = options.split.divide(&in_range);
-    if division.calibration.is_empty() {
-        let problem = "none of the poses of set 1 is in the range of the commands";
-        return Err(InputError::whole(&folder.name, problem).into());
-    }
+    let Poses { division, .. } = Poses::select(robot, file, folder, options.split)?;
     let completed = file.completed(robot);
     let input = Input {
         robot,
@@ -390,6 +387,13 @@ fn search_from(
     Found::of(&search, variant, outcome)
 }
 
+/// Says that names with the prefix of the unnamed families are theirs.
+pub(crate) fn reserved(error: InputError) -> InputError {
+    error.help(format!(
+        "rename it: effects whose names begin with `{UNNAMED}` are the unnamed families of discovery"
+    ))
+}
+
 /// The model with all catalogues and the unnamed families.
 fn catalogue(
     robot: &Robot,
@@ -401,6 +405,13 @@ fn catalogue(
     let mut model = language::check_text(&robot.description).map_err(input_error)?;
     for text in &options.catalogues {
         model = effects_from_text(text, &model).map_err(input_error)?;
+    }
+    let mut names = model.effects.iter().map(|effect| &effect.name);
+    if let Some(name) = names.find(|name| name.starts_with(UNNAMED)) {
+        let problem = format!("there is an effect `{name}`");
+        return Err(Error::Input(reserved(InputError::whole(
+            "effects", problem,
+        ))));
     }
     let (text, families) = generic::families(&model, range_m);
     Ok((

@@ -44,7 +44,7 @@ pub struct Discovery {
     /// Whether residuals of set 1 follow each other in the order of measurement; nothing where there
     /// are too few poses.
     pub whiteness: Option<Whiteness>,
-    /// What the residuals show of each effect, in the order of `effects`.
+    /// What the residuals show of each effect that has parameters; by name and place those of `effects`.
     pub evidence: Vec<Evidence>,
     /// Structure that no effect of the catalogue explains.
     pub unnamed: Vec<Unnamed>,
@@ -167,7 +167,8 @@ pub struct FoundEffect {
     pub parameters: BTreeMap<String, Estimate>,
     /// Chance of such a score anywhere in the candidate's search, without an effect.
     pub p_value: f64,
-    /// Chance that any candidate scores so high when the signs of the residuals are drawn by lot.
+    /// Chance that any candidate scores so high when the signs of the residuals are drawn by lot; not a number
+    /// (`null` in JSON) for the links that a reduced arm takes for one, which are tested before the search.
     pub flip_p_value: f64,
     /// Fall of χ².
     pub chi2_drop: f64,

@@ -1,5 +1,7 @@
 //! The measurements of all sets as one list of samples.
 
+use std::cmp::Ordering;
+
 use crate::kinematics::{Forces, Pose, Statics, Surroundings};
 use crate::measurements::{Conditions, Folder, TcpPose};
 use crate::robot::{Input, Robot};
@@ -37,6 +39,8 @@ const NO_TEMPERATURE: &str = "the column `temperature_c` is missing";
 const NO_LOAD: &str = "`[payload]` or dimensions of the links are missing in the robot file";
 const NO_PATH: &str = "set 2 (`cart_poses.csv`) is missing";
 const NO_COMMAND: &str = "a command is missing";
+/// An effect whose derivative is not finite.
+pub(super) const NOT_FINITE: &str = "its derivative at no effect is not finite";
 
 impl Sample {
     fn of_tcp(measured: &TcpPose, unit: usize) -> Self {
@@ -127,6 +131,28 @@ impl Sample {
             }
         }
         samples
+    }
+
+    /// Puts samples of each set in the order of measurement: by time, the points of each cart in set 2 for
+    /// themselves. Sets in which a time is missing stay in the order of the file.
+    pub(super) fn sort_by_time(samples: &mut [Self]) {
+        let is_timed = [1, 2, 3].map(|set| {
+            let mut own = samples.iter().filter(|sample| sample.set == set);
+            own.all(|sample| sample.conditions.time_s.is_some())
+        });
+        samples.sort_by(|a, b| {
+            a.set.cmp(&b.set).then_with(|| {
+                let (Some(a_s), Some(b_s)) = (a.conditions.time_s, b.conditions.time_s) else {
+                    return Ordering::Equal;
+                };
+                let cart = |sample: &Self| sample.track.filter(|_| sample.set == 2);
+                if is_timed[usize::from(a.set) - 1] {
+                    cart(a).cmp(&cart(b)).then(a_s.total_cmp(&b_s))
+                } else {
+                    Ordering::Equal
+                }
+            })
+        });
     }
 
     /// Number of samples' units.

@@ -39,7 +39,7 @@ pub(super) struct Band {
 pub(super) struct Scores {
     pub(super) statistics: Vec<f64>,
     ranks: Vec<usize>,
-    /// For each grid point, coefficients of an orthonormal basis, by columns; none are zero.
+    /// For each grid point, coefficients of an orthonormal basis, by columns; where its rank is lower, the rest is zero.
     coefficients: Vec<f64>,
     /// What the model's basis absorbs of the columns.
     absorbed: Arc<DMatrix<f64>>,

@@ -164,9 +164,7 @@ impl Search<'_> {
             );
             let aliases = self.bench.aliases(&table, &winner);
             self.first.get_or_insert(table);
-            // So few flips may be made that none can be rarer.
-            let rarest = 1.0 / (1.0 + self.input.options.flips as f64);
-            if flip_p_value > self.level().max(rarest) {
+            if !self.passes_flips(flip_p_value, self.level()) {
                 // The best does no better than chance, so nothing does.
                 self.refused.insert(winner.candidate);
                 break;
@@ -209,14 +207,15 @@ impl Search<'_> {
         let (fit, accepted) = (self.fit.clone(), self.accepted.clone());
         let unnamed = std::mem::take(&mut self.unnamed);
         let idle = std::mem::take(&mut self.idle);
+        let imitated = std::mem::take(&mut self.imitated);
         let steps = self.steps.len();
-        self.imitated.clear();
         self.grow_and_review(seen, progress)?;
         let merit = |unnamed: &[_], accepted: &[_]| (Reverse(unnamed.len()), accepted.len());
         let is_better = merit(&self.unnamed, &self.accepted) > merit(&unnamed, &accepted);
         if !is_better {
             self.go_on(fit);
-            (self.accepted, self.unnamed, self.idle) = (accepted, unnamed, idle);
+            (self.accepted, self.unnamed) = (accepted, unnamed);
+            (self.idle, self.imitated) = (idle, imitated);
             self.steps.truncate(steps);
             self.gaps.truncate(steps);
         }
@@ -234,6 +233,12 @@ impl Search<'_> {
                 .seed
                 .wrapping_add(self.steps.len() as u64),
         )
+    }
+
+    /// Whether random signs do as well hardly ever. So few may be drawn that nothing can be rarer.
+    fn passes_flips(&self, flip_p_value: f64, level: f64) -> bool {
+        let rarest = 1.0 / (1.0 + self.input.options.flips as f64);
+        flip_p_value <= level.max(rarest)
     }
 
     /// Goes on from another fit.

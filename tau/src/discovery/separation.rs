@@ -51,8 +51,11 @@ pub(super) fn separate_by(
     let best = treatments
         .into_iter()
         .filter_map(|(treatment, words)| {
-            let further = system(bench, fit, own, rivals, base, treatment)?;
-            let (poses, sum) = now.with_best(&further);
+            let (poses, sum) = if treatment == Treatment::Same {
+                now.with_best(&now)
+            } else {
+                now.with_best(&system(bench, fit, own, rivals, base, treatment)?)
+            };
             Some((sum.separation(), poses, words))
         })
         .max_by(|a, b| a.0.total_cmp(&b.0));

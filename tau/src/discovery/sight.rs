@@ -18,6 +18,8 @@ const POWER: f64 = 0.8;
 pub(super) const IMPLAUSIBLE: f64 = 10.0;
 /// A signal of which the base leaves less than this share is absorbed.
 const ABSORBED: f64 = 1e-4;
+/// With less than this share left, it is the base that hides what could be seen only far beyond what is plausible.
+const MOSTLY_ABSORBED: f64 = 0.01;
 
 /// The table of what can be detected beside a model, scored in `table`, and of what cannot; candidates out of
 /// sight are hidden.
@@ -67,7 +69,7 @@ pub(super) fn sight(
             .tolerance
             .is_some_and(|t| amplitude > IMPLAUSIBLE * t);
         if surviving < ABSORBED || hopeless {
-            let why = if surviving < ABSORBED || surviving < 0.01 {
+            let why = if surviving < MOSTLY_ABSORBED {
                 format!("the base absorbs {:.2} % of it", 100.0 * (1.0 - surviving))
             } else {
                 format!(

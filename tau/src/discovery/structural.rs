@@ -62,8 +62,8 @@ fn with_structure(
     if let Some(own) = robot.variants.iter().find(is_same) {
         return Ok((robot.clone(), own.name.clone()));
     }
-    let name = format!("{}{suffix}", base.name);
-    let plain = format!("{name}Alone");
+    let name = free_name(robot, &format!("{}{suffix}", base.name));
+    let plain = free_name(robot, &format!("{name}Alone"));
     let arm = match structure.arm {
         Arm::Full => "arm full;",
         Arm::Reduced => "arm reduced;",
@@ -111,6 +111,17 @@ fn with_structure(
     let robot = Robot::from_text(&description)
         .map_err(|errors| InputError::whole(&robot.name, errors.to_string()))?;
     Ok((robot, name))
+}
+
+/// A name that no variant has.
+fn free_name(robot: &Robot, wanted: &str) -> String {
+    let mut name = wanted.to_owned();
+    let mut tried = 1;
+    while robot.variant(&name).is_some() {
+        tried += 1;
+        name = format!("{wanted}{tried}");
+    }
+    name
 }
 
 /// Parameters of a variant's effects: index of the effect, and name.

@@ -8,7 +8,7 @@ pub(crate) mod set;
 pub(crate) mod table;
 
 pub use read::{Shape, Texts};
-pub use selection::{Division, Split};
+pub use selection::{Division, PoseCounts, Poses, Split};
 
 /// What a measurement folder holds, SI units.
 #[derive(Debug, Clone, Default)]

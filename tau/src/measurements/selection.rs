@@ -5,6 +5,7 @@ use std::str::FromStr;
 
 use super::{Folder, Shape};
 use crate::input_error::{InputError, Source};
+use crate::robot::Robot;
 use crate::robot_file::RobotFile;
 
 impl Folder {
@@ -168,6 +169,76 @@ impl FromStr for Split {
             _ => Err(wrong(text, "a way to split the poses")
                 .help("`alternate`, `all`, `first:N`, `fraction:F` or `fraction:F:SEED`")),
         }
+    }
+}
+
+/// How many poses took which part.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct PoseCounts {
+    /// In the file.
+    pub total: usize,
+    /// With all commands inside the range that set 2 covers.
+    pub in_range: usize,
+    /// Used for calibration.
+    pub calibration: usize,
+    /// Held out for validation.
+    pub validation: usize,
+}
+
+/// Poses of a folder that take part.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Poses {
+    /// How many took which part.
+    pub counts: PoseCounts,
+    /// Which calibrate and which validate, by index.
+    pub division: Division,
+}
+
+impl Poses {
+    /// Selects the poses whose commands lie in the measured range, and divides them.
+    ///
+    /// # Errors
+    /// No pose lies in the range; none is left to calibrate or to validate.
+    pub fn select(
+        robot: &Robot,
+        file: &RobotFile,
+        folder: &Folder,
+        split: Split,
+    ) -> Result<Self, InputError> {
+        let in_range = folder.in_range(file, Shape::from(robot));
+        let division = split.divide(&in_range);
+        let counts = PoseCounts {
+            total: folder.tcp_poses.len(),
+            in_range: in_range.len(),
+            calibration: division.calibration.len(),
+            validation: division.validation.len(),
+        };
+        if in_range.is_empty() {
+            return Err(InputError::whole(
+                &folder.name,
+                format!(
+                    "none of the {} poses has all its commands in the range that {} covers",
+                    counts.total,
+                    if folder.cart_poses.is_empty() {
+                        "`[range]` of the robot file"
+                    } else {
+                        "set 2"
+                    },
+                ),
+            )
+            .help("measure poses, or carts (`cart_poses.csv`), over the stroke that is used"));
+        }
+        if division.calibration.is_empty() || division.validation.is_empty() {
+            return Err(InputError::whole(
+                &folder.name,
+                format!(
+                    "of {} poses {} calibrate and {} validate, expected some of each",
+                    counts.in_range, counts.calibration, counts.validation
+                ),
+            )
+            .help("measure more poses, or divide them otherwise with `--split`"));
+        }
+        Ok(Self { counts, division })
     }
 }
 

@@ -1,7 +1,8 @@
 //! What the study found, in plain sentences.
 
 use super::number::{fixed, general, largest, shared_decimals};
-use crate::study::results::{PoseCounts, Study, TrackLinearity, VariantResult};
+use crate::measurements::PoseCounts;
+use crate::study::results::{Study, TrackLinearity, VariantResult};
 
 /// The variant with the smallest mean position error.
 pub(super) fn best(study: &Study) -> Option<&VariantResult> {

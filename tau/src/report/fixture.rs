@@ -1,9 +1,10 @@
 //! A study with made-up numbers of plausible size, for tests of the layout alone.
 
+use crate::measurements::PoseCounts;
 use crate::study::results::{
     Assumptions, Combination, LinkResult, LinkSensitivity, OrientationPoint, ParameterEstimate,
-    ParameterSensitivity, PathDeviation, PoseCounts, PoseError, Sensitivity, Study, Summary,
-    TrackComparison, TrackLinearity, VariantResult,
+    ParameterSensitivity, PathDeviation, PoseError, Sensitivity, Study, Summary, TrackComparison,
+    TrackLinearity, VariantResult,
 };
 
 const LINKS: [&str; 6] = ["l1", "l2a", "l2b", "l3a", "l3b", "l3c"];

@@ -7,15 +7,15 @@ use serde_json::{Map, Value, json};
 
 use crate::discovery::Discovery;
 use crate::evaluation::Evaluation;
+use crate::measurements::PoseCounts;
 use crate::study::results::{
     Combination, LinkResult, LinkSensitivity, ParameterEstimate, ParameterSensitivity,
-    PathDeviation, PoseCounts, PoseError, Sensitivity, Study, TrackComparison, TrackLinearity,
-    VariantResult,
+    PathDeviation, PoseError, Sensitivity, Study, TrackComparison, TrackLinearity, VariantResult,
 };
 
 /// The result of `tau study`.
 ///
-/// `discovery` is `null` where the search for effects failed; a remark says why.
+/// `discovery` is `null` where the search for effects was left out, or failed; then a remark says why.
 pub fn study(study: &Study) -> Value {
     let variants: Map<_, _> = study
         .variants

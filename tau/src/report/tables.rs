@@ -427,10 +427,9 @@ pub(super) fn correlation(value: f64) -> String {
 
 /// The largest correlations of a variant, at most `count`.
 pub(super) fn correlations(variant: &VariantResult, count: usize) -> Option<Table> {
-    let mut pairs: Vec<_> = variant.correlations.iter().collect();
-    pairs.sort_by(|a, b| b.2.abs().total_cmp(&a.2.abs()));
-    let rows: Vec<_> = pairs
-        .into_iter()
+    let rows: Vec<_> = variant
+        .correlations
+        .iter()
         .take(count)
         .map(|(one, other, value)| vec![text(one), text(other), Cell::Number(correlation(*value))])
         .collect();

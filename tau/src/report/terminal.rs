@@ -172,9 +172,7 @@ fn determined(variant: &VariantResult) -> String {
     for combination in variant.undetermined.iter().take(SHOWN) {
         text += &wrap(&tables::combination(combination, SHOWN), "    ");
     }
-    let mut pairs: Vec<_> = variant.correlations.iter().collect();
-    pairs.sort_by(|a, b| b.2.abs().total_cmp(&a.2.abs()));
-    for (one, other, value) in pairs.into_iter().take(SHOWN) {
+    for (one, other, value) in variant.correlations.iter().take(SHOWN) {
         let pair = format!(
             "correlation {} of {one} and {other}",
             tables::correlation(*value)

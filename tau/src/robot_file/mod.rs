@@ -6,6 +6,8 @@ mod write;
 
 use std::collections::BTreeMap;
 
+use crate::robot::Robot;
+
 /// Contents of a `robot.toml`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RobotFile {
@@ -25,6 +27,18 @@ pub struct RobotFile {
     pub tracks: BTreeMap<String, LinkValues>,
     /// `[effects."rack_pitch(two)"]`, by name and place: parameter values by name.
     pub effects: BTreeMap<String, BTreeMap<String, Value>>,
+}
+
+impl RobotFile {
+    /// A remark where the file is for another robot than a description.
+    pub(crate) fn other_robot(&self, robot: &Robot) -> Option<String> {
+        (self.robot != robot.name).then(|| {
+            format!(
+                "robot.toml is for robot `{}`, the description is of `{}`",
+                self.robot, robot.name
+            )
+        })
+    }
 }
 
 /// Noise of the measurement, tracker and repeatability together, one standard deviation per axis.

@@ -6,12 +6,11 @@ use crate::assumptions;
 use crate::calibration::{self, Calibration, Error, calibrate};
 use crate::discovery;
 use crate::evaluation::evaluate;
-use crate::input_error::InputError;
-use crate::measurements::{Division, Folder, Shape, Split};
+use crate::measurements::{Folder, PoseCounts, Poses, Split};
 use crate::robot::{Arm, Robot, TrackShape, Variant};
 use crate::robot_file::RobotFile;
 use crate::sensitivity;
-use results::{PoseCounts, Study, VariantResult};
+use results::{Study, VariantResult};
 
 /// How far a study is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -22,63 +21,6 @@ pub struct Progress<'a> {
     pub done: usize,
     /// Steps in all.
     pub steps: usize,
-}
-
-/// Poses of a folder that take part.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Poses {
-    /// How many took which part.
-    pub counts: PoseCounts,
-    /// Which calibrate and which validate, by index.
-    pub division: Division,
-}
-
-impl Poses {
-    /// Selects the poses whose commands lie in the measured range, and divides them.
-    ///
-    /// # Errors
-    /// No pose lies in the range; none is left to calibrate or to validate.
-    pub fn select(
-        robot: &Robot,
-        file: &RobotFile,
-        folder: &Folder,
-        split: Split,
-    ) -> Result<Self, InputError> {
-        let in_range = folder.in_range(file, Shape::from(robot));
-        let division = split.divide(&in_range);
-        let counts = PoseCounts {
-            total: folder.tcp_poses.len(),
-            in_range: in_range.len(),
-            calibration: division.calibration.len(),
-            validation: division.validation.len(),
-        };
-        if in_range.is_empty() {
-            return Err(InputError::whole(
-                &folder.name,
-                format!(
-                    "none of the {} poses has all its commands in the range that {} covers",
-                    counts.total,
-                    if folder.cart_poses.is_empty() {
-                        "`[range]` of the robot file"
-                    } else {
-                        "set 2"
-                    },
-                ),
-            )
-            .help("measure poses, or carts (`cart_poses.csv`), over the stroke that is used"));
-        }
-        if division.calibration.is_empty() || division.validation.is_empty() {
-            return Err(InputError::whole(
-                &folder.name,
-                format!(
-                    "of {} poses {} calibrate and {} validate, expected some of each",
-                    counts.in_range, counts.calibration, counts.validation
-                ),
-            )
-            .help("measure more poses, or divide them otherwise with `--split`"));
-        }
-        Ok(Self { counts, division })
-    }
 }
 
 /// Runs the study: assumptions, calibration and evaluation of every variant without effects, and the
@@ -98,6 +40,7 @@ pub fn run(
 ) -> Result<Study, Error> {
     let Poses { counts, division } = Poses::select(robot, file, folder, split)?;
     let mut remarks = folder.remarks.clone();
+    remarks.extend(file.other_robot(robot));
     let variants = chosen_variants(robot, folder, &mut remarks);
     let steps = variants.len() + 2;
     let mut done = 0;

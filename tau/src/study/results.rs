@@ -1,6 +1,7 @@
 //! What a study finds, as plain data: the report, the terminal tables and the JSON are written from this.
 
 use crate::discovery::Discovery;
+use crate::measurements::PoseCounts;
 
 /// Everything `tau study` reports.
 #[derive(Debug, Clone)]
@@ -23,19 +24,6 @@ pub struct Study {
     pub discovery: Option<Discovery>,
     /// Remarks for the reader: poses dropped, columns missing, and so on.
     pub remarks: Vec<String>,
-}
-
-/// How many poses took which part.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct PoseCounts {
-    /// In the file.
-    pub total: usize,
-    /// With all commands inside the range that set 2 covers.
-    pub in_range: usize,
-    /// Used for calibration.
-    pub calibration: usize,
-    /// Held out for validation.
-    pub validation: usize,
 }
 
 /// Mean, largest and root-mean-square of a length, in µm.

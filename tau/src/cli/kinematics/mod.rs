@@ -13,9 +13,8 @@ use super::resolve::{both, find, folder, robot, robot_file, unused_effects};
 use super::{Failure, arguments};
 use crate::input_error::InputError;
 use crate::kinematics::{self, InverseOptions, Machine, Pose, Reached};
-use crate::measurements::{Folder, Shape, Split, TcpPose};
+use crate::measurements::{Folder, Poses, Shape, Split, TcpPose};
 use crate::robot::Arm;
-use crate::study::Poses;
 use targets::{Asked, Row};
 
 pub(super) fn forward(arguments: &arguments::Forward) -> Result<Outcome, Failure> {
@@ -152,7 +151,9 @@ impl<'a> Setup<'a> {
             measured: folder.map_or_else(Vec::new, |folder| folder.tcp_poses),
             json,
             out: with.out.as_deref(),
-            remarks: unused_effects(&file, &variant).into_iter().collect(),
+            remarks: (file.other_robot(&robot).into_iter())
+                .chain(unused_effects(&file, &variant))
+                .collect(),
         })
     }
 

@@ -38,12 +38,6 @@ impl Series {
         }
         let time = |sample: usize| samples[sample].conditions.time_s;
         let is_by_time = rows_of.iter().all(|(sample, _)| time(*sample).is_some());
-        if is_by_time {
-            rows_of.sort_by(|a, b| {
-                let (a, b) = (time(a.0).unwrap_or(0.0), time(b.0).unwrap_or(0.0));
-                a.total_cmp(&b)
-            });
-        }
         let width = rows_of.first()?.1.len();
         let rows: Vec<usize> = rows_of.into_iter().flat_map(|(_, rows)| rows).collect();
         (rows.len() >= LEAST_SAMPLES * width).then(|| Self {

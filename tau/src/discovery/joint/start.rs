@@ -38,13 +38,9 @@ impl Joint {
                 continue;
             };
             for (quantity, axis) in TURNING_RATES.iter().zip(track_axes(direction)) {
-                let rate = variant.parameters.iter().position(|parameter| {
-                    parameter.quantity == *quantity
-                        && parameter.name.starts_with(&format!(
-                            "{TURNING}({})",
-                            self.machine.robot.tracks[track]
-                        ))
-                });
+                let name = format!("{TURNING}({}).{quantity}", self.machine.robot.tracks[track]);
+                let mut parameters = variant.parameters.iter();
+                let rate = parameters.position(|parameter| parameter.name == name);
                 if let Some(rate) = rate {
                     values[rate] -= line.direction.dot(&axis);
                 }

@@ -164,10 +164,10 @@ impl Search<'_> {
         let known = self.fit.joint.values(&self.fit.fitted);
         let old = &self.fit.joint.machine.variant;
         let mut values = joint.machine.values.clone();
-        let newest = self.own_effects + effects.len() - 1;
+        let newest = (effects.len().checked_sub(1)).map(|k| Owner::Effect(self.own_effects + k));
         let mut given = last.unwrap_or_default().iter();
         for (value, parameter) in values.iter_mut().zip(&variant.parameters) {
-            if parameter.owner == Owner::Effect(newest)
+            if Some(parameter.owner) == newest
                 && let Some(start) = given.next()
             {
                 *value = *start;

@@ -59,7 +59,7 @@ impl Search<'_> {
                 .winner(&view, &table, &significant)
                 .filter(|winner| self.is_named(winner));
             let flipped = winner.map(|name| (self.flip_p(&view, &table, &name), name));
-            let confirmed = flipped.filter(|(flip, _)| *flip <= LEVEL);
+            let confirmed = flipped.filter(|(flip, _)| self.passes_flips(*flip, LEVEL));
             let joined = confirmed.and_then(|(flip, name)| Some((self.joined(&name)?, flip, name)));
             match joined {
                 Some((fit, flip, name)) => {

@@ -7,10 +7,6 @@ use crate::discovery::{Discovery, Status};
 use crate::report::figures::typographic;
 use crate::report::number::{fixed, general, largest};
 
-/// Noise over the stated one from which on it may be more than noise: trackers and repeatability are known
-/// better than by a factor of two.
-const INCREDIBLE: f64 = 2.0;
-
 /// The verdict.
 pub(in crate::report) fn verdict(found: &Discovery) -> String {
     let base = format!("the model {}", Words::of(found).variant(&found.base));
@@ -20,13 +16,10 @@ pub(in crate::report) fn verdict(found: &Discovery) -> String {
         _ => format!("{} errors", count_word(count)),
     };
     match found.status {
-        Status::NothingMissing => match noisiest(found) {
-            Some(factor) => noisy(&base, factor),
-            None => format!(
-                "{} explains the measurements: nothing significant is missing.",
-                capital(&base)
-            ),
-        },
+        Status::NothingMissing => format!(
+            "{} explains the measurements: nothing significant is missing.",
+            capital(&base)
+        ),
         Status::Explained => format!(
             "The machine shows {errors} that {base} does not contain. With {} in the model, nothing significant is \
              left.",
@@ -54,14 +47,6 @@ fn noisy(base: &str, factor: f64) -> String {
          stated one. Either less was stated than there is, or something acts that follows nothing that was recorded.",
         general(factor, 2)
     )
-}
-
-/// The largest noise over the stated one, where it is not to be believed.
-fn noisiest(found: &Discovery) -> Option<f64> {
-    let factors = found.noise.iter().map(|noise| noise.factor);
-    factors
-        .filter(|&factor| factor > INCREDIBLE)
-        .max_by(f64::total_cmp)
 }
 
 /// How far the error at the tool falls, and how far it could.

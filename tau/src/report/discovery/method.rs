@@ -4,9 +4,10 @@ use maud::{Markup, html};
 
 use super::words::Words;
 use crate::discovery::{Discovery, Options};
+use crate::measurements::PoseCounts;
 use crate::report::findings;
 use crate::report::number::general;
-use crate::study::results::{PoseCounts, Study};
+use crate::study::results::Study;
 
 /// What a search was given: the reader needs it to judge what was found.
 #[derive(Debug, Clone, Copy)]

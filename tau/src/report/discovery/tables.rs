@@ -312,7 +312,7 @@ pub(in crate::report) fn detectable(found: &Discovery) -> Option<Table> {
 pub(in crate::report) fn considered(found: &Discovery) -> Option<Table> {
     let mut considered: Vec<_> = found.considered.iter().collect();
     considered.sort_by(|a, b| a.p_value.total_cmp(&b.p_value));
-    // What others beside it are too weak for with a smaller chance, nothing stands out with alone.
+    // With a larger p-value than one that is not significant, a candidate was not significant by itself either.
     let too_weak = considered
         .iter()
         .find(|candidate| candidate.verdict == "not significant")

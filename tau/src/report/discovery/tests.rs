@@ -8,8 +8,8 @@ use crate::discovery::results::{
     PiecewiseTrack, Rival, SerialCorrelation, Spectrum, Status, Step, Unnamed, Unseen, Validation,
     Whiteness,
 };
+use crate::measurements::PoseCounts;
 use crate::report::{figures, html, json, terminal};
-use crate::study::results::PoseCounts;
 
 fn gap(mean_um: f64) -> Gap {
     Gap {
@@ -388,9 +388,9 @@ fn a_verdict_claims_no_more_than_was_found() {
         of: "closure",
         factor,
     };
-    found.noise = vec![noise(1.3)];
-    assert!(findings::verdict(&found).contains("explains the measurements"));
     found.noise = vec![noise(0.9), noise(4.02)];
+    found.status = Status::UnnamedStructure;
+    found.unnamed.clear();
     let verdict = findings::verdict(&found);
     assert!(verdict.contains("4.0 times the stated one"), "{verdict}");
     assert!(!verdict.contains("explains the measurements"), "{verdict}");

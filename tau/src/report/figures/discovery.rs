@@ -1,12 +1,11 @@
 //! What discovery found: the gap step by step, and structure without a name.
 
 use super::axis::Axis;
-use super::chart::{self, ACCENT, Anchor, Grid, PALE, Rect, STRONG, Show, WIDTH, series};
-use super::{Figure, evidence, length_unit};
+use super::chart::{self, Grid, Show, series};
+use super::{Figure, bars, evidence};
 use crate::discovery::Discovery;
 use crate::report::discovery::words::Words;
 use crate::report::discovery::{findings, tables, unit_of};
-use crate::report::number::{fixed, largest, shared_decimals};
 
 /// All figures of a discovery.
 pub fn discovery(found: &Discovery) -> Vec<Figure> {
@@ -24,53 +23,10 @@ pub fn gap_by_step(found: &Discovery) -> Option<Figure> {
         return None;
     }
     let title = "Position error by step";
-    let values = || steps.iter().flat_map(|step| [step.mean_um, step.max_um]);
-    let (factor, unit) = length_unit(largest(values()));
-    let decimals = shared_decimals(values().map(|value| factor * value));
-    let labels = tables::labels(found);
-    let longest = labels
-        .iter()
-        .map(|label| label.chars().count())
-        .max()
-        .unwrap_or(0)
-        .min(48);
-    let left = 24.0 + 6.4 * longest as f64;
-    let place = Rect {
-        left,
-        top: 74.0,
-        width: WIDTH - left - 30.0,
-        height: 36.0 * steps.len() as f64,
-    };
     let subtitle = "Mean and largest error at the validation poses; the line marks the mean of the stated noise alone";
-    let svg = chart::draw(title, subtitle, place.top + place.height + 44.0, |sheet| {
-        sheet.box_legend(
-            &[("mean", STRONG), ("largest", PALE), ("noise", ACCENT)],
-            58.0,
-        );
-        let floor = factor * found.noise_floor_um;
-        let reach = values().map(|value| 1.06 * factor * value).chain([floor]);
-        let x = Axis::from_zero(&format!("position error ({unit})"), reach, 8.0);
-        let mut y = Axis::names("", labels);
-        // The first step stands on top.
-        let rows = y.range.1;
-        for tick in &mut y.ticks {
-            tick.0 = rows - tick.0;
-        }
-        let panel = sheet.panel(place, &x, &y, Show::BOTH);
-        for (step, (centre, _)) in steps.iter().zip(&y.ticks) {
-            let bars = [
-                (step.mean_um, 0.02, 0.34, STRONG),
-                (step.max_um, -0.34, -0.02, PALE),
-            ];
-            for (error, low, high, color) in bars {
-                let error = factor * error;
-                panel.bar((0.0, centre + low), (error, centre + high), color);
-                let at = (error, centre + 0.5 * (low + high));
-                panel.label(&fixed(error, decimals), at, Anchor::Left, chart::INK);
-            }
-        }
-        panel.line([(floor, 0.0), (floor, rows)], ACCENT, 1.5);
-    });
+    let errors = steps.iter().map(|step| [step.mean_um, step.max_um]);
+    let rows: Vec<_> = tables::labels(found).into_iter().zip(errors).collect();
+    let svg = bars::draw((title, subtitle), &rows, Some(found.noise_floor_um));
     Some(Figure {
         file_name: "discovery_gap_by_step.svg".to_owned(),
         number: None,

@@ -1,11 +1,11 @@
 //! Errors of the calibrated variants at the validation poses: Table I as bars, error by pose, Figure 8.
 
 use super::axis::Axis;
-use super::chart::{self, ACCENT, Anchor, Grid, PALE, Rect, STRONG, Show, WIDTH, series};
-use super::{Figure, length_unit};
+use super::chart::{self, ACCENT, Grid, PALE, STRONG, Show, series};
+use super::{Figure, bars, length_unit};
 use crate::report::findings::held_out;
 use crate::report::number::{fixed, largest, shared_decimals};
-use crate::study::results::{PoseError, Study};
+use crate::study::results::{PoseError, Study, VariantResult};
 
 /// Table I as bars: mean and largest position error of each variant.
 pub fn error_by_variant(study: &Study) -> Option<Figure> {
@@ -23,57 +23,11 @@ pub fn error_by_variant(study: &Study) -> Option<Figure> {
         "Mean and largest error at {} validation poses{division}",
         study.poses.validation
     );
-    let values = || {
-        variants
-            .iter()
-            .flat_map(|variant| [variant.position_um.mean, variant.position_um.max])
-    };
-    let (factor, unit) = length_unit(largest(values()));
-    let decimals = shared_decimals(values().map(|value| factor * value));
-    let longest = variants
+    let errors = |variant: &VariantResult| [variant.position_um.mean, variant.position_um.max];
+    let rows = variants
         .iter()
-        .map(|variant| variant.name.chars().count())
-        .max()
-        .unwrap_or(0)
-        .min(30);
-    let left = 24.0 + 6.4 * longest as f64;
-    let place = Rect {
-        left,
-        top: 74.0,
-        width: WIDTH - left - 30.0,
-        height: 36.0 * variants.len() as f64,
-    };
-    let svg = chart::draw(title, &subtitle, place.top + place.height + 44.0, |sheet| {
-        sheet.box_legend(&[("mean", STRONG), ("largest", PALE)], 58.0);
-        let reach = values().map(|value| 1.06 * factor * value);
-        let x = Axis::from_zero(&format!("position error ({unit})"), reach, 8.0);
-        let mut y = Axis::names("", variants.iter().map(|variant| variant.name.clone()));
-        // The first variant stands on top.
-        let rows = y.range.1;
-        for tick in &mut y.ticks {
-            tick.0 = rows - tick.0;
-        }
-        let panel = sheet.panel(place, &x, &y, Show::BOTH);
-        for (variant, (centre, _)) in variants.iter().zip(&y.ticks) {
-            let mean = factor * variant.position_um.mean;
-            let max = factor * variant.position_um.max;
-            panel.bar((0.0, centre + 0.02), (mean, centre + 0.34), STRONG);
-            panel.bar((0.0, centre - 0.34), (max, centre - 0.02), PALE);
-            let ink = chart::INK;
-            panel.label(
-                &fixed(mean, decimals),
-                (mean, centre + 0.18),
-                Anchor::Left,
-                ink,
-            );
-            panel.label(
-                &fixed(max, decimals),
-                (max, centre - 0.18),
-                Anchor::Left,
-                ink,
-            );
-        }
-    });
+        .map(|variant| (variant.name.clone(), errors(variant)));
+    let svg = bars::draw((title, &subtitle), &rows.collect::<Vec<_>>(), None);
     Some(Figure {
         file_name: "position_error_by_variant.svg".to_owned(),
         number: None,

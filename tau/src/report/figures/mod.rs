@@ -5,6 +5,7 @@
 
 mod assumptions;
 mod axis;
+mod bars;
 mod chart;
 mod discovery;
 mod errors;
