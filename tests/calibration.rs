@@ -4,9 +4,8 @@ use tau::Robot;
 use tau::calibration::{Calibration, Error, Options, calibrate};
 use tau::evaluation::evaluate;
 use tau::kinematics::{Machine, Pose, Sample};
-use tau::measurements::{Folder, TcpPose};
+use tau::measurements::{Folder, Poses, TcpPose};
 use tau::robot_file::RobotFile;
-use tau::study::Poses;
 
 use crate::hand_written;
 use crate::support::{Random, gantry_tau, prototype};

@@ -3,7 +3,6 @@
 mod bad_input;
 mod kinematics;
 
-use std::ffi::OsString;
 use std::fs;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
@@ -12,14 +11,8 @@ use serde_json::Value;
 use tau::Robot;
 use tau::robot_file::RobotFile;
 
-use crate::support::gantry_tau;
+use crate::support::{DATA, DESCRIPTION, fields, gantry_tau, listing, number, tau_in};
 
-const DATA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../data/prototype");
-const DESCRIPTION: &str = concat!(
-    env!("CARGO_MANIFEST_DIR"),
-    "/../generated/models/gantry_tau.tau"
-);
-const ROBOTS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/robots");
 const VARIANTS: [&str; 5] = [
     "Nominal",
     "Piecewise",
@@ -27,68 +20,6 @@ const VARIANTS: [&str; 5] = [
     "FullPiecewise",
     "BestPerLink",
 ];
-
-/// What a command line did.
-struct Ran {
-    code: u8,
-    out: String,
-    err: String,
-}
-
-/// Runs a command line; words are separated by spaces, and `DIR` stands for a folder.
-fn tau_in(folder: &Path, line: &str) -> Ran {
-    let words = line.split_whitespace().map(|word| {
-        let word = word
-            .replace("DIR", &folder.display().to_string())
-            .replace("ROBOTS", ROBOTS);
-        OsString::from(word.replace("DATA", DATA).replace("GANTRY", DESCRIPTION))
-    });
-    let (mut out, mut err) = (Vec::new(), Vec::new());
-    let code = tau::cli::run(words, &mut out, &mut err);
-    let text = |bytes| String::from_utf8(bytes).unwrap();
-    Ran {
-        code,
-        out: text(out),
-        err: text(err),
-    }
-}
-
-impl Ran {
-    /// Its standard output, when it is done.
-    #[track_caller]
-    fn done(self) -> String {
-        assert_eq!(self.code, 0, "{}", self.err);
-        self.out
-    }
-
-    /// Its standard output as JSON, when it is done.
-    #[track_caller]
-    fn json(self) -> Value {
-        serde_json::from_str(&self.done()).expect("nothing but JSON")
-    }
-}
-
-/// Names of everything in a folder.
-fn listing(folder: &Path) -> Vec<String> {
-    let mut names: Vec<String> = fs::read_dir(folder)
-        .unwrap()
-        .map(|entry| entry.unwrap().file_name().into_string().unwrap())
-        .collect();
-    names.sort();
-    names
-}
-
-#[track_caller]
-fn fields<const N: usize>(value: &Value, names: [&str; N]) {
-    for name in names {
-        assert!(value.get(name).is_some(), "`{name}` in {value:#}");
-    }
-}
-
-#[track_caller]
-fn number(value: &Value) -> f64 {
-    value.as_f64().expect("a number")
-}
 
 #[test]
 fn the_study_prints_the_tables_and_writes_the_report() {
@@ -130,7 +61,7 @@ fn the_study_prints_the_tables_and_writes_the_report() {
 }
 
 #[test]
-fn the_json_of_a_study_has_the_fields_of_the_design() {
+fn the_json_of_a_study_has_its_fields() {
     let folder = tempfile::tempdir().unwrap();
     let study = tau_in(folder.path(), "tau study DATA --out DIR/study --json -").json();
     fields(&study, ["variants", "poses", "discovery"]);
@@ -307,7 +238,7 @@ fn the_covariance_belongs_to_the_parameters() {
 }
 
 #[test]
-fn the_json_of_sensitivity_has_the_fields_of_the_design() {
+fn the_json_of_sensitivity_has_its_fields() {
     let folder = tempfile::tempdir().unwrap();
     tau_in(
         folder.path(),

@@ -1,8 +1,6 @@
 //! `tau discover`: what it writes, prints and answers bad input with.
 
-use std::ffi::OsString;
 use std::fs;
-use std::path::Path;
 use std::sync::OnceLock;
 
 use serde_json::Value;
@@ -10,16 +8,7 @@ use tau::Robot;
 use tau::robot_file::RobotFile;
 use tempfile::TempDir;
 
-/// Runs a command line in which `DIR` stands for a folder: exit code, standard output and error.
-fn tau_in(folder: &Path, line: &str) -> (u8, String, String) {
-    let words = line
-        .split_whitespace()
-        .map(|word| OsString::from(word.replace("DIR", &folder.display().to_string())));
-    let (mut out, mut err) = (Vec::new(), Vec::new());
-    let code = tau::cli::run(words, &mut out, &mut err);
-    let text = |bytes| String::from_utf8(bytes).unwrap();
-    (code, text(out), text(err))
-}
+use crate::support::{Ran, fields, listing, number, tau_in};
 
 /// The prototype's discovery, made once: its folder and what was printed.
 fn discovered() -> &'static (TempDir, String) {
@@ -27,8 +16,7 @@ fn discovered() -> &'static (TempDir, String) {
     DISCOVERED.get_or_init(|| {
         let folder = tempfile::tempdir().unwrap();
         let line = "tau discover --flips 99 --out DIR/out --json DIR/json/found.json";
-        let (code, out, err) = tau_in(folder.path(), line);
-        assert_eq!(code, 0, "{err}");
+        let out = tau_in(folder.path(), line).done();
         (folder, out)
     })
 }
@@ -38,28 +26,11 @@ fn json() -> Value {
     serde_json::from_slice(&fs::read(folder.path().join("json/found.json")).unwrap()).unwrap()
 }
 
-#[track_caller]
-fn fields<const N: usize>(value: &Value, names: [&str; N]) {
-    for name in names {
-        assert!(value.get(name).is_some(), "`{name}` in {value:#}");
-    }
-}
-
-#[track_caller]
-fn number(value: &Value) -> f64 {
-    value.as_f64().expect("a number")
-}
-
 #[test]
 fn all_files_are_written_and_what_was_found_is_printed() {
     let (folder, out) = discovered();
-    let mut names: Vec<String> = fs::read_dir(folder.path().join("out"))
-        .unwrap()
-        .map(|entry| entry.unwrap().file_name().into_string().unwrap())
-        .collect();
-    names.sort();
     assert_eq!(
-        names,
+        listing(&folder.path().join("out")),
         [
             "discovered.rs",
             "discovered.tau",
@@ -84,11 +55,23 @@ fn all_files_are_written_and_what_was_found_is_printed() {
     assert_eq!(too_wide, None);
 }
 
+/// Of a machine with five effects, and of one with something that has no name.
 #[test]
-fn the_json_has_the_fields_of_the_design() {
+fn the_json_has_its_fields() {
     let found = json();
+    has_its_fields(&found);
+    assert!(!found["effects"].as_array().unwrap().is_empty());
+
+    let folder = tempfile::tempdir().unwrap();
+    let line = "tau discover DATA/../trials/11 --out DIR/out --json -";
+    let found = tau_in(folder.path(), line).json();
+    has_its_fields(&found);
+    assert!(!found["unnamed"].as_array().unwrap().is_empty());
+}
+
+fn has_its_fields(found: &Value) {
     fields(
-        &found,
+        found,
         [
             "base",
             "status",
@@ -104,6 +87,14 @@ fn the_json_has_the_fields_of_the_design() {
             "steps",
             "model_text",
             "seconds",
+            "ambiguous",
+            "ceiling_um",
+            "evidence",
+            "left_out",
+            "noise",
+            "remaining_um",
+            "remarks",
+            "whiteness",
         ],
     );
     assert_eq!(found["base"], "Full");
@@ -184,11 +175,8 @@ fn the_description_that_was_found_is_accepted() {
     let effects = json()["effects"].as_array().unwrap().len();
     assert_eq!(variant.effects.len(), effects);
 
-    let (code, _, err) = tau_in(
-        folder.path(),
-        "tau generate DIR/out/discovered.tau --out DIR/generated",
-    );
-    assert_eq!(code, 0, "{err}");
+    let line = "tau generate DIR/out/discovered.tau --out DIR/generated";
+    tau_in(folder.path(), line).done();
     let body = |path: &str| -> String {
         let code = fs::read_to_string(folder.path().join(path)).unwrap();
         code.split_once('\n').expect("a header").1.to_owned()
@@ -205,9 +193,7 @@ fn the_calibrated_robot_is_evaluated_like_any_other() {
 
     let line = "tau evaluate --model DIR/out/discovered.tau --variant Discovered \
                 --robot DIR/out/robot.toml --json -";
-    let (code, out, err) = tau_in(folder.path(), line);
-    assert_eq!(code, 0, "{err}");
-    let evaluated: Value = serde_json::from_str(&out).unwrap();
+    let evaluated = tau_in(folder.path(), line).json();
     let before = number(&json()["validation"]["before"]["mean_um"]);
     let after = number(&evaluated["position_um"]["mean"]);
     assert!(after < 0.5 * before, "{after} µm after {before} µm");
@@ -219,20 +205,26 @@ fn mistakes_in_effects_are_located_and_nothing_is_written() {
     let wrong = "/// Turns a length.\neffect twist on cart {\n    param gain: angle tol 1 urad;\n    along += gain;\n}\n";
     fs::write(folder.path().join("wrong.tau"), wrong).unwrap();
     fs::write(folder.path().join("broken.tau"), "effect on {").unwrap();
+    let reserved = "\neffect unnamed_ripple on cart { param a: length; along += a; }";
+    fs::write(folder.path().join("reserved.tau"), reserved).unwrap();
     let line = "tau discover --effects DIR/wrong.tau --effects DIR/broken.tau --effects DIR/none.tau \
-                --base Fool --out DIR/out --json DIR/found.json";
-    let (code, out, err) = tau_in(folder.path(), line);
+                --effects DIR/reserved.tau --base Fool --out DIR/out --json DIR/found.json";
+    let Ran { code, out, err } = tau_in(folder.path(), line);
     assert_eq!((code, out.as_str()), (2, ""), "{err}");
     for expected in [
         "wrong.tau:4:",
         "broken.tau:1:",
         "none.tau",
+        "reserved.tau:2:8",
         "Fool",
         "`Full`",
     ] {
         assert!(err.contains(expected), "{expected} in {err}");
     }
-    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 2);
+    assert_eq!(
+        listing(folder.path()),
+        ["broken.tau", "reserved.tau", "wrong.tau"]
+    );
 }
 
 #[test]
@@ -240,7 +232,7 @@ fn calibrated_values_do_not_replace_the_nominal_ones() {
     let folder = tempfile::tempdir().unwrap();
     fs::write(folder.path().join("robot.toml"), tau::prototype::ROBOT).unwrap();
     let line = "tau discover --robot DIR/robot.toml --out DIR";
-    let (code, _, err) = tau_in(folder.path(), line);
+    let Ran { code, err, .. } = tau_in(folder.path(), line);
     assert_eq!(code, 2);
     assert!(
         err.contains("robot.toml") && err.contains("would replace this file"),

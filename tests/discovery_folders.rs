@@ -1,5 +1,6 @@
 //! `tau discover` on folders that lack something, or hold what is wrong; and with effects of one's own.
 
+use std::collections::BTreeSet;
 use std::f64::consts::TAU;
 use std::fs;
 use std::path::Path;
@@ -10,17 +11,7 @@ use tau::simulation::{Effect, LinkError, Physics, Simulation, simulate};
 use tau_model_dsl::model::Place;
 use tempfile::TempDir;
 
-use crate::support::{gantry_tau, prototype};
-
-/// Exit code and standard error of a command line in which `DIR` stands for a folder.
-fn tau_in(folder: &TempDir, line: &str) -> (u8, String) {
-    let path = folder.path().display().to_string();
-    let words = line.split_whitespace();
-    let words = words.map(|word| word.replace("DIR", &path).into());
-    let (mut out, mut err) = (Vec::new(), Vec::new());
-    let code = tau::cli::run(words, &mut out, &mut err);
-    (code, String::from_utf8(err).unwrap())
-}
+use crate::support::{fields, gantry_tau, prototype, tau_in};
 
 /// A trial's measurements in a folder of their own, without what was hidden in them.
 fn trial(name: &str) -> TempDir {
@@ -41,8 +32,7 @@ fn simulated<T: AsRef<str>>(options: &str, effects: &[T]) -> TempDir {
         .map(|effect| format!("--effect {}", effect.as_ref()))
         .collect();
     let line = format!("tau simulate --out DIR {options} {}", effects.join(" "));
-    let (code, err) = tau_in(&folder, &line);
-    assert_eq!(code, 0, "{err}");
+    tau_in(folder.path(), &line).done();
     folder
 }
 
@@ -75,8 +65,7 @@ fn change(folder: &TempDir, file: &str, columns: &[&str], change: impl Fn(&mut [
 /// What `tau discover` finds in a folder.
 fn found(folder: &TempDir, options: &str) -> Value {
     let line = format!("tau discover DIR --out DIR/out --json DIR/found.json {options}");
-    let (code, err) = tau_in(folder, &line);
-    assert_eq!(code, 0, "{err}");
+    tau_in(folder.path(), &line).done();
     serde_json::from_slice(&fs::read(folder.path().join("found.json")).unwrap()).unwrap()
 }
 
@@ -102,13 +91,11 @@ fn effects(found: &Value) -> Vec<String> {
 fn refused(folder: &TempDir, code: u8, expected: &[&str]) {
     let files = || fs::read_dir(folder.path()).unwrap().count();
     let before = files();
-    let ran = tau_in(
-        folder,
-        "tau discover DIR --out DIR/out --json DIR/found.json",
-    );
-    assert_eq!(ran.0, code, "{}", ran.1);
+    let line = "tau discover DIR --out DIR/out --json DIR/found.json";
+    let ran = tau_in(folder.path(), line);
+    assert_eq!(ran.code, code, "{}", ran.err);
     for expected in expected {
-        assert!(ran.1.contains(expected), "{expected} in {}", ran.1);
+        assert!(ran.err.contains(expected), "{expected} in {}", ran.err);
     }
     assert_eq!(files(), before);
 }
@@ -325,11 +312,13 @@ fn an_effect_of_ones_own_is_found_by_its_name() {
     fs::write(folder.path().join("rack.tau"), rack).unwrap();
     let options = "--effects DIR/ripple.tau --effects DIR/rack.tau";
     let line = format!("tau discover DIR --out DIR/out --json DIR/found.json {options}");
-    let (code, err) = tau_in(&folder, &line);
-    assert_eq!(code, 0, "{err}");
+    let ran = tau_in(folder.path(), &line);
+    assert_eq!(ran.code, 0, "{}", ran.err);
+    let remark = "`rack_pitch`";
     assert!(
-        err.contains("`rack_pitch`") && err.contains("is not used: the description has one"),
-        "{err}"
+        ran.err.contains(remark) && ran.err.contains("is not used: the description has one"),
+        "{}",
+        ran.err
     );
     let with: Value =
         serde_json::from_slice(&fs::read(folder.path().join("found.json")).unwrap()).unwrap();
@@ -451,6 +440,7 @@ fn one_effect_at_two_places_is_a_rival_of_another_at_one() {
         (&rivals[0]["name"], &rivals[0]["place"]),
         (&"link_thermal".into(), &"l2a, l2b".into())
     );
+    fields(&rivals[0], ["name", "place", "cosine", "separate_by"]);
     let decides = rivals[0]["separate_by"].as_str().unwrap();
     assert!(decides.starts_with("poses "), "{decides}");
 }
@@ -473,9 +463,10 @@ fn a_drift_is_found_whatever_time_counts_from() {
     assert_eq!(effects(&found(&folder, "")), ["tracker_drift(tcp)"]);
 }
 
-/// Effects without parameters, or with such alone as are searched or optional: nothing of them can be scored.
+/// Effects without parameters, or with such alone as are searched or optional: nothing of them can be scored. Nor can
+/// the tip of a cone, whose slopes are 0/0.
 #[test]
-fn effects_without_amplitudes_are_out_of_sight() {
+fn effects_without_a_slope_are_out_of_sight() {
     let folder = trial("01");
     let text = "
 effect known_wave on cart { along += (1 um) * sin(2*pi*q/(100 mm)); }
@@ -492,12 +483,39 @@ effect spare_ripple on cart {
     search period: length in 100 mm ..= 600 mm;
     along += size * sin(2*pi*q/period);
 }
+effect cone on cart { param a, b: length; along += sqrt(a^2 + b^2) * q / (1 m); }
 ";
     fs::write(folder.path().join("fixed.tau"), text).unwrap();
     let found = found(&folder, "--effects DIR/fixed.tau");
-    for name in ["known_wave", "known_ripple", "spare_wave", "spare_ripple"] {
+    let why = |name: &str| {
         let mut unseen = list(&found, "cannot_see").iter();
-        let unseen = unseen.find(|unseen| unseen["name"] == name).unwrap();
-        assert_eq!(unseen["why"], "it has no amplitude to fit", "{name}");
+        &unseen.find(|unseen| unseen["name"] == name).unwrap()["why"]
+    };
+    for name in ["known_wave", "known_ripple", "spare_wave", "spare_ripple"] {
+        assert_eq!(why(name), "it has no amplitude to fit", "{name}");
     }
+    assert_eq!(why("cone"), "its derivative at no effect is not finite");
+}
+
+/// Noise that follows itself does so in time, wherever the rows stand.
+#[test]
+fn rows_stand_in_any_order_where_times_are_given() {
+    let folder = simulated("--serial-noise 0.7 --random --seed 5", &[] as &[&str]);
+    let in_order = found(&folder, "--split all");
+    for file in ["tcp_poses.csv", "cart_poses.csv", "cart_positions.csv"] {
+        let path = folder.path().join(file);
+        let text = fs::read_to_string(&path).unwrap();
+        let mut lines: Vec<&str> = text.lines().collect();
+        let rows = lines.split_off(1);
+        lines.extend((0..rows.len()).map(|k| rows[37 * k % rows.len()]));
+        assert_eq!(lines.iter().collect::<BTreeSet<_>>().len(), rows.len() + 1);
+        fs::write(path, lines.join("\n") + "\n").unwrap();
+    }
+    let shuffled = found(&folder, "--split all");
+    assert_eq!(shuffled["status"], in_order["status"]);
+    assert_eq!(effects(&shuffled), effects(&in_order));
+    assert_eq!(shuffled["validation"]["held_out"], false);
+    let lag1 = |found: &Value| found["whiteness"]["after"]["lag1"].as_f64().unwrap();
+    assert!((lag1(&shuffled) - lag1(&in_order)).abs() < 1e-6);
+    assert!(lag1(&shuffled) > 0.3);
 }

@@ -2,9 +2,8 @@
 
 use tau::calibration::{Options, calibrate};
 use tau::kinematics::Machine;
-use tau::measurements::Split;
+use tau::measurements::{Poses, Split};
 use tau::sensitivity::{PAPER_STEP, analyse};
-use tau::study::Poses;
 use tau::study::results::Sensitivity;
 
 use crate::support::{gantry_tau, paper_file, prototype};

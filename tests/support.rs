@@ -1,8 +1,23 @@
 //! What several themes need: the prototype's robot and measurements, and random numbers from a seed.
 
+use std::ffi::OsString;
+use std::fs;
+use std::path::Path;
+
+use serde_json::Value;
 use tau::Robot;
 use tau::measurements::Folder;
 use tau::robot_file::RobotFile;
+
+/// The measurement folder that ships.
+pub(crate) const DATA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../data/prototype");
+/// The description of the standard robot.
+pub(crate) const DESCRIPTION: &str = concat!(
+    env!("CARGO_MANIFEST_DIR"),
+    "/../generated/models/gantry_tau.tau"
+);
+/// Other robots.
+pub(crate) const ROBOTS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/robots");
 
 /// The standard Gantry-Tau, with its generated code.
 pub(crate) fn gantry_tau() -> Robot {
@@ -65,4 +80,68 @@ pub(crate) fn paper_file() -> RobotFile {
         }
     }
     file
+}
+
+/// What a command line did.
+pub(crate) struct Ran {
+    pub(crate) code: u8,
+    pub(crate) out: String,
+    pub(crate) err: String,
+}
+
+/// Runs a command line; words are separated by spaces, and `DIR` stands for a folder, `DATA`,
+/// `GANTRY` and `ROBOTS` for what ships.
+pub(crate) fn tau_in(folder: &Path, line: &str) -> Ran {
+    let words = line.split_whitespace().map(|word| {
+        let word = word
+            .replace("DIR", &folder.display().to_string())
+            .replace("ROBOTS", ROBOTS);
+        OsString::from(word.replace("DATA", DATA).replace("GANTRY", DESCRIPTION))
+    });
+    let (mut out, mut err) = (Vec::new(), Vec::new());
+    let code = tau::cli::run(words, &mut out, &mut err);
+    let text = |bytes| String::from_utf8(bytes).unwrap();
+    Ran {
+        code,
+        out: text(out),
+        err: text(err),
+    }
+}
+
+impl Ran {
+    /// Its standard output, when it is done.
+    #[track_caller]
+    pub(crate) fn done(self) -> String {
+        assert_eq!(self.code, 0, "{}", self.err);
+        self.out
+    }
+
+    /// Its standard output as JSON, when it is done.
+    #[track_caller]
+    pub(crate) fn json(self) -> Value {
+        serde_json::from_str(&self.done()).expect("nothing but JSON")
+    }
+}
+
+/// Names of everything in a folder.
+pub(crate) fn listing(folder: &Path) -> Vec<String> {
+    let mut names: Vec<String> = fs::read_dir(folder)
+        .unwrap()
+        .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+        .collect();
+    names.sort();
+    names
+}
+
+/// Fails where a JSON object lacks a field.
+#[track_caller]
+pub(crate) fn fields<const N: usize>(value: &Value, names: [&str; N]) {
+    for name in names {
+        assert!(value.get(name).is_some(), "`{name}` in {value:#}");
+    }
+}
+
+#[track_caller]
+pub(crate) fn number(value: &Value) -> f64 {
+    value.as_f64().expect("a number")
 }

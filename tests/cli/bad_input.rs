@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::Path;
 
-use super::{DATA, listing, tau_in};
+use crate::support::{DATA, listing, tau_in};
 
 /// Everything below a folder.
 fn tree(folder: &Path) -> Vec<String> {

@@ -4,7 +4,8 @@ use std::fs;
 
 use serde_json::Value;
 
-use super::{DATA, VARIANTS, number, tau_in};
+use super::VARIANTS;
+use crate::support::{DATA, number, tau_in};
 
 fn rows(text: &str) -> Vec<Vec<f64>> {
     let row = |line: &str| {
@@ -273,7 +274,7 @@ fn columns_of_a_csv_reach_the_effects_that_read_them() {
 #[test]
 fn a_robot_with_too_many_links_reaches_no_impossible_pose() {
     let folder = tempfile::tempdir().unwrap();
-    let text = fs::read_to_string(format!("{}/hexaglide.tau", super::ROBOTS)).unwrap();
+    let text = fs::read_to_string(format!("{}/hexaglide.tau", crate::support::ROBOTS)).unwrap();
     let text = text
         .replace(
             "track t1, t2, t3, t4, t5, t6;",

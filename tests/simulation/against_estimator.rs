@@ -8,13 +8,12 @@ use tau::Robot;
 use tau::calibration::{Options, calibrate};
 use tau::effects::CATALOGUE;
 use tau::evaluation::evaluate;
-use tau::measurements::Split;
+use tau::measurements::{Poses, Split};
 use tau::robot::{Input, Instance, Owner, ResidualKind, Variant};
 use tau::simulation::{
     Approach, Build, Conditions, Mounting, SimulatedFolder, Simulation, State, Temperature,
     simulate,
 };
-use tau::study::Poses;
 
 use super::{LISTED, drawings, parsed, run, with_effects};
 use crate::effects::GANTRY_TAU;

@@ -274,3 +274,49 @@ pub(super) enum Treatment {
     /// Later by so many seconds.
     Later(f64),
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::calibration::Prepared;
+    use crate::prototype;
+
+    /// The tracks of set 2 are measured one after the other, each from time zero.
+    #[test]
+    fn samples_are_put_in_the_order_of_time() {
+        let robot = Robot::from(&tau_generated::gantry_tau::ROBOT);
+        let folder = prototype::folder().unwrap();
+        let poses: Vec<usize> = (0..folder.tcp_poses.len()).collect();
+        let file = prototype::robot_file().unwrap();
+        let variant = robot.variant("Full").unwrap();
+        let prepared = Prepared::new(&robot, variant, &file, Some(&folder), &poses).unwrap();
+        let frames = Frames::of(&prepared.machine, &file, &folder);
+        let in_file = Sample::all(&robot, &folder, &poses, &frames);
+        let key = |sample: &Sample| (sample.set, sample.track, sample.number);
+        let order = |samples: &[Sample]| samples.iter().map(key).collect::<Vec<_>>();
+        let count = in_file.len();
+        let shuffled: Vec<Sample> = (0..count)
+            .map(|k| in_file[101 * k % count].clone())
+            .collect();
+        assert_ne!(order(&shuffled), order(&in_file));
+        let mut sorted = shuffled.clone();
+        Sample::sort_by_time(&mut sorted);
+        assert_eq!(order(&sorted), order(&in_file));
+
+        // One time that is missing leaves its set as it is.
+        let mut sorted = shuffled.clone();
+        sorted
+            .iter_mut()
+            .find(|sample| sample.set == 1)
+            .unwrap()
+            .conditions
+            .time_s = None;
+        Sample::sort_by_time(&mut sorted);
+        let of_set_1: Vec<Sample> = shuffled.into_iter().filter(|s| s.set == 1).collect();
+        assert_eq!(order(&sorted[..poses.len()]), order(&of_set_1));
+        assert_eq!(
+            order(&sorted[poses.len()..]),
+            order(&in_file[poses.len()..])
+        );
+    }
+}

@@ -285,6 +285,21 @@ fn ties(full: &Fit, samples: &[Sample]) -> Option<DMatrix<f64>> {
 mod tests {
     use super::*;
 
+    #[test]
+    fn a_full_arm_takes_no_variants_name() {
+        let text = "robot Slide {
+            track one, two;
+            cluster a on one { link l1; }
+            cluster b on two { link l2, l3; }
+            variant Nominal { arm reduced; tracks linear; }
+            variant NominalFullArm { arm reduced; tracks linear per link; }
+        }";
+        let robot = Robot::from_text(text).unwrap();
+        let (fuller, name) = with_full_arm(&robot, &robot.variants[0]).unwrap();
+        assert!(robot.variant(&name).is_none());
+        assert_eq!(fuller.variant(&name).unwrap().arm, Arm::Full);
+    }
+
     /// A base keeps the optional parameters of its effects on its way to a full arm.
     #[test]
     fn a_full_arm_keeps_what_effects_have() {
