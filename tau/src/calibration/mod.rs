@@ -298,7 +298,11 @@ pub fn closure_cost(
     Ok(cost)
 }
 
-fn check_poses(
+/// Checks that poses are as many as a variant needs, in reach, and apart.
+///
+/// # Errors
+/// They are not.
+pub(crate) fn check_poses(
     robot: &Robot,
     variant: &Variant,
     file: &RobotFile,

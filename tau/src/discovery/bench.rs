@@ -163,7 +163,7 @@ impl Bench {
             candidate
                 .entries(
                     &model,
-                    (&candidate.nominal(), &candidate.amplitudes()),
+                    (&candidate.none(), &candidate.amplitudes()),
                     &probes,
                     &samples,
                     &surroundings,
@@ -214,7 +214,7 @@ impl Bench {
             return self.columns.probes_of(range.clone());
         }
         let described = &self.candidates[candidate];
-        let mut values = described.nominal();
+        let mut values = described.none();
         if let Some((place, (low, high))) = described.search {
             values[place] = f64::midpoint(low, high);
         }
@@ -303,7 +303,7 @@ impl Bench {
         if let Some(value) = searched {
             return self.at(view, candidate, value);
         }
-        self.expanded(view, candidate, &self.candidates[candidate].nominal())
+        self.expanded(view, candidate, &self.candidates[candidate].none())
     }
 
     /// What a model leaves of some parameters of a candidate at given values of all.

@@ -37,7 +37,8 @@ pub(super) struct Candidate {
 pub(super) struct ParameterKind {
     pub(super) name: String,
     pub(super) unit: String,
-    pub(super) nominal: f64,
+    /// At no effect.
+    pub(super) none: f64,
     pub(super) tolerance: Option<f64>,
     /// Whether it joins the effect only where it earns its place.
     is_optional: bool,
@@ -164,11 +165,16 @@ impl Candidate {
                 parameters.push(ParameterKind {
                     name: format!("{}{suffix}", parameter.name),
                     unit: parameter.dimension.si_unit(),
-                    nominal: parameter.nominal,
+                    none: parameter.nominal,
                     tolerance: parameter.tolerance,
                     is_optional: parameter.optional,
                 });
             }
+        }
+        let searched = search.map(|(searched, _)| searched);
+        let start: Vec<f64> = parameters.iter().map(|parameter| parameter.none).collect();
+        for (parameter, none) in parameters.iter_mut().zip(at_none(effect, start, searched)) {
+            parameter.none = none;
         }
         Self {
             effect: index,
@@ -254,7 +260,7 @@ impl Candidate {
     /// The terms of its columns, whatever the parameters are called.
     fn form(&self, model: &Model) -> Vec<(Target, Formula)> {
         let effect = &model.effects[self.effect];
-        let (values, amplitudes) = (self.nominal(), self.amplitudes());
+        let (values, amplitudes) = (self.none(), self.amplitudes());
         let searched = self.search.map(|(searched, _)| searched);
         let kept: Vec<usize> = amplitudes.iter().copied().chain(searched).collect();
         let columns = Formulas::new(effect, &values, &amplitudes);
@@ -278,10 +284,10 @@ impl Candidate {
     }
 
     /// Parameter values at no effect.
-    pub(super) fn nominal(&self) -> Vec<f64> {
+    pub(super) fn none(&self) -> Vec<f64> {
         self.parameters
             .iter()
-            .map(|parameter| parameter.nominal)
+            .map(|parameter| parameter.none)
             .collect()
     }
 
@@ -348,6 +354,29 @@ impl Candidate {
         }
         Ok(entries)
     }
+}
+
+/// Parameter values at which an effect does nothing: those at which it starts where that is so, or else with as few
+/// zeros in their place as it takes. An expansion may start at what is expected of steel; a length over which something
+/// decays is not zero where nothing is there to decay.
+fn at_none(effect: &Effect, start: Vec<f64>, searched: Option<usize>) -> Vec<f64> {
+    let expected: Vec<usize> = (0..start.len())
+        .filter(|&k| Some(k) != searched && start[k] != 0.0)
+        .collect();
+    if expected.is_empty() {
+        return start;
+    }
+    let without = |zero: &[usize]| -> Vec<f64> {
+        let value = |k: usize| if zero.contains(&k) { 0.0 } else { start[k] };
+        (0..start.len()).map(value).collect()
+    };
+    let single = expected.iter().map(|&k| without(&[k]));
+    let mut tried = std::iter::once(start.clone())
+        .chain(single)
+        .chain([without(&expected)]);
+    tried
+        .find(|values| Formulas::new(effect, values, &[]).vanish(effect))
+        .unwrap_or(start)
 }
 
 /// Where a term of an effect acts at a place.

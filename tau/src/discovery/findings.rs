@@ -1,9 +1,11 @@
 //! What a search found, put together.
 
+use std::collections::BTreeSet;
 use std::time::Instant;
 
 use tau_runtime::Owner;
 
+use super::bench::{Bench, Score};
 use super::distribution::chi2_survival;
 use super::evidence::{self, whiteness::Series};
 use super::fit::Fit;
@@ -15,6 +17,8 @@ use super::selection::{LEVEL, Search};
 use super::view::View;
 use super::{Error, Input, Outcome, floor, misfit, parallel, results, structure, text};
 use crate::evaluation::evaluate;
+use crate::robot::Robot;
+use crate::robot_file::Noise;
 
 /// Chance in white noise below which residuals are said to follow each other.
 const SERIAL: f64 = 0.01;
@@ -65,13 +69,7 @@ pub(super) fn finish(
         .collect();
     let catalogues: Vec<&str> = options.catalogues.iter().map(String::as_str).collect();
     let model_text = text::description(robot, &catalogues, &names, &line)?;
-    let view = View::of(fit);
-    let mut unnamed: Vec<results::Unnamed> = search
-        .unnamed
-        .iter()
-        .flat_map(|&(family, searched)| structure::unnamed(bench, &view, family, searched))
-        .collect();
-    unnamed.extend(structure::crowds(fit, bench, file.noise));
+    let unnamed = unnamed(search, file.noise);
     // Noise many times the stated one is something that no family follows, or stated wrongly by far.
     let is_noisy = misfit::noise_scales(fit)
         .iter()
@@ -83,40 +81,14 @@ pub(super) fn finish(
         (false, false) => Status::Explained,
         (false, true) => Status::PartlyExplained,
     };
-    let left_out: Vec<LeftOut> = (0..bench.samples.len())
-        .filter(|&s| fit.weights[s] == 0.0)
-        .map(|s| {
-            let sample = &bench.samples[s];
-            LeftOut {
-                set: sample.set,
-                cart: sample.track.map(|track| robot.tracks[track].clone()),
-                number: sample.number,
-            }
-        })
-        .collect();
-    let values = fit
-        .joint
-        .used
-        .iter()
-        .zip(&fit.fitted)
-        .map(|(&index, &value)| {
-            (
-                fit.joint.machine.variant.parameters[index].name.clone(),
-                value,
-            )
-        })
-        .collect();
-    let poses = division
-        .calibration
-        .iter()
-        .copied()
-        .filter(|&pose| {
-            let number = folder.tcp_poses[pose].pose;
-            !left_out
-                .iter()
-                .any(|out| out.set == 1 && out.number == number)
-        })
-        .collect();
+    let left_out = left_out(fit, bench, robot);
+    let is_kept = |&pose: &usize| {
+        let number = folder.tcp_poses[pose].pose;
+        let mut out = left_out.iter();
+        !out.any(|out| out.set == 1 && out.number == number)
+    };
+    let poses = division.calibration.iter().copied().filter(is_kept);
+    let poses: Vec<usize> = poses.collect();
     let mut outliers: Vec<u32> = left_out.iter().map(|out| out.number).collect();
     outliers.sort_unstable();
     outliers.dedup();
@@ -150,11 +122,39 @@ pub(super) fn finish(
         whiteness,
         seconds: started.elapsed().as_secs_f64(),
     };
+    let parameters = &fit.joint.machine.variant.parameters;
+    let values = fit.joint.used.iter().zip(&fit.fitted);
     Ok(Outcome {
         discovery,
-        values,
+        values: values
+            .map(|(&index, &value)| (parameters[index].name.clone(), value))
+            .collect(),
         poses,
     })
+}
+
+/// Structure that has no name.
+fn unnamed(search: &Search<'_>, noise: Noise) -> Vec<results::Unnamed> {
+    let (fit, bench) = (&search.fit, &search.bench);
+    let view = View::of(fit);
+    let families = search.unnamed.iter();
+    families
+        .flat_map(|&(family, searched)| structure::unnamed(bench, &view, family, searched))
+        .chain(structure::crowds(fit, bench, noise))
+        .collect()
+}
+
+/// Samples that were left out.
+fn left_out(fit: &Fit, bench: &Bench, robot: &Robot) -> Vec<LeftOut> {
+    let samples = bench.samples.iter().zip(&fit.weights);
+    samples
+        .filter(|(_, weight)| **weight == 0.0)
+        .map(|(sample, _)| LeftOut {
+            set: sample.set,
+            cart: sample.track.map(|track| robot.tracks[track].clone()),
+            number: sample.number,
+        })
+        .collect()
 }
 
 /// Root of what the mean squared error exceeds that of the noise by (µm).
@@ -235,6 +235,12 @@ fn considered(search: &Search<'_>) -> Vec<Considered> {
         return vec![];
     };
     let tested = table.scores.len() as f64;
+    let is_significant = |score: &Score| score.p_value <= LEVEL / tested;
+    let left = search.known.iter().flat_map(|table| &table.scores);
+    let left: BTreeSet<usize> = left
+        .filter(|score| is_significant(score))
+        .map(|score| score.candidate)
+        .collect();
     table
         .scores
         .iter()
@@ -256,14 +262,12 @@ fn considered(search: &Search<'_>) -> Vec<Considered> {
                 "could be meant instead"
             } else if search.refused.contains(&score.candidate) {
                 "not confirmed"
-            } else if score.p_value <= LEVEL / tested {
-                if search.accepted.is_empty() {
-                    "not the best explanation"
-                } else {
-                    "explained by what was found"
-                }
-            } else {
+            } else if !is_significant(score) {
                 "not significant"
+            } else if search.accepted.is_empty() || left.contains(&score.candidate) {
+                "not the best explanation"
+            } else {
+                "explained by what was found"
             };
             Considered {
                 name: candidate.name.clone(),
@@ -315,6 +319,7 @@ fn far_from_drawing(fit: &Fit) -> Vec<String> {
 
 fn remarks(search: &Search<'_>, whiteness: Option<&Whiteness>) -> Vec<String> {
     let mut remarks = Vec::new();
+    let has_carts = !search.input.robot.tracks.is_empty();
     for (set, what) in [
         (
             2,
@@ -325,7 +330,7 @@ fn remarks(search: &Search<'_>, whiteness: Option<&Whiteness>) -> Vec<String> {
             "set 3 (`cart_positions.csv`) is missing: it would show the carts under load, and errors along the tracks at many commands",
         ),
     ] {
-        if !search.bench.samples.iter().any(|sample| sample.set == set) {
+        if has_carts && !search.bench.samples.iter().any(|sample| sample.set == set) {
             remarks.push(what.to_owned());
         }
     }

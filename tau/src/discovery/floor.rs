@@ -5,7 +5,7 @@ use tau_runtime::{Owner, ResidualKind};
 
 use super::Error;
 use super::fit::Fit;
-use crate::kinematics::{Machine, Sample};
+use crate::kinematics::{Machine, Sample, least_norm};
 use crate::measurements::Folder;
 use crate::robot::TrackShape;
 use crate::robot_file::Noise;
@@ -86,7 +86,7 @@ pub(super) fn floor(
         spread
             .columns_mut(width, by_path.ncols())
             .copy_from(&by_path);
-        let Ok(moved) = by_pose.svd(true, true).solve(&spread, 1e-9) else {
+        let Some(moved) = least_norm(&by_pose, &spread) else {
             continue;
         };
         let position = moved.rows(0, 3);

@@ -149,6 +149,23 @@ impl<'a> Formulas<'a> {
         }
     }
 
+    /// Whether all terms of an effect are zero, whatever they read.
+    pub(super) fn vanish(&self, effect: &Effect) -> bool {
+        // Numbers that no formula singles out.
+        let reader = |_: Readable| Ok(vec![0.3719, 0.8171, 1.4387, 31.7]);
+        let is_zero = |value: Series| match value {
+            Series::Same(value) => value == 0.0,
+            Series::Each(values) => values.iter().all(|&value| value == 0.0),
+        };
+        effect.terms.iter().all(|term| {
+            let mut components = components_of(term).iter();
+            components.all(|component| {
+                let dual = self.dual(component, &reader);
+                dual.is_ok_and(|dual| is_zero(dual.value))
+            })
+        })
+    }
+
     /// Whether a term has any of the wanted derivatives.
     pub(super) fn concern(&self, term: &Term) -> bool {
         term.formula.parts().any(|part| match part {
@@ -191,11 +208,7 @@ impl<'a> Formulas<'a> {
         term: &Term,
         reader: &Reader<'_>,
     ) -> Result<Vec<BTreeMap<usize, Series>>, &'static str> {
-        let components: &[Formula] = match &term.formula {
-            Formula::Vector(components) => &components[..],
-            scalar => std::slice::from_ref(scalar),
-        };
-        components
+        components_of(term)
             .iter()
             .map(|component| Ok(self.dual(component, reader)?.slopes))
             .collect()
@@ -241,6 +254,14 @@ impl<'a> Formulas<'a> {
             // The checker resolves vectors into components; what is left has no value.
             Formula::Vector(_) => Dual::constant(f64::NAN),
         })
+    }
+}
+
+/// What a term adds to each component of its target.
+fn components_of(term: &Term) -> &[Formula] {
+    match &term.formula {
+        Formula::Vector(components) => &components[..],
+        scalar => std::slice::from_ref(scalar),
     }
 }
 

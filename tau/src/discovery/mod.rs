@@ -52,7 +52,7 @@ pub use crate::calibration::Error;
 pub use results::{Discovery, Status};
 pub use text::DISCOVERED;
 
-use crate::calibration::{Calibration, Prepared, calibrate};
+use crate::calibration::{Calibration, Prepared, calibrate, check_poses};
 use crate::effects::CATALOGUE;
 use crate::evaluation::evaluate;
 use crate::input_error::InputError;
@@ -152,7 +152,8 @@ impl Outcome {
         let variant = robot.variant(DISCOVERED).ok_or_else(|| {
             InputError::whole(&robot.name, format!("there is no variant `{DISCOVERED}`"))
         })?;
-        let nominal = Prepared::new(robot, variant, file, Some(folder), &self.poses)?;
+        let completed = file.completed(robot);
+        let nominal = Prepared::new(robot, variant, &completed, Some(folder), &self.poses)?;
         let start = variant
             .parameters
             .iter()
@@ -211,6 +212,7 @@ fn discovered(
     }
     let Poses { division, .. } = Poses::select(robot, file, folder, options.split)?;
     let completed = file.completed(robot);
+    check_poses(robot, variant, &completed, folder, &division.calibration)?;
     let input = Input {
         robot,
         base,

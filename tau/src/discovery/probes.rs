@@ -1,5 +1,6 @@
 //! How residuals answer to what effects may add to: derivatives, by the generated equations.
 
+use nalgebra::DMatrix;
 use tau_codegen::compile::compile_some;
 use tau_codegen::language::model::{EffectUse, Model, Place};
 use tau_runtime::{Owner, ResidualKind};
@@ -103,142 +104,154 @@ impl Probes {
     pub(super) fn of(
         model: &Model,
         first: usize,
-        mut compiled: Variant,
+        compiled: Variant,
         base: &Joint,
         fitted: &[f64],
         samples: &[Sample],
         noise: Noise,
     ) -> Result<Self, Error> {
-        let base_variant = &base.machine.variant;
-        let values = base.values(fitted);
-        let own = |name: &str| base_variant.parameters.iter().position(|p| p.name == name);
-        let values: Vec<f64> = compiled
-            .parameters
-            .iter()
-            .map(|parameter| own(&parameter.name).map_or(0.0, |index| values[index]))
-            .collect();
-        let nominal: Vec<Nominal> = values
-            .iter()
-            .map(|&value| Nominal {
-                value,
-                tolerance: None,
-            })
-            .collect();
-        // The whitening needs closures by pose, which the base has.
-        let by_pose: Vec<_> = base
-            .machine
-            .closure_instances()
-            .cloned()
-            .map(|mut instance| {
-                for index in &mut instance.parameters {
-                    let name = &base_variant.parameters[*index].name;
-                    *index = compiled.index_of(name);
-                }
-                instance
-            })
-            .collect();
-        compiled
-            .instances
-            .retain(|instance| instance.kind != ResidualKind::ClosureByPose);
-        compiled.instances.extend(by_pose);
-        let machine = Machine {
-            robot: base.machine.robot.clone(),
-            variant: compiled,
-            values,
-            surroundings: base.machine.surroundings.clone(),
+        let machine = with_targets(compiled, base, fitted);
+        let without_prior = |&value: &f64| Nominal {
+            value,
+            tolerance: None,
         };
+        let nominal: Vec<Nominal> = machine.values.iter().map(without_prior).collect();
         let joint = Joint::new(machine, &nominal, samples, noise)?;
         let factors = vec![1.0; joint.rows.len()];
         let linear = joint.linearize(&joint.fitted(&joint.machine.values), &factors);
-        let rows = joint.rows.len();
-        let variant = &joint.machine.variant;
-        let column = |owner: Owner, quantity: &str, component: Option<usize>| -> Vec<f64> {
-            variant
-                .parameter(owner, quantity, component)
-                .and_then(|index| joint.used.binary_search(&index).ok())
-                .map_or_else(
-                    || vec![0.0; rows],
-                    |column| {
-                        linear
-                            .jacobian
-                            .column(column)
-                            .rows(0, rows)
-                            .iter()
-                            .copied()
-                            .collect()
-                    },
-                )
+        let mut columns = Columns {
+            joint: &joint,
+            jacobian: &linear.jacobian,
+            samples,
+            all: Vec::new(),
         };
         let tracks = model.tracks.len();
-        let mut all = Vec::new();
-        let mut add = |rows: Vec<f64>, acts_on: &dyn Fn(&Sample) -> bool| {
-            all.push(Probe {
-                rows,
-                samples: (0..samples.len())
-                    .filter(|&s| acts_on(&samples[s]))
-                    .collect(),
-            });
-            all.len() - 1
-        };
-        let is_of_set_1 = |sample: &Sample| sample.set == 1;
         let carts = (0..tracks)
             .map(|track| {
+                let owner = Owner::Effect(first + track);
                 TARGETS_OF_CART.map(|quantity| {
-                    add(
-                        column(Owner::Effect(first + track), quantity, None),
-                        &|sample| sample.track.is_none_or(|own| own == track),
-                    )
+                    columns.add((owner, quantity, None), &|sample| {
+                        sample.track.is_none_or(|own| own == track)
+                    })
                 })
             })
             .collect();
-        let tcp = [0, 1, 2].map(|k| {
-            add(
-                column(Owner::Effect(first + tracks), "shift", Some(k)),
-                &is_of_set_1,
-            )
-        });
-        let closures = match variant.arm {
-            Arm::Full => (0..model.links.len())
-                .map(|link| {
-                    let owner = Owner::Link(link);
-                    let cluster = model.links[link].cluster;
-                    ClosureProbe {
-                        cluster,
-                        link: Some(link),
-                        command: model.clusters[cluster]
-                            .track
-                            .or(model.links[link].actuated_by),
-                        length_m: length_of(&joint, owner),
-                        length: add(column(owner, "length", None), &is_of_set_1),
-                        joint: Some(
-                            [0, 1, 2]
-                                .map(|k| add(column(owner, "plate_joint", Some(k)), &is_of_set_1)),
-                        ),
-                    }
-                })
-                .collect(),
-            Arm::Reduced => (0..model.clusters.len())
-                .map(|cluster| {
-                    let owner = Owner::Cluster(cluster);
-                    ClosureProbe {
-                        cluster,
-                        link: None,
-                        command: model.clusters[cluster].track,
-                        length_m: length_of(&joint, owner),
-                        length: add(column(owner, "length", None), &is_of_set_1),
-                        joint: None,
-                    }
-                })
-                .collect(),
-        };
+        let shift = Owner::Effect(first + tracks);
+        let tcp = [0, 1, 2].map(|k| columns.add((shift, "shift", Some(k)), &is_of_set_1));
+        let closures = columns.closures(model);
         Ok(Self {
-            all,
+            all: columns.all,
             carts,
             closures,
             tcp,
             row_samples: joint.rows.iter().map(|row| row.sample).collect(),
             sample_count: samples.len(),
         })
+    }
+}
+
+fn is_of_set_1(sample: &Sample) -> bool {
+    sample.set == 1
+}
+
+/// A base as fitted, with the constants on its targets at zero.
+fn with_targets(mut compiled: Variant, base: &Joint, fitted: &[f64]) -> Machine {
+    let base_variant = &base.machine.variant;
+    let values = base.values(fitted);
+    let own = |name: &str| base_variant.parameters.iter().position(|p| p.name == name);
+    let values: Vec<f64> = compiled
+        .parameters
+        .iter()
+        .map(|parameter| own(&parameter.name).map_or(0.0, |index| values[index]))
+        .collect();
+    // The whitening needs closures by pose, which the base has.
+    let by_pose: Vec<_> = base
+        .machine
+        .closure_instances()
+        .cloned()
+        .map(|mut instance| {
+            for index in &mut instance.parameters {
+                let name = &base_variant.parameters[*index].name;
+                *index = compiled.index_of(name);
+            }
+            instance
+        })
+        .collect();
+    compiled
+        .instances
+        .retain(|instance| instance.kind != ResidualKind::ClosureByPose);
+    compiled.instances.extend(by_pose);
+    Machine {
+        robot: base.machine.robot.clone(),
+        variant: compiled,
+        values,
+        surroundings: base.machine.surroundings.clone(),
+    }
+}
+
+/// Columns of a Jacobian that become probes.
+struct Columns<'a> {
+    joint: &'a Joint,
+    jacobian: &'a DMatrix<f64>,
+    samples: &'a [Sample],
+    all: Vec<Probe>,
+}
+
+impl Columns<'_> {
+    /// A probe of a parameter (owner, quantity, component) over the samples on which it acts; its index.
+    fn add(
+        &mut self,
+        (owner, quantity, component): (Owner, &str, Option<usize>),
+        acts_on: &dyn Fn(&Sample) -> bool,
+    ) -> usize {
+        let rows = self.joint.rows.len();
+        let index = self
+            .joint
+            .machine
+            .variant
+            .parameter(owner, quantity, component);
+        let column = index.and_then(|index| self.joint.used.binary_search(&index).ok());
+        let rows = column.map_or_else(
+            || vec![0.0; rows],
+            |column| {
+                self.jacobian
+                    .column(column)
+                    .iter()
+                    .take(rows)
+                    .copied()
+                    .collect()
+            },
+        );
+        let samples = (0..self.samples.len())
+            .filter(|&s| acts_on(&self.samples[s]))
+            .collect();
+        self.all.push(Probe { rows, samples });
+        self.all.len() - 1
+    }
+
+    /// Lengths and joints of the links, or lengths of the clusters where the arm is reduced.
+    fn closures(&mut self, model: &Model) -> Vec<ClosureProbe> {
+        let joint = self.joint;
+        let mut probe = |owner: Owner, cluster: usize, link: Option<usize>| ClosureProbe {
+            cluster,
+            link,
+            command: model.clusters[cluster]
+                .track
+                .or(link.and_then(|link| model.links[link].actuated_by)),
+            length_m: length_of(joint, owner),
+            length: self.add((owner, "length", None), &is_of_set_1),
+            joint: link.map(|_| {
+                [0, 1, 2].map(|k| self.add((owner, "plate_joint", Some(k)), &is_of_set_1))
+            }),
+        };
+        match joint.machine.variant.arm {
+            Arm::Full => (0..model.links.len())
+                .map(|link| probe(Owner::Link(link), model.links[link].cluster, Some(link)))
+                .collect(),
+            Arm::Reduced => (0..model.clusters.len())
+                .map(|cluster| probe(Owner::Cluster(cluster), cluster, None))
+                .collect(),
+        }
     }
 }
 

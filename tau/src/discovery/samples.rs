@@ -1,7 +1,5 @@
 //! The measurements of all sets as one list of samples.
 
-use std::cmp::Ordering;
-
 use crate::kinematics::{Forces, Pose, Statics, Surroundings};
 use crate::measurements::{Conditions, Folder, TcpPose};
 use crate::robot::{Input, Robot};
@@ -140,18 +138,19 @@ impl Sample {
             let mut own = samples.iter().filter(|sample| sample.set == set);
             own.all(|sample| sample.conditions.time_s.is_some())
         });
+        let time_s = |sample: &Self| {
+            let is_known = is_timed[usize::from(sample.set) - 1];
+            sample.conditions.time_s.filter(|_| is_known)
+        };
         samples.sort_by(|a, b| {
-            a.set.cmp(&b.set).then_with(|| {
-                let (Some(a_s), Some(b_s)) = (a.conditions.time_s, b.conditions.time_s) else {
-                    return Ordering::Equal;
-                };
-                let cart = |sample: &Self| sample.track.filter(|_| sample.set == 2);
-                if is_timed[usize::from(a.set) - 1] {
-                    cart(a).cmp(&cart(b)).then(a_s.total_cmp(&b_s))
-                } else {
-                    Ordering::Equal
-                }
-            })
+            let (Some(a_s), Some(b_s)) = (time_s(a), time_s(b)) else {
+                return a.set.cmp(&b.set);
+            };
+            let cart = |sample: &Self| sample.track.filter(|_| sample.set == 2);
+            (a.set, cart(a))
+                .cmp(&(b.set, cart(b)))
+                .then(a_s.total_cmp(&b_s))
+                .then(a.track.cmp(&b.track))
         });
     }
 
@@ -176,7 +175,7 @@ impl Sample {
             .map(|plate| statics.forces(&plate, &self.commands_m));
     }
 
-    /// A number that the equations take. Without an arm (set 2) nothing loads the carts.
+    /// A number that the equations take. Where an arm does not reach, nothing loads the carts.
     pub(super) fn input(
         &self,
         input: Input,
@@ -188,13 +187,11 @@ impl Sample {
         };
         let force =
             |of: fn(&Forces, usize, usize) -> Option<f64>, index: usize, component: usize| {
-                if self.set == 2 {
-                    return Ok(0.0);
+                let force = self.forces.as_ref().map(|f| of(f, index, component));
+                match force {
+                    None if self.set == 2 => Ok(0.0),
+                    force => force.flatten().ok_or(NO_LOAD),
                 }
-                self.forces
-                    .as_ref()
-                    .and_then(|forces| of(forces, index, component))
-                    .ok_or(NO_LOAD)
             };
         match input {
             Input::Command(k) => self.commands_m.get(k).copied().ok_or(NO_COMMAND),
@@ -298,10 +295,10 @@ mod tests {
         let shuffled: Vec<Sample> = (0..count)
             .map(|k| in_file[101 * k % count].clone())
             .collect();
-        assert_ne!(order(&shuffled), order(&in_file));
+        assert!(order(&shuffled) != order(&in_file));
         let mut sorted = shuffled.clone();
         Sample::sort_by_time(&mut sorted);
-        assert_eq!(order(&sorted), order(&in_file));
+        assert!(order(&sorted) == order(&in_file));
 
         // One time that is missing leaves its set as it is.
         let mut sorted = shuffled.clone();
@@ -313,10 +310,7 @@ mod tests {
             .time_s = None;
         Sample::sort_by_time(&mut sorted);
         let of_set_1: Vec<Sample> = shuffled.into_iter().filter(|s| s.set == 1).collect();
-        assert_eq!(order(&sorted[..poses.len()]), order(&of_set_1));
-        assert_eq!(
-            order(&sorted[poses.len()..]),
-            order(&in_file[poses.len()..])
-        );
+        assert!(order(&sorted[..poses.len()]) == order(&of_set_1));
+        assert!(order(&sorted[poses.len()..]) == order(&in_file[poses.len()..]));
     }
 }

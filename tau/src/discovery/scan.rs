@@ -74,7 +74,7 @@ impl Band {
         };
         let amplitudes = candidate.amplitudes();
         let grid = grid(range, range_m);
-        let mut values = candidate.nominal();
+        let mut values = candidate.none();
         let mut columns = Displacements::default();
         for &value in &grid {
             values[searched] = value;

@@ -195,7 +195,8 @@ impl Search<'_> {
     }
 
     /// Grows the model once more from the names that it has, for what was unnamed, or not yet known, may have kept
-    /// others out or driven them out. Counts where less is left without a name, or as little beside more names.
+    /// others out or driven them out. Counts where less is left without a name, or as little beside more names, and
+    /// the measurements are as likely: what is neither named nor told is not gone.
     fn is_better_anew(
         &mut self,
         seen: &mut BTreeSet<[BTreeSet<usize>; 2]>,
@@ -204,14 +205,15 @@ impl Search<'_> {
         if self.unnamed.is_empty() && self.idle.is_empty() {
             return Ok(false);
         }
-        let (fit, accepted) = (self.fit.clone(), self.accepted.clone());
+        let (fit, accepted, before) = (self.fit.clone(), self.accepted.clone(), self.criterion());
         let unnamed = std::mem::take(&mut self.unnamed);
         let idle = std::mem::take(&mut self.idle);
         let imitated = std::mem::take(&mut self.imitated);
         let steps = self.steps.len();
         self.grow_and_review(seen, progress)?;
         let merit = |unnamed: &[_], accepted: &[_]| (Reverse(unnamed.len()), accepted.len());
-        let is_better = merit(&self.unnamed, &self.accepted) > merit(&unnamed, &accepted);
+        let is_better = merit(&self.unnamed, &self.accepted) > merit(&unnamed, &accepted)
+            && self.criterion() < before + AS_GOOD;
         if !is_better {
             self.go_on(fit);
             (self.accepted, self.unnamed) = (accepted, unnamed);
@@ -220,6 +222,15 @@ impl Search<'_> {
             self.gaps.truncate(steps);
         }
         Ok(is_better)
+    }
+
+    /// BIC of the model as it stands, but for a constant: −2 ln L + k ln n.
+    fn criterion(&self) -> f64 {
+        let view = self.view();
+        let precisions = view.factors.iter().filter(|factor| **factor > 0.0);
+        let logarithms: f64 = precisions.map(|factor| factor.ln()).sum();
+        let columns = view.q.ncols() as f64;
+        view.total() - 2.0 * logarithms + columns * self.bench.observations().ln()
     }
 
     fn flip_p(&self, view: &View, table: &Table, score: &Score) -> f64 {
@@ -274,14 +285,18 @@ impl Search<'_> {
 
     /// The model with its unnamed families.
     pub(super) fn view(&self) -> View {
+        self.view_of(&self.fit)
+    }
+
+    /// The same where the named effects are fitted otherwise.
+    fn view_of(&self, fit: &Fit) -> View {
         self.unnamed
             .iter()
-            .fold(View::of(&self.fit), |view, &(family, searched)| match self
-                .bench
-                .subspace(&view, family, searched)
-            {
-                Some((_, subspace)) => view.with(&subspace),
-                None => view,
+            .fold(View::of(fit), |view, &(family, searched)| {
+                match self.bench.subspace(&view, family, searched) {
+                    Some((_, subspace)) => view.with(&subspace),
+                    None => view,
+                }
             })
     }
 
@@ -382,7 +397,8 @@ impl Search<'_> {
         match best(&above) {
             Some(family)
                 if !self.is_accounted_for(view, (&own, name.bic), &family)
-                    && !self.is_accounted_for_by_places(view, &name, &family) =>
+                    && !self.is_accounted_for_by_places(view, &name, &family)
+                    && !self.is_accounted_for_once_fitted(&name, &family) =>
             {
                 Some(family)
             }
@@ -426,6 +442,13 @@ impl Search<'_> {
             return false;
         }
         self.leaves_nothing_to(family, &view.with(&of_other))
+    }
+
+    /// Whether a name leaves nothing to a family once it is fitted: a strong effect bends, and families follow the
+    /// bend where the name's own derivatives at no effect do not.
+    fn is_accounted_for_once_fitted(&self, name: &Score, family: &Score) -> bool {
+        self.joined(name)
+            .is_some_and(|fit| self.leaves_nothing_to(family, &self.view_of(&fit)))
     }
 
     /// Whether a model leaves nothing to a family.
@@ -505,7 +528,7 @@ impl Search<'_> {
             .map(|(place, column)| {
                 (
                     column,
-                    self.fit.fitted[column] - described.parameters[place].nominal,
+                    self.fit.fitted[column] - described.parameters[place].none,
                 )
             })
             .unzip();
@@ -525,7 +548,7 @@ impl Search<'_> {
 
     /// Fitted values of all parameters of an effect; those that are not in the model are at no effect.
     pub(super) fn values_of(&self, effect: usize) -> Vec<f64> {
-        let mut values = self.bench.candidates[self.accepted[effect].candidate].nominal();
+        let mut values = self.bench.candidates[self.accepted[effect].candidate].none();
         for (place, column) in self.places_of(effect) {
             values[place] = self.fit.fitted[column];
         }

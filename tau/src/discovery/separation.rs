@@ -133,7 +133,7 @@ fn system(
         own.candidate
             .amplitudes()
             .into_iter()
-            .map(|k| own.values[k] - own.candidate.parameters[k].nominal),
+            .map(|k| own.values[k] - own.candidate.parameters[k].none),
     );
     let signal = columns_of(own)? * amplitudes;
     let of_rivals: Vec<DMatrix<f64>> = rivals.iter().map(columns_of).collect::<Option<_>>()?;

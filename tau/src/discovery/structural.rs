@@ -292,7 +292,7 @@ mod tests {
             cluster a on one { link l1; }
             cluster b on two { link l2, l3; }
             variant Nominal { arm reduced; tracks linear; }
-            variant NominalFullArm { arm reduced; tracks linear per link; }
+            variant NominalFullArm { arm full; tracks piecewise; }
         }";
         let robot = Robot::from_text(text).unwrap();
         let (fuller, name) = with_full_arm(&robot, &robot.variants[0]).unwrap();

@@ -61,7 +61,7 @@ fn found(bench: &Bench, view: &View, family: usize, searched: Option<f64>) -> Op
     let candidate = &bench.candidates[family];
     let described = candidate.family.as_ref()?;
     let (_, subspace) = bench.subspace(view, family, searched)?;
-    let mut values = candidate.nominal();
+    let mut values = candidate.none();
     if let (Some((place, _)), Some(value)) = (candidate.search, searched) {
         values[place] = value;
     }

@@ -1,6 +1,6 @@
 //! Forward kinematics: from commands to the pose of the plate.
 
-use nalgebra::{Rotation3, Unit, Vector3};
+use nalgebra::{Rotation3, SymmetricEigen, Unit, Vector3};
 
 use super::inputs::Sample;
 use super::inverse::Reached;
@@ -235,17 +235,13 @@ impl Machine {
         for column in 3..unknowns.len() {
             jacobian.column_mut(column).scale_mut(lever.recip());
         }
-        // Fewer closures than unknowns: zero rows make the free directions singular vectors too.
-        let size = jacobian.nrows().max(unknowns.len());
-        let svd = jacobian.resize_vertically(size, 0.0).svd(false, true);
-        let weakest = svd.singular_values.imin();
+        let eigen = SymmetricEigen::new(jacobian.tr_mul(&jacobian));
+        let weakest = eigen.eigenvalues.imin();
         let mut motion = [0.0; POSE_COLUMNS];
-        if let Some(v_t) = svd.v_t {
-            for (&unknown, entry) in unknowns.iter().zip(v_t.row(weakest).iter()) {
-                motion[unknown] = *entry;
-            }
+        for (&unknown, entry) in unknowns.iter().zip(&eigen.eigenvectors.column(weakest)) {
+            motion[unknown] = *entry;
         }
-        (svd.singular_values[weakest], motion)
+        (eigen.eigenvalues[weakest].max(0.0).sqrt(), motion)
     }
 
     fn check_regular(&self, closures: &Closures) -> Result<(), Error> {

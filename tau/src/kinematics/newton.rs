@@ -3,6 +3,7 @@
 use nalgebra::{DMatrix, DVector, Vector3};
 
 use super::inputs::Sample;
+use super::least_norm::least_norm;
 use super::machine::{Machine, POSE_COLUMNS};
 use super::{Error, Pose};
 
@@ -56,7 +57,7 @@ pub(crate) fn solve(
                 mismatch_m: mismatch,
             });
         }
-        let step = newton_step(reduced, &closures.residuals).ok_or(not_converged.clone())?;
+        let step = newton_step(&reduced, &closures.residuals).ok_or(not_converged.clone())?;
         let longest = step.amax();
         if !longest.is_finite() {
             return Err(not_converged);
@@ -102,15 +103,10 @@ pub(crate) fn solve(
     })
 }
 
-fn newton_step(jacobian: DMatrix<f64>, residuals: &DVector<f64>) -> Option<DVector<f64>> {
-    if jacobian.is_square()
-        && let Some(step) = jacobian.clone().lu().solve(residuals)
-    {
-        return Some(-step);
-    }
-    let svd = jacobian.svd(true, true);
-    let cutoff = 1e-12 * svd.singular_values.max();
-    svd.solve(residuals, cutoff).ok().map(|step| -step)
+fn newton_step(jacobian: &DMatrix<f64>, residuals: &DVector<f64>) -> Option<DVector<f64>> {
+    let right = DMatrix::from_column_slice(residuals.len(), 1, residuals.as_slice());
+    let step = least_norm(jacobian, &right)?;
+    Some(-step.column(0))
 }
 
 fn advance(

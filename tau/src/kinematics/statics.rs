@@ -1,8 +1,9 @@
 //! Forces in the links and on the carts, from the load that the arm carries.
 
-use nalgebra::{DMatrix, DVector, Vector3};
+use nalgebra::{DMatrix, Vector3};
 
 use super::Pose;
+use super::least_norm::least_norm;
 use crate::robot::Robot;
 use crate::robot_file::{LinkValues, Payload, RobotFile};
 
@@ -85,17 +86,15 @@ impl Statics {
         });
         let weight = Vector3::from(self.payload.gravity_m_s2) * self.payload.mass_kg;
         let moment = (pose.rotation * Vector3::from(self.payload.centre_m)).cross(&weight);
-        let load = DVector::from_fn(6, |row, _| {
+        let load = DMatrix::from_fn(6, 1, |row, _| {
             if row < 3 {
                 -weight[row]
             } else {
                 -moment[row - 3]
             }
         });
-        let svd = wrenches.svd(true, true);
-        let cutoff = 1e-9 * svd.singular_values.max();
-        let tensions: Vec<f64> = svd.solve(&load, cutoff).map_or_else(
-            |_| vec![0.0; self.links.len()],
+        let tensions: Vec<f64> = least_norm(&wrenches, &load).map_or_else(
+            || vec![0.0; self.links.len()],
             |t| t.iter().copied().collect(),
         );
         let mut forces = vec![Vector3::zeros(); self.tracks];

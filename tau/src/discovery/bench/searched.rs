@@ -173,7 +173,7 @@ impl Bench {
     ) -> Option<Point> {
         let described = &self.candidates[candidate];
         let (searched, _) = described.search?;
-        let mut values = described.nominal();
+        let mut values = described.none();
         values[searched] = value;
         let amplitudes = described.amplitudes();
         let mut columns = Displacements::default();
@@ -290,7 +290,7 @@ impl Bench {
     ) -> Option<(DMatrix<f64>, Subspace)> {
         let described = &self.candidates[candidate];
         let (searched, _) = described.search?;
-        let mut values = described.nominal();
+        let mut values = described.none();
         values[searched] = value;
         self.expanded(view, candidate, &values)
     }
@@ -314,7 +314,7 @@ impl Bench {
         if !described.is_named() || self.hidden.contains(&candidate) {
             return None;
         }
-        let mut values = described.nominal();
+        let mut values = described.none();
         if let Some((searched, (low, high))) = described.search {
             values[searched] = (low * high).sqrt();
         }

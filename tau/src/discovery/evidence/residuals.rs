@@ -132,7 +132,7 @@ fn covariate(
                     .filter(|&place| !described.is_searched(place))
                     .filter_map(|place| {
                         let slopes = entry.slopes[place].as_ref()?;
-                        Some(slopes[k] * (values[place] - described.parameters[place].nominal))
+                        Some(slopes[k] * (values[place] - described.parameters[place].none))
                     })
                     .sum()
             })

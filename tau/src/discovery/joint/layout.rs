@@ -26,34 +26,23 @@ struct Layout {
     weights: Vec<(f64, Component)>,
 }
 
-impl Joint {
-    /// Lays out the rows: set 1, then sets 2 and 3 by track.
-    pub(in super::super) fn new(
-        machine: Machine,
-        nominal: &[Nominal],
-        samples: &[Sample],
-        noise: Noise,
-    ) -> Result<Self, Error> {
-        let variant = &machine.variant;
-        let mut parts: Vec<Layout> = Vec::new();
-        let indices = |set: u8, track: Option<usize>| -> Vec<usize> {
-            (0..samples.len())
-                .filter(|&i| samples[i].set == set && samples[i].track == track)
-                .collect()
-        };
-        let closures: Vec<_> = variant
+impl Layout {
+    /// The closures of set 1, those of a pose whitened together.
+    fn closures(machine: &Machine, samples: &[Sample], noise: Noise) -> Result<Self, Error> {
+        let closures: Vec<_> = machine
+            .variant
             .instances_of(ResidualKind::Closure)
             .cloned()
             .collect();
-        let poses = indices(1, None);
+        let poses = indices(samples, 1, None);
         let mut data = Vec::new();
         for &pose in &poses {
             let sample = &samples[pose];
             for closure in &closures {
-                fill(&machine, &closure.inputs, sample, &mut data)?;
+                fill(machine, &closure.inputs, sample, &mut data)?;
             }
             let at = kinematics_sample(sample);
-            let factor = WhitenedPose::factor(&machine, &at.view(), noise).ok_or_else(|| {
+            let factor = WhitenedPose::factor(machine, &at.view(), noise).ok_or_else(|| {
                 Error::Input(InputError::whole(
                     "tcp_poses.csv",
                     format!(
@@ -67,93 +56,118 @@ impl Joint {
         let weights = vec![(1.0, Component::Closure); closures.len()];
         let family = WhitenedPose::new(closures);
         let parameters = family.parameters().to_vec();
-        parts.push(Layout {
+        Ok(Self {
             family: Arc::new(family),
             parameters,
             data,
             samples: poses,
             weights,
-        });
-        for (kind, set) in [(ResidualKind::CartPose, 2), (ResidualKind::CartPosition, 3)] {
-            for instance in variant.instances_of(kind) {
-                let of = indices(set, Some(instance.of));
-                if of.is_empty() {
+        })
+    }
+
+    /// The carts of sets 2 and 3, track by track.
+    fn carts(machine: &Machine, samples: &[Sample], noise: Noise) -> Result<Vec<Self>, Error> {
+        let (position, rotation) = (noise.position_m.recip(), noise.rotation_rad.recip());
+        let of_poses = [
+            [(position, Component::CartPosition); 3],
+            [(rotation, Component::CartRotation); 3],
+        ]
+        .concat();
+        let of_positions = vec![(position, Component::Position); 3];
+        let sets = [
+            (ResidualKind::CartPose, 2, of_poses),
+            (ResidualKind::CartPosition, 3, of_positions),
+        ];
+        let mut layouts = Vec::new();
+        for (kind, set, weights) in sets {
+            for instance in machine.variant.instances_of(kind) {
+                let of_cart = indices(samples, set, Some(instance.of));
+                if of_cart.is_empty() {
                     continue;
                 }
                 let mut data = Vec::new();
-                for &sample in &of {
-                    fill(&machine, &instance.inputs, &samples[sample], &mut data)?;
+                for &sample in &of_cart {
+                    fill(machine, &instance.inputs, &samples[sample], &mut data)?;
                 }
-                let (position, rotation) = (noise.position_m.recip(), noise.rotation_rad.recip());
-                let weights = if set == 2 {
-                    [
-                        [(position, Component::CartPosition); 3],
-                        [(rotation, Component::CartRotation); 3],
-                    ]
-                    .concat()
-                } else {
-                    vec![(position, Component::Position); 3]
-                };
-                parts.push(Layout {
+                layouts.push(Self {
                     family: Arc::clone(&instance.family),
                     parameters: instance.parameters.clone(),
                     data,
-                    samples: of,
-                    weights,
+                    samples: of_cart,
+                    weights: weights.clone(),
                 });
             }
         }
-        let mut used: Vec<usize> = parts
-            .iter()
-            .flat_map(|part| part.parameters.iter().copied())
-            .collect();
+        Ok(layouts)
+    }
+
+    /// The part with its parameters numbered as in `used`; its rows are added to those before.
+    fn numbered(self, used: &[usize], rows: &mut Vec<Row>) -> Part {
+        let Self {
+            family,
+            parameters,
+            data,
+            samples,
+            weights,
+        } = self;
+        let first_row = rows.len();
+        for &sample in &samples {
+            let residuals = weights.iter().enumerate();
+            rows.extend(residuals.map(|(residual, &(_, component))| Row {
+                sample,
+                component,
+                residual,
+            }));
+        }
+        let mut prepared = vec![0.0; samples.len() * family.shape().prepared];
+        family.prepare_all(&data, &mut prepared);
+        let place = |index: &usize| used.binary_search(index).unwrap_or_default();
+        Part {
+            parameters: parameters.iter().map(place).collect(),
+            family,
+            data,
+            prepared,
+            samples,
+            first_row,
+            weights,
+        }
+    }
+}
+
+/// Samples of a set, and in sets 2 and 3 of a track.
+fn indices(samples: &[Sample], set: u8, track: Option<usize>) -> Vec<usize> {
+    (0..samples.len())
+        .filter(|&i| samples[i].set == set && samples[i].track == track)
+        .collect()
+}
+
+impl Joint {
+    /// Lays out the rows: set 1, then sets 2 and 3 by track.
+    pub(in super::super) fn new(
+        machine: Machine,
+        nominal: &[Nominal],
+        samples: &[Sample],
+        noise: Noise,
+    ) -> Result<Self, Error> {
+        let mut layouts = vec![Layout::closures(&machine, samples, noise)?];
+        layouts.extend(Layout::carts(&machine, samples, noise)?);
+        let parameters = layouts.iter().flat_map(|layout| &layout.parameters);
+        let mut used: Vec<usize> = parameters.copied().collect();
         used.sort_unstable();
         used.dedup();
         let mut rows = Vec::new();
-        let parts = parts
+        let parts = layouts
             .into_iter()
-            .map(
-                |Layout {
-                     family,
-                     parameters,
-                     data,
-                     samples,
-                     weights,
-                 }| {
-                    let first_row = rows.len();
-                    for &sample in &samples {
-                        rows.extend(weights.iter().enumerate().map(
-                            |(residual, &(_, component))| Row {
-                                sample,
-                                component,
-                                residual,
-                            },
-                        ));
-                    }
-                    let mut prepared = vec![0.0; samples.len() * family.shape().prepared];
-                    family.prepare_all(&data, &mut prepared);
-                    let place = |index: &usize| used.binary_search(index).unwrap_or_default();
-                    Part {
-                        parameters: parameters.iter().map(place).collect(),
-                        family,
-                        data,
-                        prepared,
-                        samples,
-                        first_row,
-                        weights,
-                    }
-                },
-            )
+            .map(|layout| layout.numbered(&used, &mut rows))
             .collect();
+        let parameters = &machine.variant.parameters;
         let priors = used
             .iter()
-            .map(|&index| match variant.parameters[index].owner {
-                Owner::Target { .. } if variant.parameters[index].quantity == "position" => {
-                    Nominal {
-                        value: 0.0,
-                        tolerance: Some(MOUNTING_M),
-                    }
-                }
+            .map(|&index| match parameters[index].owner {
+                Owner::Target { .. } if parameters[index].quantity == "position" => Nominal {
+                    value: 0.0,
+                    tolerance: Some(MOUNTING_M),
+                },
                 _ => nominal[index],
             })
             .collect();

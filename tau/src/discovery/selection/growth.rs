@@ -20,12 +20,12 @@ impl Search<'_> {
     /// converge.
     pub(super) fn joined(&self, score: &Score) -> Option<Fit> {
         let described = &self.bench.candidates[score.candidate];
-        let mut values = described.nominal();
+        let mut values = described.none();
         let view = self.view();
         let subspace = self.subspace(&view, score)?;
         let amplitudes = subspace.amplitudes(&view.residuals);
         for (&place, &amplitude) in described.amplitudes().iter().zip(amplitudes.iter()) {
-            values[place] = amplitude;
+            values[place] += amplitude;
         }
         if let (Some((place, _)), Some(value)) = (described.search, score.searched) {
             values[place] = value;

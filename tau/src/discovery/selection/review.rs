@@ -325,7 +325,7 @@ impl Search<'_> {
             .collect();
         let rivals = rival.iter().map(|&(candidate, searched)| {
             let candidate = &self.bench.candidates[candidate];
-            let mut values = candidate.nominal();
+            let mut values = candidate.none();
             if let (Some((place, _)), Some(value)) = (candidate.search, searched) {
                 values[place] = value;
             }
