@@ -24,13 +24,12 @@ struct End {
 const NEAR: End = End {
     fall: CONVERGED,
     share: 1e-4,
-    iterations: 40,
+    iterations: 100,
 };
 /// Near enough for values to be stated, however slow the way: in curved valleys, steps that hardly lower χ² may
 /// add up to several standard deviations.
 const AT_MINIMUM: End = End {
     share: 0.0,
-    iterations: 100,
     ..NEAR
 };
 const CONVERGED: f64 = 0.1;

@@ -37,7 +37,7 @@ impl Fit {
         let start = joint.fitted(&joint.machine.values);
         let factors = joint.factors(&[1.0; 4], &vec![1.0; samples.len()]);
         let options = tau_solver::Options {
-            max_iterations: 100,
+            max_iterations: 500,
             step_tolerance: 1e-9,
             cost_tolerance: 1e-7,
             ..tau_solver::Options::default()
