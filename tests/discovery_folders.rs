@@ -519,3 +519,37 @@ fn rows_stand_in_any_order_where_times_are_given() {
     assert!((lag1(&shuffled) - lag1(&in_order)).abs() < 1e-6);
     assert!(lag1(&shuffled) > 0.3);
 }
+
+/// A linear delta with dimensions from its description alone, as measured with an effect.
+fn of_linear_delta(options: &str) -> TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let robot = "robot = \"LinearDelta\"
+[noise]
+position_m = 1e-5
+rotation_rad = 4e-5
+[payload]
+mass_kg = 20.0
+centre_m = [0.0, 0.0, 0.0]
+gravity_m_s2 = [0.0, 0.0, -9.81]
+";
+    fs::write(folder.path().join("delta.toml"), robot).unwrap();
+    let line =
+        "tau simulate --model ROBOTS/linear_delta.tau --robot DIR/delta.toml --out DIR --random";
+    tau_in(folder.path(), &format!("{line} {options}")).done();
+    folder
+}
+
+/// What a description says to expect of an effect is no reason to overlook it.
+#[test]
+fn an_effect_of_the_expected_size_is_found() {
+    let hidden = "link_thermal(all):expansion=1.2e-5";
+    let folder = of_linear_delta(&format!("--seed 3 --warming 6 --effect {hidden}"));
+    let found = found(&folder, "--model ROBOTS/linear_delta.tau");
+    assert_eq!(effects(&found), ["link_thermal(all)"]);
+    let expansion = &found["effects"][0]["parameters"]["expansion"];
+    let [value, sigma] = ["value", "sigma"].map(|key| expansion[key].as_f64().unwrap());
+    assert!(
+        (value - 1.2e-5).abs() < 4.0 * sigma && sigma < 1e-6,
+        "{expansion}"
+    );
+}

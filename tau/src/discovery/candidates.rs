@@ -529,6 +529,34 @@ mod tests {
     use super::*;
 
     #[test]
+    fn no_effect_is_where_nothing_is_added() {
+        let model = check_text(
+            "robot Slide { track one; cluster a on one { link l; } variant N { arm reduced; tracks linear; } }",
+        )
+        .unwrap();
+        let text = "
+            effect warm on cart { param expansion: 1/K = 12 ppm/K; param shift: length;
+                along += expansion * (temperature - 20 K) * q + shift; }
+            effect fading on cart { param a: length; param reach: length = 300 mm; along += a * exp(-q/reach); }
+            effect worn on cart { param a: length = 5 um; param reach: length = 300 mm;
+                along += a * exp(-q/reach); }
+            effect both on cart { param a, b: length = 5 um; along += a * q / (1 m); vertical += b; }
+            effect fixed on cart { param a: length = 5 um; along += a + 1 um; }";
+        let model = effects_from_text(text, &model).unwrap();
+        let place = Place::Cart {
+            track: 0,
+            source: None,
+        };
+        let none = |index: usize| {
+            Candidate::new(index, &model.effects[index], place, String::new(), None).none()
+        };
+        let expected: [&[f64]; 5] = [&[0.0, 0.0], &[0.0, 0.3], &[0.0, 0.3], &[0.0, 0.0], &[5e-6]];
+        for (index, expected) in expected.into_iter().enumerate() {
+            assert_eq!(none(index), expected, "{}", model.effects[index].name);
+        }
+    }
+
+    #[test]
     fn waves_are_alike_whatever_their_parameters_are_called() {
         let model = check_text(
             "robot Slide { track one; track two; cluster a on one { link l; } cluster b on two { link m; }

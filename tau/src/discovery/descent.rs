@@ -28,10 +28,7 @@ const NEAR: End = End {
 };
 /// Near enough for values to be stated, however slow the way: in curved valleys, steps that hardly lower χ² may
 /// add up to several standard deviations.
-const AT_MINIMUM: End = End {
-    share: 0.0,
-    ..NEAR
-};
+const AT_MINIMUM: End = End { share: 0.0, ..NEAR };
 const CONVERGED: f64 = 0.1;
 /// A descent that ends with steps that still lower χ² by more than this share has not arrived.
 const UNSETTLED: f64 = 1e-3;

@@ -323,7 +323,7 @@ fn remarks(search: &Search<'_>, whiteness: Option<&Whiteness>) -> Vec<String> {
     for (set, what) in [
         (
             2,
-            "set 2 (`cart_poses.csv`) is missing: it would show straightness and rotation of the carts without load",
+            "set 2 (`cart_poses.csv`) is missing: it would show straightness and rotation of the carts, apart from the arm's load",
         ),
         (
             3,

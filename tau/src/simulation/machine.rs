@@ -281,12 +281,8 @@ impl Machine {
                 .rows_mut(3 * k, 3)
                 .copy_from(&((rod.track_direction - direction) * q));
         }
-        let svd = matrix.svd(true, true);
-        let cutoff = 1e-9 * svd.singular_values.max();
-        svd.solve(&travel, cutoff).map_or_else(
-            |_| Rotation3::identity(),
-            |w| Rotation3::new(Vector3::new(w[0], w[1], w[2])),
-        )
+        let (w, _) = shortest(&matrix, &travel);
+        Rotation3::new(Vector3::new(w[0], w[1], w[2]))
     }
 
     /// Pose at which every rod has its length.
@@ -396,11 +392,32 @@ pub(crate) fn least_norm(matrix: DMatrix<f64>, right: &DVector<f64>) -> Option<D
             .all(|value| value.is_finite())
             .then_some(solution);
     }
-    let smaller = matrix.nrows().min(matrix.ncols());
-    let svd = matrix.try_svd(true, true, f64::EPSILON, 1000)?;
-    let cutoff = 1e-9 * svd.singular_values.max();
-    if svd.rank(cutoff) < smaller {
-        return None;
+    let (solution, rank) = shortest(&matrix, right);
+    (rank == matrix.nrows().min(matrix.ncols())).then_some(solution)
+}
+
+/// The shortest of the least-squares solutions, and the rank, by the eigenvectors of the smaller Gram matrix.
+fn shortest(matrix: &DMatrix<f64>, right: &DVector<f64>) -> (DVector<f64>, usize) {
+    let is_wide = matrix.ncols() > matrix.nrows();
+    let gram = if is_wide {
+        matrix * matrix.transpose()
+    } else {
+        matrix.transpose() * matrix
+    };
+    let eigen = gram.symmetric_eigen();
+    let cutoff = 1e-14 * eigen.eigenvalues.max();
+    let (mut sum, mut rank) = (DVector::zeros(eigen.eigenvalues.len()), 0);
+    let projected = if is_wide {
+        right.clone()
+    } else {
+        matrix.tr_mul(right)
+    };
+    for (vector, &value) in eigen.eigenvectors.column_iter().zip(&eigen.eigenvalues) {
+        if value > cutoff {
+            sum += vector * (vector.dot(&projected) / value);
+            rank += 1;
+        }
     }
-    svd.solve(right, cutoff).ok()
+    let solution = if is_wide { matrix.tr_mul(&sum) } else { sum };
+    (solution, rank)
 }

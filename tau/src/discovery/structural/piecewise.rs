@@ -110,7 +110,8 @@ fn bent(
     let discovery = &mut found.outcome.discovery;
     discovery.considered.extend(notes);
     // What no family describes is described by the points, whether the model follows them or not.
-    if let Some(track) = tracks.iter().find(|track| track.is_wanted)
+    let mut wanted = tracks.iter().filter(|track| track.is_wanted);
+    if let Some(track) = wanted.find(|track| !track.unnamed.is_empty())
         && discovery.unnamed.is_empty()
     {
         discovery.unnamed.clone_from(&track.unnamed);
