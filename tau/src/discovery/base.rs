@@ -4,15 +4,20 @@ use std::collections::BTreeMap;
 
 use tau_codegen::language::Model;
 
+use super::descent::not_converged;
 use super::fit::Fit;
 use super::frames::Frames;
-use super::joint::Joint;
+use super::joint::{Component, Joint};
 use super::samples::Sample;
 use super::{Error, Input, numbering, outliers, variant};
 use crate::calibration::Prepared;
 use crate::kinematics::{self, Machine, Pose, Statics};
-use crate::robot::Variant;
+use crate::robot::{Owner, Variant};
 use crate::robot_file::RobotFile;
+
+/// Closures that are off by more than this share of the links' length are those of another machine, or of commands and
+/// poses that do not belong together.
+const LARGEST_MISFIT: f64 = 0.01;
 
 /// The base fitted to all sets, and their samples with the loads of the arm.
 pub(super) fn base_fit(
@@ -53,7 +58,26 @@ pub(super) fn base_fit(
     let about_lines = outliers::deviations(outliers::about_lines(&samples), &samples);
     weights.extend(outliers::weights(&about_lines).drain(weights.len()..));
     let fit = Fit::robust(joint, &values, weights, &samples, file.noise)?;
+    let off_m = fit.scales[Component::Closure as usize] * file.noise.position_m;
+    if off_m > LARGEST_MISFIT * mean_length_m(&fit) {
+        let why = format!("its closures are still off by {:.0} mm", 1e3 * off_m);
+        return Err(not_converged(&fit.joint, &why));
+    }
     Ok((fit, samples))
+}
+
+/// Mean length of the links, or of the clusters where the arm is reduced.
+fn mean_length_m(fit: &Fit) -> f64 {
+    let parameters = fit.joint.machine.variant.parameters.iter();
+    let lengths = parameters.zip(fit.joint.values(&fit.fitted));
+    let lengths: Vec<f64> = lengths
+        .filter(|(parameter, _)| {
+            let is_of_arm = matches!(parameter.owner, Owner::Link(_) | Owner::Cluster(_));
+            is_of_arm && parameter.quantity == "length"
+        })
+        .map(|(_, length_m)| length_m)
+        .collect();
+    lengths.iter().sum::<f64>() / lengths.len() as f64
 }
 
 /// Where the plate stands in sets 2 and 3, and what the arm weighs on its carts. In set 2 all carts move equally, which
