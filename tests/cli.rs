@@ -296,6 +296,22 @@ fn simulate_writes_a_folder_that_calibrates() {
     );
 }
 
+/// Commands that the machine of the drawings reaches are out of the true one's reach here and there.
+#[test]
+fn poses_that_the_true_machine_does_not_reach_are_left_out() {
+    let folder = tempfile::tempdir().unwrap();
+    let robot = "robot = \"Hexaglide\"\n[noise]\nposition_m = 1e-5\nrotation_rad = 4e-5\n";
+    fs::write(folder.path().join("robot.toml"), robot).unwrap();
+    let line = "tau simulate --model ROBOTS/hexaglide.tau --robot DIR/robot.toml --seed 7 --random \
+                --out DIR/measured --json -";
+    let made = tau_in(folder.path(), line).json();
+    let left_out = number(&made["out_of_reach"]);
+    assert!((1.0..20.0).contains(&left_out), "{made:#}");
+    let poses = number(&made["rows"]["tcp_poses"]);
+    let positions = number(&made["rows"]["cart_positions"]) / 6.0;
+    assert_eq!(poses + positions + left_out, 176.0 + 150.0);
+}
+
 #[test]
 fn generate_writes_what_is_checked_in() {
     let folder = tempfile::tempdir().unwrap();

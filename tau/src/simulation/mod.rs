@@ -35,7 +35,7 @@ use crate::robot::Robot;
 use crate::robot_file::RobotFile;
 use build::Commanded;
 use noise::Deviation;
-use plan::{Planner, SECONDS, Stop};
+use plan::{Planner, SECONDS, Stop, Stops};
 use random::Random;
 
 /// Farthest that a target sits from its cart's reference point, along each axis (m).
@@ -169,8 +169,8 @@ impl Mounting {
 /// Simulates a measurement folder.
 ///
 /// # Errors
-/// The robot file lacks values of a link, or the payload that an effect follows; the links do not hold the plate, or not at all commands zero;
-/// fewer than two poses can be reached; the true machine does not close at a pose.
+/// The robot file lacks values of a link, or the payload that an effect follows; the links do not hold the plate, or
+/// not at all commands zero; fewer than two poses can be reached.
 pub fn simulate(simulation: &Simulation) -> Result<SimulatedFolder, InputError> {
     Session::new(simulation)?.run()
 }
@@ -256,9 +256,11 @@ impl<'a> Session<'a> {
             temperature: simulation.temperature,
         };
         let set1 = planner.tcp_poses(&simulation.poses, &mut Random::new(seed, "poses"));
+        let (set1, states1) = self.reached(set1);
         if set1.stops.len() < 2 {
             let message = "fewer than two poses are within reach";
-            return Err(InputError::whole("poses", message).help("take a grid of smaller steps"));
+            return Err(InputError::whole("poses", message)
+                .help("take a grid of smaller steps, or smaller effects"));
         }
         let has_carts = self.nominal.tracks > 0;
         let mut random = Random::new(seed, "random poses");
@@ -270,6 +272,7 @@ impl<'a> Session<'a> {
             },
             &mut random,
         );
+        let (set3, states3) = self.reached(set3);
         let points =
             planner.track_points(simulation.track_points, &mut Random::new(seed, "points"));
 
@@ -280,14 +283,13 @@ impl<'a> Session<'a> {
 
         let mut noise = noise::Generator::new(&simulation.noise, seed);
         let outliers = noise::outliers(&simulation.noise, set1.stops.len(), seed);
-        let states = self.states(&set1.stops)?;
-        let tcp_poses = self.tcp_poses(&set1.stops, &states, &mut noise, &outliers);
+        let tcp_poses = self.tcp_poses(&set1.stops, &states1, &mut noise, &outliers);
         let cart_poses = if has_carts {
             self.cart_poses(&points, &mounting2, &mut noise)
         } else {
             Vec::new()
         };
-        let cart_positions = self.cart_positions(&set3.stops, &mounting3, &mut noise)?;
+        let cart_positions = self.cart_positions(&set3.stops, &states3, &mounting3, &mut noise);
 
         let effects: Vec<(String, String)> = self
             .machine
@@ -318,7 +320,7 @@ impl<'a> Session<'a> {
             truth: Truth {
                 effects,
                 status,
-                tcp_poses: states,
+                tcp_poses: states1,
                 set2: mounting2,
                 set3: mounting3,
                 outliers: outliers.keys().map(|&index| number(index)).collect(),
@@ -328,25 +330,19 @@ impl<'a> Session<'a> {
         })
     }
 
-    fn states(&self, stops: &[Stop]) -> Result<Vec<State>, InputError> {
-        stops
-            .iter()
-            .map(
-                |Stop {
-                     commanded,
-                     conditions,
-                 }| {
-                    let state =
-                        self.machine
-                            .solve(&commanded.commands_m, conditions, commanded.pose);
-                    state.ok_or_else(|| {
-                        let message =
-                            format!("the machine does not close at {:?} m", commanded.commands_m);
-                        InputError::whole("simulation", message).help("make its effects smaller")
-                    })
-                },
-            )
-            .collect()
+    /// The stops at which the true machine closes, and its states there; the others are left out.
+    fn reached(&self, planned: Stops) -> (Stops, Vec<State>) {
+        let solve = |stop: &Stop| {
+            let Commanded { pose, commands_m } = &stop.commanded;
+            self.machine.solve(commands_m, &stop.conditions, *pose)
+        };
+        let count = planned.stops.len();
+        let reached = planned.stops.into_iter();
+        let (stops, states): (Vec<Stop>, Vec<State>) = reached
+            .filter_map(|stop| solve(&stop).map(|state| (stop, state)))
+            .unzip();
+        let left_out = planned.left_out + count - stops.len();
+        (Stops { stops, left_out }, states)
     }
 
     fn tcp_poses(
@@ -439,11 +435,12 @@ impl<'a> Session<'a> {
     fn cart_positions(
         &self,
         stops: &[Stop],
+        states: &[State],
         mounting: &Mounting,
         noise: &mut noise::Generator<'_>,
-    ) -> Result<Vec<CartPosition>, InputError> {
+    ) -> Vec<CartPosition> {
         let mut rows = Vec::new();
-        for (index, (stop, state)) in stops.iter().zip(self.states(stops)?).enumerate() {
+        for (index, (stop, state)) in stops.iter().zip(states).enumerate() {
             let common = noise.pose();
             for (track, cart) in state.carts.iter().enumerate() {
                 let deviation = noise.next(3, track + 1, common);
@@ -458,7 +455,7 @@ impl<'a> Session<'a> {
                 });
             }
         }
-        Ok(rows)
+        rows
     }
 
     fn disturbed(&self, pose: Pose, [shift, turn]: Deviation) -> Pose {
