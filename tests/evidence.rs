@@ -106,7 +106,8 @@ fn residuals_against_the_side_of_approach_show_the_gap() {
     };
     assert_eq!((back.at, forth.at), (-1.0, 1.0));
     let gap = forth.before - back.before;
-    assert!((40.0..122.0).contains(&gap), "{gap}");
+    // The base takes up some of it.
+    assert!((0.65 * 119.0..119.0).contains(&gap), "{gap}");
     assert!(is_flat(pattern), "{pattern:?}");
     assert!(found.remaining_um < 0.2 * found.ceiling_um);
 }
