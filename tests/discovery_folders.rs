@@ -11,7 +11,7 @@ use tau::simulation::{Effect, LinkError, Physics, Simulation, simulate};
 use tau_model_dsl::model::Place;
 use tempfile::TempDir;
 
-use crate::support::{fields, gantry_tau, prototype, tau_in};
+use crate::support::{ROBOTS, fields, gantry_tau, prototype, tau_in};
 
 /// A trial's measurements in a folder of their own, without what was hidden in them.
 fn trial(name: &str) -> TempDir {
@@ -545,4 +545,45 @@ rotation_rad = 4e-5
         (value - 1.2e-5).abs() < 4.0 * sigma && sigma < 1e-6,
         "{expansion}"
     );
+}
+
+/// All carts move equally in set 2, and on tracks that lean towards each other that changes what the arm weighs on them.
+#[test]
+fn carts_yield_in_set_2_where_their_load_changes() {
+    let folder = tempfile::tempdir().unwrap();
+    let upright = fs::read_to_string(format!("{ROBOTS}/linear_delta.tau")).unwrap();
+    let leaning = [
+        ("cluster arm_a", "(0.8660254, 0, 0.5)"),
+        ("cluster arm_b", "(-0.4330127, 0.75, 0.5)"),
+        ("cluster arm_c", "(-0.4330127, -0.75, 0.5)"),
+    ];
+    let mut description = upright;
+    for (cluster, direction) in leaning.into_iter().rev() {
+        let (before, after) = description.split_once(cluster).unwrap();
+        description = format!("{before}{cluster}{}", after.replace("(0, 0, 1)", direction));
+    }
+    fs::write(folder.path().join("leaning.tau"), description).unwrap();
+    let robot = "robot = \"LinearDelta\"
+[noise]
+position_m = 1e-5
+rotation_rad = 4e-5
+[payload]
+mass_kg = 20.0
+centre_m = [0.0, 0.0, 0.0]
+gravity_m_s2 = [0.0, 0.0, -9.81]
+";
+    fs::write(folder.path().join("delta.toml"), robot).unwrap();
+    let hidden = "cart_compliance(c):along_compliance=7e-7,horizontal_compliance=9e-7";
+    let line = format!(
+        "tau simulate --model DIR/leaning.tau --robot DIR/delta.toml --out DIR/measured --random --seed 1 \
+         --effect {hidden}"
+    );
+    tau_in(folder.path(), &line).done();
+    let line = "tau discover DIR/measured --model DIR/leaning.tau --out DIR/out --json -";
+    let found = tau_in(folder.path(), line).json();
+    assert_eq!(effects(&found), ["cart_compliance(c)"]);
+    assert_eq!(found["status"], "explained");
+    let along = &found["effects"][0]["parameters"]["along_compliance"];
+    let [value, sigma] = ["value", "sigma"].map(|key| along[key].as_f64().unwrap());
+    assert!((value - 7e-7).abs() < 4.0 * sigma, "{along}");
 }

@@ -95,7 +95,7 @@ impl Sample {
                     track: Some(measured.track),
                     number: measured.point,
                     unit,
-                    commands_m: vec![measured.command_m; robot.commands],
+                    commands_m: moved_equally(robot, measured.command_m),
                     directions: own_direction(measured.track, measured.direction),
                     conditions: measured.conditions,
                     pose,
@@ -255,6 +255,14 @@ impl Sample {
         }
         other
     }
+}
+
+/// Commands of set 2: all carts move equally, and driven lengths stand at zero.
+fn moved_equally(robot: &Robot, command_m: f64) -> Vec<f64> {
+    let is_cart = |command: usize| command < robot.tracks.len();
+    (0..robot.commands)
+        .map(|command| if is_cart(command) { command_m } else { 0.0 })
+        .collect()
 }
 
 /// How a measurement is repeated.
