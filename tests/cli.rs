@@ -412,6 +412,30 @@ fn an_effect_of_a_robot_file_takes_effect_or_is_told() {
 }
 
 #[test]
+fn a_file_for_another_robot_is_remarked() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = fs::read_to_string(format!("{DATA}/robot.toml")).unwrap();
+    let other = file.replacen("\"GantryTau\"", "\"GantryTau2\"", 1);
+    fs::write(folder.path().join("robot.toml"), other).unwrap();
+    let remark = "robot.toml is for robot `GantryTau2`, the description is of `GantryTau`";
+    let with = "DATA --robot DIR/robot.toml";
+    for line in [
+        format!("tau calibrate {with} --variant Full --out DIR/calibrated"),
+        "tau kinematics forward --robot DIR/robot.toml --variant Full --commands 0,0,0".to_owned(),
+    ] {
+        let ran = tau_in(folder.path(), &line);
+        assert!(
+            ran.code == 0 && ran.err.contains(remark),
+            "{line}: {}",
+            ran.err
+        );
+    }
+    let line = format!("tau study {with} --no-discover --out DIR/study --json -");
+    let study = tau_in(folder.path(), &line).json();
+    assert_eq!(study["remarks"][0], remark);
+}
+
+#[test]
 fn remarks_go_to_standard_error() {
     let folder = tempfile::tempdir().unwrap();
     let ran = tau_in(
