@@ -1,6 +1,5 @@
 //! What a search found, put together.
 
-use std::collections::BTreeSet;
 use std::time::Instant;
 
 use tau_runtime::Owner;
@@ -236,11 +235,6 @@ fn considered(search: &Search<'_>) -> Vec<Considered> {
     };
     let tested = table.scores.len() as f64;
     let is_significant = |score: &Score| score.p_value <= LEVEL / tested;
-    let left = search.known.iter().flat_map(|table| &table.scores);
-    let left: BTreeSet<usize> = left
-        .filter(|score| is_significant(score))
-        .map(|score| score.candidate)
-        .collect();
     table
         .scores
         .iter()
@@ -264,7 +258,7 @@ fn considered(search: &Search<'_>) -> Vec<Considered> {
                 "not confirmed"
             } else if !is_significant(score) {
                 "not significant"
-            } else if search.accepted.is_empty() || left.contains(&score.candidate) {
+            } else if search.accepted.is_empty() || !search.unnamed.is_empty() {
                 "not the best explanation"
             } else {
                 "explained by what was found"
