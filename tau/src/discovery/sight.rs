@@ -16,6 +16,9 @@ use super::view::View;
 const POWER: f64 = 0.8;
 /// An effect that would have to exceed its tolerance so many times to be seen is out of sight.
 pub(super) const IMPLAUSIBLE: f64 = 10.0;
+/// A signal of which the base leaves less than this share of its energy is absorbed: what is left of its size, three
+/// parts in a thousand, is less than how the closures bend over the whole of it.
+const ABSORBED: f64 = 1e-5;
 /// With less than this share left, it is the base that hides what could be seen only far beyond what is plausible.
 const MOSTLY_ABSORBED: f64 = 0.01;
 
@@ -66,7 +69,7 @@ pub(super) fn sight(
         let hopeless = parameter
             .tolerance
             .is_some_and(|t| amplitude > IMPLAUSIBLE * t);
-        if hopeless {
+        if surviving < ABSORBED || hopeless {
             let why = if surviving < MOSTLY_ABSORBED {
                 format!("the base absorbs {:.2} % of it", 100.0 * (1.0 - surviving))
             } else {
