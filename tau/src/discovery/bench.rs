@@ -402,7 +402,7 @@ impl Bench {
         let tasks: Vec<Option<usize>> = std::iter::once(None)
             .chain((0..self.scans.bands.len()).map(Some))
             .collect();
-        let nulls = self.nulls(view, &responses, &self.scans);
+        let nulls = self.nulls(view, &self.scans);
         let mut scores = Vec::new();
         let mut plain = None;
         let mut bands = Vec::new();
@@ -413,7 +413,7 @@ impl Bench {
             }
             Some(place) => {
                 let known = known.map(|known| &*known.bands[place]);
-                Scored::Band(self.scans.bands[place].scored(&responses, known, &nulls))
+                Scored::Band(self.scans.bands[place].scored(&responses, known, nulls.as_ref()))
             }
         };
         for result in parallel::map(&tasks, of_task) {
@@ -451,9 +451,9 @@ impl Bench {
     pub(super) fn with_family_scans(&self, view: &View, mut table: Table) -> Table {
         let families = self.family_scans();
         let responses = &table.responses;
-        let nulls = self.nulls(view, responses, families);
+        let nulls = self.nulls(view, families);
         let scored = parallel::map(&families.bands, |band| {
-            Arc::new(band.scored(responses, None, &nulls))
+            Arc::new(band.scored(responses, None, nulls.as_ref()))
         });
         table.bands.extend(scored);
         table.has_families = true;

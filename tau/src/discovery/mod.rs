@@ -36,6 +36,7 @@ mod selection;
 mod separation;
 mod serial;
 mod sight;
+mod signs;
 mod structural;
 mod structure;
 mod text;

@@ -13,7 +13,7 @@ use nalgebra::{DMatrix, DMatrixView, DVector, DVectorView};
 use super::candidates::Entry;
 use super::parallel;
 use super::probes::Probes;
-use super::samples::Sample;
+use super::signs::{Flipped, single};
 use super::view::View;
 
 /// Products of probes with a model.
@@ -148,37 +148,6 @@ impl Responses {
             })
             .collect()
     }
-
-    /// The residuals of each probe's samples under sign flips of the units, less what the model absorbs
-    /// of them: one row per flip. `flipped_basis` is `Qᵀ(s∘e)`.
-    ///
-    /// Scores under random signs are only counted against a level, so single precision does for them.
-    pub(super) fn flipped(
-        &self,
-        probes: &Probes,
-        samples: &[Sample],
-        signs: &DMatrix<f64>,
-        flipped_basis: &DMatrix<f64>,
-    ) -> Vec<DMatrix<f32>> {
-        let indices: Vec<usize> = (0..probes.all.len()).collect();
-        let (signs, flipped_basis) = (signs.transpose(), flipped_basis.transpose());
-        parallel::map(&indices, |&index| {
-            let (by_residual, probe) = (&self.by_residual[index], &probes.all[index]);
-            let absorbed = &flipped_basis * &self.by_basis[index];
-            DMatrix::from_fn(signs.nrows(), probe.samples.len(), |flip, s| {
-                let unit = samples[probe.samples[s]].unit;
-                single(by_residual[s] * signs[(flip, unit)] - absorbed[(flip, s)])
-            })
-        })
-    }
-}
-
-#[allow(
-    clippy::cast_possible_truncation,
-    reason = "single precision is wanted"
-)]
-pub(super) fn single(value: f64) -> f32 {
-    value as f32
 }
 
 /// Columns of candidates: what each adds to each probe, by sample.
@@ -302,23 +271,46 @@ impl Displacements {
         score
     }
 
-    /// `Gᵀe` for every flip, by rows.
-    pub(super) fn flipped(&self, residuals: &[DMatrix<f32>]) -> DMatrix<f32> {
-        let flips = residuals.first().map_or(0, DMatrix::nrows);
-        let mut score = DMatrix::zeros(flips, self.width());
+    /// `Gᵀe` under every flip, by rows, of what the model leaves; it absorbs `absorbed` of the columns.
+    pub(super) fn flipped(
+        &self,
+        responses: &Responses,
+        absorbed: &DMatrix<f64>,
+        flipped: &Flipped,
+    ) -> DMatrix<f32> {
+        let (signs, basis) = &flipped.single;
+        let mut by_unit = DMatrix::zeros(signs.ncols(), self.width());
         for part in &self.parts {
-            let slopes = part.matrix().map(single);
-            if part.columns.len() == self.width() {
-                score.gemm(1.0, &residuals[part.probe], &slopes, 1.0);
-                continue;
-            }
-            let own = &residuals[part.probe] * slopes;
-            for (&column, own) in part.columns.iter().zip(own.column_iter()) {
-                let mut target = score.column_mut(column);
-                target += own;
+            let residuals = &responses.by_residual[part.probe];
+            let units = &flipped.units[part.probe];
+            for (own, &column) in part.matrix().column_iter().zip(&part.columns) {
+                let mut target = by_unit.column_mut(column);
+                for ((slope, residual), &unit) in own.iter().zip(residuals.iter()).zip(units) {
+                    target[unit] += single(slope * residual);
+                }
             }
         }
+        let mut score = signs * by_unit;
+        score.gemm(-1.0, basis, &absorbed.map(single), 1.0);
         score
+    }
+
+    /// The same under one flip, in full precision.
+    pub(super) fn flipped_once(
+        &self,
+        responses: &Responses,
+        absorbed: &DMatrix<f64>,
+        flipped: &Flipped,
+        flip: usize,
+    ) -> DVector<f64> {
+        let signs = flipped.signs.column(flip);
+        let score = self.products(|probe| {
+            let residuals = responses.by_residual[probe].iter();
+            let signed = (residuals.zip(&flipped.units[probe]))
+                .map(|(residual, &unit)| residual * signs[unit]);
+            signed.collect::<Vec<f64>>()
+        });
+        score - absorbed.tr_mul(&flipped.absorbed.column(flip))
     }
 
     /// `GᵀG` of some columns.
@@ -372,6 +364,7 @@ pub(super) mod tests {
     use super::super::joint::{Component, Row};
     use super::super::probes::Probe;
     use super::super::projection::Basis;
+    use super::super::samples::Sample;
     use super::super::view::Freed;
     use super::*;
 
@@ -472,12 +465,16 @@ pub(super) mod tests {
             }
         });
         let absorbed = view.q.tr_mul(&flipped);
-        let residuals = responses.flipped(&probes, &samples, &signs, &absorbed);
-        let found = candidate.flipped(&residuals);
+        let of_columns = candidate.absorbed(&responses);
+        let signed = Flipped::of(&view, &probes, &samples, signs.clone());
+        assert!((&signed.absorbed - &absorbed).amax() < 1e-12);
+        let found = candidate.flipped(&responses, &of_columns, &signed);
         let left = &flipped - &view.q * absorbed;
         for flip in 0..3 {
             let sums = Responses::sums(&view, &probes, left.column(flip).as_slice());
             let expected = candidate.products(|probe| sums[probe].as_slice());
+            let once = candidate.flipped_once(&responses, &of_columns, &signed, flip);
+            assert!((once - &expected).amax() < 1e-11 * (1.0 + expected.amax()));
             for (column, expected) in expected.iter().enumerate() {
                 let found = f64::from(found[(flip, column)]);
                 assert!((found - expected).abs() < 1e-5 * (1.0 + expected.abs()));

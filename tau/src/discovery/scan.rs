@@ -7,11 +7,12 @@ use nalgebra::{DMatrix, DVector};
 use tau_codegen::language::Model;
 
 use super::candidates::Candidate;
-use super::distribution::{Random, chi2_survival};
+use super::distribution::chi2_survival;
 use super::probes::Probes;
 use super::projection::orthonormal;
-use super::response::{Displacements, Responses, single};
+use super::response::{Displacements, Responses};
 use super::samples::Sample;
+use super::signs::{Flipped, single};
 use crate::kinematics::Surroundings;
 
 /// Grid points per reciprocal of the range of the commands: at one, a peak is as wide as a step. Peaks
@@ -137,20 +138,38 @@ impl Band {
         &self,
         responses: &Responses,
         known: Option<&Scores>,
-        nulls: &[DMatrix<f32>],
+        nulls: Option<&Flipped>,
     ) -> Scores {
         let scores = self.scores(responses, known);
-        self.crossings.get_or_init(|| {
-            upcrossings(&self.flipped(&scores, nulls), scores.rank().max(1) as f64)
-        });
+        if let (None, Some(nulls)) = (self.crossings.get(), nulls) {
+            let null_scans = self.flipped(&scores, responses, nulls);
+            let _ = (self.crossings).set(upcrossings(&null_scans, scores.rank().max(1) as f64));
+        }
         scores
     }
 
-    /// The statistics over the grid under sign flips: one row per flip, one column per point. `residuals` are
-    /// the flipped residuals of each probe.
-    pub(super) fn flipped(&self, scores: &Scores, residuals: &[DMatrix<f32>]) -> DMatrix<f32> {
+    /// The statistics over the grid under sign flips: one row per flip, one column per point.
+    pub(super) fn flipped(
+        &self,
+        scores: &Scores,
+        responses: &Responses,
+        flipped: &Flipped,
+    ) -> DMatrix<f32> {
+        let products = (self.columns).flipped(responses, &scores.absorbed, flipped);
+        self.statistics(scores, &products)
+    }
+
+    /// The statistics over the grid for residuals of each probe's samples of which the model absorbs nothing.
+    pub(super) fn statistics_of(&self, scores: &Scores, residuals: &[DVector<f64>]) -> Vec<f64> {
+        let products = self.columns.products(|probe| residuals[probe].as_slice());
+        let products = DMatrix::from_row_slice(1, products.len(), products.as_slice());
+        let statistics = self.statistics(scores, &products.map(single));
+        statistics.iter().copied().map(f64::from).collect()
+    }
+
+    /// The statistics over the grid from products of the columns with residuals, row by row.
+    fn statistics(&self, scores: &Scores, products: &DMatrix<f32>) -> DMatrix<f32> {
         let width = self.width;
-        let products = self.columns.flipped(residuals);
         let mut statistics = DMatrix::zeros(products.nrows(), self.grid.len());
         let mut component = DVector::zeros(products.nrows());
         for (point, mut statistic) in statistics.column_iter_mut().enumerate() {
@@ -252,12 +271,6 @@ fn upcrossings(null_scans: &DMatrix<f32>, rank: f64) -> f64 {
     crossings as f64 / null_scans.nrows().max(1) as f64
 }
 
-/// Random signs, one row per unit and one column per flip.
-pub(super) fn signs(units: usize, flips: usize, seed: u64) -> DMatrix<f64> {
-    let mut random = Random(seed);
-    DMatrix::from_fn(units, flips, |_, _| random.sign())
-}
-
 #[allow(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,
@@ -271,6 +284,7 @@ fn count(number: f64) -> usize {
 mod tests {
     use std::f64::consts::TAU;
 
+    use super::super::distribution::Random;
     use super::super::joint::tests::of_set_1;
     use super::super::projection::Basis;
     use super::super::projection::tests::normal;
@@ -314,9 +328,8 @@ mod tests {
         assert_eq!(scores.rank(), 2);
         let (_, samples) = of_set_1();
         let signs = DMatrix::from_element(Sample::units(&samples), 1, -1.0);
-        let absorbed = DMatrix::zeros(view.q.ncols(), 1);
-        let residuals = responses.flipped(&probes, &samples, &signs, &absorbed);
-        let found = f64::from(band.flipped(&scores, &residuals)[(0, 0)]);
+        let flipped = Flipped::of(&view, &probes, &samples, signs);
+        let found = f64::from(band.flipped(&scores, &responses, &flipped)[(0, 0)]);
         let expected = scores.statistics[0];
         assert!(
             (found - expected).abs() < 1e-4 * expected,

@@ -2,14 +2,12 @@
 
 use std::collections::BTreeMap;
 
-use nalgebra::DMatrix;
-
 use super::super::distribution::f_quantile_above;
 use super::super::parallel;
-use super::super::response::{Responses, single};
-use super::super::scan::{LEAST_SHOWN, global_p, peaks, signs};
+use super::super::scan::{LEAST_SHOWN, global_p, peaks};
+use super::super::signs::{self, Flipped, single};
 use super::super::view::View;
-use super::searched::{Scan, Scanned, Scans};
+use super::searched::{Point, Scan, Scanned, Scans};
 use super::{Bench, Table, f_form};
 
 /// Null scans in which upcrossings are counted.
@@ -26,25 +24,21 @@ impl Bench {
         flips: usize,
         seed: u64,
     ) -> f64 {
-        let signs = signs(self.units, flips, seed);
-        let basis = self.flipped_basis(view, &signs);
+        let flipped = self.flipped(view, flips, seed);
         let total = view.total();
         let degrees = view.degrees;
-        let sums: Vec<f64> = basis
+        let sums: Vec<f64> = (flipped.absorbed)
             .column_iter()
             .map(|column| (total - column.norm_squared()).max(1e-12))
             .collect();
         let mut exceeded = vec![false; flips];
-        let residuals = table
-            .responses
-            .flipped(&self.probes, &self.samples, &signs, &basis);
         // The candidates without a search are one task beside the bands.
         let tasks: Vec<Option<usize>> = std::iter::once(None)
             .chain((0..table.bands.len()).map(Some))
             .collect();
         let of_tasks = parallel::map(&tasks, |&task| match task {
-            None => self.plain_exceeds(table, (adjusted, degrees), &sums, &residuals),
-            Some(place) => self.band_exceeds(table, place, (adjusted, degrees), &sums, &residuals),
+            None => self.plain_exceeds(table, (adjusted, degrees), &sums, &flipped),
+            Some(place) => self.band_exceeds(table, place, (adjusted, degrees), &sums, &flipped),
         });
         for of_task in of_tasks {
             exceeded
@@ -62,11 +56,11 @@ impl Bench {
         table: &Table,
         (adjusted, degrees): (f64, f64),
         sums: &[f64],
-        residuals: &[DMatrix<f32>],
+        signs: &Flipped,
     ) -> Vec<bool> {
         let mut exceeded = vec![false; sums.len()];
         let mut criticals: BTreeMap<(usize, bool), f64> = BTreeMap::new();
-        let flipped = self.columns.flipped(residuals);
+        let products = (self.columns).flipped(&table.responses, &table.plain.absorbed, signs);
         for ((candidate, place), c) in self.places.iter().zip(&table.plain.coefficients) {
             if c.ncols() == 0 || self.hidden.contains(candidate) {
                 continue;
@@ -76,7 +70,7 @@ impl Bench {
             let critical = *criticals.entry((c.ncols(), is_named)).or_insert_with(|| {
                 f_quantile_above(adjusted * table.weights.of(is_named), rank, degrees)
             });
-            let statistics = flipped.columns(place.start, place.len()) * c.map(single);
+            let statistics = products.columns(place.start, place.len()) * c.map(single);
             for (flip, exceeded) in exceeded.iter_mut().enumerate() {
                 let statistic = f64::from(statistics.row(flip).norm_squared());
                 let rest = (sums[flip] - statistic).max(1e-12) / (degrees - rank).max(1.0);
@@ -93,7 +87,7 @@ impl Bench {
         place: usize,
         (adjusted, degrees): (f64, f64),
         sums: &[f64],
-        residuals: &[DMatrix<f32>],
+        signs: &Flipped,
     ) -> Vec<bool> {
         let scans: Vec<&Scan> = self
             .scans_in(table)
@@ -113,7 +107,7 @@ impl Bench {
             })
             .filter(|(rank, ..)| *rank > 0.0)
             .collect();
-        let nulls = band.flipped(&table.bands[place], residuals);
+        let nulls = band.flipped(&table.bands[place], &table.responses, signs);
         let mut highest = vec![0.0_f32; sums.len()];
         for point in nulls.column_iter() {
             for (highest, &statistic) in highest.iter_mut().zip(point.iter()) {
@@ -132,11 +126,12 @@ impl Bench {
                 band.around(k).any(|value| {
                     let point = self.point(&table.responses, first.candidate, value);
                     point.is_some_and(|point| {
-                        let at = |probe: usize| {
-                            let row = residuals[probe].row(flip);
-                            row.iter().copied().map(f64::from).collect::<Vec<f64>>()
-                        };
-                        does(point.statistic(&point.columns.products(at)))
+                        let Point {
+                            columns, absorbed, ..
+                        } = &point;
+                        let responses = &table.responses;
+                        let products = columns.flipped_once(responses, absorbed, signs, flip);
+                        does(point.statistic(&products))
                     })
                 })
             };
@@ -151,30 +146,15 @@ impl Bench {
         (0..sums.len()).map(exceeds).collect()
     }
 
-    /// Residuals under few random signs, in which upcrossings are counted; nothing where all have been.
-    pub(super) fn nulls(
-        &self,
-        view: &View,
-        responses: &Responses,
-        scans: &Scans,
-    ) -> Vec<DMatrix<f32>> {
-        if scans.bands.iter().all(|band| band.crossings().is_some()) {
-            return vec![];
-        }
-        let flips = signs(self.units, NULL_SCANS, 1);
-        let basis = self.flipped_basis(view, &flips);
-        responses.flipped(&self.probes, &self.samples, &flips, &basis)
+    /// Residuals under few random signs, in which upcrossings are counted, unless all have been.
+    pub(super) fn nulls(&self, view: &View, scans: &Scans) -> Option<Flipped> {
+        let mut bands = scans.bands.iter();
+        let is_wanted = bands.any(|band| band.crossings().is_none());
+        is_wanted.then(|| self.flipped(view, NULL_SCANS, 1))
     }
 
-    /// Qᵀ(s∘e) for each flip.
-    fn flipped_basis(&self, view: &View, flips: &DMatrix<f64>) -> DMatrix<f64> {
-        let mut by_unit = DMatrix::zeros(view.q.ncols(), self.units);
-        for column in 0..view.q.ncols() {
-            let q = view.q.column(column);
-            for (row, at) in view.rows.iter().enumerate() {
-                by_unit[(column, self.samples[at.sample].unit)] += q[row] * view.residuals[row];
-            }
-        }
-        by_unit * flips
+    fn flipped(&self, view: &View, flips: usize, seed: u64) -> Flipped {
+        let signs = signs::random(self.units, flips, seed);
+        Flipped::of(view, &self.probes, &self.samples, signs)
     }
 }

@@ -52,6 +52,7 @@ impl Scans {
 /// A searched candidate at one value.
 pub(super) struct Point {
     pub(super) columns: Displacements,
+    pub(super) absorbed: DMatrix<f64>,
     pub(super) coefficients: DMatrix<f64>,
 }
 
@@ -187,6 +188,7 @@ impl Bench {
         let left = responses.left(&gram, absorbed.as_view());
         Some(Point {
             columns,
+            absorbed,
             coefficients: orthonormal(&lengths(&gram), &left),
         })
     }

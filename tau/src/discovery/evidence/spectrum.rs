@@ -1,10 +1,10 @@
 //! The score of a searched effect over its search, with and without the effect in the model.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DVector;
 
 use crate::discovery::bench::{Bench, Table, f_form};
 use crate::discovery::distribution::bisect;
-use crate::discovery::response::single;
+use crate::discovery::response::Responses;
 use crate::discovery::results::Spectrum;
 use crate::discovery::scan::global_p;
 use crate::discovery::selection::LEVEL;
@@ -33,11 +33,13 @@ pub(super) fn spectrum(
     }
     let [before, after] = residuals.map(|residuals| {
         let left = left_by(base, residuals, factors);
-        let (left, total) = (by_probe(bench, base, &left), left.norm_squared());
+        let (left, total) = (
+            Responses::sums(base, &bench.probes, left.as_slice()),
+            left.norm_squared(),
+        );
         let mut statistics = Vec::new();
         for (band, scores) in &scanned.bands {
-            let scanned = band.flipped(scores, &left);
-            let scanned = scanned.iter().copied().map(f64::from);
+            let scanned = band.statistics_of(scores, &left).into_iter();
             statistics.extend(scanned.map(|own| f_form(own, rank, total, base.degrees).0));
         }
         statistics
@@ -85,29 +87,4 @@ fn left_by(base: &View, residuals: &DVector<f64>, factors: &[f64]) -> DVector<f6
     let absorbed = base.q.tr_mul(&rescaled);
     rescaled.gemv(-1.0, &base.q, &absorbed, 1.0);
     rescaled
-}
-
-/// Sums of each probe times residuals over the rows of each of its samples.
-fn by_probe(bench: &Bench, base: &View, residuals: &DVector<f64>) -> Vec<DMatrix<f32>> {
-    let probes = &bench.probes;
-    let mut sums = vec![0.0; probes.sample_count];
-    probes
-        .all
-        .iter()
-        .map(|probe| {
-            sums.fill(0.0);
-            for (((derivative, factor), &sample), residual) in (probe.rows.iter())
-                .zip(&base.factors)
-                .zip(&probes.row_samples)
-                .zip(residuals)
-            {
-                sums[sample] += derivative * factor * residual;
-            }
-            DMatrix::from_iterator(
-                1,
-                probe.samples.len(),
-                probe.samples.iter().map(|&sample| single(sums[sample])),
-            )
-        })
-        .collect()
 }

@@ -14,9 +14,9 @@ use super::super::distribution::chi2_survival;
 use super::super::parallel;
 use super::super::projection::Subspace;
 use super::super::results::{Considered, Discovery, PiecewiseTrack, Step, Unnamed};
-use super::super::scan::signs;
 use super::super::selection::{FURTHER, Search};
 use super::super::serial;
+use super::super::signs::{self, by_unit};
 use super::super::view::View;
 use super::super::{Error, Input, Outcome, search_from, text};
 use super::{Structure, with_structure};
@@ -297,15 +297,9 @@ fn of_track(search: &Search<'_>, view: &View, track: usize, knots: &[f64], level
 fn outdoes_flips(search: &Search<'_>, view: &View, subspace: &Subspace) -> bool {
     let bench = &search.bench;
     let options = search.input.options;
-    let signs = signs(bench.units, options.flips, options.seed);
-    let flipped = |columns: &DMatrix<f64>| {
-        let mut by_unit = DMatrix::zeros(columns.ncols(), bench.units);
-        for (row, at) in view.rows.iter().enumerate() {
-            let mut of_unit = by_unit.column_mut(bench.samples[at.sample].unit);
-            of_unit.axpy(view.residuals[row], &columns.row(row).transpose(), 1.0);
-        }
-        by_unit * &signs
-    };
+    let signs = signs::random(bench.units, options.flips, options.seed);
+    let flipped =
+        |columns: &DMatrix<f64>| by_unit(columns, view, &bench.samples, bench.units) * &signs;
     let (own, absorbed) = (flipped(&subspace.u), flipped(&view.q));
     let share = |statistic: f64, total: f64| statistic / (total - statistic).max(1e-12);
     let total = view.total();
