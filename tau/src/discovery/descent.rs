@@ -1,6 +1,6 @@
 //! The way to the minimum of the joint fit, with the noise of each group of residuals.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DVector;
 use tau_runtime::Owner;
 
 use super::joint::{Component, Joint};
@@ -59,10 +59,9 @@ pub(super) struct Descent {
     pub(super) weights: Vec<f64>,
     /// Factor of each row.
     pub(super) factors: Vec<f64>,
-    /// Derivatives, whitened, priors last.
-    pub(super) jacobian: DMatrix<f64>,
     /// Whitened residuals, priors last.
     pub(super) residuals: DVector<f64>,
+    /// Their derivatives.
     pub(super) normal: Normal,
     /// Whether the last descent reached a minimum.
     pub(super) is_settled: bool,
@@ -78,18 +77,16 @@ impl Descent {
     ) -> Result<Self, Error> {
         let factors = joint.factors(&scales, &weights);
         let linear = joint.linearize(&fitted, &factors);
-        let Some(normal) = Normal::from(joint.groups.fill(&linear.jacobian)) else {
+        let Some(normal) = Normal::from(linear.jacobian) else {
             return Err(not_converged(&joint, "the derivatives are not finite"));
         };
-        let (jacobian, residuals) = (linear.jacobian, linear.residuals);
         Ok(Self {
             joint,
             fitted,
             scales,
             weights,
             factors,
-            jacobian,
-            residuals,
+            residuals: linear.residuals,
             normal,
             is_settled: true,
         })
@@ -135,12 +132,6 @@ impl Descent {
             return Self::from(self.joint, self.fitted, scales, weights);
         }
         let ratios = ratios(&factors, &self.factors, self.residuals.len());
-        for mut column in self.jacobian.column_iter_mut() {
-            column
-                .iter_mut()
-                .zip(&ratios)
-                .for_each(|(value, ratio)| *value *= ratio);
-        }
         self.residuals
             .iter_mut()
             .zip(&ratios)
@@ -256,7 +247,7 @@ impl Descent {
         };
         let step = -(&b * b.tr_mul(&self.normal.gradient(&self.residuals)));
         let after = &self.residuals + self.normal.moved(&step);
-        let absorbed = self.normal.absorbed(&b);
+        let absorbed: [f64; Component::ALL.len()] = self.normal.absorbed(&b);
         Component::ALL.map(|component| {
             let rows: Vec<usize> = (0..self.joint.rows.len())
                 .filter(|&row| {
@@ -264,8 +255,7 @@ impl Descent {
                 })
                 .collect();
             let sum: f64 = rows.iter().map(|&row| after[row].powi(2)).sum();
-            let absorbed: f64 = rows.iter().map(|&row| absorbed[row]).sum();
-            let degrees = rows.len() as f64 - absorbed;
+            let degrees = rows.len() as f64 - absorbed[component as usize];
             let scale = self.scales[component as usize];
             if degrees < 1.0 {
                 scale
@@ -330,7 +320,7 @@ impl Descent {
 }
 
 /// What rows with some factors are to be multiplied by to have others; those left out, and priors, stay as they are.
-pub(super) fn ratios(to: &[f64], from: &[f64], rows: usize) -> Vec<f64> {
+fn ratios(to: &[f64], from: &[f64], rows: usize) -> Vec<f64> {
     let of_rows = to.iter().zip(from);
     let mut ratios: Vec<f64> = of_rows
         .map(|(to, from)| if *from > 0.0 { to / from } else { 1.0 })

@@ -2,7 +2,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::descent::{Descent, not_converged, ratios};
+use super::descent::{Descent, not_converged};
 use super::joint::Joint;
 use super::outliers;
 use super::projection::{Basis, Normal};
@@ -116,7 +116,6 @@ impl Fit {
             scales,
             weights,
             factors,
-            jacobian,
             residuals,
             normal,
             ..
@@ -125,6 +124,7 @@ impl Fit {
             return Err(not_converged(&joint, "the derivatives are not finite"));
         };
         let residuals = basis.residuals_after(&residuals);
+        let jacobian = normal.dense();
         Ok(Self {
             joint,
             fitted,
@@ -140,8 +140,7 @@ impl Fit {
     /// `B` of the covariance `B·Bᵀ` that the fitted values would have if the noise were the stated one.
     pub(super) fn deviations_at_stated_noise(&self) -> DMatrix<f64> {
         let stated = self.joint.factors(&[1.0; 4], &self.weights);
-        let ratios = ratios(&stated, &self.factors, self.residuals.len());
-        Normal::from(self.joint.groups.fill(&self.jacobian).scaled(&ratios))
+        Normal::from(self.joint.linearize(&self.fitted, &stated).jacobian)
             .and_then(|normal| normal.inverse_factor())
             .unwrap_or_else(|| self.basis.b.clone())
     }

@@ -2,154 +2,304 @@
 //! own links, a cart those of its own track, and a sample that is left out none.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use nalgebra::{DMatrix, DVector};
 
 use super::parallel;
 
-/// Rows that are fewer share a group with others, whatever columns these have.
+/// Rows that are fewer share a group with others of their kind, whatever columns these have.
 const FEWEST: usize = 16;
 
 /// Which rows depend on which columns.
 #[derive(Clone, Default)]
 pub(super) struct Groups {
-    /// Rows and columns of each.
-    patterns: Vec<(Vec<usize>, Vec<usize>)>,
+    patterns: Arc<Vec<Pattern>>,
+    /// Of each row its group and place in it; none of rows without entries.
+    places: Arc<Vec<Option<(usize, usize)>>>,
     rows: usize,
     columns: usize,
+}
+
+/// A group: rows of one kind, and the columns that any of them depends on.
+struct Pattern {
+    kind: usize,
+    rows: Vec<usize>,
+    columns: Vec<usize>,
+    /// Of each column of the matrix its place among them.
+    places: Vec<Option<usize>>,
 }
 
 /// A matrix without most of its zeros.
 pub(super) struct Grouped {
-    groups: Vec<Group>,
-    rows: usize,
-    columns: usize,
+    groups: Groups,
+    blocks: Vec<Block>,
 }
 
-struct Group {
-    rows: Vec<usize>,
-    columns: Vec<usize>,
+/// Entries of a group, but for a factor that all of them share.
+struct Block {
     entries: DMatrix<f64>,
+    factor: f64,
+    /// Products of the columns with each other, without the factor.
+    gram: DMatrix<f64>,
+}
+
+/// A matrix that is being filled.
+pub(super) struct Filling<'a> {
+    groups: &'a Groups,
+    entries: Vec<DMatrix<f64>>,
 }
 
 impl Groups {
-    /// `marked` calls what it is given with the row and the column of every entry that may differ from zero.
+    /// `kinds` has one number per row; `marked` calls what it is given with the row and the column of every entry
+    /// that may differ from zero.
     pub(super) fn of(
-        (rows, columns): (usize, usize),
+        kinds: &[usize],
+        columns: usize,
         marked: impl FnOnce(&mut dyn FnMut(usize, usize)),
     ) -> Self {
+        let rows = kinds.len();
         // One bit per column.
         let width = columns.div_ceil(64).max(1);
         let mut words = vec![0_u64; rows * width];
         marked(&mut |row, column| words[row * width + column / 64] |= 1 << (column % 64));
-        let mut by_pattern: BTreeMap<&[u64], Vec<usize>> = BTreeMap::new();
-        for (row, pattern) in words.chunks_exact(width).enumerate() {
-            by_pattern.entry(pattern).or_default().push(row);
+        let mut by_pattern: BTreeMap<(usize, &[u64]), Vec<usize>> = BTreeMap::new();
+        for (row, (pattern, &kind)) in words.chunks_exact(width).zip(kinds).enumerate() {
+            by_pattern.entry((kind, pattern)).or_default().push(row);
         }
-        let mut rest = (vec![0; width], Vec::new());
+        let mut rest: BTreeMap<usize, (Vec<u64>, Vec<usize>)> = BTreeMap::new();
         let mut patterns = Vec::new();
-        for (pattern, rows) in by_pattern {
+        for ((kind, pattern), rows) in by_pattern {
             if rows.len() < FEWEST {
-                let (all, together) = &mut rest;
+                let (all, together) = rest
+                    .entry(kind)
+                    .or_insert_with(|| (vec![0; width], Vec::new()));
                 all.iter_mut()
                     .zip(pattern)
                     .for_each(|(all, own)| *all |= own);
                 together.extend(rows);
             } else {
-                patterns.push((pattern.to_vec(), rows));
+                patterns.push((kind, pattern.to_vec(), rows));
             }
         }
-        patterns.push(rest);
-        let in_pattern = |pattern: &[u64]| -> Vec<usize> {
-            (0..columns)
-                .filter(|column| pattern[column / 64] >> (column % 64) & 1 == 1)
-                .collect()
-        };
-        let patterns = patterns
+        let rest = rest.into_iter();
+        patterns.extend(rest.map(|(kind, (pattern, rows))| (kind, pattern, rows)));
+        let patterns: Vec<Pattern> = patterns
             .into_iter()
-            .map(|(pattern, rows)| (rows, in_pattern(&pattern)))
-            .filter(|(rows, columns)| !rows.is_empty() && !columns.is_empty());
+            .map(|(kind, pattern, rows)| Pattern::new(kind, rows, &pattern, columns))
+            .filter(|pattern| !pattern.columns.is_empty())
+            .collect();
+        let mut places = vec![None; rows];
+        for (group, pattern) in patterns.iter().enumerate() {
+            for (place, &row) in pattern.rows.iter().enumerate() {
+                places[row] = Some((group, place));
+            }
+        }
         Self {
-            patterns: patterns.collect(),
+            patterns: Arc::new(patterns),
+            places: Arc::new(places),
             rows,
             columns,
         }
     }
 
-    /// The entries of a matrix.
-    pub(super) fn fill(&self, matrix: &DMatrix<f64>) -> Grouped {
-        let rows = self.rows;
-        let groups = parallel::map(&self.patterns, |(of, columns)| {
-            let mut entries = Vec::with_capacity(of.len() * columns.len());
-            for &column in columns {
-                let values = &matrix.as_slice()[column * rows..][..rows];
-                entries.extend(of.iter().map(|&row| values[row]));
-            }
-            Group {
-                rows: of.clone(),
-                entries: DMatrix::from_vec(of.len(), columns.len(), entries),
-                columns: columns.clone(),
-            }
-        });
-        Grouped {
-            groups,
-            rows,
-            columns: self.columns,
+    /// A matrix of zeros, to be filled.
+    pub(super) fn zeros(&self) -> Filling<'_> {
+        let patterns = self.patterns.iter();
+        Filling {
+            groups: self,
+            entries: patterns
+                .map(|pattern| DMatrix::zeros(pattern.rows.len(), pattern.columns.len()))
+                .collect(),
         }
     }
+}
+
+impl Pattern {
+    /// `bits` has one bit per column.
+    fn new(kind: usize, rows: Vec<usize>, bits: &[u64], columns: usize) -> Self {
+        let mut places = vec![None; columns];
+        let mut own = Vec::new();
+        for column in 0..columns {
+            if bits[column / 64] >> (column % 64) & 1 == 1 {
+                places[column] = Some(own.len());
+                own.push(column);
+            }
+        }
+        Self {
+            kind,
+            rows,
+            columns: own,
+            places,
+        }
+    }
+}
+
+impl Filling<'_> {
+    /// Sets an entry that was marked.
+    pub(super) fn set(&mut self, row: usize, column: usize, value: f64) {
+        if let Some((group, row)) = self.groups.places[row]
+            && let Some(column) = self.groups.patterns[group].places[column]
+        {
+            self.entries[group][(row, column)] = value;
+        } else {
+            debug_assert!(value == 0.0, "row {row}, column {column} was not marked");
+        }
+    }
+
+    /// Length of a column.
+    pub(super) fn norm(&self, column: usize) -> f64 {
+        let groups = self.groups.patterns.iter().zip(&self.entries);
+        let squares = groups.filter_map(|(pattern, entries)| {
+            let place = pattern.places[column]?;
+            Some(entries.column(place).norm_squared())
+        });
+        squares.sum::<f64>().sqrt()
+    }
+
+    pub(super) fn filled(self) -> Grouped {
+        let grams = parallel::map(&self.entries, gram);
+        let blocks = self.entries.into_iter().zip(grams);
+        Grouped {
+            groups: self.groups.clone(),
+            blocks: blocks
+                .map(|(entries, gram)| Block {
+                    entries,
+                    factor: 1.0,
+                    gram,
+                })
+                .collect(),
+        }
+    }
+}
+
+impl Block {
+    /// The same with a factor on each row.
+    fn scaled(mut self, factors: &[f64]) -> Self {
+        let first = factors.first().copied().unwrap_or(1.0);
+        if factors.iter().all(|factor| *factor == first) {
+            self.factor *= first;
+            return self;
+        }
+        for mut column in self.entries.column_iter_mut() {
+            let entries = column.iter_mut().zip(factors);
+            entries.for_each(|(entry, factor)| *entry *= self.factor * factor);
+        }
+        Self {
+            gram: gram(&self.entries),
+            factor: 1.0,
+            ..self
+        }
+    }
+}
+
+fn gram(entries: &DMatrix<f64>) -> DMatrix<f64> {
+    entries.transpose() * entries
 }
 
 impl Grouped {
     /// Of a matrix by the zeros that it has.
     #[cfg(test)]
     pub(super) fn of(matrix: &DMatrix<f64>) -> Self {
-        let groups = Groups::of(matrix.shape(), |mark| {
-            for (column, values) in matrix.column_iter().enumerate() {
-                let is_there = |(row, value): (usize, &f64)| (*value != 0.0).then_some(row);
-                let rows = values.iter().enumerate().filter_map(is_there);
-                rows.for_each(|row| mark(row, column));
-            }
+        let entries = || {
+            let columns = matrix.column_iter().enumerate();
+            columns.flat_map(|(column, values)| {
+                let values: Vec<f64> = values.iter().copied().collect();
+                let is_there = move |(row, value): (usize, f64)| {
+                    (value != 0.0).then_some((row, column, value))
+                };
+                values.into_iter().enumerate().filter_map(is_there)
+            })
+        };
+        let groups = Groups::of(&vec![0; matrix.nrows()], matrix.ncols(), |mark| {
+            entries().for_each(|(row, column, _)| mark(row, column));
         });
-        groups.fill(matrix)
+        let mut filling = groups.zeros();
+        entries().for_each(|(row, column, value)| filling.set(row, column, value));
+        filling.filled()
     }
 
-    /// The same with a factor on each row.
-    pub(super) fn scaled(mut self, factors: &[f64]) -> Self {
-        for group in &mut self.groups {
-            for mut column in group.entries.column_iter_mut() {
-                for (entry, &row) in column.iter_mut().zip(&group.rows) {
-                    *entry *= factors[row];
+    /// The whole matrix.
+    pub(super) fn dense(&self) -> DMatrix<f64> {
+        let mut dense = DMatrix::zeros(self.groups.rows, self.groups.columns);
+        for (pattern, block) in self.iter() {
+            for (&column, own) in pattern.columns.iter().zip(block.entries.column_iter()) {
+                let mut column = dense.column_mut(column);
+                for (&row, value) in pattern.rows.iter().zip(own.iter()) {
+                    column[row] = block.factor * value;
                 }
             }
         }
-        self
+        dense
+    }
+
+    fn iter(&self) -> impl Iterator<Item = (&Pattern, &Block)> {
+        self.groups.patterns.iter().zip(&self.blocks)
+    }
+
+    /// What is made of each group, on all cores.
+    fn map<R: Send>(&self, work: impl Fn(&Pattern, &Block) -> R + Sync) -> Vec<R> {
+        let groups: Vec<(&Pattern, &Block)> = self.iter().collect();
+        parallel::map(&groups, |(pattern, block)| work(pattern, block))
+    }
+
+    /// The same with a factor on each row.
+    pub(super) fn scaled(self, factors: &[f64]) -> Self {
+        let patterns = self.groups.patterns.iter();
+        let blocks = patterns.zip(self.blocks).map(|(pattern, block)| {
+            let own: Vec<f64> = pattern.rows.iter().map(|&row| factors[row]).collect();
+            block.scaled(&own)
+        });
+        Self {
+            blocks: blocks.collect(),
+            groups: self.groups.clone(),
+        }
     }
 
     /// `JᵀJ`.
     pub(super) fn gram(&self) -> DMatrix<f64> {
-        let mut gram = DMatrix::zeros(self.columns, self.columns);
-        let products = parallel::map(&self.groups, |group| {
-            group.entries.transpose() * &group.entries
-        });
-        for (group, own) in self.groups.iter().zip(products) {
-            for (&column, own) in group.columns.iter().zip(own.column_iter()) {
-                for (&row, value) in group.columns.iter().zip(own.iter()) {
-                    gram[(row, column)] += value;
+        let mut gram = DMatrix::zeros(self.groups.columns, self.groups.columns);
+        for (pattern, block) in self.iter() {
+            let square = block.factor * block.factor;
+            for (&column, own) in pattern.columns.iter().zip(block.gram.column_iter()) {
+                let mut target = gram.column_mut(column);
+                for (&row, value) in pattern.columns.iter().zip(own.iter()) {
+                    target[row] += square * value;
                 }
             }
         }
         gram
     }
 
+    /// `tr(J·C·Jᵀ)` over the rows of each kind, for a symmetric `C`.
+    pub(super) fn traces<const KINDS: usize>(&self, covariance: &DMatrix<f64>) -> [f64; KINDS] {
+        let mut traces = [0.0; KINDS];
+        for (pattern, block) in self.iter() {
+            let Some(trace) = traces.get_mut(pattern.kind) else {
+                continue;
+            };
+            let square = block.factor * block.factor;
+            for (&column, own) in pattern.columns.iter().zip(block.gram.column_iter()) {
+                let variances = covariance.column(column);
+                let products = pattern.columns.iter().zip(own.iter());
+                *trace += square
+                    * products
+                        .map(|(&row, value)| value * variances[row])
+                        .sum::<f64>();
+            }
+        }
+        traces
+    }
+
     /// `J·R`.
     pub(super) fn times(&self, right: &DMatrix<f64>) -> DMatrix<f64> {
-        let mut product = DMatrix::zeros(self.rows, right.ncols());
-        let products = parallel::map(&self.groups, |group| {
-            &group.entries * right.select_rows(&group.columns)
+        let mut product = DMatrix::zeros(self.groups.rows, right.ncols());
+        let products = self.map(|pattern, block| {
+            &block.entries * (right.select_rows(&pattern.columns) * block.factor)
         });
-        for (group, own) in self.groups.iter().zip(products) {
+        for ((pattern, _), own) in self.iter().zip(products) {
             for (mut column, own) in product.column_iter_mut().zip(own.column_iter()) {
-                for (&row, &value) in group.rows.iter().zip(own.iter()) {
+                for (&row, &value) in pattern.rows.iter().zip(own.iter()) {
                     column[row] = value;
                 }
             }
@@ -159,10 +309,10 @@ impl Grouped {
 
     /// `J·v`.
     pub(super) fn moved(&self, step: &DVector<f64>) -> DVector<f64> {
-        let mut product = DVector::zeros(self.rows);
-        for group in &self.groups {
-            let own = &group.entries * step.select_rows(&group.columns);
-            for (&row, &value) in group.rows.iter().zip(own.iter()) {
+        let mut product = DVector::zeros(self.groups.rows);
+        for (pattern, block) in self.iter() {
+            let own = &block.entries * (step.select_rows(&pattern.columns) * block.factor);
+            for (&row, &value) in pattern.rows.iter().zip(own.iter()) {
                 product[row] = value;
             }
         }
@@ -171,31 +321,14 @@ impl Grouped {
 
     /// `Jᵀe`.
     pub(super) fn gradient(&self, residuals: &DVector<f64>) -> DVector<f64> {
-        let mut gradient = DVector::zeros(self.columns);
-        for group in &self.groups {
-            let own = group.entries.tr_mul(&residuals.select_rows(&group.rows));
-            for (&column, value) in group.columns.iter().zip(own.iter()) {
-                gradient[column] += value;
+        let mut gradient = DVector::zeros(self.groups.columns);
+        for (pattern, block) in self.iter() {
+            let own = (block.entries).tr_mul(&residuals.select_rows(&pattern.rows));
+            for (&column, value) in pattern.columns.iter().zip(own.iter()) {
+                gradient[column] += block.factor * value;
             }
         }
         gradient
-    }
-
-    /// Sum of squares of each row of `J·R`.
-    pub(super) fn squares(&self, right: &DMatrix<f64>) -> Vec<f64> {
-        let mut squares = vec![0.0; self.rows];
-        let products = parallel::map(&self.groups, |group| {
-            let own = &group.entries * right.select_rows(&group.columns);
-            let zero = DVector::zeros(group.rows.len());
-            own.column_iter()
-                .fold(zero, |sum, column| sum + column.component_mul(&column))
-        });
-        for (group, own) in self.groups.iter().zip(products) {
-            for (&row, &square) in group.rows.iter().zip(own.iter()) {
-                squares[row] = square;
-            }
-        }
-        squares
     }
 }
 
@@ -221,22 +354,50 @@ mod tests {
         });
         let right = DMatrix::from_fn(70, 5, |_, _| number());
         let residuals = DVector::from_fn(200, |_, _| number());
-        let grouped = Grouped::of(&matrix);
-        assert_eq!(grouped.groups.len(), 4);
-        let product = &matrix * &right;
-        assert!((grouped.times(&right) - &product).amax() < 1e-12);
-        assert!((grouped.gram() - matrix.tr_mul(&matrix)).amax() < 1e-12);
-        assert!((grouped.gradient(&residuals) - matrix.tr_mul(&residuals)).amax() < 1e-12);
-        let step = right.column(0).into_owned();
-        assert!((grouped.moved(&step) - product.column(0)).amax() < 1e-12);
-        for (row, square) in grouped.squares(&right).into_iter().enumerate() {
-            assert!((square - product.row(row).norm_squared()).abs() < 1e-12);
-        }
-        let factors: Vec<f64> = (0..200).map(|row| 0.5 + 0.01 * f64::from(row)).collect();
-        let mut scaled = product;
-        for (mut row, &factor) in scaled.row_iter_mut().zip(&factors) {
+        // Rows with a factor of their own, and groups with one for all.
+        let factors = |row: usize| match row {
+            0..60 => 2.0,
+            60..150 => 0.5 + 0.01 * row as f64,
+            _ => 0.25,
+        };
+        let of_rows: Vec<f64> = (0..200).map(factors).collect();
+        let mut scaled = matrix.clone();
+        for (mut row, &factor) in scaled.row_iter_mut().zip(&of_rows) {
             row *= factor;
         }
-        assert!((grouped.scaled(&factors).times(&right) - scaled).amax() < 1e-12);
+        let grouped = Grouped::of(&matrix);
+        assert_eq!(grouped.blocks.len(), 4);
+        let grouped_scaled = Grouped::of(&matrix).scaled(&of_rows);
+        for (matrix, grouped) in [(matrix, grouped), (scaled, grouped_scaled)] {
+            assert!((grouped.dense() - &matrix).amax() < 1e-12);
+            let product = &matrix * &right;
+            assert!((grouped.times(&right) - &product).amax() < 1e-12);
+            assert!((grouped.gram() - matrix.tr_mul(&matrix)).amax() < 1e-12);
+            assert!((grouped.gradient(&residuals) - matrix.tr_mul(&residuals)).amax() < 1e-12);
+            let step = right.column(0).into_owned();
+            assert!((grouped.moved(&step) - product.column(0)).amax() < 1e-12);
+            let [trace] = grouped.traces(&(&right * right.transpose()));
+            assert!((trace - product.norm_squared()).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn traces_are_those_of_each_kind() {
+        let matrix = DMatrix::from_fn(90, 3, |row, column| (1 + row % 7 * (column + 1)) as f64);
+        let kinds: Vec<usize> = (0..90).map(|row| row / 40).collect();
+        let groups = Groups::of(&kinds, 3, |mark| {
+            (0..90).for_each(|row| (0..3).for_each(|column| mark(row, column)));
+        });
+        let mut filling = groups.zeros();
+        for row in 0..90 {
+            (0..3).for_each(|column| filling.set(row, column, matrix[(row, column)]));
+        }
+        assert!((filling.norm(1) - matrix.column(1).norm()).abs() < 1e-12);
+        let traces: [f64; 2] = filling.filled().traces(&DMatrix::identity(3, 3));
+        let expected = |rows: std::ops::Range<usize>| -> f64 {
+            rows.map(|row| matrix.row(row).norm_squared()).sum()
+        };
+        assert!((traces[0] - expected(0..40)).abs() < 1e-9);
+        assert!((traces[1] - expected(40..80)).abs() < 1e-9);
     }
 }

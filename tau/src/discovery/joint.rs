@@ -9,7 +9,7 @@ use nalgebra::{DMatrix, DVector};
 use tau_runtime::ResidualFamily;
 use tau_solver::{Block, Problem};
 
-use super::grouped::Groups;
+use super::grouped::{Grouped, Groups};
 use super::outliers;
 use super::samples::Sample;
 use crate::calibration::Nominal;
@@ -93,7 +93,7 @@ pub(super) struct Row {
 /// Residuals and derivatives at a point, whitened; the rows of the priors last.
 pub(super) struct Linear {
     pub(super) residuals: DVector<f64>,
-    pub(super) jacobian: DMatrix<f64>,
+    pub(super) jacobian: Grouped,
 }
 
 /// Residuals this many standard deviations large count less in the first fit.
@@ -251,7 +251,7 @@ impl Joint {
     pub(super) fn linearize(&self, fitted: &[f64], factors: &[f64]) -> Linear {
         let (rows, columns) = (self.rows.len(), fitted.len());
         let mut residuals = DVector::zeros(rows + columns);
-        let mut jacobian = DMatrix::zeros(rows + columns, columns);
+        let mut jacobian = self.groups.zeros();
         let (mut plain, mut entries) = (Vec::new(), Vec::new());
         for part in &self.parts {
             let (shape, pattern) = (part.family.shape(), part.family.pattern());
@@ -272,15 +272,14 @@ impl Joint {
                 let offset = k / shape.residuals * pattern.len();
                 for entry in start..end {
                     let column = part.parameters[pattern.columns[entry] as usize];
-                    jacobian[(row, column)] = entries[offset + entry] * weight;
+                    jacobian.set(row, column, entries[offset + entry] * weight);
                 }
             }
         }
         self.displace(fitted, factors, &mut residuals);
         for (k, knot) in self.knots.column_iter().enumerate() {
-            let mut column = jacobian.column_mut(self.used.len() + k);
             for (row, derivative) in knot.iter().enumerate() {
-                column[row] = derivative * factors[row];
+                jacobian.set(row, self.used.len() + k, derivative * factors[row]);
             }
         }
         for column in 0..columns {
@@ -288,16 +287,17 @@ impl Joint {
             let prior = self.priors.get(column);
             let known = prior.and_then(|p| Some((p.value, p.tolerance.filter(|t| *t > 0.0)?)));
             if let Some((mean, tolerance)) = known {
-                jacobian[(row, column)] = tolerance.recip();
+                jacobian.set(row, column, tolerance.recip());
                 residuals[row] = (fitted[column] - mean) / tolerance;
             } else {
-                let norm = jacobian.column(column).norm();
-                jacobian[(row, column)] = if norm > 0.0 { WEAK * norm } else { 1.0 };
+                let norm = jacobian.norm(column);
+                let weak = if norm > 0.0 { WEAK * norm } else { 1.0 };
+                jacobian.set(row, column, weak);
             }
         }
         Linear {
             residuals,
-            jacobian,
+            jacobian: jacobian.filled(),
         }
     }
 }
@@ -345,12 +345,20 @@ pub(super) mod tests {
         assert!(joint.displacements() > 0);
         let factors = joint.factors(&[1.0; 4], &vec![1.0; samples.len()]);
         let linear = joint.linearize(&joint.fitted(&joint.machine.values), &factors);
-        let step = DVector::from_fn(linear.jacobian.ncols(), |column, _| {
-            linear.jacobian.column(column).norm().recip() * (1.0 + 0.01 * column as f64)
-        });
-        let expected = &linear.jacobian * &step;
-        let found = joint.groups.fill(&linear.jacobian).moved(&step);
-        assert!((found - &expected).amax() < 1e-12 * expected.amax());
+        let jacobian = linear.jacobian.dense();
+        let at = joint.fitted(&joint.machine.values);
+        let steps: Vec<f64> = jacobian
+            .column_iter()
+            .enumerate()
+            .map(|(column, own)| 1e-2 * own.norm().recip() * (1.0 + 0.01 * column as f64))
+            .collect();
+        let moved = |sign: f64| {
+            let moved: Vec<f64> = at.iter().zip(&steps).map(|(a, s)| a + sign * s).collect();
+            joint.residuals(&moved, &factors)
+        };
+        let expected = (moved(1.0) - moved(-1.0)) / 2.0;
+        let found = jacobian * DVector::from_vec(steps);
+        assert!((found - &expected).amax() < 1e-6 * expected.amax());
     }
 
     /// Those of the priors too, off their means.
@@ -366,6 +374,7 @@ pub(super) mod tests {
             .map(|(value, tolerance)| value + 0.5 * tolerance)
             .collect();
         let linear = joint.linearize(&at, &factors);
+        let jacobian = linear.jacobian.dense();
         let residuals = joint.residuals(&at, &factors);
         assert!((&linear.residuals - residuals).amax() < 1e-7);
         for (column, tolerance) in tolerances.iter().enumerate() {
@@ -376,7 +385,7 @@ pub(super) mod tests {
                 joint.residuals(&moved, &factors)
             };
             let expected = (moved(step) - moved(-step)) / (2.0 * step);
-            let found = linear.jacobian.column(column);
+            let found = jacobian.column(column);
             assert!(
                 (found - &expected).amax() < 1e-6 * found.amax(),
                 "column {column}"

@@ -32,7 +32,8 @@ pub(super) fn columns(joint: &Joint, samples: &[Sample]) -> Option<DMatrix<f64>>
     let ones = vec![1.0; joint.rows.len()];
     let by_parameter = joint
         .linearize(&joint.fitted(&machine.values), &ones)
-        .jacobian;
+        .jacobian
+        .dense();
     let blocks: Vec<DMatrix<f64>> = paths
         .into_iter()
         .flat_map(|(track, path)| of_track(joint, samples, &by_parameter, track, path))

@@ -121,7 +121,7 @@ impl Probes {
         let linear = joint.linearize(&joint.fitted(&joint.machine.values), &factors);
         let mut columns = Columns {
             joint: &joint,
-            jacobian: &linear.jacobian,
+            jacobian: &linear.jacobian.dense(),
             samples,
             all: Vec::new(),
         };

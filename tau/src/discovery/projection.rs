@@ -174,9 +174,14 @@ impl Normal {
         self.jacobian.moved(step)
     }
 
-    /// How much of a degree of freedom the fit absorbs of each row; `b` is [`Self::inverse_factor`].
-    pub(super) fn absorbed(&self, b: &DMatrix<f64>) -> Vec<f64> {
-        self.jacobian.squares(b)
+    /// How many degrees of freedom the fit absorbs of the rows of each kind; `b` is [`Self::inverse_factor`].
+    pub(super) fn absorbed<const KINDS: usize>(&self, b: &DMatrix<f64>) -> [f64; KINDS] {
+        self.jacobian.traces(&(b * b.transpose()))
+    }
+
+    /// The Jacobian as a whole.
+    pub(super) fn dense(&self) -> DMatrix<f64> {
+        self.jacobian.dense()
     }
 }
 

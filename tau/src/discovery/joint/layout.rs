@@ -181,16 +181,21 @@ impl Joint {
             groups: Groups::default(),
             rows,
         };
+        joint.groups = joint.groups();
         if let Some(knots) = knots::columns(&joint, samples) {
             joint.knots = knots;
+            joint.groups = joint.groups();
         }
-        joint.groups = joint.groups();
         Ok(joint)
     }
 
     fn groups(&self) -> Groups {
         let columns = self.used.len() + self.knots.ncols();
-        Groups::of((self.rows.len() + columns, columns), |mark| {
+        // Priors are none of the components.
+        let of_priors = std::iter::repeat_n(Component::ALL.len(), columns);
+        let kinds = self.rows.iter().map(|row| row.component as usize);
+        let kinds: Vec<usize> = kinds.chain(of_priors).collect();
+        Groups::of(&kinds, columns, |mark| {
             for part in &self.parts {
                 let (residuals, pattern) = (part.weights.len(), part.family.pattern());
                 for row in 0..part.samples.len() * residuals {
