@@ -1,7 +1,5 @@
 //! What a search found, put together.
 
-use std::time::Instant;
-
 use tau_runtime::Owner;
 
 use super::bench::{Bench, Score};
@@ -41,7 +39,6 @@ pub(super) fn finish(
     input: &Input<'_>,
     search: &Search<'_>,
     beforehand: Beforehand,
-    started: Instant,
 ) -> Result<Outcome, Error> {
     let Input {
         robot,
@@ -119,7 +116,7 @@ pub(super) fn finish(
         model_text,
         remarks: remarks(search, whiteness.as_ref()),
         whiteness,
-        seconds: started.elapsed().as_secs_f64(),
+        seconds: 0.0,
     };
     let parameters = &fit.joint.machine.variant.parameters;
     let values = fit.joint.used.iter().zip(&fit.fitted);

@@ -386,8 +386,13 @@ fn search_from(
         search.fit = search.fit.settled()?;
         search.restate()?;
     }
-    let outcome = finish(input, &search, beforehand, started)?;
-    Found::of(&search, variant, outcome)
+    let (outcome, bent) = parallel::both(
+        || finish(input, &search, beforehand),
+        || structural::piecewise::tracks(&search, variant),
+    );
+    let mut found = Found::of(&search, bent, outcome?)?;
+    found.outcome.discovery.seconds = started.elapsed().as_secs_f64();
+    Ok(found)
 }
 
 /// Says that names with the prefix of the unnamed families are theirs.

@@ -8,6 +8,7 @@ use tau_codegen::language::Model;
 
 use super::candidates::Candidate;
 use super::distribution::chi2_survival;
+use super::parallel;
 use super::probes::Probes;
 use super::projection::orthonormal;
 use super::response::{Displacements, Responses};
@@ -25,6 +26,9 @@ pub(super) const LEAST_SHOWN: f64 = 0.75;
 pub(super) const AS_GOOD: f64 = 6.0;
 /// Parts of a step of the grid at which peaks are refined.
 const WITHIN_STEP: [f64; 6] = [-0.75, -0.5, -0.25, 0.25, 0.5, 0.75];
+
+/// Points of a grid that one task makes the columns of.
+const AT_ONCE: usize = 64;
 
 /// The columns of a searched effect at every point of a grid over a range of what is searched.
 pub(super) struct Band {
@@ -75,13 +79,24 @@ impl Band {
         };
         let amplitudes = candidate.amplitudes();
         let grid = grid(range, range_m);
-        let mut values = candidate.none();
+        let chunks: Vec<&[f64]> = grid.chunks(AT_ONCE).collect();
+        let entries = parallel::map(&chunks, |chunk| {
+            let mut values = candidate.none();
+            let of_value = |&value: &f64| {
+                values[searched] = value;
+                let at = (&values[..], &amplitudes[..]);
+                candidate.entries(model, at, probes, samples, surroundings)
+            };
+            chunk
+                .iter()
+                .map(of_value)
+                .collect::<Result<Vec<_>, &'static str>>()
+        });
         let mut columns = Displacements::default();
-        for &value in &grid {
-            values[searched] = value;
-            let at = (&values[..], &amplitudes[..]);
-            let entries = candidate.entries(model, at, probes, samples, surroundings)?;
-            columns.push(&entries, &amplitudes, probes);
+        for chunk in entries {
+            for entries in chunk? {
+                columns.push(&entries, &amplitudes, probes);
+            }
         }
         Ok(Self {
             grid,

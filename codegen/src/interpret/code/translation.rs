@@ -1,6 +1,6 @@
 //! From programs to instructions: where each value is, and what runs once or for all samples.
 
-use std::collections::BTreeMap;
+use rustc_hash::FxHashMap;
 
 use super::{Action, Code, Instruction, Target};
 use crate::program::{Operand, Operation, Program};
@@ -21,6 +21,8 @@ pub(super) struct Translation<'a> {
     program: &'a Program,
     samples: usize,
     constants: Vec<f64>,
+    /// Index of each constant, by its bits.
+    constant_places: FxHashMap<u64, usize>,
     shared: Vec<Instruction>,
     /// Where each temporary is; `None` for products inside a later instruction.
     temporaries: Vec<Option<Source>>,
@@ -34,6 +36,7 @@ impl<'a> Translation<'a> {
             program,
             samples,
             constants: vec![],
+            constant_places: FxHashMap::default(),
             shared: vec![],
             temporaries: vec![None; program.operations.len()],
             varying: vec![],
@@ -47,8 +50,8 @@ impl<'a> Translation<'a> {
         let operations = self.program.operations.iter().flat_map(Operation::operands);
         for operand in operations.chain(self.program.outputs.iter().copied()) {
             if let Operand::Constant(value) = operand {
-                let known = |other: &f64| other.to_bits() == value.to_bits();
-                if !self.constants.iter().any(known) {
+                let next = self.constants.len();
+                if *self.constant_places.entry(value.to_bits()).or_insert(next) == next {
                     self.constants.push(value);
                 }
             }
@@ -62,8 +65,7 @@ impl<'a> Translation<'a> {
     fn source(&self, operand: Operand) -> Option<Source> {
         match operand {
             Operand::Constant(value) => {
-                let known = |other: &f64| other.to_bits() == value.to_bits();
-                let index = self.constants.iter().position(known)?;
+                let index = self.constant_places.get(&value.to_bits())?;
                 Some(Source::Shared(self.parameters() + index))
             }
             Operand::Input(index) => Some(match index.checked_sub(self.samples) {
@@ -179,20 +181,28 @@ impl<'a> Translation<'a> {
             .map(|&output| self.source(output))
             .collect();
         let mut copied: Vec<usize> = Vec::new();
+        let mut copies: FxHashMap<usize, usize> = FxHashMap::default();
         let sources = self.varying.iter().flat_map(|(_, sources, _)| sources);
         for source in sources.chain(stored.iter().flatten()) {
             if let Source::Shared(slot) = source
-                && !copied.contains(slot)
+                && *copies.entry(*slot).or_insert(copied.len()) == copied.len()
             {
                 copied.push(*slot);
             }
         }
-        let mut last_use: BTreeMap<usize, usize> = BTreeMap::new();
+        let temporaries = self.program.operations.len();
+        let mut last_use: Vec<Option<usize>> = vec![None; temporaries];
         for (position, (_, sources, _)) in self.varying.iter().enumerate() {
             for source in sources {
                 if let Source::Result(temporary) = source {
-                    last_use.insert(*temporary, position);
+                    last_use[*temporary] = Some(position);
                 }
+            }
+        }
+        let mut stores_of: Vec<Vec<usize>> = vec![vec![]; temporaries];
+        for (output, source) in stored.iter().enumerate() {
+            if let Some(Source::Result(temporary)) = source {
+                stores_of[*temporary].push(output);
             }
         }
         let mut code = Code {
@@ -206,7 +216,7 @@ impl<'a> Translation<'a> {
             shared: self.shared,
             copied,
         };
-        let mut slot_of: BTreeMap<usize, usize> = BTreeMap::new();
+        let mut slot_of: Vec<Option<usize>> = vec![None; temporaries];
         let mut free: Vec<usize> = Vec::new();
         let copy = |code: &mut Code, output: usize, place: usize| {
             code.instructions.push(Instruction {
@@ -215,14 +225,10 @@ impl<'a> Translation<'a> {
                 target: Target::Output(output),
             });
         };
-        let copies = code.copied.clone();
         let samples = code.samples;
         let at_once = move |source: Source| match source {
             Source::Input(index) => Some(index),
-            Source::Shared(slot) => {
-                let index = copies.iter().position(|&copied| copied == slot)?;
-                Some(samples + index)
-            }
+            Source::Shared(slot) => Some(samples + copies.get(&slot)?),
             Source::Result(_) => None,
         };
         for (output, source) in stored.iter().enumerate() {
@@ -234,13 +240,12 @@ impl<'a> Translation<'a> {
             let operands: Vec<usize> = sources
                 .iter()
                 .filter_map(|&source| match source {
-                    Source::Result(temporary) => slot_of.get(&temporary).copied(),
+                    Source::Result(temporary) => slot_of[temporary],
                     other => at_once(other),
                 })
                 .collect();
-            let is_result = |&output: &usize| stored[output] == Some(Source::Result(*temporary));
-            let stores: Vec<usize> = (0..stored.len()).filter(is_result).collect();
-            let is_read = last_use.contains_key(temporary);
+            let stores = &stores_of[*temporary];
+            let is_read = last_use[*temporary].is_some();
             let target = match stores.as_slice() {
                 &[output] if !is_read => Target::Output(output),
                 _ => Target::Slot(free.pop().unwrap_or_else(|| {
@@ -254,19 +259,19 @@ impl<'a> Translation<'a> {
                 target,
             });
             if let Target::Slot(slot) = target {
-                for output in stores {
+                for &output in stores {
                     copy(&mut code, output, slot);
                 }
                 if is_read {
-                    slot_of.insert(*temporary, slot);
+                    slot_of[*temporary] = Some(slot);
                 } else {
                     free.push(slot);
                 }
             }
             for source in sources {
                 if let Source::Result(operand) = source
-                    && last_use.get(operand) == Some(&position)
-                    && let Some(slot) = slot_of.remove(operand)
+                    && last_use[*operand] == Some(position)
+                    && let Some(slot) = slot_of[*operand].take()
                 {
                     free.push(slot);
                 }

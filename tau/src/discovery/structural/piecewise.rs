@@ -34,7 +34,7 @@ const MOST_KNOTS: usize = 64;
 
 /// What was found from a base, and what its straight tracks leave.
 pub(in super::super) struct Found {
-    outcome: Outcome,
+    pub(in super::super) outcome: Outcome,
     /// Number of unnamed families that hold the place of what has no name.
     families: usize,
     /// Names and places of the effects that leave no structure where they act.
@@ -46,7 +46,7 @@ pub(in super::super) struct Found {
 }
 
 /// What the measured points of a straight track would take up of what a search left.
-struct Bent {
+pub(in super::super) struct Bent {
     track: usize,
     place: String,
     p_value: f64,
@@ -123,7 +123,7 @@ fn bent(
 impl Found {
     pub(in super::super) fn of(
         search: &Search<'_>,
-        base: &Variant,
+        tracks: Vec<Bent>,
         outcome: Outcome,
     ) -> Result<Self, Error> {
         let Search { input, fit, .. } = search;
@@ -147,7 +147,7 @@ impl Found {
                 .iter()
                 .map(|error| (error.pose, error.length_um().powi(2)))
                 .collect(),
-            tracks: tracks(search, base),
+            tracks,
             outcome,
         })
     }
@@ -199,7 +199,7 @@ fn with_piecewise(robot: &Robot, base: &str, track: usize) -> Result<(Robot, Str
 
 /// Whether straight tracks leave what measured points of the carts' paths would take up: each track's
 /// points of set 2 free to move, beside everything that has a name.
-fn tracks(search: &Search<'_>, base: &Variant) -> Vec<Bent> {
+pub(in super::super) fn tracks(search: &Search<'_>, base: &Variant) -> Vec<Bent> {
     let view = View::of(&search.fit);
     let straight: Vec<(usize, Vec<f64>)> = base
         .tracks
