@@ -205,8 +205,8 @@ mod tests {
         let basis = Basis::of(&jacobian.columns(0, 4).into_owned()).unwrap();
         let residuals = basis.residuals_after(&measured);
         let last = jacobian.columns(4, 1).into_owned();
-        let left = &last - &basis.q * basis.q.tr_mul(&last);
-        let mut q = basis.q.resize_horizontally(5, 0.0);
+        let left = &last - &*basis.q * basis.q.tr_mul(&last);
+        let mut q = (*basis.q).clone().resize_horizontally(5, 0.0);
         q.set_column(4, &(left.column(0) / left.norm()));
         let prediction = Prediction::of(&q, &q.tr_mul(&residuals), &residuals, &held).unwrap();
         for columns in [4, 5] {

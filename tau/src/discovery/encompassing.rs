@@ -107,7 +107,7 @@ mod tests {
         let (of_a, of_b) = (Basis::of(&a).unwrap().q, Basis::of(&b).unwrap().q);
         let (own, other) = (of_a.tr_mul(&residuals), of_b.tr_mul(&residuals));
         let (statistic, rank) = beside(&other, &own, &of_b.tr_mul(&of_a));
-        let rest = &b - &of_a * of_a.tr_mul(&b);
+        let rest = &b - &*of_a * of_a.tr_mul(&b);
         let expected = Basis::of(&rest)
             .unwrap()
             .q
@@ -126,7 +126,7 @@ mod tests {
             .unwrap()
             .q;
         let part = whole.columns(0, 1).into_owned();
-        let residuals = &whole * DVector::from_vec(vec![1.0, 9.0, 0.0])
+        let residuals = &*whole * DVector::from_vec(vec![1.0, 9.0, 0.0])
             + DVector::from_fn(50, |_, _| 0.01 * number());
         let pair = Pair::of(
             &part.tr_mul(&residuals),

@@ -3,6 +3,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::descent::{Descent, not_converged};
+use super::grouped::Grouped;
 use super::joint::Joint;
 use super::outliers;
 use super::projection::{Basis, Normal};
@@ -22,7 +23,7 @@ pub(super) struct Fit {
     /// Factor of each row.
     pub(super) factors: Vec<f64>,
     /// Derivatives, whitened, priors last.
-    pub(super) jacobian: DMatrix<f64>,
+    pub(super) jacobian: Grouped,
     pub(super) basis: Basis,
     /// Whitened residuals, priors last; what the last step would remove is removed to first order.
     pub(super) residuals: DVector<f64>,
@@ -124,14 +125,13 @@ impl Fit {
             return Err(not_converged(&joint, "the derivatives are not finite"));
         };
         let residuals = basis.residuals_after(&residuals);
-        let jacobian = normal.dense();
         Ok(Self {
             joint,
             fitted,
             scales,
             weights,
             factors,
-            jacobian,
+            jacobian: normal.into_jacobian(),
             basis,
             residuals,
         })

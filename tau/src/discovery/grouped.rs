@@ -31,12 +31,14 @@ struct Pattern {
 }
 
 /// A matrix without most of its zeros.
+#[derive(Clone)]
 pub(super) struct Grouped {
     groups: Groups,
     blocks: Vec<Block>,
 }
 
 /// Entries of a group, but for a factor that all of them share.
+#[derive(Clone)]
 struct Block {
     entries: DMatrix<f64>,
     factor: f64,
@@ -221,16 +223,41 @@ impl Grouped {
 
     /// The whole matrix.
     pub(super) fn dense(&self) -> DMatrix<f64> {
-        let mut dense = DMatrix::zeros(self.groups.rows, self.groups.columns);
+        let columns: Vec<usize> = (0..self.ncols()).collect();
+        self.select_columns(&columns)
+    }
+
+    pub(super) fn nrows(&self) -> usize {
+        self.groups.rows
+    }
+
+    pub(super) fn ncols(&self) -> usize {
+        self.groups.columns
+    }
+
+    /// Some of the columns.
+    pub(super) fn select_columns(&self, columns: &[usize]) -> DMatrix<f64> {
+        let mut selected = DMatrix::zeros(self.nrows(), columns.len());
         for (pattern, block) in self.iter() {
-            for (&column, own) in pattern.columns.iter().zip(block.entries.column_iter()) {
-                let mut column = dense.column_mut(column);
-                for (&row, value) in pattern.rows.iter().zip(own.iter()) {
-                    column[row] = block.factor * value;
+            for (mut target, &column) in selected.column_iter_mut().zip(columns) {
+                let Some(place) = pattern.places[column] else {
+                    continue;
+                };
+                for (&row, value) in pattern.rows.iter().zip(block.entries.column(place).iter()) {
+                    target[row] = block.factor * value;
                 }
             }
         }
-        dense
+        selected
+    }
+
+    /// A step along some columns.
+    pub(super) fn step(&self, values: &[(usize, f64)]) -> DVector<f64> {
+        let mut step = DVector::zeros(self.ncols());
+        for &(column, value) in values {
+            step[column] += value;
+        }
+        step
     }
 
     fn iter(&self) -> impl Iterator<Item = (&Pattern, &Block)> {

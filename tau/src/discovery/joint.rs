@@ -322,8 +322,8 @@ pub(super) mod tests {
         (joint.unwrap(), samples)
     }
 
-    /// Nothing of the derivatives is outside of the groups of rows: all sets, priors, and points of tracks that
-    /// are free to move.
+    /// Nothing of the derivatives is outside of the groups of rows: all sets, and points of tracks that are free to
+    /// move. Held against differences of the residuals.
     #[test]
     fn groups_hold_all_derivatives() {
         let robot = Robot::from(&tau_generated::gantry_tau::ROBOT);
@@ -350,7 +350,7 @@ pub(super) mod tests {
         let steps: Vec<f64> = jacobian
             .column_iter()
             .enumerate()
-            .map(|(column, own)| 1e-2 * own.norm().recip() * (1.0 + 0.01 * column as f64))
+            .map(|(column, own)| 1e-3 * own.norm().recip() * (1.0 + 0.01 * column as f64))
             .collect();
         let moved = |sign: f64| {
             let moved: Vec<f64> = at.iter().zip(&steps).map(|(a, s)| a + sign * s).collect();
@@ -358,7 +358,10 @@ pub(super) mod tests {
         };
         let expected = (moved(1.0) - moved(-1.0)) / 2.0;
         let found = jacobian * DVector::from_vec(steps);
-        assert!((found - &expected).amax() < 1e-6 * expected.amax());
+        // What stands in for a prior has no residual.
+        let of_rows = |vector: &DVector<f64>| vector.rows(0, joint.rows.len()).into_owned();
+        let off = of_rows(&(found - &expected)).amax() / of_rows(&expected).amax();
+        assert!(off < 1e-7, "{off}");
     }
 
     /// Those of the priors too, off their means.

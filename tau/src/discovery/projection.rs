@@ -2,6 +2,7 @@
 
 use std::collections::BTreeSet;
 use std::ops::Range;
+use std::sync::Arc;
 
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn, SymmetricEigen};
 
@@ -18,7 +19,7 @@ const PASSES: usize = 5;
 /// An orthonormal basis of a Jacobian's columns: `Q = J·B`.
 #[derive(Clone)]
 pub(super) struct Basis {
-    pub(super) q: DMatrix<f64>,
+    pub(super) q: Arc<DMatrix<f64>>,
     /// Also a factor of the covariance: `(JᵀJ)⁻¹ = B·Bᵀ`.
     pub(super) b: DMatrix<f64>,
 }
@@ -50,13 +51,13 @@ impl Basis {
         }
         q.iter()
             .all(|value| value.is_finite())
-            .then_some(Self { q, b })
+            .then_some(Self { q: Arc::new(q), b })
     }
 
     /// The orthonormal columns for the Jacobian without some of its columns: what is orthogonal in `Q` to
     /// the columns of `Q·B₂ᵀ`, where `B₂` are these columns' rows of `B`, by Householder's reflections.
     pub(super) fn without(&self, columns: &BTreeSet<usize>) -> DMatrix<f64> {
-        let mut q = self.q.clone();
+        let mut q = (*self.q).clone();
         let removed: Vec<usize> = columns.iter().copied().collect();
         let mut left = self.b.select_rows(&removed).transpose();
         for k in 0..left.ncols().min(left.nrows()) {
@@ -78,7 +79,7 @@ impl Basis {
 
     /// What a least-squares fit of the columns leaves of residuals: `e − Q·Qᵀe`.
     pub(super) fn residuals_after(&self, residuals: &DVector<f64>) -> DVector<f64> {
-        residuals - &self.q * self.q.tr_mul(residuals)
+        residuals - &*self.q * self.q.tr_mul(residuals)
     }
 }
 
@@ -179,9 +180,9 @@ impl Normal {
         self.jacobian.traces(&(b * b.transpose()))
     }
 
-    /// The Jacobian as a whole.
-    pub(super) fn dense(&self) -> DMatrix<f64> {
-        self.jacobian.dense()
+    /// The Jacobian.
+    pub(super) fn into_jacobian(self) -> Grouped {
+        self.jacobian
     }
 }
 
@@ -291,16 +292,18 @@ impl Subspace {
 /// Coefficients that make columns orthonormal, given the Gram matrix of what is left of them and their
 /// own lengths; directions of which next to nothing is left are dropped.
 pub(super) fn orthonormal(norms: &[f64], gram: &DMatrix<f64>) -> DMatrix<f64> {
-    let scale: Vec<f64> = norms
-        .iter()
-        .map(|&norm| if norm > 0.0 { norm.recip() } else { 0.0 })
-        .collect();
+    let inverse = |norm: f64| if norm > 0.0 { norm.recip() } else { 0.0 };
+    if let &[first, second] = norms {
+        // Waves have two columns each, and there are many.
+        return orthonormal_pair([inverse(first), inverse(second)], gram);
+    }
+    let scale: Vec<f64> = norms.iter().copied().map(inverse).collect();
     let scaled = DMatrix::from_fn(norms.len(), norms.len(), |i, j| {
         gram[(i, j)] * scale[i] * scale[j]
     });
-    let (values, vectors) = eigen(scaled);
+    let eigen = SymmetricEigen::new(scaled);
     let least = LEAST_SINGULAR.powi(2);
-    let mut kept: Vec<(usize, f64)> = values
+    let mut kept: Vec<(usize, f64)> = (eigen.eigenvalues)
         .iter()
         .copied()
         .enumerate()
@@ -309,27 +312,33 @@ pub(super) fn orthonormal(norms: &[f64], gram: &DMatrix<f64>) -> DMatrix<f64> {
     kept.sort_by(|a, b| b.1.total_cmp(&a.1));
     DMatrix::from_fn(scale.len(), kept.len(), |row, k| {
         let (index, value) = kept[k];
-        scale[row] * vectors[(row, index)] / value.sqrt()
+        scale[row] * eigen.eigenvectors[(row, index)] / value.sqrt()
     })
 }
 
-/// Eigenvalues and eigenvectors of a symmetric matrix; of two columns, in closed form.
-fn eigen(matrix: DMatrix<f64>) -> (DVector<f64>, DMatrix<f64>) {
-    if matrix.ncols() != 2 {
-        let eigen = SymmetricEigen::new(matrix);
-        return (eigen.eigenvalues, eigen.eigenvectors);
-    }
-    let (a, b, c) = (matrix[(0, 0)], matrix[(1, 0)], matrix[(1, 1)]);
+/// The same of two columns, in closed form.
+fn orthonormal_pair(scale: [f64; 2], gram: &DMatrix<f64>) -> DMatrix<f64> {
+    let a = gram[(0, 0)] * scale[0] * scale[0];
+    let b = gram[(1, 0)] * scale[1] * scale[0];
+    let c = gram[(1, 1)] * scale[1] * scale[1];
     let (sin, cos) = (0.5 * (2.0 * b).atan2(a - c)).sin_cos();
     let mixed = 2.0 * b * sin * cos;
-    let values = [
-        a * cos * cos + mixed + c * sin * sin,
-        a * sin * sin - mixed + c * cos * cos,
+    // This angle's is the larger one.
+    let axes = [
+        (a * cos * cos + mixed + c * sin * sin, [cos, sin]),
+        (a * sin * sin - mixed + c * cos * cos, [-sin, cos]),
     ];
-    (
-        DVector::from_column_slice(&values),
-        DMatrix::from_column_slice(2, 2, &[cos, sin, -sin, cos]),
-    )
+    let mut coefficients = [0.0; 4];
+    let mut kept = 0;
+    for (value, axis) in axes {
+        if value > LEAST_SINGULAR.powi(2) {
+            for row in 0..2 {
+                coefficients[2 * kept + row] = scale[row] * axis[row] / value.sqrt();
+            }
+            kept += 1;
+        }
+    }
+    DMatrix::from_column_slice(2, kept, &coefficients[..2 * kept])
 }
 
 #[cfg(test)]
@@ -346,7 +355,7 @@ pub(super) mod tests {
     }
 
     fn left_of(basis: &Basis, columns: &DMatrix<f64>) -> DMatrix<f64> {
-        columns - &basis.q * (basis.q.transpose() * columns)
+        columns - &*basis.q * (basis.q.transpose() * columns)
     }
 
     fn matrix(random: &mut Random, rows: usize, columns: usize) -> DMatrix<f64> {
@@ -361,7 +370,7 @@ pub(super) mod tests {
         jacobian.set_column(11, &copy);
         jacobian.column_mut(3).scale_mut(1e8);
         let basis = Basis::of(&jacobian).unwrap();
-        let gram = basis.q.transpose() * &basis.q;
+        let gram = basis.q.transpose() * &*basis.q;
         assert!((gram - DMatrix::identity(12, 12)).amax() < 1e-12);
         let left = left_of(&basis, &jacobian);
         for (left, whole) in left.column_iter().zip(jacobian.column_iter()) {
@@ -377,7 +386,7 @@ pub(super) mod tests {
         let others = Basis::of(&jacobian.select_columns(&[0, 1, 3, 4, 5, 7])).unwrap();
         let q = basis.without(&BTreeSet::from([2, 6]));
         assert!((q.tr_mul(&q) - DMatrix::identity(6, 6)).amax() < 1e-12);
-        assert!((&q * q.transpose() - &others.q * others.q.transpose()).amax() < 1e-12);
+        assert!((&q * q.transpose() - &*others.q * others.q.transpose()).amax() < 1e-12);
     }
 
     /// Level and power of the score test are those of the non-central χ² distribution, with a base

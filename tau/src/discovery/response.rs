@@ -360,6 +360,7 @@ impl Displacements {
 #[cfg(test)]
 pub(super) mod tests {
     use super::super::distribution::Random;
+    use super::super::grouped::Grouped;
     use super::super::joint::tests::of_set_1;
     use super::super::joint::{Component, Row};
     use super::super::probes::Probe;
@@ -399,14 +400,14 @@ pub(super) mod tests {
         (jacobian, measured, probes, candidate)
     }
 
-    pub(in crate::discovery) fn view(q: DMatrix<f64>, residuals: &DVector<f64>) -> View {
+    pub(in crate::discovery) fn view(q: Arc<DMatrix<f64>>, residuals: &DVector<f64>) -> View {
         let row = |row: usize| Row {
             sample: row / 2,
             component: Component::Closure,
             residual: row % 2,
         };
         View {
-            residuals: residuals - &q * q.tr_mul(residuals),
+            residuals: residuals - &*q * q.tr_mul(residuals),
             q,
             factors: vec![1.0; ROWS],
             rows: (0..ROWS).map(row).collect(),
@@ -432,7 +433,12 @@ pub(super) mod tests {
         let others: Vec<usize> = (0..COLUMNS).filter(|&k| k != removed).collect();
         let others = Basis::of(&jacobian.select_columns(&others)).unwrap();
         let expected = Responses::of(&view(others.q, &without), &probes, &pairs);
-        let freed = Freed::of(&basis, &jacobian, &[removed], &[(removed, amplitude)]);
+        let freed = Freed::of(
+            &basis,
+            &Grouped::of(&jacobian),
+            &[removed],
+            &[(removed, amplitude)],
+        );
         let before = Responses::of(&whole, &probes, &pairs);
         let found = before.without(freed.directions, &freed.amounts);
 
@@ -469,7 +475,7 @@ pub(super) mod tests {
         let signed = Flipped::of(&view, &probes, &samples, signs.clone());
         assert!((&signed.absorbed - &absorbed).amax() < 1e-12);
         let found = candidate.flipped(&responses, &of_columns, &signed);
-        let left = &flipped - &view.q * absorbed;
+        let left = &flipped - &*view.q * absorbed;
         for flip in 0..3 {
             let sums = Responses::sums(&view, &probes, left.column(flip).as_slice());
             let expected = candidate.products(|probe| sums[probe].as_slice());

@@ -325,11 +325,16 @@ mod tests {
         (0..count).map(|k| RANGE_M * place(k)).collect()
     }
 
-    /// Under signs that are all the same, a scan scores what it scores.
+    /// Under signs that are all the same, a scan scores what it scores where priors pull at nothing.
     #[test]
     fn equal_signs_change_no_score() {
-        let (jacobian, measured, probes, columns) = fixture(&mut Random(23));
-        let view = view(Basis::of(&jacobian).unwrap().q, &measured);
+        let (jacobian, mut measured, probes, columns) = fixture(&mut Random(23));
+        let basis = Basis::of(&jacobian).unwrap().q;
+        let whole = view(Arc::clone(&basis), &measured);
+        let rows = whole.rows.len();
+        measured.copy_from(&whole.residuals);
+        measured.rows_mut(rows, measured.len() - rows).fill(0.0);
+        let view = view(basis, &measured);
         let mut pairs = BTreeSet::new();
         columns.pairs(0..2, &mut pairs);
         let responses = Responses::of(&view, &probes, &pairs);
@@ -343,7 +348,8 @@ mod tests {
         assert_eq!(scores.rank(), 2);
         let (_, samples) = of_set_1();
         let signs = DMatrix::from_element(Sample::units(&samples), 1, -1.0);
-        let flipped = Flipped::of(&view, &probes, &samples, signs);
+        let responses = Responses::of(&whole, &probes, &pairs);
+        let flipped = Flipped::of(&whole, &probes, &samples, signs);
         let found = f64::from(band.flipped(&scores, &responses, &flipped)[(0, 0)]);
         let expected = scores.statistics[0];
         assert!(

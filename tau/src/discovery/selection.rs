@@ -464,11 +464,13 @@ impl Search<'_> {
     fn without(&self, effect: usize) -> (View, Score, Subspace) {
         let own = self.columns_of(effect);
         let rows = self.fit.joint.rows.len();
-        let mut contribution = DVector::zeros(self.fit.residuals.len());
         let (columns, amplitudes) = self.amplitudes(effect);
-        for (&column, &amplitude) in columns.iter().zip(amplitudes.iter()) {
-            contribution += self.fit.jacobian.column(column) * amplitude;
-        }
+        let values: Vec<(usize, f64)> = columns
+            .into_iter()
+            .zip(amplitudes.iter().copied())
+            .collect();
+        let jacobian = &self.fit.jacobian;
+        let mut contribution = jacobian.moved(&jacobian.step(&values));
         contribution
             .rows_mut(rows, self.fit.residuals.len() - rows)
             .fill(0.0);

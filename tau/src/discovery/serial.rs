@@ -290,7 +290,7 @@ mod tests {
             f64::from(a.residual == b.residual) * correlation.powi(lag)
         });
         let (u, degrees) = (subspace.u.column(0), (count - 4 * width) as f64);
-        let absorbed = (basis.q.transpose() * &correlations * &basis.q).trace();
+        let absorbed = (basis.q.transpose() * &correlations * &*basis.q).trace();
         let shown = (count as f64 - absorbed) / degrees;
         let expected = u.dot(&(&correlations * u)) / shown;
         let mut random = Random(6);

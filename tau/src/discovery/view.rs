@@ -1,10 +1,12 @@
 //! What a fit leaves for candidates to explain: a basis of what is absorbed, and the residuals beside it.
 
 use std::collections::BTreeSet;
+use std::sync::Arc;
 
 use nalgebra::{DMatrix, DVector};
 
 use super::fit::Fit;
+use super::grouped::Grouped;
 use super::joint::Row;
 use super::projection::{Basis, Subspace};
 
@@ -24,16 +26,13 @@ impl Freed {
     /// where they add to the residuals in proportion.
     pub(super) fn of(
         basis: &Basis,
-        jacobian: &DMatrix<f64>,
+        jacobian: &Grouped,
         columns: &[usize],
         values: &[(usize, f64)],
     ) -> Self {
         let directions = basis.b.select_rows(columns).transpose().qr().q();
-        let mut contribution = DVector::zeros(jacobian.nrows());
-        for &(column, value) in values {
-            contribution.axpy(-value, &jacobian.column(column), 1.0);
-        }
-        let amounts = directions.tr_mul(&basis.q.tr_mul(&contribution));
+        let contribution = jacobian.moved(&jacobian.step(values));
+        let amounts = -directions.tr_mul(&basis.q.tr_mul(&contribution));
         Self {
             directions,
             amounts,
@@ -45,7 +44,7 @@ impl Freed {
 #[derive(Clone)]
 pub(super) struct View {
     /// Orthonormal basis of what the model absorbs.
-    pub(super) q: DMatrix<f64>,
+    pub(super) q: Arc<DMatrix<f64>>,
     /// Whitened residuals, priors last, orthogonal to it.
     pub(super) residuals: DVector<f64>,
     /// Factor of each row beyond the stated noise.
@@ -59,7 +58,7 @@ impl View {
     /// The model as fitted.
     pub(super) fn of(fit: &Fit) -> Self {
         Self {
-            q: fit.basis.q.clone(),
+            q: Arc::clone(&fit.basis.q),
             residuals: fit.residuals.clone(),
             factors: fit.factors.clone(),
             rows: fit.joint.rows.clone(),
@@ -82,7 +81,7 @@ impl View {
         }
         Self {
             residuals: &residuals - &q * q.tr_mul(&residuals),
-            q,
+            q: Arc::new(q),
             factors: fit.factors.clone(),
             rows: fit.joint.rows.clone(),
             degrees: fit.degrees(),
@@ -92,11 +91,12 @@ impl View {
     /// The model with a candidate's columns added.
     pub(super) fn with(&self, subspace: &Subspace) -> Self {
         let (old, new) = (self.q.ncols(), subspace.rank());
-        let mut q = self.q.clone().resize_horizontally(old + new, 0.0);
+        let mut q = DMatrix::zeros(self.q.nrows(), old + new);
+        q.columns_mut(0, old).copy_from(&self.q);
         q.columns_mut(old, new).copy_from(&subspace.u);
         Self {
             residuals: &self.residuals - &subspace.u * subspace.u.tr_mul(&self.residuals),
-            q,
+            q: Arc::new(q),
             factors: self.factors.clone(),
             rows: self.rows.clone(),
             degrees: self.degrees - new as f64,
@@ -111,7 +111,7 @@ impl View {
         } else {
             self.q.transpose() * columns
         };
-        columns - &self.q * absorbed
+        columns - &*self.q * absorbed
     }
 
     /// Columns over the rows of the measurements, in units of the stated noise, in those of this fit;

@@ -1,5 +1,7 @@
 //! The closures of a pose as one family, whitened together.
 
+use std::collections::BTreeSet;
+
 use nalgebra::{Cholesky, DMatrix};
 use tau_runtime::{Pattern, ResidualFamily, Shape};
 
@@ -19,6 +21,8 @@ pub(crate) struct WhitenedPose {
     parameters: Vec<usize>,
     row_starts: Vec<u32>,
     pattern: Vec<u32>,
+    /// Of each row and column its place among the entries of the row.
+    places: Vec<Vec<usize>>,
     shape: Shape,
 }
 
@@ -30,30 +34,43 @@ impl WhitenedPose {
             .collect();
         parameters.sort_unstable();
         parameters.dedup();
-        let columns = closures
+        let columns: Vec<Vec<usize>> = closures
             .iter()
             .map(|closure| {
                 let column = |index| parameters.binary_search(index).unwrap_or_default();
                 closure.parameters.iter().map(column).collect()
             })
             .collect();
-        let (rows, width) = (closures.len(), parameters.len());
+        let rows = closures.len();
+        let (mut row_starts, mut pattern, mut places) = (vec![0], Vec::new(), Vec::new());
+        // The factor is triangular: a row depends on what its own closure and those before it do.
+        let mut known = BTreeSet::new();
+        for of_closure in &columns {
+            known.extend(of_closure);
+            let mut of_row = vec![0; parameters.len()];
+            for (place, &column) in known.iter().enumerate() {
+                of_row[column] = place;
+                pattern.push(number(column));
+            }
+            row_starts.push(number(pattern.len()));
+            places.push(of_row);
+        }
         let all = |f: fn(&Shape) -> usize| -> usize {
             closures
                 .iter()
                 .map(|closure| f(&closure.family.shape()))
                 .sum()
         };
-        let number = |n: usize| u32::try_from(n).unwrap_or(u32::MAX);
         Self {
             shape: Shape {
                 data: all(|shape| shape.data) + rows * rows,
                 prepared: all(|shape| shape.prepared) + rows * rows,
-                parameters: width,
+                parameters: parameters.len(),
                 residuals: rows,
             },
-            row_starts: (0..=rows).map(|row| number(row * width)).collect(),
-            pattern: (0..rows).flat_map(|_| (0..width).map(number)).collect(),
+            row_starts,
+            pattern,
+            places,
             closures,
             columns,
             parameters,
@@ -91,27 +108,36 @@ impl WhitenedPose {
         Some(inverse.transpose().as_slice().to_vec())
     }
 
-    fn whiten(&self, factor: &[f64], plain: &[f64], width: usize, whitened: &mut [f64]) {
-        let rows = self.closures.len();
-        whitened.fill(0.0);
-        for row in 0..rows {
-            let target = &mut whitened[row * width..(row + 1) * width];
-            for (k, &weight) in factor[row * rows..=row * rows + row].iter().enumerate() {
-                for (to, from) in target.iter_mut().zip(&plain[k * width..(k + 1) * width]) {
-                    *to += weight * from;
-                }
-            }
-        }
+    /// The parameters of a closure, and what it has prepared of all samples; `start` is where that begins in each.
+    fn of_closure(
+        &self,
+        closure: usize,
+        start: usize,
+        prepared: &[f64],
+        parameters: &[f64],
+    ) -> (Vec<f64>, Vec<f64>) {
+        let columns = self.columns[closure].iter();
+        let end = start + self.closures[closure].family.shape().prepared;
+        let samples = prepared.chunks_exact(self.shape.prepared);
+        (
+            columns.map(|&column| parameters[column]).collect(),
+            samples
+                .flat_map(|sample| &sample[start..end])
+                .copied()
+                .collect(),
+        )
     }
 
-    fn local(&self, closure: usize, parameters: &[f64], local: &mut Vec<f64>) {
-        local.clear();
-        local.extend(
-            self.columns[closure]
-                .iter()
-                .map(|&column| parameters[column]),
-        );
+    /// The inverse factor of each sample, by rows.
+    fn factors<'a>(&self, prepared: &'a [f64]) -> impl Iterator<Item = &'a [f64]> {
+        let (rows, width) = (self.closures.len(), self.shape.prepared);
+        let samples = prepared.chunks_exact(width);
+        samples.map(move |sample| &sample[width - rows * rows..])
     }
+}
+
+fn number(n: usize) -> u32 {
+    u32::try_from(n).unwrap_or(u32::MAX)
 }
 
 impl ResidualFamily for WhitenedPose {
@@ -140,19 +166,7 @@ impl ResidualFamily for WhitenedPose {
     }
 
     fn value(&self, prepared: &[f64], parameters: &[f64], residuals: &mut [f64]) {
-        let rows = self.closures.len();
-        let (mut plain, mut local, mut start) = (vec![0.0; rows], Vec::new(), 0);
-        for (row, closure) in self.closures.iter().enumerate() {
-            let shape = closure.family.shape();
-            self.local(row, parameters, &mut local);
-            closure.family.value(
-                &prepared[start..start + shape.prepared],
-                &local,
-                &mut plain[row..=row],
-            );
-            start += shape.prepared;
-        }
-        self.whiten(&prepared[start..], &plain, 1, residuals);
+        self.value_all(prepared, parameters, residuals);
     }
 
     fn linearize(
@@ -162,27 +176,68 @@ impl ResidualFamily for WhitenedPose {
         residuals: &mut [f64],
         jacobian: &mut [f64],
     ) {
-        let (rows, width) = (self.closures.len(), self.parameters.len());
-        let (mut plain, mut dense) = (vec![0.0; rows], vec![0.0; rows * width]);
-        let (mut local, mut entries, mut start) = (Vec::new(), Vec::new(), 0);
+        self.linearize_all(prepared, parameters, residuals, jacobian);
+    }
+
+    fn value_all(&self, prepared: &[f64], parameters: &[f64], residuals: &mut [f64]) {
+        let rows = self.closures.len();
+        let mut plain = vec![0.0; residuals.len() / rows];
+        let mut start = 0;
+        residuals.fill(0.0);
         for (row, closure) in self.closures.iter().enumerate() {
-            let shape = closure.family.shape();
-            let pattern = closure.family.pattern();
-            self.local(row, parameters, &mut local);
-            entries.resize(pattern.len(), 0.0);
-            closure.family.linearize(
-                &prepared[start..start + shape.prepared],
-                &local,
-                &mut plain[row..=row],
-                &mut entries,
-            );
-            for (&column, entry) in pattern.columns.iter().zip(&entries) {
-                dense[row * width + self.columns[row][column as usize]] = *entry;
+            let (local, own) = self.of_closure(row, start, prepared, parameters);
+            closure.family.value_all(&own, &local, &mut plain);
+            start += closure.family.shape().prepared;
+            for ((factor, plain), residuals) in (self.factors(prepared))
+                .zip(&plain)
+                .zip(residuals.chunks_exact_mut(rows))
+            {
+                for (to, residual) in residuals.iter_mut().enumerate().skip(row) {
+                    *residual += factor[to * rows + row] * plain;
+                }
             }
-            start += shape.prepared;
         }
-        let factor = &prepared[start..];
-        self.whiten(factor, &plain, 1, residuals);
-        self.whiten(factor, &dense, width, jacobian);
+    }
+
+    fn linearize_all(
+        &self,
+        prepared: &[f64],
+        parameters: &[f64],
+        residuals: &mut [f64],
+        jacobian: &mut [f64],
+    ) {
+        let rows = self.closures.len();
+        let samples = residuals.len() / rows;
+        let (mut plain, mut entries) = (vec![0.0; samples], Vec::new());
+        let mut start = 0;
+        residuals.fill(0.0);
+        jacobian.fill(0.0);
+        for (row, closure) in self.closures.iter().enumerate() {
+            let (local, own) = self.of_closure(row, start, prepared, parameters);
+            let pattern = closure.family.pattern();
+            entries.resize(samples * pattern.len(), 0.0);
+            (closure.family).linearize_all(&own, &local, &mut plain, &mut entries);
+            start += closure.family.shape().prepared;
+            let columns = pattern.columns.iter();
+            let columns: Vec<usize> = columns
+                .map(|&column| self.columns[row][column as usize])
+                .collect();
+            let of_samples = (self.factors(prepared))
+                .zip(residuals.chunks_exact_mut(rows))
+                .zip(jacobian.chunks_exact_mut(self.pattern.len()))
+                .enumerate();
+            for (sample, ((factor, residuals), jacobian)) in of_samples {
+                let entries = &entries[sample * columns.len()..][..columns.len()];
+                for (to, residual) in residuals.iter_mut().enumerate().skip(row) {
+                    let weight = factor[to * rows + row];
+                    *residual += weight * plain[sample];
+                    let of_row = &mut jacobian[self.row_starts[to] as usize..];
+                    let places = &self.places[to];
+                    for (&column, entry) in columns.iter().zip(entries) {
+                        of_row[places[column]] += weight * entry;
+                    }
+                }
+            }
+        }
     }
 }

@@ -61,5 +61,5 @@ fn without(search: &Search<'_>, effect: usize) -> Option<DVector<f64>> {
     );
     let b = fit.basis.b.select_rows(&columns);
     let solved = Cholesky::new(&b * b.transpose())?.solve(&amplitudes);
-    Some(&fit.residuals - &fit.basis.q * b.tr_mul(&solved))
+    Some(&fit.residuals - &*fit.basis.q * b.tr_mul(&solved))
 }

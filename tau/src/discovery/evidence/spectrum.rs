@@ -85,6 +85,6 @@ fn left_by(base: &View, residuals: &DVector<f64>, factors: &[f64]) -> DVector<f6
         }
     }
     let absorbed = base.q.tr_mul(&rescaled);
-    rescaled.gemv(-1.0, &base.q, &absorbed, 1.0);
+    rescaled.gemv(-1.0, &*base.q, &absorbed, 1.0);
     rescaled
 }

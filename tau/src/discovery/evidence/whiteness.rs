@@ -161,7 +161,7 @@ mod tests {
                 left.rows(width, left.len() - width),
             );
             naive += head.dot(&tail) / left.norm_squared() / f64::from(trials);
-            let found = series(left.as_slice().to_vec(), basis.q.clone(), width).correlation();
+            let found = series(left.as_slice().to_vec(), (*basis.q).clone(), width).correlation();
             rejected += usize::from(found.p_value < 0.1);
             mean += found.lag1 / f64::from(trials);
         }
