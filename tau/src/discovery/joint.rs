@@ -282,13 +282,13 @@ impl Joint {
                 jacobian.set(row, self.used.len() + k, derivative * factors[row]);
             }
         }
-        for column in 0..columns {
+        for (column, &value) in fitted.iter().enumerate() {
             let row = rows + column;
             let prior = self.priors.get(column);
             let known = prior.and_then(|p| Some((p.value, p.tolerance.filter(|t| *t > 0.0)?)));
             if let Some((mean, tolerance)) = known {
                 jacobian.set(row, column, tolerance.recip());
-                residuals[row] = (fitted[column] - mean) / tolerance;
+                residuals[row] = (value - mean) / tolerance;
             } else {
                 let norm = jacobian.norm(column);
                 let weak = if norm > 0.0 { WEAK * norm } else { 1.0 };
