@@ -254,18 +254,17 @@ impl Bench {
                 .collect();
             best[*candidate] = self.best_column(*candidate, &norms, &left, coefficients.ncols());
         }
-        for &Scan { candidate, .. } in &self.scans.scans {
-            let Some((_, (low, high))) = self.candidates[candidate].search else {
-                continue;
+        let searched = parallel::map(&self.scans.scans, |&Scan { candidate, .. }| {
+            let (_, (low, high)) = self.candidates[candidate].search?;
+            let (columns, subspace) = self.at(view, candidate, (low * high).sqrt())?;
+            let left = view.remainder(&columns);
+            let norms = |matrix: &DMatrix<f64>| -> Vec<f64> {
+                matrix.column_iter().map(|column| column.norm()).collect()
             };
-            if let Some((columns, subspace)) = self.at(view, candidate, (low * high).sqrt()) {
-                let left = view.remainder(&columns);
-                let norms = |matrix: &DMatrix<f64>| -> Vec<f64> {
-                    matrix.column_iter().map(|column| column.norm()).collect()
-                };
-                best[candidate] =
-                    self.best_column(candidate, &norms(&columns), &norms(&left), subspace.rank());
-            }
+            self.best_column(candidate, &norms(&columns), &norms(&left), subspace.rank())
+        });
+        for (Scan { candidate, .. }, found) in self.scans.scans.iter().zip(searched) {
+            best[*candidate] = found;
         }
         best
     }

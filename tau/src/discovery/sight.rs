@@ -1,6 +1,6 @@
 //! What these measurements could show at all, before residuals are looked at.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use tau_codegen::language::Model;
 use tau_codegen::language::model::{Place, Readable};
@@ -8,6 +8,7 @@ use tau_codegen::language::model::{Place, Readable};
 use super::bench::{Bench, Table};
 use super::candidates::Candidate;
 use super::distribution::detectable_noncentrality;
+use super::parallel;
 use super::results::{Detectable, Unseen};
 use super::samples::Sample;
 use super::selection::LEVEL;
@@ -31,10 +32,24 @@ pub(super) fn sight(
 ) -> (Vec<Detectable>, Vec<Unseen>) {
     let (mut detectable, mut unseen) = (Vec::new(), Vec::new());
     let tested = bench.candidates.len() as f64;
-    let mut thresholds: BTreeMap<u64, f64> = BTreeMap::new();
-    let best_columns = bench.best_columns(view, table);
-    for (index, candidate) in bench.candidates.iter().enumerate() {
-        let constant = constant(&bench.model, candidate, &bench.samples);
+    let (best_columns, constants) = parallel::both(
+        || bench.best_columns(view, table),
+        || {
+            parallel::map(&bench.candidates, |candidate| {
+                constant(&bench.model, candidate, &bench.samples)
+            })
+        },
+    );
+    let ranks = best_columns
+        .iter()
+        .flatten()
+        .map(|(_, rank)| rank.to_bits());
+    let ranks: Vec<u64> = ranks.collect::<BTreeSet<u64>>().into_iter().collect();
+    let lambdas = parallel::map(&ranks, |&rank| {
+        detectable_noncentrality(f64::from_bits(rank), LEVEL / tested, POWER)
+    });
+    let thresholds: BTreeMap<u64, f64> = ranks.into_iter().zip(lambdas).collect();
+    for ((index, candidate), constant) in bench.candidates.iter().enumerate().zip(constants) {
         if constant.is_some() {
             bench.hidden.insert(index);
         }
@@ -61,9 +76,7 @@ pub(super) fn sight(
             continue;
         };
         let parameter = &candidate.parameters[best.parameter];
-        let lambda = *thresholds
-            .entry(rank.to_bits())
-            .or_insert_with(|| detectable_noncentrality(rank, LEVEL / tested, POWER));
+        let lambda = thresholds[&rank.to_bits()];
         let amplitude = lambda.sqrt() / best.left;
         let surviving = (best.left / best.whole).powi(2);
         let hopeless = parameter

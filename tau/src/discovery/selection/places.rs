@@ -5,6 +5,7 @@ use std::collections::BTreeSet;
 use tau_codegen::language::model::Place;
 
 use super::super::bench::{Score, f_form};
+use super::super::parallel;
 use super::super::projection::Subspace;
 use super::super::scan::AS_GOOD;
 use super::super::view::View;
@@ -157,19 +158,23 @@ impl Search<'_> {
         taken: &[usize],
     ) -> Option<(Score, Subspace)> {
         let effect = self.bench.candidates[candidate].effect;
-        let scored = (0..self.bench.candidates.len()).filter_map(|place| {
+        let is_one = |&place: &usize| {
             let described = &self.bench.candidates[place];
-            let is_one = described.effect == effect
+            described.effect == effect
                 && described.search.is_none()
                 && !self.is_common(place)
                 && !taken.contains(&place)
                 && self.is_open(place)
-                && !self.bench.hidden.contains(&place);
-            let (_, subspace) = is_one.then(|| self.bench.subspace(view, place, None))??;
+                && !self.bench.hidden.contains(&place)
+        };
+        let places: Vec<usize> = (0..self.bench.candidates.len()).filter(is_one).collect();
+        let scored = parallel::map(&places, |&place| {
+            let (_, subspace) = self.bench.subspace(view, place, None)?;
             let statistic = subspace.statistic(&view.residuals);
             let rank = subspace.rank() as f64;
             Some((self.bench.score_of(view, place, statistic, rank), subspace))
         });
+        let scored = scored.into_iter().flatten();
         scored.max_by(|a, b| a.0.bic.total_cmp(&b.0.bic))
     }
 
