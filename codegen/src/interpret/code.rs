@@ -12,7 +12,7 @@ use translation::Translation;
 
 /// Blocks over which an instruction runs: enough to hide its decoding, few enough for the slots of a
 /// residual to stay in cache.
-const CHUNK: usize = 12;
+const CHUNK: usize = 10;
 /// One value for the samples of a chunk.
 type Slot = [Lanes; CHUNK];
 
@@ -37,6 +37,22 @@ enum Action {
     Copy,
 }
 
+/// What is done at once with the result r of an action, which nothing else reads: it is never stored.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Then {
+    Nothing,
+    /// `r + x`
+    Add,
+    /// `r - x`
+    Subtract,
+    /// `r * x`
+    Multiply,
+    /// `r + x * y`, rounded twice.
+    AddProduct,
+    /// `r - x * y`
+    SubtractProduct,
+}
+
 /// Where a result goes.
 #[derive(Debug, Clone, Copy)]
 enum Target {
@@ -49,6 +65,9 @@ enum Target {
 struct Instruction {
     action: Action,
     operands: [usize; 4],
+    then: Then,
+    /// x and y of what is done then.
+    further: [usize; 2],
     target: Target,
 }
 
@@ -175,7 +194,6 @@ impl Kernel for Run<'_> {
                 }
             }
             for instruction in &code.instructions {
-                let operands = instruction.operands;
                 match instruction.target {
                     Target::Slot(slot) => {
                         let (before, rest) = slots.split_at_mut(slot);
@@ -184,7 +202,6 @@ impl Kernel for Run<'_> {
                         };
                         instruction.run(Blocks {
                             count,
-                            operands,
                             slots: (before, after),
                             result: result.iter_mut(),
                         });
@@ -197,7 +214,6 @@ impl Kernel for Run<'_> {
                         let result = out[first * width + output..].iter_mut();
                         instruction.run(Blocks {
                             count,
-                            operands,
                             slots: (slots, &[]),
                             result: result.step_by(width),
                         });
@@ -208,44 +224,40 @@ impl Kernel for Run<'_> {
     }
 }
 
-/// An instruction's operands and result, for one sample or for blocks.
+/// What instructions run on: the numbers of one sample, or blocks.
 trait Numbers: Sized {
     type Result;
-    fn unary(self, f: impl Fn(f64) -> f64) -> Self::Result;
-    fn binary(self, f: impl Fn(f64, f64) -> f64) -> Self::Result;
-    fn ternary(self, f: impl Fn(f64, f64, f64) -> f64) -> Self::Result;
-    /// `if a < b { c } else { d }`
-    fn select(self) -> Self::Result;
+    /// A function of some operands and further ones.
+    fn map<const N: usize, const M: usize>(
+        self,
+        operands: [usize; N],
+        further: [usize; M],
+        f: impl Fn([f64; N], [f64; M]) -> f64,
+    ) -> Self::Result;
 }
 
-/// Operands of a single sample.
-struct Single([f64; 4]);
+/// Slots of a single sample.
+struct Single<'a>(&'a [f64]);
 
-impl Numbers for Single {
+impl Numbers for Single<'_> {
     type Result = f64;
 
-    fn unary(self, f: impl Fn(f64) -> f64) -> f64 {
-        f(self.0[0])
-    }
-
-    fn binary(self, f: impl Fn(f64, f64) -> f64) -> f64 {
-        f(self.0[0], self.0[1])
-    }
-
-    fn ternary(self, f: impl Fn(f64, f64, f64) -> f64) -> f64 {
-        f(self.0[0], self.0[1], self.0[2])
-    }
-
-    fn select(self) -> f64 {
-        let [a, b, c, d] = self.0;
-        if a < b { c } else { d }
+    fn map<const N: usize, const M: usize>(
+        self,
+        operands: [usize; N],
+        further: [usize; M],
+        f: impl Fn([f64; N], [f64; M]) -> f64,
+    ) -> f64 {
+        f(
+            operands.map(|slot| self.0[slot]),
+            further.map(|slot| self.0[slot]),
+        )
     }
 }
 
-/// Operands of a chunk of blocks, and where the results of its blocks go.
+/// Slots of a chunk of blocks, and where the results of its blocks go.
 struct Blocks<'a, R> {
     count: usize,
-    operands: [usize; 4],
     /// Slots before and after that of the result.
     slots: (&'a [Slot], &'a [Slot]),
     result: R,
@@ -253,24 +265,12 @@ struct Blocks<'a, R> {
 
 impl<'a, R: Iterator<Item = &'a mut Lanes>> Blocks<'a, R> {
     #[inline(always)]
-    fn operand(&self, index: usize) -> &'a Slot {
+    fn slot(&self, index: usize) -> &'a Slot {
         let (before, after) = self.slots;
         // A result's slot is never an operand's.
-        match self.operands[index].checked_sub(before.len()) {
-            None => &before[self.operands[index]],
+        match index.checked_sub(before.len()) {
+            None => &before[index],
             Some(place) => &after[place - 1],
-        }
-    }
-
-    #[inline(always)]
-    fn map(self, f: impl Fn(usize, usize) -> f64) {
-        for (block, result) in (0..self.count.min(CHUNK)).zip(self.result) {
-            // A value of its own tells the compiler that the result overlaps no operand.
-            let mut value = Lanes::ZERO;
-            for lane in 0..LANES {
-                value[lane] = f(block, lane);
-            }
-            *result = value;
         }
     }
 }
@@ -279,57 +279,109 @@ impl<'a, R: Iterator<Item = &'a mut Lanes>> Numbers for Blocks<'a, R> {
     type Result = ();
 
     #[inline(always)]
-    fn unary(self, f: impl Fn(f64) -> f64) {
-        let a = self.operand(0);
-        self.map(|block, lane| f(a[block][lane]));
-    }
-
-    #[inline(always)]
-    fn binary(self, f: impl Fn(f64, f64) -> f64) {
-        let (a, b) = (self.operand(0), self.operand(1));
-        self.map(|block, lane| f(a[block][lane], b[block][lane]));
-    }
-
-    #[inline(always)]
-    fn ternary(self, f: impl Fn(f64, f64, f64) -> f64) {
-        let (a, b, c) = (self.operand(0), self.operand(1), self.operand(2));
-        self.map(|block, lane| f(a[block][lane], b[block][lane], c[block][lane]));
-    }
-
-    #[inline(always)]
-    fn select(self) {
-        let (a, b) = (self.operand(0), self.operand(1));
-        let (c, d) = (self.operand(2), self.operand(3));
-        self.map(|block, lane| {
-            if a[block][lane] < b[block][lane] {
-                c[block][lane]
-            } else {
-                d[block][lane]
+    fn map<const N: usize, const M: usize>(
+        self,
+        operands: [usize; N],
+        further: [usize; M],
+        f: impl Fn([f64; N], [f64; M]) -> f64,
+    ) {
+        let operands = operands.map(|index| self.slot(index));
+        let further = further.map(|index| self.slot(index));
+        for (block, result) in (0..self.count.min(CHUNK)).zip(self.result) {
+            // A value of its own tells the compiler that the result overlaps no operand.
+            let mut value = Lanes::ZERO;
+            for lane in 0..LANES {
+                value[lane] = f(
+                    operands.map(|slot| slot[block][lane]),
+                    further.map(|slot| slot[block][lane]),
+                );
             }
-        });
+            *result = value;
+        }
     }
 }
 
 impl Instruction {
     fn number(&self, slots: &[f64]) -> f64 {
-        self.run(Single(self.operands.map(|slot| slots[slot])))
+        self.run(Single(slots))
     }
 
     #[inline(always)]
     fn run<N: Numbers>(&self, numbers: N) -> N::Result {
-        match self.action {
-            Action::Add => numbers.binary(|a, b| a + b),
-            Action::Subtract => numbers.binary(|a, b| a - b),
-            Action::Multiply => numbers.binary(|a, b| a * b),
-            Action::Divide => numbers.binary(|a, b| a / b),
-            Action::Negate => numbers.unary(|a| -a),
-            Action::MultiplyAdd => numbers.ternary(|a, b, c| a * b + c),
-            Action::MultiplySubtract => numbers.ternary(|a, b, c| a * b - c),
-            Action::SubtractProduct => numbers.ternary(|a, b, c| c - a * b),
-            Action::Select => numbers.select(),
-            Action::Apply(function) => numbers.unary(elementary(function)),
-            Action::Copy => numbers.unary(|a| a),
+        let [x, y] = self.further;
+        match self.then {
+            Then::Nothing => self.alone(numbers),
+            Then::Add => self.and_then(numbers, [x], |r, [x]| r + x),
+            Then::Subtract => self.and_then(numbers, [x], |r, [x]| r - x),
+            Then::Multiply => self.and_then(numbers, [x], |r, [x]| r * x),
+            Then::AddProduct => self.and_then(numbers, [x, y], |r, [x, y]| r + x * y),
+            Then::SubtractProduct => self.and_then(numbers, [x, y], |r, [x, y]| r - x * y),
         }
+    }
+
+    #[inline(always)]
+    fn alone<N: Numbers>(&self, numbers: N) -> N::Result {
+        let [a, b, c, d] = self.operands;
+        match self.action {
+            Action::Divide => numbers.map([a, b], [], |[a, b], []| a / b),
+            Action::Negate => numbers.map([a], [], |[a], []| -a),
+            Action::Select => numbers.map(
+                [a, b, c, d],
+                [],
+                |[a, b, c, d], []| {
+                    if a < b { c } else { d }
+                },
+            ),
+            Action::Apply(function) => {
+                let function = elementary(function);
+                numbers.map([a], [], |[a], []| function(a))
+            }
+            Action::Copy => numbers.map([a], [], |[a], []| a),
+            _ => self.and_then(numbers, [], |r, []| r),
+        }
+    }
+
+    /// Of the actions that have something done then; see [`Action::is_arithmetic`].
+    #[inline(always)]
+    fn and_then<N: Numbers, const M: usize>(
+        &self,
+        numbers: N,
+        further: [usize; M],
+        then: impl Fn(f64, [f64; M]) -> f64,
+    ) -> N::Result {
+        let [a, b, c, _] = self.operands;
+        match self.action {
+            Action::Add => numbers.map([a, b], further, |[a, b], m| then(a + b, m)),
+            Action::Subtract => numbers.map([a, b], further, |[a, b], m| then(a - b, m)),
+            Action::Multiply => numbers.map([a, b], further, |[a, b], m| then(a * b, m)),
+            Action::MultiplyAdd => {
+                numbers.map([a, b, c], further, |[a, b, c], m| then(a * b + c, m))
+            }
+            Action::MultiplySubtract => {
+                numbers.map([a, b, c], further, |[a, b, c], m| then(a * b - c, m))
+            }
+            Action::SubtractProduct => {
+                numbers.map([a, b, c], further, |[a, b, c], m| then(c - a * b, m))
+            }
+            Action::Divide | Action::Negate | Action::Select | Action::Apply(_) | Action::Copy => {
+                unreachable!("nothing is done at once with these results")
+            }
+        }
+    }
+}
+
+impl Action {
+    /// Whether its result may be used at once instead of being stored.
+    fn is_arithmetic(self) -> bool {
+        matches!(
+            self,
+            Self::Add
+                | Self::Subtract
+                | Self::Multiply
+                | Self::MultiplyAdd
+                | Self::MultiplySubtract
+                | Self::SubtractProduct
+        )
     }
 }
 

@@ -2,7 +2,7 @@
 
 use rustc_hash::FxHashMap;
 
-use super::{Action, Code, Instruction, Target};
+use super::{Action, Code, Instruction, Target, Then};
 use crate::program::{Operand, Operation, Program};
 
 /// Where a value is before slots are given out.
@@ -26,8 +26,44 @@ pub(super) struct Translation<'a> {
     shared: Vec<Instruction>,
     /// Where each temporary is; `None` for products inside a later instruction.
     temporaries: Vec<Option<Source>>,
-    /// Instructions for samples: action, operands, temporary.
-    varying: Vec<(Action, Vec<Source>, usize)>,
+    /// Instructions for samples.
+    varying: Vec<Step>,
+}
+
+/// An instruction whose slots are not given out yet.
+#[derive(Debug, Clone)]
+struct Step {
+    action: Action,
+    operands: Vec<Source>,
+    then: Then,
+    further: Vec<Source>,
+    /// What it computes.
+    temporary: usize,
+}
+
+impl Step {
+    fn sources(&self) -> impl Iterator<Item = Source> {
+        self.operands.iter().chain(&self.further).copied()
+    }
+
+    /// What it does with an operand that is computed right before it, and its other operands.
+    fn with_first(&self, first: Source) -> Option<(Then, Vec<Source>)> {
+        if self.then != Then::Nothing {
+            return None;
+        }
+        Some(match (self.action, self.operands.as_slice()) {
+            (Action::Add, &[a, b]) if b == first => (Then::Add, vec![a]),
+            (Action::Add, &[a, b]) if a == first => (Then::Add, vec![b]),
+            (Action::Subtract, &[a, b]) if a == first => (Then::Subtract, vec![b]),
+            (Action::Multiply, &[a, b]) if b == first => (Then::Multiply, vec![a]),
+            (Action::Multiply, &[a, b]) if a == first => (Then::Multiply, vec![b]),
+            (Action::MultiplyAdd, &[a, b, c]) if c == first => (Then::AddProduct, vec![a, b]),
+            (Action::SubtractProduct, &[a, b, c]) if c == first => {
+                (Then::SubtractProduct, vec![a, b])
+            }
+            _ => return None,
+        })
+    }
 }
 
 impl<'a> Translation<'a> {
@@ -43,6 +79,7 @@ impl<'a> Translation<'a> {
         };
         translation.collect_constants();
         translation.translate();
+        translation.join();
         translation
     }
 
@@ -100,14 +137,63 @@ impl<'a> Translation<'a> {
                 self.shared.push(Instruction {
                     action,
                     operands: padded(&operands),
+                    then: Then::Nothing,
+                    further: [0; 2],
                     target: Target::Slot(result),
                 });
                 Source::Shared(result)
             } else {
-                self.varying.push((action, sources, index));
+                self.varying.push(Step {
+                    action,
+                    operands: sources,
+                    then: Then::Nothing,
+                    further: vec![],
+                    temporary: index,
+                });
                 Source::Result(index)
             });
         }
+    }
+
+    /// Joins a step with the one that alone reads its result: that saves storing and reading it.
+    fn join(&mut self) {
+        let mut uses = vec![0_usize; self.program.operations.len()];
+        let outputs = self.program.outputs.iter();
+        let outputs = outputs.filter_map(|&output| self.source(output));
+        for source in (self.varying.iter().flat_map(Step::sources)).chain(outputs) {
+            if let Source::Result(temporary) = source {
+                uses[temporary] += 1;
+            }
+        }
+        let mut place_of: Vec<Option<usize>> = vec![None; uses.len()];
+        let mut joined: Vec<Option<Step>> = Vec::with_capacity(self.varying.len());
+        for step in self.varying.drain(..) {
+            let found = step.operands.iter().find_map(|&source| {
+                let Source::Result(temporary) = source else {
+                    return None;
+                };
+                let place = place_of[temporary].filter(|_| uses[temporary] == 1)?;
+                let first = joined[place].as_ref()?;
+                let can_join = first.then == Then::Nothing && first.action.is_arithmetic();
+                let (then, further) = step.with_first(source).filter(|_| can_join)?;
+                Some((place, then, further))
+            });
+            place_of[step.temporary] = Some(joined.len());
+            let step = match found {
+                Some((place, then, further)) => match joined[place].take() {
+                    Some(first) => Step {
+                        then,
+                        further,
+                        temporary: step.temporary,
+                        ..first
+                    },
+                    None => step,
+                },
+                None => step,
+            };
+            joined.push(Some(step));
+        }
+        self.varying = joined.into_iter().flatten().collect();
     }
 
     /// Which products only one sum reads: they become part of it, unless all samples share them.
@@ -182,20 +268,20 @@ impl<'a> Translation<'a> {
             .collect();
         let mut copied: Vec<usize> = Vec::new();
         let mut copies: FxHashMap<usize, usize> = FxHashMap::default();
-        let sources = self.varying.iter().flat_map(|(_, sources, _)| sources);
-        for source in sources.chain(stored.iter().flatten()) {
+        let sources = self.varying.iter().flat_map(Step::sources);
+        for source in sources.chain(stored.iter().flatten().copied()) {
             if let Source::Shared(slot) = source
-                && *copies.entry(*slot).or_insert(copied.len()) == copied.len()
+                && *copies.entry(slot).or_insert(copied.len()) == copied.len()
             {
-                copied.push(*slot);
+                copied.push(slot);
             }
         }
         let temporaries = self.program.operations.len();
         let mut last_use: Vec<Option<usize>> = vec![None; temporaries];
-        for (position, (_, sources, _)) in self.varying.iter().enumerate() {
-            for source in sources {
+        for (position, step) in self.varying.iter().enumerate() {
+            for source in step.sources() {
                 if let Source::Result(temporary) = source {
-                    last_use[*temporary] = Some(position);
+                    last_use[temporary] = Some(position);
                 }
             }
         }
@@ -222,6 +308,8 @@ impl<'a> Translation<'a> {
             code.instructions.push(Instruction {
                 action: Action::Copy,
                 operands: [place; 4],
+                then: Then::Nothing,
+                further: [0; 2],
                 target: Target::Output(output),
             });
         };
@@ -236,16 +324,17 @@ impl<'a> Translation<'a> {
                 copy(&mut code, output, place);
             }
         }
-        for (position, (action, sources, temporary)) in self.varying.iter().enumerate() {
-            let operands: Vec<usize> = sources
-                .iter()
-                .filter_map(|&source| match source {
+        for (position, step) in self.varying.iter().enumerate() {
+            let slots = |sources: &[Source]| -> Vec<usize> {
+                let slot = |&source: &Source| match source {
                     Source::Result(temporary) => slot_of[temporary],
                     other => at_once(other),
-                })
-                .collect();
-            let stores = &stores_of[*temporary];
-            let is_read = last_use[*temporary].is_some();
+                };
+                sources.iter().filter_map(slot).collect()
+            };
+            let (operands, further) = (slots(&step.operands), slots(&step.further));
+            let stores = &stores_of[step.temporary];
+            let is_read = last_use[step.temporary].is_some();
             let target = match stores.as_slice() {
                 &[output] if !is_read => Target::Output(output),
                 _ => Target::Slot(free.pop().unwrap_or_else(|| {
@@ -254,8 +343,10 @@ impl<'a> Translation<'a> {
                 })),
             };
             code.instructions.push(Instruction {
-                action: *action,
+                action: step.action,
                 operands: padded(&operands),
+                then: step.then,
+                further: padded(&further),
                 target,
             });
             if let Target::Slot(slot) = target {
@@ -263,15 +354,15 @@ impl<'a> Translation<'a> {
                     copy(&mut code, output, slot);
                 }
                 if is_read {
-                    slot_of[*temporary] = Some(slot);
+                    slot_of[step.temporary] = Some(slot);
                 } else {
                     free.push(slot);
                 }
             }
-            for source in sources {
+            for source in step.sources() {
                 if let Source::Result(operand) = source
-                    && last_use[*operand] == Some(position)
-                    && let Some(slot) = slot_of[*operand].take()
+                    && last_use[operand] == Some(position)
+                    && let Some(slot) = slot_of[operand].take()
                 {
                     free.push(slot);
                 }
@@ -282,8 +373,8 @@ impl<'a> Translation<'a> {
 }
 
 /// Operands that an action does not have repeat the first.
-fn padded(operands: &[usize]) -> [usize; 4] {
-    let mut padded = [operands.first().copied().unwrap_or(0); 4];
+fn padded<const N: usize>(operands: &[usize]) -> [usize; N] {
+    let mut padded = [operands.first().copied().unwrap_or(0); N];
     for (slot, &operand) in padded.iter_mut().zip(operands) {
         *slot = operand;
     }
