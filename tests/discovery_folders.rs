@@ -13,6 +13,13 @@ use tempfile::TempDir;
 
 use crate::support::{ROBOTS, fields, gantry_tau, prototype, tau_in};
 
+/// The noise of a linear delta's trackers, and nothing else.
+const DELTA: &str = "robot = \"LinearDelta\"
+[noise]
+position_m = 1e-5
+rotation_rad = 4e-5
+";
+
 /// A trial's measurements in a folder of their own, without what was hidden in them.
 fn trial(name: &str) -> TempDir {
     let trials = Path::new(env!("CARGO_MANIFEST_DIR")).join("../data/trials");
@@ -520,17 +527,29 @@ fn rows_stand_in_any_order_where_times_are_given() {
     assert!(lag1(&shuffled) > 0.3);
 }
 
+/// What is several times as large as expected bends by more than noise, and families with many columns follow the bend
+/// where the effect's own derivatives at zero do not.
+#[test]
+fn a_strong_effect_has_its_name() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("delta.toml"), DELTA).unwrap();
+    let with = "--model ROBOTS/linear_delta.tau";
+    let hidden = "--seed 57 --warming 6 --effect backlash(c):gap=4.31e-4";
+    let line =
+        format!("tau simulate {with} --robot DIR/delta.toml --out DIR/measured --random {hidden}");
+    tau_in(folder.path(), &line).done();
+    let line = format!("tau discover DIR/measured {with} --out DIR/out --json -");
+    let found = tau_in(folder.path(), &line).json();
+    assert_eq!(effects(&found), ["backlash(c)"]);
+    assert_eq!(found["status"], "explained");
+}
+
 /// What a description says to expect of an effect is no reason to overlook it. The robot file gives no dimensions: they
 /// are the description's as well.
 #[test]
 fn an_effect_of_the_expected_size_is_found() {
     let folder = tempfile::tempdir().unwrap();
-    let robot = "robot = \"LinearDelta\"
-[noise]
-position_m = 1e-5
-rotation_rad = 4e-5
-";
-    fs::write(folder.path().join("delta.toml"), robot).unwrap();
+    fs::write(folder.path().join("delta.toml"), DELTA).unwrap();
     let with = "--model ROBOTS/linear_delta.tau";
     let hidden = "--seed 3 --warming 6 --effect link_thermal(all):expansion=1.2e-5";
     let line =
@@ -563,16 +582,12 @@ fn carts_yield_in_set_2_where_their_load_changes() {
         description = format!("{before}{cluster}{}", after.replace("(0, 0, 1)", direction));
     }
     fs::write(folder.path().join("leaning.tau"), description).unwrap();
-    let robot = "robot = \"LinearDelta\"
-[noise]
-position_m = 1e-5
-rotation_rad = 4e-5
-[payload]
+    let payload = "[payload]
 mass_kg = 20.0
 centre_m = [0.0, 0.0, 0.0]
 gravity_m_s2 = [0.0, 0.0, -9.81]
 ";
-    fs::write(folder.path().join("delta.toml"), robot).unwrap();
+    fs::write(folder.path().join("delta.toml"), [DELTA, payload].concat()).unwrap();
     let hidden = "cart_compliance(c):along_compliance=7e-7,horizontal_compliance=9e-7";
     let line = format!(
         "tau simulate --model DIR/leaning.tau --robot DIR/delta.toml --out DIR/measured --random --seed 1 \
