@@ -171,9 +171,13 @@ impl Candidate {
                 });
             }
         }
-        let searched = search.map(|(searched, _)| searched);
         let start: Vec<f64> = parameters.iter().map(|parameter| parameter.none).collect();
-        for (parameter, none) in parameters.iter_mut().zip(at_none(effect, start, searched)) {
+        // An optional parameter that is not taken stays where it starts.
+        let held = |k: usize| {
+            parameters[k].is_optional || search.is_some_and(|(searched, _)| searched == k)
+        };
+        let none = at_none(effect, start, held);
+        for (parameter, none) in parameters.iter_mut().zip(none) {
             parameter.none = none;
         }
         Self {
@@ -359,9 +363,9 @@ impl Candidate {
 /// Parameter values at which an effect does nothing: those at which it starts where that is so, or else with as few
 /// zeros in their place as it takes. An expansion may start at what is expected of steel; a length over which something
 /// decays is not zero where nothing is there to decay.
-fn at_none(effect: &Effect, start: Vec<f64>, searched: Option<usize>) -> Vec<f64> {
+fn at_none(effect: &Effect, start: Vec<f64>, held: impl Fn(usize) -> bool) -> Vec<f64> {
     let expected: Vec<usize> = (0..start.len())
-        .filter(|&k| Some(k) != searched && start[k] != 0.0)
+        .filter(|&k| !held(k) && start[k] != 0.0)
         .collect();
     if expected.is_empty() {
         return start;
@@ -541,7 +545,8 @@ mod tests {
             effect worn on cart { param a: length = 5 um; param reach: length = 300 mm;
                 along += a * exp(-q/reach); }
             effect both on cart { param a, b: length = 5 um; along += a * q / (1 m); vertical += b; }
-            effect fixed on cart { param a: length = 5 um; along += a + 1 um; }";
+            effect fixed on cart { param a: length = 5 um; along += a + 1 um; }
+            effect geared on cart { optional param gain: ratio = 2; param a: length = 5 um; along += gain * a; }";
         let model = effects_from_text(text, &model).unwrap();
         let place = Place::Cart {
             track: 0,
@@ -550,7 +555,14 @@ mod tests {
         let none = |index: usize| {
             Candidate::new(index, &model.effects[index], place, String::new(), None).none()
         };
-        let expected: [&[f64]; 5] = [&[0.0, 0.0], &[0.0, 0.3], &[0.0, 0.3], &[0.0, 0.0], &[5e-6]];
+        let expected: [&[f64]; 6] = [
+            &[0.0, 0.0],
+            &[0.0, 0.3],
+            &[0.0, 0.3],
+            &[0.0, 0.0],
+            &[5e-6],
+            &[2.0, 0.0],
+        ];
         for (index, expected) in expected.into_iter().enumerate() {
             assert_eq!(none(index), expected, "{}", model.effects[index].name);
         }
