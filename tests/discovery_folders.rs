@@ -11,14 +11,7 @@ use tau::simulation::{Effect, LinkError, Physics, Simulation, simulate};
 use tau_model_dsl::model::Place;
 use tempfile::TempDir;
 
-use crate::support::{ROBOTS, fields, gantry_tau, prototype, tau_in};
-
-/// The noise of a linear delta's trackers, and nothing else.
-const DELTA: &str = "robot = \"LinearDelta\"
-[noise]
-position_m = 1e-5
-rotation_rad = 4e-5
-";
+use crate::support::{fields, gantry_tau, prototype, tau_in};
 
 /// A trial's measurements in a folder of their own, without what was hidden in them.
 fn trial(name: &str) -> TempDir {
@@ -81,7 +74,7 @@ fn list<'a>(found: &'a Value, name: &str) -> &'a [Value] {
 }
 
 /// Effects with their places, sorted.
-fn effects(found: &Value) -> Vec<String> {
+pub(crate) fn effects(found: &Value) -> Vec<String> {
     let mut effects: Vec<String> = list(found, "effects")
         .iter()
         .map(|effect| {
@@ -525,80 +518,4 @@ fn rows_stand_in_any_order_where_times_are_given() {
     let lag1 = |found: &Value| found["whiteness"]["after"]["lag1"].as_f64().unwrap();
     assert!((lag1(&shuffled) - lag1(&in_order)).abs() < 1e-6);
     assert!(lag1(&shuffled) > 0.3);
-}
-
-/// What is several times as large as expected bends by more than noise, and families with many columns follow the bend
-/// where the effect's own derivatives at zero do not.
-#[test]
-fn a_strong_effect_has_its_name() {
-    let folder = tempfile::tempdir().unwrap();
-    fs::write(folder.path().join("delta.toml"), DELTA).unwrap();
-    let with = "--model ROBOTS/linear_delta.tau";
-    let hidden = "--seed 57 --warming 6 --effect backlash(c):gap=4.31e-4";
-    let line =
-        format!("tau simulate {with} --robot DIR/delta.toml --out DIR/measured --random {hidden}");
-    tau_in(folder.path(), &line).done();
-    let line = format!("tau discover DIR/measured {with} --out DIR/out --json -");
-    let found = tau_in(folder.path(), &line).json();
-    assert_eq!(effects(&found), ["backlash(c)"]);
-    assert_eq!(found["status"], "explained");
-}
-
-/// What a description says to expect of an effect is no reason to overlook it. The robot file gives no dimensions: they
-/// are the description's as well.
-#[test]
-fn an_effect_of_the_expected_size_is_found() {
-    let folder = tempfile::tempdir().unwrap();
-    fs::write(folder.path().join("delta.toml"), DELTA).unwrap();
-    let with = "--model ROBOTS/linear_delta.tau";
-    let hidden = "--seed 3 --warming 6 --effect link_thermal(all):expansion=1.2e-5";
-    let line =
-        format!("tau simulate {with} --robot DIR/delta.toml --out DIR/measured --random {hidden}");
-    tau_in(folder.path(), &line).done();
-    let line = format!("tau discover DIR/measured {with} --out DIR/out --json -");
-    let found = tau_in(folder.path(), &line).json();
-    assert_eq!(effects(&found), ["link_thermal(all)"]);
-    let expansion = &found["effects"][0]["parameters"]["expansion"];
-    let [value, sigma] = ["value", "sigma"].map(|key| expansion[key].as_f64().unwrap());
-    assert!(
-        (value - 1.2e-5).abs() < 4.0 * sigma && sigma < 1e-6,
-        "{expansion}"
-    );
-}
-
-/// All carts move equally in set 2, and on tracks that lean towards each other that changes what the arm weighs on them.
-#[test]
-fn carts_yield_in_set_2_where_their_load_changes() {
-    let folder = tempfile::tempdir().unwrap();
-    let upright = fs::read_to_string(format!("{ROBOTS}/linear_delta.tau")).unwrap();
-    let leaning = [
-        ("cluster arm_a", "(0.8660254, 0, 0.5)"),
-        ("cluster arm_b", "(-0.4330127, 0.75, 0.5)"),
-        ("cluster arm_c", "(-0.4330127, -0.75, 0.5)"),
-    ];
-    let mut description = upright;
-    for (cluster, direction) in leaning.into_iter().rev() {
-        let (before, after) = description.split_once(cluster).unwrap();
-        description = format!("{before}{cluster}{}", after.replace("(0, 0, 1)", direction));
-    }
-    fs::write(folder.path().join("leaning.tau"), description).unwrap();
-    let payload = "[payload]
-mass_kg = 20.0
-centre_m = [0.0, 0.0, 0.0]
-gravity_m_s2 = [0.0, 0.0, -9.81]
-";
-    fs::write(folder.path().join("delta.toml"), [DELTA, payload].concat()).unwrap();
-    let hidden = "cart_compliance(c):along_compliance=7e-7,horizontal_compliance=9e-7";
-    let line = format!(
-        "tau simulate --model DIR/leaning.tau --robot DIR/delta.toml --out DIR/measured --random --seed 1 \
-         --effect {hidden}"
-    );
-    tau_in(folder.path(), &line).done();
-    let line = "tau discover DIR/measured --model DIR/leaning.tau --out DIR/out --json -";
-    let found = tau_in(folder.path(), line).json();
-    assert_eq!(effects(&found), ["cart_compliance(c)"]);
-    assert_eq!(found["status"], "explained");
-    let along = &found["effects"][0]["parameters"]["along_compliance"];
-    let [value, sigma] = ["value", "sigma"].map(|key| along[key].as_f64().unwrap());
-    assert!((value - 7e-7).abs() < 4.0 * sigma, "{along}");
 }

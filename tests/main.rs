@@ -9,6 +9,7 @@ mod derivatives;
 mod discover_command;
 mod discovery;
 mod discovery_folders;
+mod discovery_robots;
 mod discovery_tracks;
 mod docs;
 mod effects;

@@ -1,10 +1,10 @@
 //! Candidates: effects at places, with the columns that they would add to the Jacobian.
 
+mod scope;
+
 use nalgebra::DMatrix;
 use tau_codegen::equations;
-use tau_codegen::language::model::{
-    Effect, EffectUse, Formula, Model, Place, Readable, Target, Term,
-};
+use tau_codegen::language::model::{Effect, EffectUse, Formula, Model, Place, Target};
 
 use super::formula::{Formulas, Series};
 use super::generic::{self, Family, Stands};
@@ -12,7 +12,9 @@ use super::probes::Probes;
 use super::samples::{NOT_FINITE, Sample};
 use crate::effects;
 use crate::kinematics::Surroundings;
-use crate::robot::{Arm, Input, Variant};
+use crate::robot::{Arm, Variant};
+pub(super) use scope::Scope;
+use scope::actions;
 
 /// An effect at a place.
 #[derive(Debug, Clone)]
@@ -42,23 +44,6 @@ pub(super) struct ParameterKind {
     pub(super) tolerance: Option<f64>,
     /// Whether it joins the effect only where it earns its place.
     is_optional: bool,
-}
-
-/// Where a term acts.
-struct Action {
-    /// Indices of the probes of the target's components, which act on the same samples.
-    probes: Vec<usize>,
-    scope: Scope,
-}
-
-/// What a formula's words mean.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Scope {
-    command: Option<usize>,
-    track: Option<usize>,
-    source: Option<usize>,
-    link: Option<usize>,
-    length: Option<f64>,
 }
 
 /// Derivatives of a term by the parameters at every sample, with the probe that carries them.
@@ -381,125 +366,6 @@ fn at_none(effect: &Effect, start: Vec<f64>, held: impl Fn(usize) -> bool) -> Ve
     tried
         .find(|values| Formulas::new(effect, values, &[]).vanish(effect))
         .unwrap_or(start)
-}
-
-/// Where a term of an effect acts at a place.
-fn actions(place: Place, model: &Model, term: &Term, probes: &Probes) -> Vec<Action> {
-    let none = Scope::NOWHERE;
-    let on_cart = |track: usize, source: Option<usize>, component: usize| Action {
-        probes: vec![probes.carts[track][component]],
-        scope: Scope {
-            command: Some(track),
-            track: Some(track),
-            source,
-            ..none
-        },
-    };
-    let axis = match term.target {
-        Target::Along => 0,
-        Target::Horizontal => 1,
-        Target::Vertical => 2,
-        Target::Roll => 3,
-        Target::Pitch => 4,
-        Target::Yaw => 5,
-        Target::Length | Target::Joint | Target::Position => 6,
-    };
-    let on_closure = |closure: usize| {
-        let owner = &probes.closures[closure];
-        Some(Action {
-            probes: match term.target {
-                Target::Length => vec![owner.length],
-                _ => owner.joint?.to_vec(),
-            },
-            scope: Scope {
-                command: owner.command,
-                link: owner.link,
-                length: Some(owner.length_m),
-                ..none
-            },
-        })
-    };
-    match place {
-        Place::Cart { track, source } => vec![on_cart(track, source, axis)],
-        Place::AllCarts => (0..model.tracks.len())
-            .map(|track| on_cart(track, None, axis))
-            .collect(),
-        Place::Link(link) => {
-            let closure = probes.closures.iter().position(|closure| {
-                closure.link == Some(link)
-                    || (closure.link.is_none() && closure.cluster == model.links[link].cluster)
-            });
-            closure.and_then(on_closure).into_iter().collect()
-        }
-        Place::AllLinks => (0..probes.closures.len()).filter_map(on_closure).collect(),
-        Place::Tcp => vec![Action {
-            probes: probes.tcp.to_vec(),
-            scope: none,
-        }],
-    }
-}
-
-impl Scope {
-    const NOWHERE: Self = Self {
-        command: None,
-        track: None,
-        source: None,
-        link: None,
-        length: None,
-    };
-
-    /// Whether there is a cart whose command `q` is.
-    pub(super) fn has_command(&self) -> bool {
-        self.command.is_some()
-    }
-
-    /// The track that `source` is.
-    pub(super) fn source(&self) -> Option<usize> {
-        self.source
-    }
-
-    /// Name of the cart or link that moves.
-    pub(super) fn name(&self, model: &Model) -> Option<String> {
-        let track = || Some(model.tracks.get(self.track?)?.name.clone());
-        let link = || Some(model.links.get(self.link?)?.name.clone());
-        track().or_else(link)
-    }
-
-    pub(super) fn read(
-        &self,
-        readable: Readable,
-        at: &[usize],
-        samples: &[Sample],
-        surroundings: &Surroundings,
-    ) -> Result<Vec<f64>, &'static str> {
-        const NO_CART: &str = "it needs a cart, and the link has none";
-        const FULL_ARM: &str = "it needs a full arm";
-        if let Readable::Length = readable {
-            return Ok(vec![self.length.ok_or(FULL_ARM)?; at.len()]);
-        }
-        let load = |component| {
-            self.track
-                .map(|track| Input::Load { track, component })
-                .ok_or(NO_CART)
-        };
-        let input = match readable {
-            Readable::Command => Input::Command(self.command.ok_or(NO_CART)?),
-            Readable::CommandOf(track) => Input::Command(track),
-            Readable::SourceCommand => Input::Command(self.source.ok_or(NO_CART)?),
-            Readable::Direction => Input::Direction(self.command.ok_or(NO_CART)?),
-            Readable::Time => Input::Time,
-            Readable::Temperature => Input::Temperature,
-            Readable::LoadAlong => load(0)?,
-            Readable::LoadHorizontal => load(1)?,
-            Readable::LoadVertical => load(2)?,
-            Readable::Tension => Input::Tension(self.link.ok_or(FULL_ARM)?),
-            Readable::Position(k) => Input::TcpPosition(k),
-            Readable::Length => return Err(FULL_ARM),
-        };
-        at.iter()
-            .map(|&sample| samples[sample].input(input, surroundings))
-            .collect()
-    }
 }
 
 /// The columns that entries add up to, one per parameter in `wanted`, on rows in units of noise.

@@ -48,9 +48,6 @@ impl Step {
 
     /// What it does with an operand that is computed right before it, and its other operands.
     fn with_first(&self, first: Source) -> Option<(Then, Vec<Source>)> {
-        if self.then != Then::Nothing {
-            return None;
-        }
         Some(match (self.action, self.operands.as_slice()) {
             (Action::Add, &[a, b]) if b == first => (Then::Add, vec![a]),
             (Action::Add, &[a, b]) if a == first => (Then::Add, vec![b]),
@@ -178,20 +175,17 @@ impl<'a> Translation<'a> {
                 let (then, further) = step.with_first(source).filter(|_| can_join)?;
                 Some((place, then, further))
             });
-            place_of[step.temporary] = Some(joined.len());
-            let step = match found {
-                Some((place, then, further)) => match joined[place].take() {
-                    Some(first) => Step {
-                        then,
-                        further,
-                        temporary: step.temporary,
-                        ..first
-                    },
-                    None => step,
-                },
-                None => step,
-            };
-            joined.push(Some(step));
+            let temporary = step.temporary;
+            place_of[temporary] = Some(joined.len());
+            let both = found.and_then(|(place, then, further)| {
+                Some(Step {
+                    then,
+                    further,
+                    temporary,
+                    ..joined[place].take()?
+                })
+            });
+            joined.push(Some(both.unwrap_or(step)));
         }
         self.varying = joined.into_iter().flatten().collect();
     }
