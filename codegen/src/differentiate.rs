@@ -65,7 +65,7 @@ fn accumulate(
                 }
             }
             _ => {
-                for (child, partial) in partials(graph, expr, adjoint) {
+                for (child, partial) in partials(graph, expr, adjoint).into_iter().flatten() {
                     if active[child.index()] {
                         let so_far = adjoints.get(&child).copied().unwrap_or(zero);
                         let total = graph.add(so_far, partial);
@@ -79,38 +79,46 @@ fn accumulate(
 }
 
 /// What an expression's adjoint adds to those of its children.
-fn partials(g: &mut Graph, expr: Expr, adjoint: Expr) -> Vec<(Expr, Expr)> {
+fn partials(g: &mut Graph, expr: Expr, adjoint: Expr) -> [Option<(Expr, Expr)>; 3] {
     match g.node(expr) {
-        Node::Constant(_) | Node::Symbol(_) | Node::Select { .. } => vec![],
-        Node::Add(a, b) => vec![(a, adjoint), (b, adjoint)],
-        Node::Negate(a) => vec![(a, g.negate(adjoint))],
-        Node::Multiply(a, b) => vec![(a, g.multiply(adjoint, b)), (b, g.multiply(adjoint, a))],
+        Node::Constant(_) | Node::Symbol(_) | Node::Select { .. } => [None; 3],
+        Node::Add(a, b) => [Some((a, adjoint)), Some((b, adjoint)), None],
+        Node::Negate(a) => [Some((a, g.negate(adjoint))), None, None],
+        Node::Multiply(a, b) => {
+            let by_a = g.multiply(adjoint, b);
+            [Some((a, by_a)), Some((b, g.multiply(adjoint, a))), None]
+        }
         Node::Divide(a, b) if g.constant_value(a) == Some(1.0) => {
             // A reciprocal is at hand as the value itself: no second division.
             let scaled = g.multiply(adjoint, expr);
             let product = g.multiply(scaled, expr);
-            vec![(b, g.negate(product))]
+            [Some((b, g.negate(product))), None, None]
         }
         Node::Divide(a, b) => {
             let by_a = g.divide(adjoint, b);
             let product = g.multiply(by_a, expr);
-            vec![(a, by_a), (b, g.negate(product))]
+            [Some((a, by_a)), Some((b, g.negate(product))), None]
         }
-        Node::Apply(function, a) => vec![(a, elementary_partial(g, function, expr, a, adjoint))],
+        Node::Apply(function, a) => {
+            let partial = elementary_partial(g, function, expr, a, adjoint);
+            [Some((a, partial)), None, None]
+        }
         Node::TurnFirst(angle, x, y) => {
             let (_, second) = g.turn(angle, x, y);
             let zero = g.constant(0.0);
             let back = g.negate(angle);
             let (to_x, to_y) = g.turn(back, adjoint, zero);
             let to_angle = g.multiply(adjoint, second);
-            vec![(angle, g.negate(to_angle)), (x, to_x), (y, to_y)]
+            let to_angle = g.negate(to_angle);
+            [(angle, to_angle), (x, to_x), (y, to_y)].map(Some)
         }
         Node::TurnSecond(angle, x, y) => {
             let (first, _) = g.turn(angle, x, y);
             let zero = g.constant(0.0);
             let back = g.negate(angle);
             let (to_x, to_y) = g.turn(back, zero, adjoint);
-            vec![(angle, g.multiply(adjoint, first)), (x, to_x), (y, to_y)]
+            let to_angle = g.multiply(adjoint, first);
+            [(angle, to_angle), (x, to_x), (y, to_y)].map(Some)
         }
     }
 }

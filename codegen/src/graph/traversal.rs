@@ -56,10 +56,7 @@ impl Graph {
             let node = self.node(expr);
             let image = match node {
                 Node::Symbol(symbol) => replacements.get(&symbol).copied().unwrap_or(expr),
-                _ => {
-                    let children: Vec<Expr> = node.children().map(|child| images[child]).collect();
-                    self.rebuild(node, &children)
-                }
+                _ => self.rebuild(node, images_of(node, &images)),
             };
             if image != expr
                 && let Some(name) = self.names.get(&expr).cloned()
@@ -72,7 +69,7 @@ impl Graph {
     }
 
     /// The same operation on other children.
-    fn rebuild(&mut self, node: Node, children: &[Expr]) -> Expr {
+    fn rebuild(&mut self, node: Node, children: [Expr; 4]) -> Expr {
         match node {
             Node::Constant(_) | Node::Symbol(_) => self.intern(node),
             Node::Add(..) => self.add(children[0], children[1]),
@@ -91,11 +88,11 @@ impl Graph {
         let mut images: ExprMap<Expr> = ExprMap::new(self);
         for expr in self.reachable(roots) {
             let node = self.node(expr);
-            let children: Vec<Expr> = node.children().map(|child| images[child]).collect();
+            let children = images_of(node, &images);
             let image = match node {
                 Node::TurnFirst(..) => self.expanded_turn(children[0], children[1], children[2]).0,
                 Node::TurnSecond(..) => self.expanded_turn(children[0], children[1], children[2]).1,
-                _ => self.rebuild(node, &children),
+                _ => self.rebuild(node, children),
             };
             if image != expr
                 && let Some(name) = self.names.get(&expr).cloned()
@@ -106,4 +103,13 @@ impl Graph {
         }
         roots.iter().map(|&root| images[root]).collect()
     }
+}
+
+/// What the children of a node have become; places that it has no children for mean nothing.
+fn images_of(node: Node, images: &ExprMap<Expr>) -> [Expr; 4] {
+    let mut of_children = [Expr(0); 4];
+    for (image, child) in of_children.iter_mut().zip(node.children()) {
+        *image = images[child];
+    }
+    of_children
 }

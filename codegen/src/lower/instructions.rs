@@ -2,7 +2,7 @@
 
 use super::core;
 use super::signs::Signs;
-use rustc_hash::FxHashMap;
+use rustc_hash::{FxBuildHasher, FxHashMap};
 
 use crate::graph::{Elementary, Expr, ExprMap, Graph, Node};
 use crate::program::{Operand, Operation, Program};
@@ -168,7 +168,7 @@ pub(super) fn emit(
         },
         stored: Vec::with_capacity(form.values.len()),
         negated: FxHashMap::default(),
-        written: FxHashMap::default(),
+        written: FxHashMap::with_capacity_and_hasher(2 * form.values.len(), FxBuildHasher),
     };
     for (index, value) in form.values.iter().enumerate() {
         let negative = signs.values[index];
@@ -246,16 +246,16 @@ struct Writer {
 }
 
 /// An operation as something that can be looked up.
-type Key = (u8, Option<Elementary>, [Option<(u8, u64)>; 4]);
+type Key = (u8, Option<Elementary>, [(u8, u64); 4]);
 
 fn key(operation: &Operation) -> Key {
-    let mut operands = [None; 4];
+    let mut operands = [(0, 0); 4];
     for (key, operand) in operands.iter_mut().zip(operation.operands()) {
-        *key = Some(match operand {
-            Operand::Constant(value) => (0, value.to_bits()),
-            Operand::Input(index) => (1, index as u64),
-            Operand::Temporary(index) => (2, index as u64),
-        });
+        *key = match operand {
+            Operand::Constant(value) => (1, value.to_bits()),
+            Operand::Input(index) => (2, index as u64),
+            Operand::Temporary(index) => (3, index as u64),
+        };
     }
     let (kind, function) = match operation {
         Operation::Add(..) => (0, None),

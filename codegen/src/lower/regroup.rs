@@ -1,7 +1,5 @@
 //! Flattening of sums and products, grouping by stage, common factors.
 
-use std::collections::BTreeMap;
-
 use super::core;
 use crate::graph::{Expr, ExprMap, Graph, Node, Stage};
 
@@ -132,20 +130,19 @@ fn product(g: &mut Graph, factors: &[Expr]) -> Expr {
 fn sum_of_terms(g: &mut Graph, mut terms: Vec<Term>) -> Expr {
     loop {
         // The factor that most terms share; ties go to the oldest expression.
-        let mut counts: BTreeMap<Expr, usize> = BTreeMap::new();
+        let mut factors: Vec<Expr> = Vec::with_capacity(4 * terms.len());
         for term in terms.iter().filter(|term| term.factors.len() > 1) {
-            let mut distinct = term.factors.clone();
-            distinct.sort_unstable();
-            distinct.dedup();
-            for factor in distinct {
-                *counts.entry(factor).or_default() += 1;
+            let of_term = factors.len();
+            for factor in &term.factors {
+                if !factors[of_term..].contains(factor) {
+                    factors.push(*factor);
+                }
             }
         }
-        let best = counts
-            .into_iter()
-            .filter(|&(_, count)| count > 1)
-            .max_by_key(|&(factor, count)| (count, std::cmp::Reverse(factor)));
-        let Some((factor, _)) = best else { break };
+        factors.sort_unstable();
+        let shared = factors.chunk_by(Expr::eq).filter(|same| same.len() > 1);
+        let best = shared.max_by_key(|same| (same.len(), std::cmp::Reverse(same[0])));
+        let Some(&[factor, ..]) = best else { break };
         let (with, without): (Vec<Term>, Vec<Term>) = terms
             .into_iter()
             .partition(|t| t.factors.len() > 1 && t.factors.contains(&factor));

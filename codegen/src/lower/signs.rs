@@ -5,8 +5,6 @@
 //! search over single and paired flips finds, for the closure equation, the one negation that a careful
 //! programmer would leave.
 
-use std::collections::BTreeSet;
-
 use super::instructions::{Form, Value};
 
 /// The chosen signs; true is negated.
@@ -35,58 +33,91 @@ struct Search<'a> {
     /// Stored sign of each value.
     signs: Vec<bool>,
     /// Products that read a value and take over its sign.
-    products: Vec<Vec<usize>>,
+    products: Lists<usize>,
     /// Sums that read a value.
-    sums: Vec<Vec<usize>>,
+    sums: Lists<usize>,
     /// Signs that readers other than sums and products see the value with: each must come out true.
-    needs: Vec<Vec<bool>>,
+    needs: Lists<bool>,
+    /// Values that flips change, each once for every way to it, and sums around them; kept for the room they have.
+    changed: Vec<usize>,
+    around: Vec<usize>,
 }
+
+/// A list for each value, one after the other.
+struct Lists<T> {
+    starts: Vec<usize>,
+    entries: Vec<T>,
+}
+
+impl<T: Copy> Lists<T> {
+    /// Of entries with the value whose list they belong to.
+    fn of(count: usize, entries: &[(usize, T)]) -> Self {
+        let mut starts = vec![0; count + 1];
+        for &(value, _) in entries {
+            starts[value + 1] += 1;
+        }
+        for value in 0..count {
+            starts[value + 1] += starts[value];
+        }
+        let mut next = starts.clone();
+        let mut sorted: Vec<T> = entries.iter().map(|entry| entry.1).collect();
+        for &(value, entry) in entries {
+            sorted[next[value]] = entry;
+            next[value] += 1;
+        }
+        Self {
+            starts,
+            entries: sorted,
+        }
+    }
+
+    fn get(&self, value: usize) -> &[T] {
+        &self.entries[self.starts[value]..self.starts[value + 1]]
+    }
+}
+
+/// One value to flip, or two.
+type Flips = (usize, Option<usize>);
 
 impl<'a> Search<'a> {
     fn new(form: &'a Form, inputs: &[bool]) -> Self {
         let count = form.values.len();
-        let mut search = Self {
-            form,
-            signs: vec![false; count],
-            products: vec![vec![]; count],
-            sums: vec![vec![]; count],
-            needs: vec![vec![]; count],
-        };
+        let mut signs = vec![false; count];
+        let (mut products, mut sums, mut needs) = (Vec::new(), Vec::new(), Vec::new());
         for (index, value) in form.values.iter().enumerate() {
             match value {
                 Value::Input(input) => {
-                    search.signs[index] = inputs.get(*input).copied().unwrap_or(false);
+                    signs[index] = inputs.get(*input).copied().unwrap_or(false);
                 }
                 Value::Constant(_) => {}
-                Value::Sum(terms) => {
-                    for &(_, term) in terms {
-                        search.sums[term].push(index);
-                    }
-                }
+                Value::Sum(terms) => sums.extend(terms.iter().map(|&(_, term)| (term, index))),
                 // The sign of a number times a value is free, so nothing flows through.
-                Value::Product(a, b) if search.is_constant(*a) || search.is_constant(*b) => {}
-                Value::Quotient(a, _) if search.is_constant(*a) => {}
+                Value::Product(a, b) if is_constant(form, *a) || is_constant(form, *b) => {}
+                Value::Quotient(a, _) if is_constant(form, *a) => {}
                 Value::Product(a, b) | Value::Quotient(a, b) => {
-                    search.signs[index] = search.signs[*a] != search.signs[*b];
-                    search.products[*a].push(index);
-                    search.products[*b].push(index);
+                    signs[index] = signs[*a] != signs[*b];
+                    products.extend([(*a, index), (*b, index)]);
                 }
-                Value::Apply(_, (minus, operand)) => search.needs[*operand].push(*minus),
+                Value::Apply(_, (minus, operand)) => needs.push((*operand, *minus)),
                 Value::Select(operands) => {
-                    for &(minus, operand) in operands {
-                        search.needs[operand].push(minus);
-                    }
+                    needs.extend(operands.map(|(minus, operand)| (operand, minus)));
                 }
             }
         }
-        for &(minus, output) in &form.outputs {
-            search.needs[output].push(minus);
+        needs.extend(form.outputs.iter().map(|&(minus, output)| (output, minus)));
+        Self {
+            form,
+            signs,
+            products: Lists::of(count, &products),
+            sums: Lists::of(count, &sums),
+            needs: Lists::of(count, &needs),
+            changed: Vec::new(),
+            around: Vec::new(),
         }
-        search
     }
 
     fn is_constant(&self, value: usize) -> bool {
-        matches!(self.form.values[value], Value::Constant(_))
+        is_constant(self.form, value)
     }
 
     fn run(mut self, free_inputs: usize) -> Signs {
@@ -103,27 +134,27 @@ impl<'a> Search<'a> {
             .collect();
         let singles = (0..free.len())
             .filter(|&value| free[value])
-            .map(|value| vec![value]);
-        let moves: Vec<Vec<usize>> = singles.chain(self.pairs(&free)).collect();
+            .map(|value| (value, None));
+        let moves: Vec<Flips> = singles.chain(self.pairs(&free)).collect();
         let mut improved = true;
         while improved {
             improved = false;
             // Only a flip that reaches a negation can save one.
             let reaches = self.reaching_negations(&free);
-            for flips in moves
+            for &(one, other) in moves
                 .iter()
-                .filter(|flips| flips.iter().any(|&value| reaches[value]))
+                .filter(|(one, other)| reaches[*one] || other.is_some_and(|other| reaches[other]))
             {
-                let flipped = self.flipped(flips);
-                let before = self.cost_around(&flipped);
+                self.change(one, other);
+                let before = self.cost_around();
                 if before == 0 {
                     continue;
                 }
-                self.toggle(&flipped);
-                if self.cost_around(&flipped) < before {
+                self.toggle();
+                if self.cost_around() < before {
                     improved = true;
                 } else {
-                    self.toggle(&flipped);
+                    self.toggle();
                 }
             }
         }
@@ -146,10 +177,7 @@ impl<'a> Search<'a> {
         let mut reaches = vec![false; free.len()];
         let mut open = Vec::new();
         for (index, value) in self.form.values.iter().enumerate() {
-            if self.needs[index]
-                .iter()
-                .any(|&minus| minus != self.signs[index])
-            {
+            if self.needs_copy(index) {
                 open.push(index);
             }
             if let Value::Sum(terms) = value
@@ -174,6 +202,12 @@ impl<'a> Search<'a> {
         reaches
     }
 
+    /// Whether any reader needs the value with the other sign.
+    fn needs_copy(&self, value: usize) -> bool {
+        let mut needs = self.needs.get(value).iter();
+        needs.any(|&minus| minus != self.signs[value])
+    }
+
     /// Whether all terms of a sum come out negative.
     fn is_negative_sum(&self, sum: usize, terms: &[(bool, usize)]) -> bool {
         terms
@@ -182,11 +216,13 @@ impl<'a> Search<'a> {
     }
 
     /// Free values that meet in one sum, directly or through a product, and that sum itself.
-    fn pairs(&self, free: &[bool]) -> Vec<Vec<usize>> {
+    fn pairs(&self, free: &[bool]) -> Vec<Flips> {
         let mut pairs = Vec::new();
+        let mut met = Vec::new();
         for (index, value) in self.form.values.iter().enumerate() {
             let Value::Sum(terms) = value else { continue };
-            let mut met = vec![index];
+            met.clear();
+            met.push(index);
             for &(_, term) in terms {
                 match self.form.values[term] {
                     Value::Product(a, b) if !free[term] => {
@@ -201,54 +237,69 @@ impl<'a> Search<'a> {
                     met[i + 1..]
                         .iter()
                         .filter(|&&b| a != b)
-                        .map(|&b| vec![a, b]),
+                        .map(|&b| (a, Some(b))),
                 );
             }
         }
         pairs
     }
 
-    /// All values whose sign changes with the given ones: products take over the signs of factors.
-    fn flipped(&self, flips: &[usize]) -> BTreeSet<usize> {
-        let mut flipped = BTreeSet::new();
-        let mut open = flips.to_vec();
-        while let Some(value) = open.pop() {
-            // Two changed factors cancel.
-            if !flipped.insert(value) {
-                flipped.remove(&value);
-            }
-            open.extend(&self.products[value]);
+    /// Finds all values whose sign changes with the given ones: products take over the signs of factors.
+    fn change(&mut self, one: usize, other: Option<usize>) {
+        self.changed.clear();
+        self.changed.push(one);
+        self.changed.extend(other);
+        let mut next = 0;
+        while let Some(&value) = self.changed.get(next) {
+            self.changed.extend(self.products.get(value));
+            next += 1;
         }
-        flipped
+        if self.changed.len() > 1 {
+            // Two changed factors cancel.
+            self.changed.sort_unstable();
+            let mut kept = 0;
+            for group in 0..self.changed.len() {
+                if kept > 0 && self.changed[kept - 1] == self.changed[group] {
+                    kept -= 1;
+                } else {
+                    self.changed[kept] = self.changed[group];
+                    kept += 1;
+                }
+            }
+            self.changed.truncate(kept);
+        }
     }
 
-    fn toggle(&mut self, values: &BTreeSet<usize>) {
-        for &value in values {
+    fn toggle(&mut self) {
+        for &value in &self.changed {
             self.signs[value] ^= true;
         }
     }
 
-    /// Negations that the given values and the sums around them cost.
-    fn cost_around(&self, values: &BTreeSet<usize>) -> usize {
-        let mut sums: BTreeSet<usize> = BTreeSet::new();
+    /// Negations that the changed values and the sums around them cost.
+    fn cost_around(&mut self) -> usize {
+        let mut around = std::mem::take(&mut self.around);
+        around.clear();
         let mut cost = 0;
-        for &value in values {
+        for &value in &self.changed {
             if matches!(self.form.values[value], Value::Sum(_)) {
-                sums.insert(value);
+                around.push(value);
             }
-            sums.extend(&self.sums[value]);
-            let needs_copy = self.needs[value]
-                .iter()
-                .any(|&minus| minus != self.signs[value]);
-            cost += usize::from(needs_copy && !self.is_constant(value));
+            around.extend(self.sums.get(value));
+            cost += usize::from(self.needs_copy(value) && !self.is_constant(value));
         }
-        for sum in sums {
+        around.sort_unstable();
+        around.dedup();
+        for &sum in &around {
             if let Value::Sum(terms) = &self.form.values[sum] {
-                let negative =
-                    |&(minus, term): &(bool, usize)| (minus != self.signs[term]) != self.signs[sum];
-                cost += usize::from(terms.iter().all(negative));
+                cost += usize::from(self.is_negative_sum(sum, terms));
             }
         }
+        self.around = around;
         cost
     }
+}
+
+fn is_constant(form: &Form, value: usize) -> bool {
+    matches!(form.values[value], Value::Constant(_))
 }

@@ -1,11 +1,13 @@
 //! Does a candidate predict what it was not fitted to? Blocks of neighbours are held out in turn.
 
+use std::cmp::Ordering;
 use std::collections::BTreeMap;
 
 use nalgebra::{Cholesky, DMatrix, DVector};
 
 use super::distribution::Random;
 use super::parallel;
+use super::products::transposed_times;
 use super::projection::{Subspace, inverse_factor};
 use super::samples::Sample;
 use super::view::View;
@@ -99,8 +101,8 @@ const TOLD: f64 = 1e-6;
 /// Rows as a fit to all others predicts them, by a model and by any that has the first of its columns alone.
 struct Prediction {
     residuals: DVector<f64>,
-    /// `Q·L⁻ᵀ`, where `L·Lᵀ` is what the other rows hold of the columns of `Q`: the covariance of the
-    /// predictions is this times its transpose.
+    /// `L⁻¹·Qᵀ`, where `L·Lᵀ` is what the other rows hold of the columns of `Q`: the covariance of the
+    /// predictions is the transpose of this times it.
     spread: DMatrix<f64>,
     /// `L⁻¹·Qᵀr`, of the other rows.
     told: DVector<f64>,
@@ -116,13 +118,15 @@ impl Prediction {
     ) -> Option<Self> {
         let q = q.select_rows(rows);
         let residuals = residuals.select_rows(rows);
-        let columns = q.ncols();
+        let mut others = -transposed_times(&q, &q);
+        for column in 0..others.ncols() {
+            others[(column, column)] += 1.0 + TOLD;
+        }
         // The first columns of the factor are the factor of the first columns.
-        let others = DMatrix::identity(columns, columns) * (1.0 + TOLD) - q.transpose() * &q;
         let factor = inverse_factor(others)?;
         Some(Self {
             told: factor.tr_mul(&(fitted - q.tr_mul(&residuals))),
-            spread: q * factor,
+            spread: transposed_times(&factor, &q.transpose()),
             residuals,
         })
     }
@@ -130,9 +134,17 @@ impl Prediction {
     /// Twice the negative logarithm of the likelihood of some rows together, but for a constant, by the first
     /// columns of the model.
     fn score(&self, rows: &[usize], columns: usize) -> Option<f64> {
-        let spread = self.spread.columns(0, columns).select_rows(rows);
-        let errors = self.residuals.select_rows(rows) - &spread * self.told.rows(0, columns);
-        let covariance = DMatrix::identity(rows.len(), rows.len()) + &spread * spread.transpose();
+        let spread = |k: usize| self.spread.view((0, rows[k]), (columns, 1));
+        let told = self.told.rows(0, columns);
+        let errors = DVector::from_fn(rows.len(), |k, _| {
+            self.residuals[rows[k]] - spread(k).dot(&told)
+        });
+        // Cholesky's method reads the lower half.
+        let covariance = DMatrix::from_fn(rows.len(), rows.len(), |k, other| match k.cmp(&other) {
+            Ordering::Less => 0.0,
+            Ordering::Equal => 1.0 + spread(k).norm_squared(),
+            Ordering::Greater => spread(k).dot(&spread(other)),
+        });
         let factor = Cholesky::new(covariance)?;
         Some(errors.dot(&factor.solve(&errors)) + factor.ln_determinant())
     }

@@ -7,6 +7,7 @@ use std::sync::Arc;
 use nalgebra::{DMatrix, DVector};
 
 use super::parallel;
+use super::products::transposed_times;
 
 /// Rows that are fewer share a group with others of their kind, whatever columns these have.
 const FEWEST: usize = 16;
@@ -196,7 +197,7 @@ impl Block {
 }
 
 fn gram(entries: &DMatrix<f64>) -> DMatrix<f64> {
-    entries.transpose() * entries
+    transposed_times(entries, entries)
 }
 
 impl Grouped {

@@ -27,6 +27,7 @@ pub(crate) mod numbering;
 mod outliers;
 mod parallel;
 mod probes;
+mod products;
 mod projection;
 mod response;
 pub mod results;

@@ -8,6 +8,7 @@ use nalgebra::{Cholesky, DMatrix, DVector, Dyn, SymmetricEigen};
 
 use super::grouped::Grouped;
 use super::parallel;
+use super::products::{transposed_times, transposed_times_columns};
 
 /// Singular values of projected columns below this share of the columns' own length are nothing but
 /// rounding and what the base absorbs.
@@ -211,9 +212,8 @@ fn by_columns(
 
 /// `QᵀQ`: one half, and the other after it.
 fn gram(q: &DMatrix<f64>) -> DMatrix<f64> {
-    let transposed = q.transpose();
     let mut gram = by_columns(q.ncols(), q.ncols(), |range| {
-        transposed.rows(0, range.end) * q.columns_range(range)
+        transposed_times_columns((q, 0..range.end), (q, range))
     });
     gram.fill_lower_triangle_with_upper_triangle();
     gram
@@ -267,7 +267,7 @@ impl Subspace {
     /// `raw` are the columns, `remainder` what the base leaves of them.
     pub(super) fn of(raw: &DMatrix<f64>, remainder: &DMatrix<f64>) -> Self {
         let norms: Vec<f64> = raw.column_iter().map(|column| column.norm()).collect();
-        let c = orthonormal(&norms, &(remainder.transpose() * remainder));
+        let c = orthonormal(&norms, &transposed_times(remainder, remainder));
         Self {
             u: remainder * &c,
             c,

@@ -6,6 +6,7 @@ use super::bench::Bench;
 use super::candidates::{self, Candidate};
 use super::distribution::detectable_noncentrality;
 use super::fit::Fit;
+use super::products::transposed_times;
 use super::samples::{Sample, Treatment};
 use super::selection::LEVEL;
 
@@ -181,7 +182,7 @@ fn system(
 impl Products {
     fn of(block: DMatrix<f64>, values: DVector<f64>) -> Self {
         Self {
-            columns: block.transpose() * &block,
+            columns: transposed_times(&block, &block),
             signal: block.tr_mul(&values),
             square: values.norm_squared(),
             rows: Some((block, values)),

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use nalgebra::{DMatrix, DVector};
 
 use super::joint::{Component, Row};
+use super::products::transposed_times;
 use super::projection::Subspace;
 use super::samples::Sample;
 use super::view::View;
@@ -76,7 +77,7 @@ fn processes(kinds: &[Kind], absorbed: usize) -> Vec<Process> {
         let mut of_kind = vec![None; kinds.len()];
         for (k, kind) in kinds.iter().enumerate().filter(|(k, _)| is_serial[*k]) {
             let turned = kind.turned(processes[k].correlation);
-            inner += kind.q.transpose() * (&turned - &kind.q);
+            inner += transposed_times(&kind.q, &(&turned - &kind.q));
             of_kind[k] = Some(turned);
         }
         for (k, turned) in of_kind.iter().enumerate() {

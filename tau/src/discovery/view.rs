@@ -8,10 +8,8 @@ use nalgebra::{DMatrix, DVector};
 use super::fit::Fit;
 use super::grouped::Grouped;
 use super::joint::Row;
+use super::products::transposed_times;
 use super::projection::{Basis, Subspace};
-
-/// Columns that are few beside a basis.
-const FEW: usize = 4;
 
 /// What a model gives back without some of its parameters.
 pub(super) struct Freed {
@@ -105,13 +103,7 @@ impl View {
 
     /// What the model leaves of columns.
     pub(super) fn remainder(&self, columns: &DMatrix<f64>) -> DMatrix<f64> {
-        // Of few columns a product costs less than turning the basis round.
-        let absorbed = if columns.ncols() <= FEW {
-            self.q.tr_mul(columns)
-        } else {
-            self.q.transpose() * columns
-        };
-        columns - &*self.q * absorbed
+        columns - &*self.q * transposed_times(&self.q, columns)
     }
 
     /// Columns over the rows of the measurements, in units of the stated noise, in those of this fit;

@@ -6,6 +6,7 @@ use nalgebra::DMatrix;
 
 use crate::discovery::bench::Bench;
 use crate::discovery::parallel;
+use crate::discovery::products::transposed_times;
 use crate::discovery::projection::orthonormal;
 use crate::discovery::results::Ambiguous;
 use crate::discovery::view::View;
@@ -20,7 +21,7 @@ pub(in crate::discovery) fn ambiguous(bench: &Bench, view: &View) -> Vec<Ambiguo
     let (columns, blocks) = columns(bench, view);
     let rows = columns.nrows();
     let absorbed = view.q.rows(0, rows).transpose() * &columns;
-    let gram = columns.transpose() * &columns - absorbed.transpose() * &absorbed;
+    let gram = transposed_times(&columns, &columns) - transposed_times(&absorbed, &absorbed);
     let signals: Vec<Signal> = blocks
         .into_iter()
         .map(|(candidate, place)| {

@@ -3,6 +3,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use crate::discovery::distribution::chi2_survival;
+use crate::discovery::products::transposed_times;
 use crate::discovery::results::SerialCorrelation;
 use crate::discovery::samples::Sample;
 use crate::discovery::view::View;
@@ -100,7 +101,7 @@ impl Series {
         let mut lower = shifted.rows_mut(shift, kept);
         lower += self.basis.rows(0, kept);
         shifted *= 0.5;
-        let inner = self.basis.transpose() * &shifted;
+        let inner = transposed_times(&self.basis, &shifted);
         let variance =
             2.0 * (0.5 * kept as f64 - 2.0 * shifted.norm_squared() + inner.norm_squared());
         (-inner.trace(), variance)
