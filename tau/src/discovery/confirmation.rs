@@ -32,23 +32,24 @@ pub(super) fn held_out_gain(
     seed: u64,
 ) -> f64 {
     let folds = folds(samples);
-    let with = view.with(subspace);
     let before = view.q.ncols();
-    let fitted = with.q.tr_mul(&view.residuals);
+    let with = before + subspace.rank();
+    let mut fitted = view.q.tr_mul(&view.residuals).resize_vertically(with, 0.0);
+    (fitted.rows_mut(before, subspace.rank())).copy_from(&subspace.u.tr_mul(&view.residuals));
     let every: Vec<usize> = (0..FOLDS).collect();
     let gains_of_folds = parallel::map(&every, |&fold| {
         let rows: Vec<usize> = (0..view.rows.len())
             .filter(|&row| view.factors[row] > 0.0 && folds[view.rows[row].sample] == fold)
             .collect();
-        let prediction = Prediction::of(&with.q, &fitted, &view.residuals, &rows)?;
+        let q = view.rows_with(subspace, &rows);
+        let prediction = Prediction::of(&q, &fitted, view.residuals.select_rows(&rows))?;
         let mut units: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
         for (k, &row) in rows.iter().enumerate() {
             let unit = samples[view.rows[row].sample].unit;
             units.entry(unit).or_default().push(k);
         }
-        let gain = |rows: &[usize]| {
-            Some(prediction.score(rows, before)? - prediction.score(rows, with.q.ncols())?)
-        };
+        let gain =
+            |rows: &[usize]| Some(prediction.score(rows, before)? - prediction.score(rows, with)?);
         let gains = units
             .into_iter()
             .filter_map(|(unit, rows)| Some((unit, gain(&rows)?)));
@@ -109,16 +110,10 @@ struct Prediction {
 }
 
 impl Prediction {
-    /// `q` is an orthonormal basis of the model's columns, and `fitted` what the residuals have of each.
-    fn of(
-        q: &DMatrix<f64>,
-        fitted: &DVector<f64>,
-        residuals: &DVector<f64>,
-        rows: &[usize],
-    ) -> Option<Self> {
-        let q = q.select_rows(rows);
-        let residuals = residuals.select_rows(rows);
-        let mut others = -transposed_times(&q, &q);
+    /// `q` are the rows of an orthonormal basis of the model's columns, and `fitted` is what the residuals of all
+    /// rows have of each.
+    fn of(q: &DMatrix<f64>, fitted: &DVector<f64>, residuals: DVector<f64>) -> Option<Self> {
+        let mut others = -transposed_times(q, q);
         for column in 0..others.ncols() {
             others[(column, column)] += 1.0 + TOLD;
         }
@@ -220,7 +215,9 @@ mod tests {
         let left = &last - &*basis.q * basis.q.tr_mul(&last);
         let mut q = (*basis.q).clone().resize_horizontally(5, 0.0);
         q.set_column(4, &(left.column(0) / left.norm()));
-        let prediction = Prediction::of(&q, &q.tr_mul(&residuals), &residuals, &held).unwrap();
+        let fitted = q.tr_mul(&residuals);
+        let of_held = (q.select_rows(&held), residuals.select_rows(&held));
+        let prediction = Prediction::of(&of_held.0, &fitted, of_held.1).unwrap();
         for columns in [4, 5] {
             let model = jacobian.columns(0, columns);
             let (kept, rest) = (model.select_rows(&others), measured.select_rows(&others));

@@ -31,20 +31,21 @@ impl Series {
         }
     }
 
-    fn map(&self, f: impl Fn(f64) -> f64) -> Self {
-        match self {
-            Self::Same(value) => Self::Same(f(*value)),
-            Self::Each(values) => Self::Each(values.iter().map(|&value| f(value)).collect()),
+    fn map(mut self, f: impl Fn(f64) -> f64) -> Self {
+        match &mut self {
+            Self::Same(value) => *value = f(*value),
+            Self::Each(values) => values.iter_mut().for_each(|value| *value = f(*value)),
         }
+        self
     }
 
-    fn zip(&self, other: &Self, f: impl Fn(f64, f64) -> f64) -> Self {
+    fn zip(self, other: &Self, f: impl Fn(f64, f64) -> f64) -> Self {
         match (self, other) {
-            (Self::Same(a), Self::Same(b)) => Self::Same(f(*a, *b)),
-            (Self::Same(a), Self::Each(b)) => Self::Each(b.iter().map(|&b| f(*a, b)).collect()),
-            (Self::Each(a), Self::Same(b)) => Self::Each(a.iter().map(|&a| f(a, *b)).collect()),
-            (Self::Each(a), Self::Each(b)) => {
-                Self::Each(a.iter().zip(b).map(|(&a, &b)| f(a, b)).collect())
+            (series, Self::Same(b)) => series.map(|a| f(a, *b)),
+            (Self::Same(a), Self::Each(b)) => Self::Each(b.iter().map(|&b| f(a, b)).collect()),
+            (Self::Each(mut a), Self::Each(b)) => {
+                a.iter_mut().zip(b).for_each(|(a, &b)| *a = f(*a, b));
+                Self::Each(a)
             }
         }
     }
@@ -61,7 +62,7 @@ impl Dual {
     /// `f` of it, whose derivative is `slope`.
     fn apply(mut self, f: impl Fn(f64) -> f64, slope: impl Fn(f64) -> f64) -> Self {
         if !self.slopes.is_empty() {
-            self.scale(&self.value.map(slope));
+            self.scale(&self.value.clone().map(slope));
         }
         Self {
             value: self.value.map(f),
@@ -72,14 +73,15 @@ impl Dual {
     /// Multiplies the derivatives alone.
     fn scale(&mut self, factor: &Series) {
         for slope in self.slopes.values_mut() {
-            *slope = slope.zip(factor, |a, b| a * b);
+            let own = std::mem::replace(slope, Series::Same(0.0));
+            *slope = own.zip(factor, |a, b| a * b);
         }
     }
 
     /// Adds derivatives.
     fn take_in(&mut self, slopes: BTreeMap<usize, Series>) {
         for (parameter, slope) in slopes {
-            let sum = match self.slopes.get(&parameter) {
+            let sum = match self.slopes.remove(&parameter) {
                 Some(known) => known.zip(&slope, |a, b| a + b),
                 None => slope,
             };
@@ -95,29 +97,35 @@ impl Dual {
         left: impl Fn(f64, f64) -> f64,
         right: impl Fn(f64, f64) -> f64,
     ) -> Self {
-        let value = self.value.zip(&other.value, f);
         if !self.slopes.is_empty() {
-            self.scale(&self.value.zip(&other.value, left));
+            self.scale(&self.value.clone().zip(&other.value, left));
         }
         if !other.slopes.is_empty() {
-            other.scale(&self.value.zip(&other.value, right));
+            other.scale(&self.value.clone().zip(&other.value, right));
         }
         self.take_in(other.slopes);
-        Self { value, ..self }
+        Self {
+            value: self.value.zip(&other.value, f),
+            ..self
+        }
     }
 
     fn plus(mut self, other: Self) -> Self {
-        let value = self.value.zip(&other.value, |a, b| a + b);
         self.take_in(other.slopes);
-        Self { value, ..self }
+        Self {
+            value: self.value.zip(&other.value, |a, b| a + b),
+            ..self
+        }
     }
 
     fn times(mut self, mut other: Self) -> Self {
-        let value = self.value.zip(&other.value, |a, b| a * b);
         self.scale(&other.value);
         other.scale(&self.value);
         self.take_in(other.slopes);
-        Self { value, ..self }
+        Self {
+            value: self.value.zip(&other.value, |a, b| a * b),
+            ..self
+        }
     }
 }
 

@@ -13,7 +13,7 @@ use nalgebra::{DMatrix, DMatrixView, DVector, DVectorView};
 use super::candidates::Entry;
 use super::parallel;
 use super::probes::Probes;
-use super::signs::{Flipped, single};
+use super::signs::{Flipped, Run, single};
 use super::view::View;
 
 /// Products of probes with a model.
@@ -23,9 +23,16 @@ pub(super) struct Responses {
     by_basis: Arc<Vec<DMatrix<f64>>>,
     /// The same with the residuals.
     by_residual: Vec<DVector<f64>>,
-    products: Arc<BTreeMap<(usize, usize), Vec<Product>>>,
+    products: Arc<BTreeMap<(usize, usize), Products>>,
     /// Orthonormal directions of the basis that the model has given back.
     freed: DMatrix<f64>,
+}
+
+/// Sums over each sample's rows of the product of two probes.
+enum Products {
+    /// Both have the same samples, in the same order.
+    Aligned(Vec<f64>),
+    Scattered(Vec<Product>),
 }
 
 /// Sum over a sample's rows of the product of two probes, and its place in each.
@@ -81,15 +88,20 @@ impl Responses {
             {
                 sums[sample] += a * b * square;
             }
-            let products = sums
-                .into_iter()
-                .enumerate()
-                .filter(|(_, sum)| *sum != 0.0)
-                .filter_map(|(sample, sum)| {
-                    let (left, right) = (places[left][sample]?, places[right][sample]?);
-                    Some(Product { sum, left, right })
-                })
-                .collect();
+            let samples = &probes.all[left].samples;
+            let products = if *samples == probes.all[right].samples {
+                Products::Aligned(samples.iter().map(|&sample| sums[sample]).collect())
+            } else {
+                let products = sums
+                    .into_iter()
+                    .enumerate()
+                    .filter(|(_, sum)| *sum != 0.0)
+                    .filter_map(|(sample, sum)| {
+                        let (left, right) = (places[left][sample]?, places[right][sample]?);
+                        Some(Product { sum, left, right })
+                    });
+                Products::Scattered(products.collect())
+            };
             ((left, right), products)
         });
         Self {
@@ -115,7 +127,13 @@ impl Responses {
 
     /// What the model leaves of the Gram matrix of columns of which its basis absorbs `absorbed`.
     pub(super) fn left(&self, gram: &DMatrix<f64>, absorbed: DMatrixView<'_, f64>) -> DMatrix<f64> {
-        let mut left = gram - absorbed.tr_mul(&absorbed);
+        let mut left = gram.clone();
+        for (i, of_i) in absorbed.column_iter().enumerate() {
+            for (j, of_j) in absorbed.column_iter().enumerate().take(i + 1) {
+                left[(i, j)] -= of_i.dot(&of_j);
+                left[(j, i)] = left[(i, j)];
+            }
+        }
         if self.freed.ncols() > 0 {
             let returned = self.freed.tr_mul(&absorbed);
             left += returned.tr_mul(&returned);
@@ -271,31 +289,42 @@ impl Displacements {
         score
     }
 
-    /// `Gᵀe` under every flip, by rows, of what the model leaves; it absorbs `absorbed` of the columns.
+    /// `Gᵀe` of some columns under every flip, by rows, of what the model leaves; it absorbs `absorbed` of all.
     pub(super) fn flipped(
         &self,
         responses: &Responses,
         absorbed: &DMatrix<f64>,
         flipped: &Flipped,
+        wanted: impl IntoIterator<Item = usize>,
     ) -> DMatrix<f32> {
-        let (signs, basis) = &flipped.single;
-        let mut by_unit = DMatrix::zeros(signs.ncols(), self.width());
-        for part in &self.parts {
-            let residuals = &responses.by_residual[part.probe];
-            let units = &flipped.units[part.probe];
-            for (own, &column) in part.matrix().column_iter().zip(&part.columns) {
-                let mut target = by_unit.column_mut(column);
-                for ((slope, residual), &unit) in own.iter().zip(residuals.iter()).zip(units) {
-                    target[unit] += single(slope * residual);
+        let wanted: Vec<usize> = wanted.into_iter().collect();
+        let units = flipped.signs.nrows();
+        // Of each column what its units have of the residuals, and what is absorbed of it.
+        let mut columns = DMatrix::zeros(flipped.single.ncols(), wanted.len());
+        for (mut target, &column) in columns.column_iter_mut().zip(&wanted) {
+            let target = target.as_mut_slice();
+            let (by_unit, of_basis) = target.split_at_mut(units);
+            for &(part, place) in &self.members[column] {
+                let part = &self.parts[part];
+                let slopes = part.column(place);
+                let residuals = responses.by_residual[part.probe].as_slice();
+                for Run { samples, unit } in &flipped.units[part.probe] {
+                    let own = slopes[samples.clone()]
+                        .iter()
+                        .zip(&residuals[samples.clone()]);
+                    for (target, (slope, residual)) in by_unit[*unit..].iter_mut().zip(own) {
+                        *target += single(slope * residual);
+                    }
                 }
             }
+            for (target, value) in of_basis.iter_mut().zip(absorbed.column(column).iter()) {
+                *target = single(*value);
+            }
         }
-        let mut score = signs * by_unit;
-        score.gemm(-1.0, basis, &absorbed.map(single), 1.0);
-        score
+        &flipped.single * columns
     }
 
-    /// The same under one flip, in full precision.
+    /// The same of all columns under one flip, in full precision.
     pub(super) fn flipped_once(
         &self,
         responses: &Responses,
@@ -305,10 +334,14 @@ impl Displacements {
     ) -> DVector<f64> {
         let signs = flipped.signs.column(flip);
         let score = self.products(|probe| {
-            let residuals = responses.by_residual[probe].iter();
-            let signed = (residuals.zip(&flipped.units[probe]))
-                .map(|(residual, &unit)| residual * signs[unit]);
-            signed.collect::<Vec<f64>>()
+            let mut signed = responses.by_residual[probe].as_slice().to_vec();
+            for Run { samples, unit } in &flipped.units[probe] {
+                let signs = signs.iter().skip(*unit);
+                for (residual, sign) in signed[samples.clone()].iter_mut().zip(signs) {
+                    *residual *= sign;
+                }
+            }
+            signed
         });
         score - absorbed.tr_mul(&flipped.absorbed.column(flip))
     }
@@ -343,18 +376,28 @@ impl Displacements {
             return 0.0;
         };
         let (p, q) = (a.column(left.1), b.column(right.1));
-        let of = |product: &Product| product.sum * p[product.left] * q[product.right];
-        // One sum would wait for each addition.
-        let mut sums = [0.0; 4];
-        let chunks = products.chunks_exact(sums.len());
-        let rest: f64 = chunks.remainder().iter().map(of).sum();
-        for chunk in chunks {
-            for (sum, product) in sums.iter_mut().zip(chunk) {
-                *sum += of(product);
+        match products {
+            Products::Aligned(sums) => {
+                let products = sums.iter().zip(p).zip(q);
+                summed(products.map(|((sum, p), q)| sum * p * q))
+            }
+            Products::Scattered(products) => {
+                let of = |product: &Product| product.sum * p[product.left] * q[product.right];
+                summed(products.iter().map(of))
             }
         }
-        sums.iter().sum::<f64>() + rest
     }
+}
+
+/// The sum of many numbers, in eight parts: one would wait for each addition.
+fn summed(mut numbers: impl ExactSizeIterator<Item = f64>) -> f64 {
+    let mut sums = [0.0; 8];
+    for _ in 0..numbers.len() / sums.len() {
+        for sum in &mut sums {
+            *sum += numbers.next().unwrap_or(0.0);
+        }
+    }
+    sums.iter().sum::<f64>() + numbers.sum::<f64>()
 }
 
 #[cfg(test)]
@@ -474,7 +517,7 @@ pub(super) mod tests {
         let of_columns = candidate.absorbed(&responses);
         let signed = Flipped::of(&view, &probes, &samples, signs.clone());
         assert!((&signed.absorbed - &absorbed).amax() < 1e-12);
-        let found = candidate.flipped(&responses, &of_columns, &signed);
+        let found = candidate.flipped(&responses, &of_columns, &signed, 0..2);
         let left = &flipped - &*view.q * absorbed;
         for flip in 0..3 {
             let sums = Responses::sums(&view, &probes, left.column(flip).as_slice());

@@ -22,6 +22,8 @@ const OVERSAMPLING: f64 = 2.5;
 /// Least share of a peak's height that a grid point next to it shows: sinc²(½ / [`OVERSAMPLING`]) is
 /// 0.87 where commands fill their range evenly.
 pub(super) const LEAST_SHOWN: f64 = 0.75;
+/// The same where every other point of the grid is left out: sinc²(1 / [`OVERSAMPLING`]) is 0.57.
+pub(super) const LEAST_SHOWN_BY_HALF: f64 = 0.45;
 /// Peaks whose statistic falls short of the highest by less fit as well (odds of twenty to one).
 pub(super) const AS_GOOD: f64 = 6.0;
 /// Parts of a step of the grid at which peaks are refined.
@@ -157,44 +159,62 @@ impl Band {
     ) -> Scores {
         let scores = self.scores(responses, known);
         if let (None, Some(nulls)) = (self.crossings.get(), nulls) {
-            let null_scans = self.flipped(&scores, responses, nulls);
+            let null_scans = self.flipped(&scores, responses, nulls, 1);
             let _ = (self.crossings).set(upcrossings(&null_scans, scores.rank().max(1) as f64));
         }
         scores
     }
 
-    /// The statistics over the grid under sign flips: one row per flip, one column per point.
+    /// The statistics under sign flips, one row per flip, at every point of the grid or every so many.
     pub(super) fn flipped(
         &self,
         scores: &Scores,
         responses: &Responses,
         flipped: &Flipped,
+        every: usize,
     ) -> DMatrix<f32> {
-        let products = (self.columns).flipped(responses, &scores.absorbed, flipped);
-        self.statistics(scores, &products)
+        let points = (0..self.grid.len()).step_by(every);
+        let columns = points.flat_map(|point| point * self.width..(point + 1) * self.width);
+        let products = (self.columns).flipped(responses, &scores.absorbed, flipped, columns);
+        self.statistics(scores, &products, every)
     }
 
     /// The statistics over the grid for residuals of each probe's samples of which the model absorbs nothing.
     pub(super) fn statistics_of(&self, scores: &Scores, residuals: &[DVector<f64>]) -> Vec<f64> {
         let products = self.columns.products(|probe| residuals[probe].as_slice());
         let products = DMatrix::from_row_slice(1, products.len(), products.as_slice());
-        let statistics = self.statistics(scores, &products.map(single));
+        let statistics = self.statistics(scores, &products.map(single), 1);
         statistics.iter().copied().map(f64::from).collect()
     }
 
-    /// The statistics over the grid from products of the columns with residuals, row by row.
-    fn statistics(&self, scores: &Scores, products: &DMatrix<f32>) -> DMatrix<f32> {
-        let width = self.width;
-        let mut statistics = DMatrix::zeros(products.nrows(), self.grid.len());
-        let mut component = DVector::zeros(products.nrows());
-        for (point, mut statistic) in statistics.column_iter_mut().enumerate() {
-            let coefficients = scores.coefficients[point * width * width..].chunks_exact(width);
-            for coefficients in coefficients.take(width) {
+    /// The statistics at every so many points of the grid from products of their columns with residuals, row by row.
+    fn statistics(&self, scores: &Scores, products: &DMatrix<f32>, every: usize) -> DMatrix<f32> {
+        let (rows, width) = (products.nrows(), self.width);
+        let mut statistics = DMatrix::zeros(rows, products.ncols() / width);
+        if rows == 0 {
+            return statistics;
+        }
+        let mut component = vec![0.0; rows];
+        let points = (products.as_slice().chunks_exact(rows * width))
+            .zip(
+                scores
+                    .coefficients
+                    .chunks_exact(width * width)
+                    .step_by(every),
+            )
+            .zip(statistics.column_iter_mut());
+        for ((products, coefficients), mut statistic) in points {
+            for coefficients in coefficients.chunks_exact(width) {
                 component.fill(0.0);
-                for (column, &coefficient) in (point * width..).zip(coefficients) {
-                    component.axpy(single(coefficient), &products.column(column), 1.0);
+                for (products, &coefficient) in products.chunks_exact(rows).zip(coefficients) {
+                    let coefficient = single(coefficient);
+                    for (sum, product) in component.iter_mut().zip(products) {
+                        *sum += coefficient * product;
+                    }
                 }
-                statistic += component.component_mul(&component);
+                for (statistic, component) in statistic.iter_mut().zip(&component) {
+                    *statistic += component * component;
+                }
             }
         }
         statistics
@@ -350,7 +370,7 @@ mod tests {
         let signs = DMatrix::from_element(Sample::units(&samples), 1, -1.0);
         let responses = Responses::of(&whole, &probes, &pairs);
         let flipped = Flipped::of(&whole, &probes, &samples, signs);
-        let found = f64::from(band.flipped(&scores, &responses, &flipped)[(0, 0)]);
+        let found = f64::from(band.flipped(&scores, &responses, &flipped, 1)[(0, 0)]);
         let expected = scores.statistics[0];
         assert!(
             (found - expected).abs() < 1e-4 * expected,
@@ -379,6 +399,16 @@ mod tests {
                 shown > LEAST_SHOWN * height,
                 "{period}: {shown} of {height}"
             );
+            for first in 0..2 {
+                let points = grid.iter().skip(first).step_by(2);
+                let shown = points
+                    .map(|&at| statistic(&wave, &commands, at))
+                    .fold(0.0, f64::max);
+                assert!(
+                    shown > LEAST_SHOWN_BY_HALF * height,
+                    "{period}: {shown} of {height} at every other point"
+                );
+            }
         }
     }
 

@@ -29,12 +29,12 @@ const ROUNDS: usize = 4;
 /// 1935).
 pub(super) fn inflation(view: &View, subspace: &Subspace, samples: &[Sample]) -> f64 {
     let signal = &subspace.u * subspace.u.tr_mul(&view.residuals);
-    let model = view.with(subspace);
+    let residuals = &view.residuals - &signal;
     let kinds: Vec<Kind> = chains(&view.rows, &view.factors, samples)
         .into_values()
-        .map(|chains| Kind::of(chains, &model.residuals, &model.q))
+        .map(|chains| Kind::of(chains, &residuals, |rows| view.rows_with(subspace, rows)))
         .collect();
-    let processes = processes(&kinds, model.q.ncols());
+    let processes = processes(&kinds, view.q.ncols() + subspace.rank());
     let added: f64 = kinds
         .iter()
         .zip(&processes)
@@ -102,10 +102,15 @@ struct Kind {
 }
 
 impl Kind {
-    fn of(chains: Vec<Vec<usize>>, residuals: &DVector<f64>, q: &DMatrix<f64>) -> Self {
+    /// `absorbed` gives rows of what the fit absorbs.
+    fn of(
+        chains: Vec<Vec<usize>>,
+        residuals: &DVector<f64>,
+        absorbed: impl FnOnce(&[usize]) -> DMatrix<f64>,
+    ) -> Self {
         let rows: Vec<usize> = chains.iter().flatten().copied().collect();
         let residuals = residuals.select_rows(&rows);
-        let q = q.select_rows(&rows);
+        let q = absorbed(&rows);
         let lengths = chains.iter().map(Vec::len);
         let mut kind = Self {
             pairs: lengths.map(|length| length.saturating_sub(2) as f64).sum(),
@@ -244,7 +249,8 @@ mod tests {
         let chains = (0..CHAINS).map(|chain| (chain * LENGTH..(chain + 1) * LENGTH).collect());
         let degrees = (CHAINS * (LENGTH - 6)) as f64;
         let variance = left.norm_squared() / degrees;
-        (Kind::of(chains.collect(), &left, &basis.q), variance)
+        let kind = Kind::of(chains.collect(), &left, |rows| basis.q.select_rows(rows));
+        (kind, variance)
     }
 
     #[test]

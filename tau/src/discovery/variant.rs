@@ -5,6 +5,7 @@ use tau_codegen::language::effects_from_text;
 use tau_codegen::language::model::{self as language, EffectUse, Model, Place};
 use tau_runtime::ResidualKind;
 
+use super::parallel;
 use crate::robot::{Arm, Instance, Variant};
 
 /// Name of the effect that turns carts, and its parameters about the axes of the track.
@@ -92,18 +93,18 @@ pub(super) fn free_turning_from(
     let stretching = stretching(model, variant);
     let model = stretching.as_ref().unwrap_or(model);
     let turning = turning(model, variant);
-    let (mut free, closures) = std::thread::scope(|scope| {
-        let of_carts = || {
+    let (mut free, closures) = parallel::both(
+        || {
             Variant::from(&compile_some(&turning, variant, |kind, of| {
                 is_of_cart(kind) && touches(kind, of)
             }))
-        };
-        let carts = scope.spawn(of_carts);
-        let closures = Variant::from(&compile_some(model, variant, |kind, of| {
-            !is_of_cart(kind) && touches(kind, of)
-        }));
-        (carts.join().unwrap_or_else(|_| of_carts()), closures)
-    });
+        },
+        || {
+            Variant::from(&compile_some(model, variant, |kind, of| {
+                !is_of_cart(kind) && touches(kind, of)
+            }))
+        },
+    );
     adopt(&mut free, &closures, |_| true);
     adopt(&mut free, before, |instance| {
         !touches(instance.kind, instance.of)

@@ -101,6 +101,19 @@ impl View {
         }
     }
 
+    /// Some rows of the basis, with those of a candidate's columns behind them.
+    pub(super) fn rows_with(&self, subspace: &Subspace, rows: &[usize]) -> DMatrix<f64> {
+        let width = self.q.ncols() + subspace.rank();
+        let mut taken = DMatrix::zeros(rows.len(), width);
+        let columns = self.q.column_iter().chain(subspace.u.column_iter());
+        for (mut taken, column) in taken.column_iter_mut().zip(columns) {
+            for (taken, &row) in taken.iter_mut().zip(rows) {
+                *taken = column[row];
+            }
+        }
+        taken
+    }
+
     /// What the model leaves of columns.
     pub(super) fn remainder(&self, columns: &DMatrix<f64>) -> DMatrix<f64> {
         columns - &*self.q * transposed_times(&self.q, columns)

@@ -2,9 +2,11 @@
 
 use std::collections::BTreeMap;
 
+use nalgebra::DMatrix;
+
 use super::super::distribution::f_quantile_above;
 use super::super::parallel;
-use super::super::scan::{LEAST_SHOWN, global_p, peaks};
+use super::super::scan::{LEAST_SHOWN, LEAST_SHOWN_BY_HALF, global_p, peaks};
 use super::super::signs::{self, Flipped, single};
 use super::super::view::View;
 use super::searched::{Point, Scan, Scanned, Scans};
@@ -12,6 +14,17 @@ use super::{Bench, Table, f_form};
 
 /// Null scans in which upcrossings are counted.
 const NULL_SCANS: usize = 24;
+
+/// The largest of each row.
+fn highest(statistics: &DMatrix<f32>) -> Vec<f64> {
+    let mut highest = vec![0.0_f32; statistics.nrows()];
+    for point in statistics.column_iter() {
+        for (highest, &statistic) in highest.iter_mut().zip(point.iter()) {
+            *highest = highest.max(statistic);
+        }
+    }
+    highest.into_iter().map(f64::from).collect()
+}
 
 impl Bench {
     /// Chance, over random signs of the units' residuals, that any candidate does as well as an adjusted
@@ -60,7 +73,12 @@ impl Bench {
     ) -> Vec<bool> {
         let mut exceeded = vec![false; sums.len()];
         let mut criticals: BTreeMap<(usize, bool), f64> = BTreeMap::new();
-        let products = (self.columns).flipped(&table.responses, &table.plain.absorbed, signs);
+        let products = self.columns.flipped(
+            &table.responses,
+            &table.plain.absorbed,
+            signs,
+            0..self.columns.width(),
+        );
         for ((candidate, place), c) in self.places.iter().zip(&table.plain.coefficients) {
             if c.ncols() == 0 || self.hidden.contains(candidate) {
                 continue;
@@ -107,21 +125,24 @@ impl Bench {
             })
             .filter(|(rank, ..)| *rank > 0.0)
             .collect();
-        let nulls = band.flipped(&table.bands[place], &table.responses, signs);
-        let mut highest = vec![0.0_f32; sums.len()];
-        for point in nulls.column_iter() {
-            for (highest, &statistic) in highest.iter_mut().zip(point.iter()) {
-                *highest = highest.max(statistic);
-            }
+        let does = |flip: usize, statistic: f64| {
+            levels.iter().any(|&(rank, crossings, p_value)| {
+                let (equivalent, _) = f_form(statistic, rank, sums[flip], degrees);
+                global_p(equivalent, rank, crossings) <= p_value
+            })
+        };
+        let scores = &table.bands[place];
+        // Where the winner is strong, half of the points tell already that no flip comes near.
+        let at_half = highest(&band.flipped(scores, &table.responses, signs, 2));
+        let comes_near = |(flip, height): (usize, &f64)| does(flip, height / LEAST_SHOWN_BY_HALF);
+        if !at_half.iter().enumerate().any(comes_near) {
+            return vec![false; sums.len()];
         }
+        let nulls = band.flipped(scores, &table.responses, signs, 1);
+        let highest = highest(&nulls);
         let exceeds = |flip: usize| {
-            let does = |statistic: f64| {
-                levels.iter().any(|&(rank, crossings, p_value)| {
-                    let (equivalent, _) = f_form(statistic, rank, sums[flip], degrees);
-                    global_p(equivalent, rank, crossings) <= p_value
-                })
-            };
-            let highest = f64::from(highest[flip]);
+            let does = |statistic: f64| does(flip, statistic);
+            let highest = highest[flip];
             let refined = |k: usize| {
                 band.around(k).any(|value| {
                     let point = self.point(&table.responses, first.candidate, value);
