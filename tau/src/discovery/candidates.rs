@@ -370,22 +370,16 @@ fn at_none(effect: &Effect, start: Vec<f64>, held: impl Fn(usize) -> bool) -> Ve
 
 /// The columns that entries add up to, one per parameter in `wanted`, on rows in units of noise.
 pub(super) fn columns(entries: &[Entry], wanted: &[usize], probes: &Probes) -> DMatrix<f64> {
-    let rows = &probes.row_samples;
-    let mut columns = DMatrix::zeros(rows.len(), wanted.len());
-    let mut by_sample = vec![0.0; probes.sample_count];
+    let mut columns = DMatrix::zeros(probes.row_count, wanted.len());
     for entry in entries {
         let probe = &probes.all[entry.probe];
         for (column, &parameter) in wanted.iter().enumerate() {
             let Some(slopes) = &entry.slopes[parameter] else {
                 continue;
             };
-            by_sample.fill(0.0);
-            for (&sample, &slope) in probe.samples.iter().zip(slopes) {
-                by_sample[sample] = slope;
-            }
             let mut target = columns.column_mut(column);
-            for (row, (&sample, &derivative)) in rows.iter().zip(&probe.rows).enumerate() {
-                target[row] += derivative * by_sample[sample];
+            for moved in &probe.rows {
+                target[moved.row] += moved.derivative * slopes[moved.place];
             }
         }
     }

@@ -22,17 +22,48 @@ pub(super) struct Probes {
     pub(super) closures: Vec<ClosureProbe>,
     /// Of the measured TCP position x, y, z.
     pub(super) tcp: [usize; 3],
-    /// Sample of each row.
-    pub(super) row_samples: Vec<usize>,
-    pub(super) sample_count: usize,
+    /// Number of rows.
+    pub(super) row_count: usize,
 }
 
 /// Derivatives by one displacement.
 pub(super) struct Probe {
-    /// Of every row.
-    pub(super) rows: Vec<f64>,
     /// Samples that it can act on.
     pub(super) samples: Vec<usize>,
+    /// Rows of these samples that it moves, in order.
+    pub(super) rows: Vec<Moved>,
+}
+
+/// A row that a probe moves.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Moved {
+    pub(super) row: usize,
+    /// Place of the row's sample among those of the probe.
+    pub(super) place: usize,
+    pub(super) derivative: f64,
+}
+
+impl Probe {
+    /// `rows` are the sample and the derivative of every row.
+    pub(super) fn new(samples: Vec<usize>, rows: impl Iterator<Item = (usize, f64)>) -> Self {
+        let last = samples.iter().max().map_or(0, |last| last + 1);
+        let mut places = vec![None; last];
+        for (place, &sample) in samples.iter().enumerate() {
+            places[sample] = Some(place);
+        }
+        let moved = |(row, (sample, derivative)): (usize, (usize, f64))| {
+            let place = places.get(sample).copied().flatten()?;
+            (derivative != 0.0).then_some(Moved {
+                row,
+                place,
+                derivative,
+            })
+        };
+        Self {
+            rows: rows.enumerate().filter_map(moved).collect(),
+            samples,
+        }
+    }
 }
 
 /// Indices of the probes of a link's length and plate joint.
@@ -144,8 +175,7 @@ impl Probes {
             carts,
             closures,
             tcp,
-            row_samples: joint.rows.iter().map(|row| row.sample).collect(),
-            sample_count: samples.len(),
+            row_count: joint.rows.len(),
         })
     }
 }
@@ -204,28 +234,21 @@ impl Columns<'_> {
         (owner, quantity, component): (Owner, &str, Option<usize>),
         acts_on: &dyn Fn(&Sample) -> bool,
     ) -> usize {
-        let rows = self.joint.rows.len();
         let index = self
             .joint
             .machine
             .variant
             .parameter(owner, quantity, component);
         let column = index.and_then(|index| self.joint.used.binary_search(&index).ok());
-        let rows = column.map_or_else(
-            || vec![0.0; rows],
-            |column| {
-                self.jacobian
-                    .column(column)
-                    .iter()
-                    .take(rows)
-                    .copied()
-                    .collect()
-            },
-        );
         let samples = (0..self.samples.len())
             .filter(|&s| acts_on(&self.samples[s]))
             .collect();
-        self.all.push(Probe { rows, samples });
+        let of_rows = self.joint.rows.iter().map(|row| row.sample);
+        let rows = self.jacobian.nrows();
+        let of_column =
+            |column: usize| &self.jacobian.as_slice()[column * rows..(column + 1) * rows];
+        let derivatives = column.map_or(&[][..], of_column).iter().copied();
+        self.all.push(Probe::new(samples, of_rows.zip(derivatives)));
         self.all.len() - 1
     }
 

@@ -12,7 +12,7 @@ use nalgebra::{DMatrix, DMatrixView, DVector, DVectorView};
 
 use super::candidates::Entry;
 use super::parallel;
-use super::probes::Probes;
+use super::probes::{Probe, Probes};
 use super::signs::{Flipped, Run, single};
 use super::view::View;
 
@@ -42,36 +42,43 @@ struct Product {
     right: usize,
 }
 
+impl Products {
+    /// `squares` are those of the factor of each row.
+    fn of(a: &Probe, b: &Probe, squares: &[f64]) -> Self {
+        let mut sums = vec![0.0; a.samples.len()];
+        let mut right = vec![None; a.samples.len()];
+        let mut of_b = b.rows.iter().peekable();
+        for of_a in &a.rows {
+            while of_b.next_if(|of_b| of_b.row < of_a.row).is_some() {}
+            if let Some(of_b) = of_b.next_if(|of_b| of_b.row == of_a.row) {
+                sums[of_a.place] += of_a.derivative * of_b.derivative * squares[of_a.row];
+                right[of_a.place] = Some(of_b.place);
+            }
+        }
+        if a.samples == b.samples {
+            return Self::Aligned(sums);
+        }
+        let products = sums.into_iter().zip(right).enumerate();
+        let products = products.filter_map(|(left, (sum, right))| {
+            let right = right?;
+            Some(Product { sum, left, right })
+        });
+        Self::Scattered(products.collect())
+    }
+}
+
 impl Responses {
     pub(super) fn of(view: &View, probes: &Probes, pairs: &BTreeSet<(usize, usize)>) -> Self {
-        let places: Vec<Vec<Option<usize>>> = probes
-            .all
-            .iter()
-            .map(|probe| {
-                let mut places = vec![None; probes.sample_count];
-                for (place, &sample) in probe.samples.iter().enumerate() {
-                    places[sample] = Some(place);
-                }
-                places
-            })
-            .collect();
         // Rows of the basis stand together.
         let basis = view.q.transpose();
-        let indices: Vec<usize> = (0..probes.all.len()).collect();
-        let (by_basis, by_residual) = parallel::map(&indices, |&index| {
-            let (probe, places) = (&probes.all[index], &places[index]);
+        let (by_basis, by_residual) = parallel::map(&probes.all, |probe| {
             let mut by_basis = DMatrix::zeros(basis.nrows(), probe.samples.len());
             let mut by_residual = DVector::zeros(probe.samples.len());
-            for (row, ((derivative, factor), &sample)) in (probe.rows.iter().zip(&view.factors))
-                .zip(&probes.row_samples)
-                .enumerate()
-            {
-                let weight = derivative * factor;
-                if let (true, Some(place)) = (weight != 0.0, places[sample]) {
-                    let mut target = by_basis.column_mut(place);
-                    target.axpy(weight, &basis.column(row), 1.0);
-                    by_residual[place] += weight * view.residuals[row];
-                }
+            for moved in &probe.rows {
+                let weight = moved.derivative * view.factors[moved.row];
+                let mut target = by_basis.column_mut(moved.place);
+                target.axpy(weight, &basis.column(moved.row), 1.0);
+                by_residual[moved.place] += weight * view.residuals[moved.row];
             }
             (by_basis, by_residual)
         })
@@ -80,29 +87,8 @@ impl Responses {
         let squares: Vec<f64> = view.factors.iter().map(|factor| factor * factor).collect();
         let pairs: Vec<(usize, usize)> = pairs.iter().copied().collect();
         let products = parallel::map(&pairs, |&(left, right)| {
-            let mut sums = vec![0.0; probes.sample_count];
-            for (((a, b), square), &sample) in (probes.all[left].rows.iter())
-                .zip(&probes.all[right].rows)
-                .zip(&squares)
-                .zip(&probes.row_samples)
-            {
-                sums[sample] += a * b * square;
-            }
-            let samples = &probes.all[left].samples;
-            let products = if *samples == probes.all[right].samples {
-                Products::Aligned(samples.iter().map(|&sample| sums[sample]).collect())
-            } else {
-                let products = sums
-                    .into_iter()
-                    .enumerate()
-                    .filter(|(_, sum)| *sum != 0.0)
-                    .filter_map(|(sample, sum)| {
-                        let (left, right) = (places[left][sample]?, places[right][sample]?);
-                        Some(Product { sum, left, right })
-                    });
-                Products::Scattered(products.collect())
-            };
-            ((left, right), products)
+            let (a, b) = (&probes.all[left], &probes.all[right]);
+            ((left, right), Products::of(a, b, &squares))
         });
         Self {
             freed: DMatrix::zeros(basis.nrows(), 0),
@@ -143,28 +129,15 @@ impl Responses {
 
     /// Sums over each sample's rows of each probe times a vector over the rows.
     pub(super) fn sums(view: &View, probes: &Probes, vector: &[f64]) -> Vec<DVector<f64>> {
-        let weighted: Vec<f64> = view
-            .factors
-            .iter()
-            .zip(vector)
-            .map(|(f, v)| f * v)
-            .collect();
-        probes
-            .all
-            .iter()
-            .map(|probe| {
-                let mut by_sample = vec![0.0; probes.sample_count];
-                for ((derivative, value), &sample) in
-                    probe.rows.iter().zip(&weighted).zip(&probes.row_samples)
-                {
-                    by_sample[sample] += derivative * value;
-                }
-                DVector::from_iterator(
-                    probe.samples.len(),
-                    probe.samples.iter().map(|&sample| by_sample[sample]),
-                )
-            })
-            .collect()
+        let of_probe = probes.all.iter().map(|probe| {
+            let mut sums = DVector::zeros(probe.samples.len());
+            for moved in &probe.rows {
+                let weight = moved.derivative * view.factors[moved.row];
+                sums[moved.place] += weight * vector[moved.row];
+            }
+            sums
+        });
+        of_probe.collect()
     }
 }
 
@@ -406,7 +379,6 @@ pub(super) mod tests {
     use super::super::grouped::Grouped;
     use super::super::joint::tests::of_set_1;
     use super::super::joint::{Component, Row};
-    use super::super::probes::Probe;
     use super::super::projection::Basis;
     use super::super::samples::Sample;
     use super::super::view::Freed;
@@ -427,15 +399,14 @@ pub(super) mod tests {
         }
         let measured = DVector::from_fn(ROWS + COLUMNS, |_, _| number());
         let probes = Probes {
-            all: vec![Probe {
-                rows: (0..ROWS).map(|_| number()).collect(),
-                samples: (0..ROWS / 2).collect(),
-            }],
+            all: vec![Probe::new(
+                (0..ROWS / 2).collect(),
+                (0..ROWS).map(|row| (row / 2, number())),
+            )],
             carts: vec![],
             closures: vec![],
             tcp: [0; 3],
-            row_samples: (0..ROWS).map(|row| row / 2).collect(),
-            sample_count: ROWS / 2,
+            row_count: ROWS,
         };
         let slopes = (0..2).map(|_| Some((0..ROWS / 2).map(|_| number()).collect()));
         let mut candidate = Displacements::default();

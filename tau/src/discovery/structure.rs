@@ -120,16 +120,8 @@ fn found(bench: &Bench, view: &View, family: usize, searched: Option<f64>) -> Op
 impl Bench {
     /// Sum of squares of what a displacement does to the residuals.
     fn signal(&self, view: &View, probe: usize, values: &[f64]) -> f64 {
-        let mut by_sample = vec![0.0; self.samples.len()];
-        let probe = &self.probes.all[probe];
-        for (&sample, &value) in probe.samples.iter().zip(values) {
-            by_sample[sample] = value;
-        }
-        (probe.rows.iter().zip(&view.factors))
-            .zip(&self.probes.row_samples)
-            .map(|((derivative, factor), &sample)| {
-                (derivative * factor * by_sample[sample]).powi(2)
-            })
+        let rows = self.probes.all[probe].rows.iter();
+        rows.map(|moved| (moved.derivative * view.factors[moved.row] * values[moved.place]).powi(2))
             .sum()
     }
 

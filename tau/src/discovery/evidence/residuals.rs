@@ -8,7 +8,7 @@ use tau_codegen::language::model::{Readable, Target, Term};
 
 use crate::discovery::bench::Bench;
 use crate::discovery::candidates::{Candidate, Entry, Scope};
-use crate::discovery::probes::Probe;
+use crate::discovery::probes::{Moved, Probe};
 use crate::discovery::results::{Bin, Pattern};
 use crate::discovery::structure::correlation;
 use crate::discovery::view::View;
@@ -187,38 +187,39 @@ fn displacements(
     at: &[f64],
 ) -> Vec<Point> {
     let probe = probe(bench, entry);
-    let mut sums = vec![(0.0, 0.0, 0.0); bench.probes.sample_count];
-    let mut absorbed = DMatrix::zeros(view.q.ncols(), bench.probes.sample_count);
-    for (row, (derivative, factor)) in probe.rows.iter().zip(&view.factors).enumerate() {
-        let weight = derivative * factor;
+    let mut sums = vec![(0.0, 0.0, 0.0); probe.samples.len()];
+    let mut absorbed = DMatrix::zeros(view.q.ncols(), probe.samples.len());
+    for &Moved {
+        row,
+        place,
+        derivative,
+    } in &probe.rows
+    {
+        let weight = derivative * view.factors[row];
         if weight == 0.0 {
             continue;
         }
-        let sample = bench.probes.row_samples[row];
-        let sum = &mut sums[sample];
+        let sum = &mut sums[place];
         sum.0 += weight * before[row];
         sum.1 += weight * view.residuals[row];
         sum.2 += weight * weight;
         for (to, q) in absorbed
-            .column_mut(sample)
+            .column_mut(place)
             .iter_mut()
             .zip(view.q.row(row).iter())
         {
             *to += weight * q;
         }
     }
-    probe
-        .samples
-        .iter()
-        .zip(at)
-        .map(|(&sample, &at)| (at, sample, sums[sample]))
-        .filter(|(_, _, sum)| sum.2 > 0.0)
-        .map(|(at, sample, (before, after, information))| Point {
+    (at.iter().zip(sums))
+        .enumerate()
+        .filter(|(_, (_, sum))| sum.2 > 0.0)
+        .map(|(place, (&at, (before, after, information)))| Point {
             at,
             before: -before / information,
             after: -after / information,
             information,
-            absorbed: absorbed.column(sample).into_owned(),
+            absorbed: absorbed.column(place).into_owned(),
         })
         .collect()
 }
