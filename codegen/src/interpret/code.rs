@@ -16,41 +16,20 @@ const CHUNK: usize = 12;
 /// One value for the samples of a chunk.
 type Slot = [Lanes; CHUNK];
 
+/// Most products that one instruction adds up: as many as the closure equation does for a component of its rod.
+const MOST: usize = 6;
+
 /// What an instruction does with its operands a, b, c and d.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Action {
-    Add,
-    Subtract,
-    Multiply,
+    /// `± a * b ± c * d ± …`, so many products, each rounded, added up from the first on. Signs are factors, which
+    /// change no bit of what is rounded, and so is the one that stands beside a term that is no product: what takes
+    /// time is to store a value and to read it again, not to multiply.
+    Sum(usize),
     Divide,
-    Negate,
     Apply(Elementary),
     /// `if a < b { c } else { d }`
     Select,
-    /// `a * b + c`, rounded twice.
-    MultiplyAdd,
-    /// `a * b - c`
-    MultiplySubtract,
-    /// `c - a * b`
-    SubtractProduct,
-    /// a
-    Copy,
-}
-
-/// What is done at once with the result r of an action, which nothing else reads: it is never stored.
-#[derive(Debug, Clone, Copy, PartialEq)]
-enum Then {
-    Nothing,
-    /// `r + x`
-    Add,
-    /// `r - x`
-    Subtract,
-    /// `r * x`
-    Multiply,
-    /// `r + x * y`, rounded twice.
-    AddProduct,
-    /// `r - x * y`
-    SubtractProduct,
 }
 
 /// Where a result goes.
@@ -64,10 +43,9 @@ enum Target {
 #[derive(Debug, Clone, Copy)]
 struct Instruction {
     action: Action,
-    operands: [usize; 4],
-    then: Then,
-    /// x and y of what is done then.
-    further: [usize; 2],
+    operands: [[usize; 2]; MOST],
+    /// Of each product of a sum.
+    signs: [f64; MOST],
     target: Target,
 }
 
@@ -227,13 +205,17 @@ impl Kernel for Run<'_> {
 /// What instructions run on: the numbers of one sample, or blocks.
 trait Numbers: Sized {
     type Result;
-    /// A function of some operands and further ones.
-    fn map<const N: usize, const M: usize>(
+
+    /// See [`Action::Sum`].
+    fn sum<const TERMS: usize>(
         self,
-        operands: [usize; N],
-        further: [usize; M],
-        f: impl Fn([f64; N], [f64; M]) -> f64,
+        operands: &[[usize; 2]; MOST],
+        signs: &[f64; MOST],
     ) -> Self::Result;
+
+    /// A function of some operands.
+    fn map<const N: usize>(self, operands: [usize; N], f: impl Fn([f64; N]) -> f64)
+    -> Self::Result;
 }
 
 /// Slots of a single sample.
@@ -242,16 +224,16 @@ struct Single<'a>(&'a [f64]);
 impl Numbers for Single<'_> {
     type Result = f64;
 
-    fn map<const N: usize, const M: usize>(
-        self,
-        operands: [usize; N],
-        further: [usize; M],
-        f: impl Fn([f64; N], [f64; M]) -> f64,
-    ) -> f64 {
-        f(
-            operands.map(|slot| self.0[slot]),
-            further.map(|slot| self.0[slot]),
-        )
+    fn sum<const TERMS: usize>(self, operands: &[[usize; 2]; MOST], signs: &[f64; MOST]) -> f64 {
+        let of_term = |term: usize| {
+            let [a, b] = operands[term];
+            signs[term] * self.0[a] * self.0[b]
+        };
+        (1..TERMS).fold(of_term(0), |sum, term| sum + of_term(term))
+    }
+
+    fn map<const N: usize>(self, operands: [usize; N], f: impl Fn([f64; N]) -> f64) -> f64 {
+        f(operands.map(|slot| self.0[slot]))
     }
 }
 
@@ -279,22 +261,40 @@ impl<'a, R: Iterator<Item = &'a mut Lanes>> Numbers for Blocks<'a, R> {
     type Result = ();
 
     #[inline(always)]
-    fn map<const N: usize, const M: usize>(
-        self,
-        operands: [usize; N],
-        further: [usize; M],
-        f: impl Fn([f64; N], [f64; M]) -> f64,
-    ) {
-        let operands = operands.map(|index| self.slot(index));
-        let further = further.map(|index| self.slot(index));
+    fn sum<const TERMS: usize>(self, operands: &[[usize; 2]; MOST], signs: &[f64; MOST]) {
+        let mut left = [self.slot(operands[0][0]); TERMS];
+        let mut right = [self.slot(operands[0][1]); TERMS];
+        let mut own = [signs[0]; TERMS];
+        for term in 1..TERMS {
+            left[term] = self.slot(operands[term][0]);
+            right[term] = self.slot(operands[term][1]);
+            own[term] = signs[term];
+        }
         for (block, result) in (0..self.count.min(CHUNK)).zip(self.result) {
             // A value of its own tells the compiler that the result overlaps no operand.
             let mut value = Lanes::ZERO;
+            for term in 0..TERMS {
+                let (a, b) = (&left[term][block], &right[term][block]);
+                for lane in 0..LANES {
+                    let product = own[term] * a[lane] * b[lane];
+                    value[lane] = if term == 0 {
+                        product
+                    } else {
+                        value[lane] + product
+                    };
+                }
+            }
+            *result = value;
+        }
+    }
+
+    #[inline(always)]
+    fn map<const N: usize>(self, operands: [usize; N], f: impl Fn([f64; N]) -> f64) {
+        let operands = operands.map(|index| self.slot(index));
+        for (block, result) in (0..self.count.min(CHUNK)).zip(self.result) {
+            let mut value = Lanes::ZERO;
             for lane in 0..LANES {
-                value[lane] = f(
-                    operands.map(|slot| slot[block][lane]),
-                    further.map(|slot| slot[block][lane]),
-                );
+                value[lane] = f(operands.map(|slot| slot[block][lane]));
             }
             *result = value;
         }
@@ -308,80 +308,24 @@ impl Instruction {
 
     #[inline(always)]
     fn run<N: Numbers>(&self, numbers: N) -> N::Result {
-        let [x, y] = self.further;
-        match self.then {
-            Then::Nothing => self.alone(numbers),
-            Then::Add => self.and_then(numbers, [x], |r, [x]| r + x),
-            Then::Subtract => self.and_then(numbers, [x], |r, [x]| r - x),
-            Then::Multiply => self.and_then(numbers, [x], |r, [x]| r * x),
-            Then::AddProduct => self.and_then(numbers, [x, y], |r, [x, y]| r + x * y),
-            Then::SubtractProduct => self.and_then(numbers, [x, y], |r, [x, y]| r - x * y),
-        }
-    }
-
-    #[inline(always)]
-    fn alone<N: Numbers>(&self, numbers: N) -> N::Result {
-        let [a, b, c, d] = self.operands;
+        let Self {
+            operands, signs, ..
+        } = self;
+        let [[a, b], [c, d], ..] = *operands;
         match self.action {
-            Action::Divide => numbers.map([a, b], [], |[a, b], []| a / b),
-            Action::Negate => numbers.map([a], [], |[a], []| -a),
-            Action::Select => numbers.map(
-                [a, b, c, d],
-                [],
-                |[a, b, c, d], []| {
-                    if a < b { c } else { d }
-                },
-            ),
+            Action::Sum(1) => numbers.sum::<1>(operands, signs),
+            Action::Sum(2) => numbers.sum::<2>(operands, signs),
+            Action::Sum(3) => numbers.sum::<3>(operands, signs),
+            Action::Sum(4) => numbers.sum::<4>(operands, signs),
+            Action::Sum(5) => numbers.sum::<5>(operands, signs),
+            Action::Sum(_) => numbers.sum::<MOST>(operands, signs),
+            Action::Divide => numbers.map([a, b], |[a, b]| a / b),
             Action::Apply(function) => {
                 let function = elementary(function);
-                numbers.map([a], [], |[a], []| function(a))
+                numbers.map([a], |[a]| function(a))
             }
-            Action::Copy => numbers.map([a], [], |[a], []| a),
-            _ => self.and_then(numbers, [], |r, []| r),
+            Action::Select => numbers.map([a, b, c, d], |[a, b, c, d]| if a < b { c } else { d }),
         }
-    }
-
-    /// Of the actions that have something done then; see [`Action::is_arithmetic`].
-    #[inline(always)]
-    fn and_then<N: Numbers, const M: usize>(
-        &self,
-        numbers: N,
-        further: [usize; M],
-        then: impl Fn(f64, [f64; M]) -> f64,
-    ) -> N::Result {
-        let [a, b, c, _] = self.operands;
-        match self.action {
-            Action::Add => numbers.map([a, b], further, |[a, b], m| then(a + b, m)),
-            Action::Subtract => numbers.map([a, b], further, |[a, b], m| then(a - b, m)),
-            Action::Multiply => numbers.map([a, b], further, |[a, b], m| then(a * b, m)),
-            Action::MultiplyAdd => {
-                numbers.map([a, b, c], further, |[a, b, c], m| then(a * b + c, m))
-            }
-            Action::MultiplySubtract => {
-                numbers.map([a, b, c], further, |[a, b, c], m| then(a * b - c, m))
-            }
-            Action::SubtractProduct => {
-                numbers.map([a, b, c], further, |[a, b, c], m| then(c - a * b, m))
-            }
-            Action::Divide | Action::Negate | Action::Select | Action::Apply(_) | Action::Copy => {
-                unreachable!("nothing is done at once with these results")
-            }
-        }
-    }
-}
-
-impl Action {
-    /// Whether its result may be used at once instead of being stored.
-    fn is_arithmetic(self) -> bool {
-        matches!(
-            self,
-            Self::Add
-                | Self::Subtract
-                | Self::Multiply
-                | Self::MultiplyAdd
-                | Self::MultiplySubtract
-                | Self::SubtractProduct
-        )
     }
 }
 
@@ -395,5 +339,137 @@ fn elementary(function: Elementary) -> fn(f64) -> f64 {
         Elementary::Exp => math::exp,
         Elementary::Ln => math::ln,
         Elementary::Tanh => math::tanh,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::program::{Operand, Operation};
+
+    const SAMPLES: usize = 3;
+    const PARAMETERS: usize = 2;
+
+    /// A number below a limit, from a linear congruential generator.
+    fn below(state: &mut u64, limit: usize) -> usize {
+        *state = state
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1);
+        (*state >> 33) as usize % limit
+    }
+
+    /// A program of operations on whatever came before; most sums go on from the last value.
+    fn program(state: &mut u64) -> Program {
+        let mut program = Program {
+            inputs: vec!["input".to_owned(); SAMPLES + PARAMETERS],
+            ..Program::default()
+        };
+        let length = 4 + below(state, 30);
+        for index in 0..length {
+            let mut operand = || match below(state, 8) {
+                0 => Operand::Constant(1.5),
+                1..4 => Operand::Input(below(state, SAMPLES + PARAMETERS)),
+                4..6 if index > 0 => Operand::Temporary(below(state, index)),
+                _ if index > 0 => Operand::Temporary(index - 1),
+                _ => Operand::Input(0),
+            };
+            let (a, b, c, d) = (operand(), operand(), operand(), operand());
+            program.operations.push(match below(state, 12) {
+                0..3 => Operation::Add(a, b),
+                3..6 => Operation::Subtract(a, b),
+                6..9 => Operation::Multiply(a, b),
+                9 => Operation::Negate(a),
+                10 => Operation::Divide(a, b),
+                _ => Operation::Select([a, b, c, d]),
+            });
+            program.names.push(None);
+        }
+        for _ in 0..3 {
+            let output = below(state, length + 1).checked_sub(1);
+            let output = output.map_or(
+                Operand::Input(below(state, SAMPLES + PARAMETERS)),
+                |index| Operand::Temporary(index),
+            );
+            program.outputs.push(output);
+        }
+        program
+    }
+
+    /// Operation by operation.
+    fn plainly(program: &Program, inputs: &[f64]) -> Vec<f64> {
+        let mut results: Vec<f64> = vec![];
+        let value = |operand: Operand, results: &[f64]| match operand {
+            Operand::Constant(value) => value,
+            Operand::Input(index) => inputs[index],
+            Operand::Temporary(index) => results[index],
+        };
+        for operation in &program.operations {
+            let of = |operand| value(operand, &results);
+            results.push(match *operation {
+                Operation::Add(a, b) => of(a) + of(b),
+                Operation::Subtract(a, b) => of(a) - of(b),
+                Operation::Multiply(a, b) => of(a) * of(b),
+                Operation::Divide(a, b) => of(a) / of(b),
+                Operation::Negate(a) => -of(a),
+                Operation::Apply(function, a) => elementary(function)(of(a)),
+                Operation::Select([a, b, c, d]) => {
+                    if of(a) < of(b) {
+                        of(c)
+                    } else {
+                        of(d)
+                    }
+                }
+            });
+        }
+        program
+            .outputs
+            .iter()
+            .map(|&output| value(output, &results))
+            .collect()
+    }
+
+    fn are_same(a: f64, b: f64) -> bool {
+        a.to_bits() == b.to_bits() || (a.is_nan() && b.is_nan())
+    }
+
+    /// Whatever is added up at once, results are those of one operation after the other, bit for bit.
+    #[test]
+    fn results_are_those_of_single_operations() {
+        let mut state = 17;
+        let parameters = [0.7, -1.3];
+        let samples: Vec<[f64; SAMPLES]> = (0..200)
+            .map(|_| std::array::from_fn(|_| below(&mut state, 2001) as f64 / 700.0 - 1.4))
+            .collect();
+        let mut blocks = vec![Lanes::ZERO; samples.len() / LANES * SAMPLES];
+        for (sample, inputs) in samples.iter().enumerate() {
+            for (k, &input) in inputs.iter().enumerate() {
+                blocks[sample / LANES * SAMPLES + k][sample % LANES] = input;
+            }
+        }
+        for _ in 0..300 {
+            let program = program(&mut state);
+            let code = Code::new(&program, SAMPLES, 1);
+            let mut outputs = vec![Lanes::ZERO; samples.len() / LANES];
+            let mut more = vec![Lanes::ZERO; 2 * outputs.len()];
+            code.run(&blocks, &parameters, &mut outputs, &mut more);
+            for (sample, inputs) in samples.iter().enumerate() {
+                let expected = plainly(&program, &[&inputs[..], &parameters].concat());
+                let (mut single, mut second) = ([0.0], [0.0; 2]);
+                code.run_single(inputs, &parameters, &mut single, &mut second);
+                let (block, lane) = (sample / LANES, sample % LANES);
+                let of_blocks = [
+                    outputs[block][lane],
+                    more[2 * block][lane],
+                    more[2 * block + 1][lane],
+                ];
+                for (k, expected) in expected.into_iter().enumerate() {
+                    let found = [of_blocks[k], [single[0], second[0], second[1]][k]];
+                    assert!(
+                        found.iter().all(|&found| are_same(found, expected)),
+                        "{found:?} {expected} {program:?}"
+                    );
+                }
+            }
+        }
     }
 }

@@ -2,7 +2,7 @@
 
 use rustc_hash::FxHashMap;
 
-use super::{Action, Code, Instruction, Target, Then};
+use super::{Action, Code, Instruction, MOST, Target};
 use crate::program::{Operand, Operation, Program};
 
 /// Where a value is before slots are given out.
@@ -24,65 +24,81 @@ pub(super) struct Translation<'a> {
     /// Index of each constant, by its bits.
     constant_places: FxHashMap<u64, usize>,
     shared: Vec<Instruction>,
-    /// Where each temporary is; `None` for products inside a later instruction.
+    /// Where each temporary is; `None` for those that are still to be computed.
     temporaries: Vec<Option<Source>>,
+    /// Sums that a single later operation reads: they may become part of it.
+    pending: Vec<Option<Vec<Term>>>,
     /// Instructions for samples.
     varying: Vec<Step>,
+}
+
+/// A product in a sum, with its sign.
+#[derive(Debug, Clone, Copy)]
+struct Term {
+    is_negative: bool,
+    factors: [Source; 2],
 }
 
 /// An instruction whose slots are not given out yet.
 #[derive(Debug, Clone)]
 struct Step {
     action: Action,
-    operands: Vec<Source>,
-    then: Then,
-    further: Vec<Source>,
+    operands: Vec<[Source; 2]>,
+    signs: Vec<f64>,
     /// What it computes.
     temporary: usize,
 }
 
 impl Step {
     fn sources(&self) -> impl Iterator<Item = Source> {
-        self.operands.iter().chain(&self.further).copied()
+        self.operands.iter().flatten().copied()
     }
 
-    /// What it does with an operand that is computed right before it, and its other operands.
-    fn with_first(&self, first: Source) -> Option<(Then, Vec<Source>)> {
-        Some(match (self.action, self.operands.as_slice()) {
-            (Action::Add, &[a, b]) if b == first => (Then::Add, vec![a]),
-            (Action::Add, &[a, b]) if a == first => (Then::Add, vec![b]),
-            (Action::Subtract, &[a, b]) if a == first => (Then::Subtract, vec![b]),
-            (Action::Multiply, &[a, b]) if b == first => (Then::Multiply, vec![a]),
-            (Action::Multiply, &[a, b]) if a == first => (Then::Multiply, vec![b]),
-            (Action::MultiplyAdd, &[a, b, c]) if c == first => (Then::AddProduct, vec![a, b]),
-            (Action::SubtractProduct, &[a, b, c]) if c == first => {
-                (Then::SubtractProduct, vec![a, b])
-            }
-            _ => return None,
-        })
+    fn instruction(&self, place: impl Fn(Source) -> usize, target: Target) -> Instruction {
+        let operands: Vec<[usize; 2]> = (self.operands.iter())
+            .map(|pair| pair.map(&place))
+            .collect();
+        Instruction {
+            action: self.action,
+            operands: padded(&operands),
+            signs: padded(&self.signs),
+            target,
+        }
+    }
+
+    fn of_sum(terms: &[Term], temporary: usize) -> Self {
+        let sign = |term: &Term| if term.is_negative { -1.0 } else { 1.0 };
+        Self {
+            action: Action::Sum(terms.len()),
+            operands: terms.iter().map(|term| term.factors).collect(),
+            signs: terms.iter().map(sign).collect(),
+            temporary,
+        }
     }
 }
 
 impl<'a> Translation<'a> {
     pub(super) fn new(program: &'a Program, samples: usize) -> Self {
+        let temporaries = program.operations.len();
         let mut translation = Self {
             program,
             samples,
             constants: vec![],
             constant_places: FxHashMap::default(),
             shared: vec![],
-            temporaries: vec![None; program.operations.len()],
+            temporaries: vec![None; temporaries],
+            pending: vec![None; temporaries],
             varying: vec![],
         };
         translation.collect_constants();
         translation.translate();
-        translation.join();
         translation
     }
 
     fn collect_constants(&mut self) {
         let operations = self.program.operations.iter().flat_map(Operation::operands);
-        for operand in operations.chain(self.program.outputs.iter().copied()) {
+        let one = std::iter::once(Operand::Constant(1.0));
+        for operand in (one.chain(operations)).chain(self.program.outputs.iter().copied()) {
             if let Operand::Constant(value) = operand {
                 let next = self.constants.len();
                 if *self.constant_places.entry(value.to_bits()).or_insert(next) == next {
@@ -96,174 +112,155 @@ impl<'a> Translation<'a> {
         self.program.inputs.len() - self.samples
     }
 
-    fn source(&self, operand: Operand) -> Option<Source> {
+    /// Where an operand is; one that is still to be computed is computed now.
+    fn source(&mut self, operand: Operand) -> Source {
         match operand {
             Operand::Constant(value) => {
-                let index = self.constant_places.get(&value.to_bits())?;
-                Some(Source::Shared(self.parameters() + index))
+                let index = self.constant_places[&value.to_bits()];
+                Source::Shared(self.parameters() + index)
             }
-            Operand::Input(index) => Some(match index.checked_sub(self.samples) {
+            Operand::Input(index) => match index.checked_sub(self.samples) {
                 None => Source::Input(index),
                 Some(parameter) => Source::Shared(parameter),
-            }),
-            Operand::Temporary(index) => self.temporaries[index],
+            },
+            Operand::Temporary(index) => match self.temporaries[index] {
+                Some(source) => source,
+                None => {
+                    let terms = self.pending[index].take().unwrap_or_default();
+                    self.varying.push(Step::of_sum(&terms, index));
+                    *self.temporaries[index].insert(Source::Result(index))
+                }
+            },
         }
     }
 
     fn translate(&mut self) {
-        let uses = self.program.uses();
-        let inside = self.products_inside(&uses);
-        for (index, &operation) in self.program.operations.iter().enumerate() {
-            if inside[index] {
-                continue;
-            }
-            let (action, operands) = self.action(operation, &inside);
-            let sources: Vec<Source> = operands
-                .into_iter()
-                .filter_map(|operand| self.source(operand))
-                .collect();
-            let shared: Option<Vec<usize>> = sources
-                .iter()
-                .map(|source| match source {
-                    Source::Shared(slot) => Some(*slot),
-                    _ => None,
-                })
-                .collect();
-            self.temporaries[index] = Some(if let Some(operands) = shared {
-                let result = self.parameters() + self.constants.len() + self.shared.len();
-                self.shared.push(Instruction {
-                    action,
-                    operands: padded(&operands),
-                    then: Then::Nothing,
-                    further: [0; 2],
-                    target: Target::Slot(result),
-                });
-                Source::Shared(result)
-            } else {
-                self.varying.push(Step {
-                    action,
-                    operands: sources,
-                    then: Then::Nothing,
-                    further: vec![],
-                    temporary: index,
-                });
-                Source::Result(index)
-            });
-        }
-    }
-
-    /// Joins a step with the one that alone reads its result: that saves storing and reading it.
-    fn join(&mut self) {
-        let mut uses = vec![0_usize; self.program.operations.len()];
-        let outputs = self.program.outputs.iter();
-        let outputs = outputs.filter_map(|&output| self.source(output));
-        for source in (self.varying.iter().flat_map(Step::sources)).chain(outputs) {
-            if let Source::Result(temporary) = source {
-                uses[temporary] += 1;
-            }
-        }
-        let mut place_of: Vec<Option<usize>> = vec![None; uses.len()];
-        let mut joined: Vec<Option<Step>> = Vec::with_capacity(self.varying.len());
-        for step in self.varying.drain(..) {
-            let found = step.operands.iter().find_map(|&source| {
-                let Source::Result(temporary) = source else {
-                    return None;
-                };
-                let place = place_of[temporary].filter(|_| uses[temporary] == 1)?;
-                let first = joined[place].as_ref()?;
-                let can_join = first.then == Then::Nothing && first.action.is_arithmetic();
-                let (then, further) = step.with_first(source).filter(|_| can_join)?;
-                Some((place, then, further))
-            });
-            let temporary = step.temporary;
-            place_of[temporary] = Some(joined.len());
-            let both = found.and_then(|(place, then, further)| {
-                Some(Step {
-                    then,
-                    further,
-                    temporary,
-                    ..joined[place].take()?
-                })
-            });
-            joined.push(Some(both.unwrap_or(step)));
-        }
-        self.varying = joined.into_iter().flatten().collect();
-    }
-
-    /// Which products only one sum reads: they become part of it, unless all samples share them.
-    fn products_inside(&self, uses: &[usize]) -> Vec<bool> {
-        let operations = &self.program.operations;
-        let mut varies: Vec<bool> = Vec::with_capacity(operations.len());
-        for operation in operations {
-            let varying = operation.operands().any(|operand| match operand {
-                Operand::Constant(_) => false,
-                Operand::Input(index) => index < self.samples,
-                Operand::Temporary(index) => varies[index],
-            });
-            varies.push(varying);
-        }
-        let mut inside = vec![false; operations.len()];
-        for operation in operations {
-            let (Operation::Add(a, b) | Operation::Subtract(a, b)) = *operation else {
-                continue;
-            };
-            let product = [b, a].into_iter().find_map(|operand| match operand {
-                Operand::Temporary(index)
-                    if uses[index] == 1
-                        && varies[index]
-                        && matches!(operations[index], Operation::Multiply(..)) =>
-                {
-                    Some(index)
+        let program = self.program;
+        let uses = program.uses();
+        for (index, &operation) in program.operations.iter().enumerate() {
+            if let Some(terms) = self.terms(operation) {
+                if self.is_shared(terms.iter().flat_map(|term| term.factors)) {
+                    self.share(Step::of_sum(&terms, index));
+                    continue;
                 }
-                _ => None,
-            });
-            if let Some(product) = product {
-                inside[product] = true;
+                self.pending[index] = Some(terms);
+                if uses[index] > 1 {
+                    self.source(Operand::Temporary(index));
+                }
+                continue;
+            }
+            let (action, operands) = match operation {
+                Operation::Apply(function, a) => (Action::Apply(function), vec![[a, a]]),
+                Operation::Select([a, b, c, d]) => (Action::Select, vec![[a, b], [c, d]]),
+                Operation::Divide(a, b) => (Action::Divide, vec![[a, b]]),
+                _ => unreachable!("all others are sums of products"),
+            };
+            let step = Step {
+                action,
+                operands: (operands.into_iter())
+                    .map(|pair| pair.map(|operand| self.source(operand)))
+                    .collect(),
+                signs: vec![],
+                temporary: index,
+            };
+            if self.is_shared(step.sources()) {
+                self.share(step);
+            } else {
+                self.varying.push(step);
+                self.temporaries[index] = Some(Source::Result(index));
             }
         }
-        inside
+        for &output in &program.outputs {
+            self.source(output);
+        }
     }
 
-    /// An operation as an action, with the product that it takes in.
-    fn action(&self, operation: Operation, inside: &[bool]) -> (Action, Vec<Operand>) {
-        let product = |operand: Operand| match operand {
-            Operand::Temporary(index) if inside[index] => match self.program.operations[index] {
-                Operation::Multiply(a, b) => Some((a, b)),
-                _ => None,
-            },
-            _ => None,
+    fn is_shared(&self, sources: impl IntoIterator<Item = Source>) -> bool {
+        let mut sources = sources.into_iter();
+        sources.all(|source| matches!(source, Source::Shared(_)))
+    }
+
+    /// Has a step run once for all samples.
+    fn share(&mut self, step: Step) {
+        let result = self.parameters() + self.constants.len() + self.shared.len();
+        let place = |source: Source| match source {
+            Source::Shared(slot) => slot,
+            Source::Input(_) | Source::Result(_) => {
+                unreachable!("what all samples share reads nothing of a sample")
+            }
         };
+        self.temporaries[step.temporary] = Some(Source::Shared(result));
+        self.shared
+            .push(step.instruction(place, Target::Slot(result)));
+    }
+
+    /// An operation as a sum of products, with what it takes in of operands that nothing else reads; `None` where
+    /// it is none.
+    fn terms(&mut self, operation: Operation) -> Option<Vec<Term>> {
         match operation {
-            Operation::Add(x, y) => match (product(x), product(y)) {
-                (_, Some((a, b))) => (Action::MultiplyAdd, vec![a, b, x]),
-                (Some((a, b)), None) => (Action::MultiplyAdd, vec![a, b, y]),
-                (None, None) => (Action::Add, vec![x, y]),
-            },
-            Operation::Subtract(x, y) => match (product(x), product(y)) {
-                (_, Some((a, b))) => (Action::SubtractProduct, vec![a, b, x]),
-                (Some((a, b)), None) => (Action::MultiplySubtract, vec![a, b, y]),
-                (None, None) => (Action::Subtract, vec![x, y]),
-            },
-            Operation::Multiply(a, b) => (Action::Multiply, vec![a, b]),
-            Operation::Divide(a, b) => (Action::Divide, vec![a, b]),
-            Operation::Negate(a) => (Action::Negate, vec![a]),
-            Operation::Apply(function, a) => (Action::Apply(function), vec![a]),
-            Operation::Select(operands) => (Action::Select, operands.to_vec()),
+            Operation::Multiply(a, b) => Some(vec![Term {
+                is_negative: false,
+                factors: [self.source(a), self.source(b)],
+            }]),
+            Operation::Negate(a) => {
+                let mut terms = self.taken_in(a, 1);
+                terms[0].is_negative ^= true;
+                Some(terms)
+            }
+            Operation::Add(a, b) => {
+                // Sums go on from the first operand, or the second: which one makes no difference.
+                let (first, second) = if self.length(a) >= self.length(b) {
+                    (a, b)
+                } else {
+                    (b, a)
+                };
+                let mut terms = self.taken_in(first, MOST - 1);
+                terms.extend(self.taken_in(second, 1));
+                Some(terms)
+            }
+            Operation::Subtract(a, b) => {
+                let mut terms = self.taken_in(a, MOST - 1);
+                let mut last = self.taken_in(b, 1);
+                last[0].is_negative ^= true;
+                terms.append(&mut last);
+                Some(terms)
+            }
+            Operation::Divide(..) | Operation::Apply(..) | Operation::Select(_) => None,
         }
+    }
+
+    /// Number of products of an operand that is still to be computed.
+    fn length(&self, operand: Operand) -> usize {
+        match operand {
+            Operand::Temporary(index) => self.pending[index].as_ref().map_or(0, Vec::len),
+            _ => 0,
+        }
+    }
+
+    /// The products of an operand that is still to be computed, up to so many; of any other the operand itself.
+    fn taken_in(&mut self, operand: Operand, most: usize) -> Vec<Term> {
+        if let Operand::Temporary(index) = operand
+            && (1..=most).contains(&self.length(operand))
+            && let Some(terms) = self.pending[index].take()
+        {
+            return terms;
+        }
+        let one = self.source(Operand::Constant(1.0));
+        vec![Term {
+            is_negative: false,
+            factors: [self.source(operand), one],
+        }]
     }
 
     /// Gives out slots: a result's is free again after its last use.
-    pub(super) fn finish(self, outputs: usize) -> Code {
-        let stored: Vec<Option<Source>> = self
-            .program
-            .outputs
-            .iter()
-            .map(|&output| self.source(output))
-            .collect();
+    pub(super) fn finish(mut self, outputs: usize) -> Code {
+        let of_program = self.program.outputs.iter();
+        let stored: Vec<Source> = of_program.map(|&output| self.source(output)).collect();
+        let one = self.source(Operand::Constant(1.0));
         let mut copied: Vec<usize> = Vec::new();
         let mut copies: FxHashMap<usize, usize> = FxHashMap::default();
         let sources = self.varying.iter().flat_map(Step::sources);
-        for source in sources.chain(stored.iter().flatten().copied()) {
+        for source in (sources.chain(stored.iter().copied())).chain([one]) {
             if let Source::Shared(slot) = source
                 && *copies.entry(slot).or_insert(copied.len()) == copied.len()
             {
@@ -280,9 +277,9 @@ impl<'a> Translation<'a> {
             }
         }
         let mut stores_of: Vec<Vec<usize>> = vec![vec![]; temporaries];
-        for (output, source) in stored.iter().enumerate() {
-            if let Some(Source::Result(temporary)) = source {
-                stores_of[*temporary].push(output);
+        for (output, &source) in stored.iter().enumerate() {
+            if let Source::Result(temporary) = source {
+                stores_of[temporary].push(output);
             }
         }
         let mut code = Code {
@@ -298,35 +295,28 @@ impl<'a> Translation<'a> {
         };
         let mut slot_of: Vec<Option<usize>> = vec![None; temporaries];
         let mut free: Vec<usize> = Vec::new();
-        let copy = |code: &mut Code, output: usize, place: usize| {
-            code.instructions.push(Instruction {
-                action: Action::Copy,
-                operands: [place; 4],
-                then: Then::Nothing,
-                further: [0; 2],
-                target: Target::Output(output),
-            });
-        };
         let samples = code.samples;
         let at_once = move |source: Source| match source {
             Source::Input(index) => Some(index),
             Source::Shared(slot) => Some(samples + copies.get(&slot)?),
             Source::Result(_) => None,
         };
-        for (output, source) in stored.iter().enumerate() {
-            if let Some(place) = source.and_then(&at_once) {
+        let one = at_once(one).unwrap_or_default();
+        let copy = |code: &mut Code, output: usize, place: usize| {
+            let (operands, signs) = (padded(&[[place, one]]), padded(&[1.0]));
+            code.instructions.push(Instruction {
+                action: Action::Sum(1),
+                operands,
+                signs,
+                target: Target::Output(output),
+            });
+        };
+        for (output, &source) in stored.iter().enumerate() {
+            if let Some(place) = at_once(source) {
                 copy(&mut code, output, place);
             }
         }
         for (position, step) in self.varying.iter().enumerate() {
-            let slots = |sources: &[Source]| -> Vec<usize> {
-                let slot = |&source: &Source| match source {
-                    Source::Result(temporary) => slot_of[temporary],
-                    other => at_once(other),
-                };
-                sources.iter().filter_map(slot).collect()
-            };
-            let (operands, further) = (slots(&step.operands), slots(&step.further));
             let stores = &stores_of[step.temporary];
             let is_read = last_use[step.temporary].is_some();
             let target = match stores.as_slice() {
@@ -336,13 +326,12 @@ impl<'a> Translation<'a> {
                     code.slots - 1
                 })),
             };
-            code.instructions.push(Instruction {
-                action: step.action,
-                operands: padded(&operands),
-                then: step.then,
-                further: padded(&further),
-                target,
-            });
+            let place = |source| match source {
+                Source::Result(temporary) => slot_of[temporary],
+                other => at_once(other),
+            };
+            let place = |source| place(source).unwrap_or_else(|| unreachable!("computed before"));
+            code.instructions.push(step.instruction(place, target));
             if let Target::Slot(slot) = target {
                 for &output in stores {
                     copy(&mut code, output, slot);
@@ -366,11 +355,11 @@ impl<'a> Translation<'a> {
     }
 }
 
-/// Operands that an action does not have repeat the first.
-fn padded<const N: usize>(operands: &[usize]) -> [usize; N] {
-    let mut padded = [operands.first().copied().unwrap_or(0); N];
-    for (slot, &operand) in padded.iter_mut().zip(operands) {
-        *slot = operand;
+/// Values that an action does not have repeat the first, if there is any.
+fn padded<T: Copy + Default>(values: &[T]) -> [T; MOST] {
+    let mut padded = [values.first().copied().unwrap_or_default(); MOST];
+    for (place, &value) in padded.iter_mut().zip(values) {
+        *place = value;
     }
     padded
 }
