@@ -95,6 +95,20 @@ pub(super) struct Table {
     has_families: bool,
 }
 
+impl Table {
+    /// The scores without what they were computed from, which takes much room.
+    pub(super) fn without_model(self) -> Self {
+        let bands = self.bands.iter();
+        Self {
+            responses: Responses::default(),
+            bands: bands
+                .map(|scores| Arc::new(scores.without_model()))
+                .collect(),
+            ..self
+        }
+    }
+}
+
 /// Shares of the family-wise level (a weighted Bonferroni procedure; Genovese, Roeder, Wasserman,
 /// Biometrika 93, 2006): unnamed families are many and keep names honest, so they get the smaller part.
 #[derive(Debug, Clone, Copy)]

@@ -1,5 +1,6 @@
 //! Formulas of effects over many samples at once, with their derivatives by the effect's parameters.
 
+use std::cell::RefCell;
 use std::collections::BTreeMap;
 
 use tau_codegen::language::model::{BinaryOperator, Effect, Formula, Function, Readable, Term};
@@ -37,6 +38,20 @@ impl Series {
             Self::Each(values) => values.iter_mut().for_each(|value| *value = f(*value)),
         }
         self
+    }
+
+    /// Sines and cosines of angles.
+    fn sines_and_cosines(self) -> (Self, Self) {
+        match self {
+            Self::Same(angle) => {
+                let (sine, cosine) = angle.sin_cos();
+                (Self::Same(sine), Self::Same(cosine))
+            }
+            Self::Each(angles) => {
+                let (sines, cosines) = angles.into_iter().map(f64::sin_cos).unzip();
+                (Self::Each(sines), Self::Each(cosines))
+            }
+        }
     }
 
     fn zip(self, other: &Self, f: impl Fn(f64, f64) -> f64) -> Self {
@@ -135,6 +150,8 @@ pub(super) struct Formulas<'a> {
     starts: Vec<usize>,
     /// Indices of the components that derivatives are taken by.
     wanted: &'a [usize],
+    /// Sines (true) and cosines at arguments of which the other has been asked for: one costs little beside the other.
+    waves: RefCell<Vec<(bool, Formula, Series)>>,
 }
 
 impl<'a> Formulas<'a> {
@@ -154,6 +171,7 @@ impl<'a> Formulas<'a> {
             values,
             starts,
             wanted,
+            waves: RefCell::default(),
         }
     }
 
@@ -252,15 +270,56 @@ impl<'a> Formulas<'a> {
             Formula::Power(a, n) => self
                 .dual(a, reader)?
                 .apply(|a| a.powi(*n), |a| f64::from(*n) * a.powi(*n - 1)),
-            Formula::Call(function, arguments) => {
-                let arguments = arguments
-                    .iter()
-                    .map(|argument| self.dual(argument, reader))
-                    .collect::<Result<Vec<_>, _>>()?;
-                call(*function, arguments)
-            }
+            Formula::Call(function, arguments) => match (function, arguments.as_slice()) {
+                (Function::Sin | Function::Cos, [angle]) => {
+                    self.wave(*function == Function::Sin, angle, reader)?
+                }
+                (function, arguments) => {
+                    let arguments = arguments.iter().map(|argument| self.dual(argument, reader));
+                    call(*function, arguments.collect::<Result<Vec<_>, _>>()?)
+                }
+            },
             // The checker resolves vectors into components; what is left has no value.
             Formula::Vector(_) => Dual::constant(f64::NAN),
+        })
+    }
+
+    /// A sine, or a cosine.
+    fn wave(
+        &self,
+        is_sine: bool,
+        angle: &Formula,
+        reader: &Reader<'_>,
+    ) -> Result<Dual, &'static str> {
+        let mut waves = self.waves.borrow_mut();
+        let is_known = |(sine, of, _): &(bool, Formula, Series)| *sine == is_sine && of == angle;
+        if let Some(known) = waves.iter().position(is_known) {
+            return Ok(Dual {
+                value: waves.swap_remove(known).2,
+                slopes: BTreeMap::new(),
+            });
+        }
+        drop(waves);
+        let dual = self.dual(angle, reader)?;
+        if !dual.slopes.is_empty() {
+            let function = if is_sine {
+                Function::Sin
+            } else {
+                Function::Cos
+            };
+            return Ok(call(function, vec![dual]));
+        }
+        let (sines, cosines) = dual.value.sines_and_cosines();
+        let (value, other) = if is_sine {
+            (sines, cosines)
+        } else {
+            (cosines, sines)
+        };
+        let other = (!is_sine, angle.clone(), other);
+        self.waves.borrow_mut().push(other);
+        Ok(Dual {
+            value,
+            slopes: BTreeMap::new(),
         })
     }
 }
@@ -333,11 +392,7 @@ mod tests {
                 let value = |step: f64| {
                     let mut moved = values;
                     moved[parameter] += step;
-                    let formulas = Formulas {
-                        values: &moved,
-                        starts: vec![0, 1, 2],
-                        wanted: &[0, 1, 2],
-                    };
+                    let formulas = Formulas::new(effect, &moved, &[0, 1, 2]);
                     formulas.dual(&term.formula, &reader).unwrap().value
                 };
                 let (up, down) = (value(1e-6), value(-1e-6));

@@ -17,7 +17,7 @@ use super::signs::{Flipped, Run, single};
 use super::view::View;
 
 /// Products of probes with a model.
-#[derive(Clone)]
+#[derive(Clone, Default)]
 pub(super) struct Responses {
     /// Of each probe: one row per column of the basis, one column per sample of the probe.
     by_basis: Arc<Vec<DMatrix<f64>>>,

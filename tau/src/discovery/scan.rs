@@ -253,6 +253,17 @@ pub(super) fn peaks(statistics: &[f64], height: f64) -> impl Iterator<Item = usi
 }
 
 impl Scores {
+    /// The same without what they were computed from.
+    pub(super) fn without_model(&self) -> Self {
+        Self {
+            statistics: self.statistics.clone(),
+            ranks: self.ranks.clone(),
+            coefficients: self.coefficients.clone(),
+            absorbed: Arc::default(),
+            grams: Arc::default(),
+        }
+    }
+
     /// Height of the highest point.
     pub(super) fn highest(&self) -> f64 {
         self.statistics.iter().copied().fold(0.0, f64::max)

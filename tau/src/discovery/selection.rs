@@ -133,7 +133,7 @@ impl Search<'_> {
                 winner = self.winner(&view, &table, &significant);
             }
             let Some(winner) = winner else {
-                self.first.get_or_insert(table);
+                self.first.get_or_insert_with(|| table.without_model());
                 break;
             };
             if let Some(common) = self.common_to_split(&winner) {
@@ -163,7 +163,7 @@ impl Search<'_> {
                 || self.is_named(&winner).then(|| self.joined(&winner)),
             );
             let aliases = self.bench.aliases(&table, &winner);
-            self.first.get_or_insert(table);
+            self.first.get_or_insert_with(|| table.without_model());
             if !self.passes_flips(flip_p_value, self.level()) {
                 // The best does no better than chance, so nothing does.
                 self.refused.insert(winner.candidate);
