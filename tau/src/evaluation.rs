@@ -1,8 +1,10 @@
 //! How well a machine predicts measured poses: Table I and Figure 8 of the paper.
 
+use rayon::prelude::*;
+
 use crate::calibration::Error;
 use crate::kinematics::{Machine, Sample};
-use crate::measurements::Folder;
+use crate::measurements::{Folder, TcpPose};
 use crate::robot::Arm;
 use crate::study::results::{PoseError, Summary};
 
@@ -38,10 +40,13 @@ impl Summary {
 /// # Errors
 /// Columns that the variant needs are missing; a pose can't be predicted.
 pub fn evaluate(machine: &Machine, folder: &Folder, poses: &[usize]) -> Result<Evaluation, Error> {
-    let errors = poses
-        .iter()
+    let measured: Vec<&TcpPose> = (poses.iter())
         .filter_map(|&pose| folder.tcp_poses.get(pose))
-        .map(|measured| {
+        .collect();
+    // The first of several errors is told, whichever thread comes across one first.
+    let errors: Vec<Result<PoseError, Error>> = measured
+        .par_iter()
+        .map(|&measured| {
             let predicted = machine
                 .forward_fitted(&Sample::from(measured))
                 .map_err(|error| Error::at_pose(measured.pose, error))?
@@ -56,6 +61,9 @@ pub fn evaluate(machine: &Machine, folder: &Folder, poses: &[usize]) -> Result<E
                 orientation_rad: (machine.variant.arm == Arm::Full).then_some(orientation),
             })
         })
+        .collect();
+    let errors = errors
+        .into_iter()
         .collect::<Result<Vec<PoseError>, Error>>()?;
     let lengths: Vec<f64> = errors.iter().map(PoseError::length_um).collect();
     let largest = |k: usize| {

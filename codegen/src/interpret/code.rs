@@ -388,7 +388,7 @@ mod tests {
             let output = below(state, length + 1).checked_sub(1);
             let output = output.map_or(
                 Operand::Input(below(state, SAMPLES + PARAMETERS)),
-                |index| Operand::Temporary(index),
+                Operand::Temporary,
             );
             program.outputs.push(output);
         }

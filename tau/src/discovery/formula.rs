@@ -366,6 +366,41 @@ mod tests {
     use crate::Robot;
     use crate::robot::{Input, Owner, ResidualKind};
 
+    /// Waves that share an angle, in whichever order, and one that has an angle of its own.
+    #[test]
+    fn waves_of_one_angle_are_its_sine_and_cosine() {
+        let model = check_text(
+            "robot Slide { track one; cluster a on one { link l; } variant N { arm reduced; tracks linear; } }",
+        )
+        .unwrap();
+        let text = "effect waves on cart {
+            param a, b: length;
+            param c: number;
+            along += a * sin(c * q / (1 m)) + b * cos(c * q / (1 m));
+            along += a * cos(c * q / (1 m)) + b * sin(2 * c * q / (1 m)) + b * sin(c * q / (1 m));
+        }";
+        let model = effects_from_text(text, &model).unwrap();
+        let effect = &model.effects[0];
+        let q = vec![-0.4, 0.3, 1.1];
+        let reader = |_: Readable| Ok(q.clone());
+        let c = 1.7;
+        let expected = |q: f64| {
+            let (sine, cosine) = (c * q).sin_cos();
+            [[sine, cosine], [cosine, (2.0 * c * q).sin() + sine]]
+        };
+        let (values, wanted) = ([0.0, 0.0, c], [0, 1]);
+        let formulas = Formulas::new(effect, &values, &wanted);
+        for (k, term) in effect.terms.iter().enumerate() {
+            let slopes = formulas.slopes(term, &reader).unwrap();
+            for parameter in wanted {
+                for (sample, &q) in q.iter().enumerate() {
+                    let off = slopes[0][&parameter].at(sample) - expected(q)[k][parameter];
+                    assert!(off.abs() < 1e-14, "term {k}, parameter {parameter}: {off}");
+                }
+            }
+        }
+    }
+
     /// Slopes agree with central differences, for every function and operator.
     #[test]
     fn slopes_are_those_of_small_steps() {

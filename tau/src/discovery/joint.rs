@@ -11,6 +11,7 @@ use tau_solver::{Block, Problem};
 
 use super::grouped::{Grouped, Groups};
 use super::outliers;
+use super::parallel;
 use super::samples::Sample;
 use crate::calibration::Nominal;
 use crate::kinematics::Machine;
@@ -61,6 +62,13 @@ struct Part {
     first_row: usize,
     /// Reciprocal stated noise and component of each residual of a sample.
     weights: Vec<(f64, Component)>,
+}
+
+impl Part {
+    /// The family's own parameters among those of the fit.
+    fn local(&self, fitted: &[f64]) -> Vec<f64> {
+        self.parameters.iter().map(|&p| fitted[p]).collect()
+    }
 }
 
 /// The residuals of a variant at all samples.
@@ -218,11 +226,13 @@ impl Joint {
     pub(super) fn residuals(&self, fitted: &[f64], factors: &[f64]) -> DVector<f64> {
         let rows = self.rows.len();
         let mut residuals = DVector::zeros(rows + fitted.len());
-        let mut plain = Vec::new();
-        for part in &self.parts {
-            let local: Vec<f64> = part.parameters.iter().map(|&p| fitted[p]).collect();
-            plain.resize(part.samples.len() * part.weights.len(), 0.0);
+        let of_parts = parallel::map(&self.parts, |part| {
+            let mut plain = vec![0.0; part.samples.len() * part.weights.len()];
+            let local = part.local(fitted);
             part.family.value_all(&part.prepared, &local, &mut plain);
+            plain
+        });
+        for (part, plain) in self.parts.iter().zip(of_parts) {
             for (k, &residual) in plain.iter().enumerate() {
                 let row = part.first_row + k;
                 let weight = part.weights[k % part.weights.len()].0;
@@ -252,14 +262,16 @@ impl Joint {
         let (rows, columns) = (self.rows.len(), fitted.len());
         let mut residuals = DVector::zeros(rows + columns);
         let mut jacobian = self.groups.zeros();
-        let (mut plain, mut entries) = (Vec::new(), Vec::new());
-        for part in &self.parts {
-            let (shape, pattern) = (part.family.shape(), part.family.pattern());
-            let local: Vec<f64> = part.parameters.iter().map(|&p| fitted[p]).collect();
-            plain.resize(part.samples.len() * shape.residuals, 0.0);
-            entries.resize(part.samples.len() * pattern.len(), 0.0);
+        let of_parts = parallel::map(&self.parts, |part| {
+            let mut plain = vec![0.0; part.samples.len() * part.family.shape().residuals];
+            let mut entries = vec![0.0; part.samples.len() * part.family.pattern().len()];
+            let local = part.local(fitted);
             part.family
                 .linearize_all(&part.prepared, &local, &mut plain, &mut entries);
+            (plain, entries)
+        });
+        for (part, (plain, entries)) in self.parts.iter().zip(of_parts) {
+            let (shape, pattern) = (part.family.shape(), part.family.pattern());
             for (k, &residual) in plain.iter().enumerate() {
                 let row = part.first_row + k;
                 let within = k % shape.residuals;

@@ -328,18 +328,23 @@ fn search_from(
     );
     let (fit, samples) = fitted?;
     let machine = fit.joint.machine.with_values(fit.joint.values(&fit.fitted));
-    let before_floor = floor::floor(&fit, &machine, folder, &division.validation, file.noise)?;
     progress("looking at what could be seen");
     let own_effects = variant.effects.len();
-    let probes = Probes::of(
-        &model,
-        own_effects,
-        compiled,
-        &fit.joint,
-        &fit.fitted,
-        &samples,
-        file.noise,
-    )?;
+    let (before_floor, probes) = parallel::both(
+        || floor::floor(&fit, &machine, folder, &division.validation, file.noise),
+        || {
+            Probes::of(
+                &model,
+                own_effects,
+                compiled,
+                &fit.joint,
+                &fit.fitted,
+                &samples,
+                file.noise,
+            )
+        },
+    );
+    let (before_floor, probes) = (before_floor?, probes?);
     let mut bench = Bench::new(model, variant, &families, samples, probes, &fit);
     let view = View::of(&fit);
     let table = bench.table(&view);

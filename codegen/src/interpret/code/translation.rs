@@ -54,6 +54,12 @@ impl Step {
         self.operands.iter().flatten().copied()
     }
 
+    /// Whether all samples share what it computes.
+    fn is_shared(&self) -> bool {
+        let mut sources = self.sources();
+        sources.all(|source| matches!(source, Source::Shared(_)))
+    }
+
     fn instruction(&self, place: impl Fn(Source) -> usize, target: Target) -> Instruction {
         let operands: Vec<[usize; 2]> = (self.operands.iter())
             .map(|pair| pair.map(&place))
@@ -139,8 +145,9 @@ impl<'a> Translation<'a> {
         let uses = program.uses();
         for (index, &operation) in program.operations.iter().enumerate() {
             if let Some(terms) = self.terms(operation) {
-                if self.is_shared(terms.iter().flat_map(|term| term.factors)) {
-                    self.share(Step::of_sum(&terms, index));
+                let step = Step::of_sum(&terms, index);
+                if step.is_shared() {
+                    self.share(&step);
                     continue;
                 }
                 self.pending[index] = Some(terms);
@@ -163,8 +170,8 @@ impl<'a> Translation<'a> {
                 signs: vec![],
                 temporary: index,
             };
-            if self.is_shared(step.sources()) {
-                self.share(step);
+            if step.is_shared() {
+                self.share(&step);
             } else {
                 self.varying.push(step);
                 self.temporaries[index] = Some(Source::Result(index));
@@ -175,13 +182,8 @@ impl<'a> Translation<'a> {
         }
     }
 
-    fn is_shared(&self, sources: impl IntoIterator<Item = Source>) -> bool {
-        let mut sources = sources.into_iter();
-        sources.all(|source| matches!(source, Source::Shared(_)))
-    }
-
     /// Has a step run once for all samples.
-    fn share(&mut self, step: Step) {
+    fn share(&mut self, step: &Step) {
         let result = self.parameters() + self.constants.len() + self.shared.len();
         let place = |source: Source| match source {
             Source::Shared(slot) => slot,
