@@ -12,7 +12,7 @@ use translation::Translation;
 
 /// Blocks over which an instruction runs: enough to hide its decoding, few enough for the slots of a
 /// residual to stay in cache.
-const CHUNK: usize = 12;
+const CHUNK: usize = 16;
 /// One value for the samples of a chunk.
 type Slot = [Lanes; CHUNK];
 

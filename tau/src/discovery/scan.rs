@@ -22,8 +22,9 @@ const OVERSAMPLING: f64 = 2.5;
 /// Least share of a peak's height that a grid point next to it shows: sinc²(½ / [`OVERSAMPLING`]) is
 /// 0.87 where commands fill their range evenly.
 pub(super) const LEAST_SHOWN: f64 = 0.75;
-/// The same where every other point of the grid is left out: sinc²(1 / [`OVERSAMPLING`]) is 0.57.
-pub(super) const LEAST_SHOWN_BY_HALF: f64 = 0.45;
+/// The same where every other point of the grid is left out, and wherever commands stand: sinc²(1 / [`OVERSAMPLING`])
+/// is 0.57 where they fill their range, cos²(π / [`OVERSAMPLING`]) is 0.095 where all are at its ends.
+pub(super) const LEAST_SHOWN_BY_HALF: f64 = 0.09;
 /// Peaks whose statistic falls short of the highest by less fit as well (odds of twenty to one).
 pub(super) const AS_GOOD: f64 = 6.0;
 /// Parts of a step of the grid at which peaks are refined.
@@ -389,36 +390,44 @@ mod tests {
         );
     }
 
+    /// The highest statistic of a wave at some points of a grid, and that at its own period, somewhere between them.
+    fn shown(commands: &[f64], grid: &[f64], k: u32) -> [f64; 2] {
+        let part = (f64::from(k) * 0.618_033_988_749).fract();
+        let (low, high) = (PERIODS_M.1.recip(), PERIODS_M.0.recip());
+        let period = (low + part * (high - low)).recip();
+        let wave: Vec<f64> = commands
+            .iter()
+            .map(|q| (TAU * q / period + 0.3).sin())
+            .collect();
+        let at = |&period: &f64| statistic(&wave, commands, period);
+        [grid.iter().map(at).fold(0.0, f64::max), at(&period)]
+    }
+
     #[test]
     fn no_peak_hides_between_points_of_the_grid() {
         let commands = commands(600);
         let grid = grid(PERIODS_M, RANGE_M);
         for k in 0..50 {
-            let part = (f64::from(k) * 0.618_033_988_749).fract();
-            let (low, high) = (PERIODS_M.1.recip(), PERIODS_M.0.recip());
-            let period = (low + part * (high - low)).recip();
-            let wave: Vec<f64> = commands
-                .iter()
-                .map(|q| (TAU * q / period + 0.3).sin())
-                .collect();
-            let shown = grid
-                .iter()
-                .map(|&at| statistic(&wave, &commands, at))
-                .fold(0.0, f64::max);
-            let height = statistic(&wave, &commands, period);
-            assert!(
-                shown > LEAST_SHOWN * height,
-                "{period}: {shown} of {height}"
-            );
+            let [shown, height] = shown(&commands, &grid, k);
+            assert!(shown > LEAST_SHOWN * height, "{k}: {shown} of {height}");
+        }
+    }
+
+    #[test]
+    fn no_peak_hides_between_every_other_point() {
+        let spread = commands(600);
+        let at_ends: Vec<f64> = spread.iter().map(|q| q.signum() * RANGE_M / 2.0).collect();
+        let grid = grid(PERIODS_M, RANGE_M);
+        for commands in [spread, at_ends] {
             for first in 0..2 {
-                let points = grid.iter().skip(first).step_by(2);
-                let shown = points
-                    .map(|&at| statistic(&wave, &commands, at))
-                    .fold(0.0, f64::max);
-                assert!(
-                    shown > LEAST_SHOWN_BY_HALF * height,
-                    "{period}: {shown} of {height} at every other point"
-                );
+                let points: Vec<f64> = grid.iter().copied().skip(first).step_by(2).collect();
+                for k in 0..50 {
+                    let [shown, height] = shown(&commands, &points, k);
+                    assert!(
+                        shown > LEAST_SHOWN_BY_HALF * height,
+                        "{k}: {shown} of {height}"
+                    );
+                }
             }
         }
     }
