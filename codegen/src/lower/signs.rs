@@ -38,7 +38,7 @@ struct Search<'a> {
     sums: Lists<usize>,
     /// Signs that readers other than sums and products see the value with: each must come out true.
     needs: Lists<bool>,
-    /// Values that flips change, each once for every way to it, and sums around them; kept for the room they have.
+    /// Values that flips change, and sums around them: kept because there are many flips to try.
     changed: Vec<usize>,
     around: Vec<usize>,
 }
@@ -258,11 +258,12 @@ impl<'a> Search<'a> {
             // Two changed factors cancel.
             self.changed.sort_unstable();
             let mut kept = 0;
-            for group in 0..self.changed.len() {
-                if kept > 0 && self.changed[kept - 1] == self.changed[group] {
+            for place in 0..self.changed.len() {
+                let value = self.changed[place];
+                if kept > 0 && self.changed[kept - 1] == value {
                     kept -= 1;
                 } else {
-                    self.changed[kept] = self.changed[group];
+                    self.changed[kept] = value;
                     kept += 1;
                 }
             }
