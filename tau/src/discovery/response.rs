@@ -375,6 +375,7 @@ fn summed(mut numbers: impl ExactSizeIterator<Item = f64>) -> f64 {
 
 #[cfg(test)]
 pub(super) mod tests {
+    use super::super::candidates;
     use super::super::distribution::Random;
     use super::super::grouped::Grouped;
     use super::super::joint::tests::of_set_1;
@@ -427,6 +428,51 @@ pub(super) mod tests {
             rows: (0..ROWS).map(row).collect(),
             degrees: ROWS as f64,
         }
+    }
+
+    /// Gram matrices of columns that displace probes with the same samples, others, or others in another order.
+    #[test]
+    fn gram_matrices_are_those_of_the_columns() {
+        let mut random = Random(29);
+        let mut number = || (random.bits() >> 40) as f64 / 1e7 - 0.8;
+        let samples = [
+            vec![0, 1, 2, 3],
+            vec![0, 1, 2, 3],
+            vec![1, 3, 4],
+            vec![3, 2, 1, 0],
+        ];
+        let probes = Probes {
+            all: samples
+                .iter()
+                .map(|own| Probe::new(own.clone(), (0..10).map(|row| (row / 2, number()))))
+                .collect(),
+            carts: vec![],
+            closures: vec![],
+            tcp: [0; 3],
+            row_count: 10,
+        };
+        let entries: Vec<Entry> = (samples.iter().enumerate())
+            .map(|(probe, own)| {
+                let slopes = (0..2).map(|_| Some(own.iter().map(|_| number()).collect()));
+                Entry::plain(probe, slopes.collect())
+            })
+            .collect();
+        let mut candidate = Displacements::default();
+        candidate.push(&entries, &[0, 1], &probes);
+        let mut pairs = BTreeSet::new();
+        candidate.pairs(0..2, &mut pairs);
+        let factors: Vec<f64> = (0..10).map(|_| number()).collect();
+        let view = View {
+            q: Arc::new(DMatrix::zeros(10, 1)),
+            residuals: DVector::zeros(10),
+            factors,
+            rows: vec![],
+            degrees: 9.0,
+        };
+        let columns = view.weighted(&candidates::columns(&entries, &[0, 1], &probes));
+        let responses = Responses::of(&view, &probes, &pairs);
+        let off = candidate.gram(0..2, &responses) - columns.tr_mul(&columns);
+        assert!(off.amax() < 1e-12, "{off}");
     }
 
     /// A model that gives back a parameter answers as one that never had it, prior and all.

@@ -179,3 +179,75 @@ impl Bench {
         Flipped::of(view, &self.probes, &self.samples, signs)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::DVector;
+
+    use super::super::super::base::base_fit;
+    use super::super::super::probes::{self, Probes};
+    use super::super::super::{Input, Options, model_of};
+    use super::*;
+    use crate::measurements::Poses;
+    use crate::robot::Robot;
+
+    /// Shortcuts aside, a flip counts if any candidate scores as well on residuals that are turned round and fitted
+    /// anew.
+    #[test]
+    fn flips_that_exceed_are_those_of_whole_tables() {
+        let robot = Robot::from(&tau_generated::gantry_tau::ROBOT);
+        let folder = crate::prototype::folder().unwrap();
+        let file = crate::prototype::robot_file().unwrap().completed(&robot);
+        let options = Options::default();
+        let Poses { division, .. } = Poses::select(&robot, &file, &folder, options.split).unwrap();
+        let input = Input {
+            robot: &robot,
+            base: "Full",
+            file: &file,
+            folder: &folder,
+            division: &division,
+            options: &options,
+        };
+        let (model, index, families) = model_of(&input).unwrap();
+        let variant = robot.variant("Full").unwrap();
+        let (fit, samples) = base_fit(&input, &model, index, variant).unwrap();
+        let compiled = probes::compiled(&model, index);
+        let (joint, fitted) = (&fit.joint, &fit.fitted);
+        let probes = Probes::of(&model, 0, compiled, joint, fitted, &samples, file.noise).unwrap();
+        let bench = Bench::new(model, variant, &families, samples, probes, &fit);
+        let view = View::of(&fit);
+        let table = bench.table(&view);
+        let (flips, seed) = (60, 3);
+        let signs = signs::random(bench.units, flips, seed);
+        let mut best: Vec<f64> = (0..flips)
+            .map(|flip| {
+                let mut turned = DVector::zeros(view.residuals.len());
+                for (row, at) in view.rows.iter().enumerate() {
+                    turned[row] =
+                        view.residuals[row] * signs[(bench.samples[at.sample].unit, flip)];
+                }
+                let turned = View {
+                    residuals: &turned - &*view.q * view.q.tr_mul(&turned),
+                    ..view.clone()
+                };
+                let scores = bench.table(&turned).scores;
+                scores
+                    .iter()
+                    .fold(f64::INFINITY, |best, score| best.min(score.adjusted))
+            })
+            .collect();
+        best.sort_by(f64::total_cmp);
+        let mut tried = 0;
+        for count in 1..flips {
+            let (last, next) = (best[count - 1], best[count]);
+            if next < 2.0 * last {
+                continue;
+            }
+            tried += 1;
+            let found = bench.flip_p(&view, &table, (last * next).sqrt(), flips, seed);
+            let expected = (1.0 + count as f64) / (1.0 + flips as f64);
+            assert_eq!(found, expected, "{count} of {flips}: {last} {next}");
+        }
+        assert!(tried > 10, "{tried}");
+    }
+}
