@@ -4,8 +4,8 @@ use std::ops::Range;
 
 use nalgebra::{DMatrix, DMatrixView, Dyn, U1};
 
-/// Up to so many columns, or rows, are multiplied one by one. With fewer than that, nalgebra 0.35 reads beyond the end
-/// of matrices whose rows are not next to each other.
+/// Up to so many columns, or rows, are multiplied one by one: nalgebra 0.35 does so as well, and reads beyond the end of
+/// columns whose numbers are not next to each other (its issue 1616).
 const FEW: usize = 5;
 
 /// `Aᵀ·B`
