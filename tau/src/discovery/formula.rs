@@ -150,7 +150,7 @@ pub(super) struct Formulas<'a> {
     starts: Vec<usize>,
     /// Indices of the components that derivatives are taken by.
     wanted: &'a [usize],
-    /// Sines (true) and cosines at arguments of which the other has been asked for: one costs little beside the other.
+    /// Sines (true) and cosines at angles of which a term has asked for the other: one costs little beside the other.
     waves: RefCell<Vec<(bool, Formula, Series)>>,
 }
 
@@ -234,6 +234,8 @@ impl<'a> Formulas<'a> {
         term: &Term,
         reader: &Reader<'_>,
     ) -> Result<Vec<BTreeMap<usize, Series>>, &'static str> {
+        // At other places the same angle reads other numbers.
+        self.waves.borrow_mut().clear();
         components_of(term)
             .iter()
             .map(|component| Ok(self.dual(component, reader)?.slopes))
@@ -366,36 +368,50 @@ mod tests {
     use crate::Robot;
     use crate::robot::{Input, Owner, ResidualKind};
 
-    /// Waves that share an angle, in whichever order, and one that has an angle of its own.
-    #[test]
-    fn waves_of_one_angle_are_its_sine_and_cosine() {
+    fn effect(text: &str) -> Effect {
         let model = check_text(
             "robot Slide { track one; cluster a on one { link l; } variant N { arm reduced; tracks linear; } }",
-        )
-        .unwrap();
-        let text = "effect waves on cart {
+        );
+        let model = effects_from_text(text, &model.unwrap()).unwrap();
+        model.effects[0].clone()
+    }
+
+    /// Waves that share an angle, in whichever order, one that has an angle of its own, and ones whose partner is in
+    /// another term: at three carts, each with commands of its own.
+    #[test]
+    fn waves_of_one_angle_are_its_sine_and_cosine() {
+        let effect = effect(
+            "effect waves on cart {
             param a, b: length;
             param c: number;
             along += a * sin(c * q / (1 m)) + b * cos(c * q / (1 m));
             along += a * cos(c * q / (1 m)) + b * sin(2 * c * q / (1 m)) + b * sin(c * q / (1 m));
-        }";
-        let model = effects_from_text(text, &model).unwrap();
-        let effect = &model.effects[0];
-        let q = vec![-0.4, 0.3, 1.1];
-        let reader = |_: Readable| Ok(q.clone());
+            along += a * sin(3 * c * q / (1 m)) + b;
+            along += a * cos(3 * c * q / (1 m)) + b;
+        }",
+        );
+        let carts = [vec![-0.4, 0.3, 1.1], vec![0.2, 0.7], vec![-0.9]];
         let c = 1.7;
         let expected = |q: f64| {
             let (sine, cosine) = (c * q).sin_cos();
-            [[sine, cosine], [cosine, (2.0 * c * q).sin() + sine]]
+            [
+                [sine, cosine],
+                [cosine, (2.0 * c * q).sin() + sine],
+                [(3.0 * c * q).sin(), 1.0],
+                [(3.0 * c * q).cos(), 1.0],
+            ]
         };
         let (values, wanted) = ([0.0, 0.0, c], [0, 1]);
-        let formulas = Formulas::new(effect, &values, &wanted);
+        let formulas = Formulas::new(&effect, &values, &wanted);
         for (k, term) in effect.terms.iter().enumerate() {
-            let slopes = formulas.slopes(term, &reader).unwrap();
-            for parameter in wanted {
-                for (sample, &q) in q.iter().enumerate() {
-                    let off = slopes[0][&parameter].at(sample) - expected(q)[k][parameter];
-                    assert!(off.abs() < 1e-14, "term {k}, parameter {parameter}: {off}");
+            for commands in &carts {
+                let reader = |_: Readable| Ok(commands.clone());
+                let slopes = formulas.slopes(term, &reader).unwrap();
+                for parameter in wanted {
+                    for (sample, &q) in commands.iter().enumerate() {
+                        let off = slopes[0][&parameter].at(sample) - expected(q)[k][parameter];
+                        assert!(off.abs() < 1e-14, "term {k}, parameter {parameter}: {off}");
+                    }
                 }
             }
         }
@@ -404,18 +420,13 @@ mod tests {
     /// Slopes agree with central differences, for every function and operator.
     #[test]
     fn slopes_are_those_of_small_steps() {
-        let model = check_text(
-            "robot Slide { track one; cluster a on one { link l; } variant N { arm reduced; tracks linear; } }",
-        )
-        .unwrap();
         let text = "effect everything on cart {
             param a, b: length;
             param c: number;
             along += a * sin(c * q / (1 m)) + b * cos(c) / (2 + tanh(c)) - sqrt(a^2 + b^2) * exp(-c);
             along += max(a, b * q / (1 m)) + abs(a - b) * atan(c) / (1 rad) + a * ln(3 + c) * tan(c / 5) - min(a, b);
         }";
-        let model = effects_from_text(text, &model).unwrap();
-        let effect = &model.effects[0];
+        let effect = &effect(text);
         let q = vec![-0.4, 0.3, 1.1];
         let reader = |_: Readable| Ok(q.clone());
         let values = [0.7, -0.3, 0.9];
