@@ -300,8 +300,13 @@ impl<'a> Mistakes<'a> {
     }
 
     /// Number of mistakes so far, listed or not.
-    pub fn len(&self) -> usize {
+    pub(crate) fn len(&self) -> usize {
         self.found.len() + self.unlisted
+    }
+
+    /// There are no mistakes so far.
+    pub fn is_empty(&self) -> bool {
+        self.found.is_empty()
     }
 
     /// The mistakes by place, or nothing where there are none.

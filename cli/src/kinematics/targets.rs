@@ -155,7 +155,7 @@ pub(super) fn of_file(
     all_or_none(&table, &pose, &mut mistakes);
     let named: Vec<&str> = directions.iter().map(String::as_str).collect();
     all_or_none(&table, &named, &mut mistakes);
-    if mistakes.len() > 0 {
+    if !mistakes.is_empty() {
         return Err(mistakes.into_error());
     }
 

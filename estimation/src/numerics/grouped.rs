@@ -273,7 +273,7 @@ impl Grouped {
     }
 
     /// The same with a factor on each row.
-    pub fn scaled(self, factors: &[f64]) -> Self {
+    pub(crate) fn scaled(self, factors: &[f64]) -> Self {
         let patterns = self.groups.patterns.iter();
         let blocks = patterns.zip(self.blocks).map(|(pattern, block)| {
             let own: Vec<f64> = pattern.rows.iter().map(|&row| factors[row]).collect();
