@@ -205,6 +205,8 @@ fn read(name: &'static str, formula: Formula) -> DataSet {
 
 /// Correct digits of the worst parameter, from 0 to 11.
 fn log_relative_error(found: &[f64], certified: &[f64]) -> f64 {
+    assert!(!certified.is_empty() && found.len() == certified.len());
+    assert!(found.iter().all(|value| value.is_finite()));
     found
         .iter()
         .zip(certified)
