@@ -3,8 +3,7 @@
 //! Scored as in Ceres Solver's `examples/nist.cc`: the log relative error of a run is the number of
 //! correct digits of its worst parameter, between 0 and 11.
 //!
-//! `TAU_NIST=folder cargo test -p tau-solver nist -- --ignored --nocapture` prints the table and fails where a
-//! file is missing.
+//! `cargo test -p tau-solver nist -- --nocapture` prints the table.
 
 use std::f64::consts::PI;
 use std::fmt::Write as _;
@@ -15,9 +14,8 @@ use tau_solver::{Options, solve};
 use crate::family::{Family, Model, finite_difference_error, problem};
 use crate::scalar::Scalar;
 
-/// Environment variable with the folder of the 27 files, which are published at
-/// <https://www.itl.nist.gov/div898/strd/nls/nls_main.shtml>.
-const FOLDER: &str = "TAU_NIST";
+/// The folder of the 27 files.
+const FOLDER: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/nist");
 
 /// The collection: names of the data sets and their formulas.
 const COLLECTION: [(&str, Formula); 27] = [
@@ -150,8 +148,7 @@ impl Model for &DataSet {
 /// Reads a file of the collection: parameter lines are `bN = start1 start2 value deviation`, the data
 /// follow the second line that starts with `Data:`.
 fn read(name: &'static str, formula: Formula) -> DataSet {
-    let folder = std::env::var_os(FOLDER).unwrap_or_else(|| panic!("{FOLDER} is not set"));
-    let path = Path::new(&folder).join(name).with_extension("dat");
+    let path = Path::new(FOLDER).join(name).with_extension("dat");
     let text = std::fs::read_to_string(&path)
         .unwrap_or_else(|error| panic!("{}: {error}", path.display()));
     let numbers = |line: &str| -> Vec<f64> {
@@ -215,7 +212,6 @@ fn log_relative_error(found: &[f64], certified: &[f64]) -> f64 {
 }
 
 #[test]
-#[ignore = "reads the 27 files of the collection: set TAU_NIST to their folder"]
 fn nist_reference_problems() {
     let mut table = String::new();
     let mut errors = Vec::new();
@@ -266,7 +262,6 @@ fn nist_reference_problems() {
 }
 
 #[test]
-#[ignore = "reads the 27 files of the collection: set TAU_NIST to their folder"]
 fn nist_jacobians_agree_with_finite_differences() {
     for (name, formula) in COLLECTION {
         let set = read(name, formula);
