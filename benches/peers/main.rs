@@ -2,7 +2,7 @@
 //! its derivatives, whole fits, generation and compilation, and how all of it grows.
 //!
 //! `cargo bench -p tau-benches --bench peers -- [evaluation] [fits] [generation] [growth]`, by default all of
-//! them, prints Markdown; `docs/benchmarks.md` is made of it. Peers are set up under `target/peers` when first
+//! them, prints Markdown; `benches/results` keeps it. Peers are set up under `target/peers` when first
 //! run: wrenfold and SymForce by pip in a virtual environment, their Rust in a package of its own, arael in another
 //! (a hundred crates), Ceres Solver by the C++ compiler. What is not to be had is left out, and a line says so.
 //!

@@ -1,5 +1,7 @@
 //! The measurement folder that ships with the library: a simulated Gantry-Tau prototype.
 
+pub use tau_prototype::{CART_POSES, CART_POSITIONS, ROBOT, TCP_POSES};
+
 use crate::input_error::InputError;
 use crate::measurements::{Folder, Shape, Texts};
 use crate::robot_file::RobotFile;
@@ -11,14 +13,6 @@ pub const SHAPE: Shape = Shape {
     commands: 3,
     tracks: 3,
 };
-/// Text of `tcp_poses.csv`, set 1.
-pub const TCP_POSES: &str = include_str!("../../data/prototype/tcp_poses.csv");
-/// Text of `cart_poses.csv`, set 2.
-pub const CART_POSES: &str = include_str!("../../data/prototype/cart_poses.csv");
-/// Text of `cart_positions.csv`, set 3.
-pub const CART_POSITIONS: &str = include_str!("../../data/prototype/cart_positions.csv");
-/// Text of `robot.toml`.
-pub const ROBOT: &str = include_str!("../../data/prototype/robot.toml");
 
 /// The measurements.
 ///
