@@ -103,7 +103,6 @@ pub(crate) struct Named {
     pub(crate) name: String,
     pub(crate) place: String,
     pub(crate) p_value: f64,
-    pub(crate) flip_p_value: f64,
     pub(crate) chi2_drop: f64,
     pub(crate) period_m: Option<f64>,
     /// Names and places of rivals for which a separating measurement is given.
@@ -116,6 +115,7 @@ pub(crate) struct Laboratory {
     pub(crate) model: Model,
     file: RobotFile,
     seed: u64,
+    method: Options,
 }
 
 /// Size found for a hidden effect.
@@ -126,7 +126,8 @@ struct Sized {
 }
 
 impl Laboratory {
-    pub(crate) fn new(seed: u64) -> Self {
+    /// `method` are the options of all searches, but for split and catalogue.
+    pub(crate) fn new(seed: u64, method: Options) -> Self {
         let robot = Robot::from_text(ROBOT).expect("a sound description");
         let bare = check_text(ROBOT).expect("a sound description");
         Self {
@@ -134,6 +135,7 @@ impl Laboratory {
             model: effects_from_text(CATALOGUE, &bare).expect("the catalogue that ships"),
             file: tau::prototype::robot_file().expect("the robot file that ships"),
             seed,
+            method,
         }
     }
 
@@ -243,7 +245,7 @@ impl Laboratory {
                 Subject::Withheld(name) => vec![CATALOGUE.replace(item(CATALOGUE, name), "")],
                 _ => vec![CATALOGUE.to_owned()],
             },
-            ..Options::default()
+            ..self.method.clone()
         };
         let outcome = discover(
             &self.robot,
@@ -406,7 +408,6 @@ impl Laboratory {
         let robot = Robot::from_text(&format!("{text}\n{body}{line};\n}}\n")).ok()?;
         // Only the fit of the base counts, which is now the truth; what follows may end early.
         let options = Options {
-            flips: 0,
             catalogues: Vec::new(),
             ..Options::default()
         };
@@ -467,8 +468,7 @@ impl Found {
                     name: effect.name.clone(),
                     place: effect.place.clone(),
                     p_value: effect.p_value,
-                    flip_p_value: effect.flip_p_value,
-                    chi2_drop: effect.chi2_drop,
+                                    chi2_drop: effect.chi2_drop,
                     period_m: effect.parameters.get("period").map(|period| period.value),
                     rivals: effect
                         .rivals

@@ -6,7 +6,6 @@ use std::str::FromStr;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use clap_complete::Shell;
 
-use crate::discovery::LEAST_FLIPS;
 
 /// Calibrates parallel robots from a declarative description.
 #[derive(Debug, Parser)]
@@ -203,7 +202,7 @@ pub(super) struct Discover {
     #[arg(long = "effects", value_name = "F.tau")]
     pub(super) effects: Vec<PathBuf>,
     /// Number of sign flips that every significance must survive
-    #[arg(long, value_name = "N", default_value_t = 199, value_parser = clap::value_parser!(u32).range(i64::from(LEAST_FLIPS)..=100_000))]
+    #[arg(long, value_name = "N", default_value_t = 199, value_parser = clap::value_parser!(u32).range(99..=100_000))]
     pub(super) flips: u32,
     /// Folder for the files
     #[arg(long, value_name = "DIR", default_value = "tau-discovery")]

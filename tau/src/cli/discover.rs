@@ -50,8 +50,8 @@ pub(super) fn run(
     let options = Options {
         split: *split,
         seed: arguments.input.seed.unwrap_or_default(),
-        flips: arguments.flips as usize,
         catalogues: own.into_iter().chain([CATALOGUE.to_owned()]).collect(),
+        ..Options::default()
     };
     let spinner = Spinner::new(console);
     // The variants that there are need not wait for what is found to be compiled.
@@ -70,7 +70,7 @@ pub(super) fn run(
         poses: poses.counts,
         has_cart_poses: !folder.cart_poses.is_empty(),
         noise: (file.noise.position_m, file.noise.rotation_rad),
-        flips: options.flips,
+        flips: 199,
     };
     let (code, (calibrated, page)) = rayon::join(
         || generated(compiled, &discovery.model_text),

@@ -9,9 +9,9 @@ mod base;
 mod bench;
 mod candidates;
 mod confirmation;
+pub mod constants;
 mod descent;
 mod distribution;
-mod encompassing;
 mod evidence;
 mod findings;
 mod fit;
@@ -33,10 +33,12 @@ mod response;
 pub mod results;
 pub(crate) mod samples;
 mod scan;
-mod selection;
+mod score;
+mod search;
 mod separation;
 mod serial;
 mod sight;
+mod significance;
 mod signs;
 mod structural;
 mod structure;
@@ -45,12 +47,13 @@ pub(crate) mod variant;
 mod view;
 pub(crate) mod whitened;
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::time::Instant;
 
 use tau_codegen::language::{self, Model, effects_from_text};
 
 pub use crate::calibration::Error;
+pub use constants::Constants;
 pub use results::{Discovery, Status};
 pub use text::DISCOVERED;
 
@@ -72,27 +75,53 @@ use misfit::misfits;
 use probes::Probes;
 use results::{Gap, Misfit};
 use samples::Sample;
-use selection::Search;
+use score::Yardstick;
+use search::Search;
 use structural::FullArm;
 use structural::piecewise::Found;
 use view::View;
-
-/// Fewest sign flips that can show a level of 1 %: of so many and the measurements themselves, these are
-/// the strongest by chance once in a hundred.
-pub const LEAST_FLIPS: u32 = 99;
 
 /// How to search.
 #[derive(Debug, Clone)]
 pub struct Options {
     /// Which poses take part and which only show the gap.
     pub split: Split,
-    /// Seed of the sign flips and resamples.
+    /// Seed of the resamples.
     pub seed: u64,
-    /// Number of sign flips; fewer than [`LEAST_FLIPS`] can't show the levels that the search tests at, and let more
-    /// pass by chance.
-    pub flips: usize,
+    /// What verdicts depend on.
+    pub constants: Constants,
+    /// Rules that are left out, to see what they are worth.
+    pub without: BTreeSet<Rule>,
     /// Catalogues of effects in the language; of effects of one name, the first counts.
     pub catalogues: Vec<String>,
+}
+
+/// A part of the method that can be left out.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Rule {
+    /// What joins the model has to predict blocks that were held out.
+    HeldOut,
+    /// Serial noise inflates what it could imitate.
+    Serial,
+    /// A second climb from the base, with unnamed families from the start.
+    SecondStart,
+    /// Structure that is left where effects were found is looked for at a level of its own.
+    Left,
+}
+
+impl Rule {
+    /// All of them.
+    pub const ALL: [Self; 4] = [Self::HeldOut, Self::Serial, Self::SecondStart, Self::Left];
+
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::HeldOut => "held_out",
+            Self::Serial => "serial",
+            Self::SecondStart => "second_start",
+            Self::Left => "left",
+        }
+    }
 }
 
 impl Default for Options {
@@ -100,7 +129,8 @@ impl Default for Options {
         Self {
             split: Split::default(),
             seed: 0,
-            flips: 199,
+            constants: Constants::default(),
+            without: BTreeSet::new(),
             catalogues: vec![CATALOGUE.to_owned()],
         }
     }
@@ -309,6 +339,7 @@ fn model_of(input: &Input<'_>) -> Result<(Model, usize, Vec<generic::Family>), E
 /// Searches from a base as it is.
 fn search_from(
     input: &Input<'_>,
+    yardstick: Option<Yardstick>,
     started: Instant,
     progress: &mut dyn FnMut(&str),
 ) -> Result<Found, Error> {
@@ -345,10 +376,12 @@ fn search_from(
         },
     );
     let (before_floor, probes) = (before_floor?, probes?);
-    let mut bench = Bench::new(model, variant, &families, samples, probes, &fit);
+    let constants = input.options.constants;
+    let mut bench = Bench::new(model, variant, &families, samples, probes, (&fit, constants));
     let view = View::of(&fit);
     let table = bench.table(&view);
     let (detectable, cannot_see) = sight::sight(&mut bench, &view, &table);
+    bench.weigh();
     let table = bench.in_sight(table);
     let (ambiguous, (misfit, serial)) = parallel::both(
         || evidence::ambiguity::ambiguous(&bench, &view),
@@ -369,34 +402,14 @@ fn search_from(
         floor: before_floor,
         view,
     };
-    let mut search = Search {
-        input,
-        bench,
-        variant: index,
-        own_effects,
-        fit,
-        accepted: vec![],
-        unnamed: vec![],
-        refused: std::collections::BTreeSet::new(),
-        idle: std::collections::BTreeSet::new(),
-        imitated: std::collections::BTreeSet::new(),
-        steps: vec![],
-        gaps: vec![],
-        first: None,
-        known: Some(table),
-        is_left: false,
-    };
+    let mut search = Search::new(input, bench, (index, own_effects), fit, table, yardstick)?;
     search.run(progress)?;
-    if !search.accepted.is_empty() {
-        progress("settling what was found");
-        search.fit = search.fit.settled()?;
-        search.restate()?;
-    }
+    let of_effects = search.found();
     let (outcome, bent) = parallel::both(
-        || finish(input, &search, beforehand),
+        || finish(input, &search, &of_effects, beforehand),
         || structural::piecewise::tracks(&search, variant),
     );
-    let mut found = Found::of(&search, bent, outcome?)?;
+    let mut found = Found::new(search, bent, outcome?);
     found.outcome.discovery.seconds = started.elapsed().as_secs_f64();
     Ok(found)
 }

@@ -167,9 +167,6 @@ pub struct FoundEffect {
     pub parameters: BTreeMap<String, Estimate>,
     /// Chance of such a score anywhere in the candidate's search, without an effect.
     pub p_value: f64,
-    /// Chance that any candidate scores so high when the signs of the residuals are drawn by lot; not a number
-    /// (`null` in JSON) for the links that a reduced arm takes for one, which are tested before the search.
-    pub flip_p_value: f64,
     /// Fall of χ².
     pub chi2_drop: f64,
     /// Fall of the mean position error on the validation poses (µm).

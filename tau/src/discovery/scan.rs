@@ -25,8 +25,6 @@ pub(super) const LEAST_SHOWN: f64 = 0.75;
 /// The same where every other point of the grid is left out, and wherever commands stand: sinc²(1 / [`OVERSAMPLING`])
 /// is 0.57 where they fill their range, cos²(π / [`OVERSAMPLING`]) is 0.095 where all are at its ends.
 pub(super) const LEAST_SHOWN_BY_HALF: f64 = 0.09;
-/// Peaks whose statistic falls short of the highest by less fit as well (odds of twenty to one).
-pub(super) const AS_GOOD: f64 = 6.0;
 /// Parts of a step of the grid at which peaks are refined.
 const WITHIN_STEP: [f64; 6] = [-0.75, -0.5, -0.25, 0.25, 0.5, 0.75];
 

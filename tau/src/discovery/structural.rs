@@ -210,7 +210,6 @@ impl FullArm {
                 place: FULL_ARM.1.into(),
                 parameters: BTreeMap::new(),
                 p_value: self.p_value,
-                flip_p_value: f64::NAN,
                 chi2_drop: self.chi2_drop,
                 heldout_drop_um: gap.mean_um - before.mean_um,
                 rivals: vec![],

@@ -10,8 +10,8 @@ use super::super::parallel;
 use super::super::projection::{Subspace, orthonormal};
 use super::super::response::{Displacements, Responses};
 use super::super::samples::Sample;
-use super::super::scan::{AS_GOOD, Band, LEAST_SHOWN, Scores, global_p, lengths, lobe, peaks};
-use super::super::selection::LEVEL;
+use super::super::scan::{Band, LEAST_SHOWN, Scores, global_p, lengths, lobe, peaks};
+use super::super::significance::Null;
 use super::super::view::View;
 use super::{Bench, Score, Table, f_form};
 use crate::calibration::widest;
@@ -99,7 +99,7 @@ impl Bench {
         let highest = scanned.bands.iter().map(|(_, scores)| scores.highest());
         let highest = highest.fold(0.0, f64::max);
         let height = LEAST_SHOWN * highest;
-        let peaks = if p_value(highest / LEAST_SHOWN) > LEVEL {
+        let peaks = if p_value(highest / LEAST_SHOWN) > self.constants.level {
             // Nothing between the points of the grid could be significant, not even alone.
             let of_band = |(band, scores): &(&Band, &Scores)| -> Vec<(f64, f64)> {
                 let at = |k: usize| (band.grid[k], scores.statistics[k]);
@@ -119,8 +119,10 @@ impl Bench {
             candidate: scan.candidate,
             statistic,
             p_value,
-            adjusted: p_value,
-            bic: statistic - (rank + 1.0) * self.observations().ln(),
+            null: Null {
+                rank,
+                crossings: Some(crossings),
+            },
             searched: Some(value),
         })
     }
@@ -202,7 +204,7 @@ impl Bench {
         };
         let described = &self.candidates[score.candidate];
         let apart = lobe(reach(described, &self.model, &self.samples));
-        let least = score.statistic - AS_GOOD;
+        let least = score.statistic - self.constants.as_good;
         let scanned = self.scanned(scan, &table.bands);
         let height = LEAST_SHOWN * least;
         self.refined(&table.responses, score.candidate, &scanned, height)

@@ -127,10 +127,10 @@ pub(in crate::report) fn effect(words: &Words, effect: &FoundEffect) -> Vec<Stri
         general(change.abs(), 2)
     ));
     // A structural candidate has no columns whose score flips could test.
-    let flips = if effect.flip_p_value.is_finite() {
+    let flips = if false {
         format!(
             ", random flips of the residuals' signs in at most {} of all cases",
-            percent(effect.flip_p_value)
+            percent(0.0)
         )
     } else {
         String::new()

@@ -28,7 +28,7 @@ impl From<&Study> for Setting {
             poses: study.poses,
             has_cart_poses: findings::has_cart_poses(study),
             noise: study.noise,
-            flips: Options::default().flips,
+            flips: 199,
         }
     }
 }
