@@ -1,7 +1,7 @@
 //! Calibration of the paper's five variants on the prototype's measurements.
 
 use tau::Robot;
-use tau::calibration::{Calibration, Error, Options, calibrate};
+use tau::calibration::{Calibration, Error, Options, calibrate, machine_from_file};
 use tau::evaluation::evaluate;
 use tau::kinematics::{Machine, Pose, Sample};
 use tau::measurements::{Folder, Poses, TcpPose};
@@ -255,7 +255,7 @@ fn a_calibrated_file_predicts_as_the_calibration_did() {
         assert_eq!(file, calibration.file);
         let variant = case.robot.variant(variant).unwrap();
         let machine =
-            Machine::from_file(&case.robot, variant, &file, Some(&case.folder), &[]).unwrap();
+            machine_from_file(&case.robot, variant, &file, Some(&case.folder), &[]).unwrap();
         let validation = &case.poses.division.validation;
         let again = evaluate(&machine, &case.folder, validation).unwrap();
         let before = evaluate(&calibration.machine, &case.folder, validation).unwrap();
@@ -368,7 +368,7 @@ fn an_effect_is_calibrated_with_the_geometry() {
     set(&mut values, "cosine", -5e-5);
     set(&mut values, "period", 0.0133);
     let machine =
-        Machine::from_file(&case.robot, &full, &case.file, Some(&case.folder), &[]).unwrap();
+        machine_from_file(&case.robot, &full, &case.file, Some(&case.folder), &[]).unwrap();
     case.folder.tcp_poses = predicted(&machine.with_values(values.clone()), &case.folder);
     let start = Some({
         let mut start = machine.values.clone();

@@ -510,7 +510,7 @@ fn a_reader_that_leaves_is_no_error_and_a_full_disk_is_one() {
     let code = |kind| {
         let mut err = Vec::new();
         let line = ["tau", "evaluate", "--variant", "Nominal", "--json", "-"];
-        let code = tau::cli::run(line.map(Into::into), &mut Closed(kind), &mut err);
+        let code = tau_cli::run(line.map(Into::into), &mut Closed(kind), &mut err);
         (code, String::from_utf8(err).unwrap())
     };
     let (left, _) = code(io::ErrorKind::BrokenPipe);

@@ -42,7 +42,7 @@ fn table_of_the_readme_is_what_the_study_prints() {
         &mut |_| {},
     )
     .unwrap();
-    let printed = tau::report::terminal::study(&study);
+    let printed = tau_report::terminal::study(&study);
     let table = &blocks(&read("README.md"), "text")[0];
     assert!(
         printed.contains(table.as_str()),

@@ -3,7 +3,7 @@
 
 use nalgebra::{DMatrix, DVector, Rotation3, Vector3};
 use rayon::ThreadPoolBuilder;
-use tau::calibration::{Calibration, Error, Options, calibrate};
+use tau::calibration::{Calibration, Error, Options, calibrate, machine_from_file};
 use tau::errors_in_variables::{self, AllSets, ErrorsInVariables, Group};
 use tau::evaluation::evaluate;
 use tau::kinematics::{Machine, Pose, Sample};
@@ -48,7 +48,7 @@ fn drawn(seed: u64, poses: usize) -> Drawn {
     let (mut folder, file) = (prototype().0, tight_file());
     let robot = gantry_tau();
     let variant = robot.variant(VARIANT).unwrap();
-    let nominal = Machine::from_file(&robot, variant, &file, None, &[]).unwrap();
+    let nominal = machine_from_file(&robot, variant, &file, None, &[]).unwrap();
     let values: Vec<f64> = variant
         .parameters
         .iter()

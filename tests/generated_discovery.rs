@@ -7,6 +7,7 @@ use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
+use tau::calibration::machine_from_file;
 use tau::discovery::{DISCOVERED, LEAST_FLIPS, Options, discover};
 use tau::kinematics::{Machine, Pose, Sample};
 use tau::measurements::{CartPosition, Folder};
@@ -226,8 +227,7 @@ fn code_of_what_was_found_agrees_bit_for_bit_with_the_model_at_run_time() {
     let robot = Robot::from_text(text).unwrap();
     let variant = robot.variant(DISCOVERED).unwrap();
     assert!(!variant.effects.is_empty());
-    let machine =
-        Machine::from_file(&robot, variant, &file, Some(&folder), &outcome.poses).unwrap();
+    let machine = machine_from_file(&robot, variant, &file, Some(&folder), &outcome.poses).unwrap();
     let value = |index: usize| {
         let name = &variant.parameters[index].name;
         outcome

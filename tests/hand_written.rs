@@ -7,6 +7,7 @@ use std::sync::Arc;
 
 use nalgebra::{Rotation3, Vector3};
 use tau::Robot;
+use tau::calibration::machine_from_file;
 use tau::kinematics::{xyz, zyz};
 use tau::robot::{Arm, Input, Instance, Owner, ResidualFamily, ResidualKind, TrackShape, Variant};
 use tau_runtime::{Pattern, Shape};
@@ -221,14 +222,14 @@ impl ResidualFamily for Closure {
 
 #[test]
 fn generated_closures_agree_at_every_measured_pose() {
-    use tau::kinematics::{Machine, Sample};
+    use tau::kinematics::Sample;
     let (folder, file) = crate::support::prototype();
     let all: Vec<usize> = (0..folder.tcp_poses.len()).collect();
     let (by_hand, generated) = (robot(), crate::support::gantry_tau());
     for variant in &by_hand.variants {
         let machine = |robot: &Robot| {
             let variant = robot.variant(&variant.name).unwrap();
-            Machine::from_file(robot, variant, &file, Some(&folder), &all).unwrap()
+            machine_from_file(robot, variant, &file, Some(&folder), &all).unwrap()
         };
         let (by_hand, generated) = (machine(&by_hand), machine(&generated));
         for measured in &folder.tcp_poses {

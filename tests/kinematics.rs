@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use nalgebra::{Rotation3, Vector3};
 use tau::Robot;
+use tau::calibration::machine_from_file;
 use tau::kinematics::{Error, InverseOptions, Machine, Pose, Sample, Statics, track_axes, zyz};
 use tau::robot_file::{LinkValues, Noise, RobotFile, Value};
 
@@ -13,7 +14,7 @@ use crate::support::{Random, gantry_tau, paper_file, prototype};
 fn described(text: &str, variant: &str) -> Machine {
     let robot = Robot::from_text(text).expect("a description without mistakes");
     let file = file_of(&robot);
-    Machine::from_file(&robot, robot.variant(variant).unwrap(), &file, None, &[]).unwrap()
+    machine_from_file(&robot, robot.variant(variant).unwrap(), &file, None, &[]).unwrap()
 }
 
 /// A file that leaves all values to the description.
@@ -37,7 +38,7 @@ fn nominal(variant: &str) -> Machine {
     let (folder, file) = prototype();
     let robot = gantry_tau();
     let poses: Vec<usize> = (0..folder.tcp_poses.len()).collect();
-    Machine::from_file(
+    machine_from_file(
         &robot,
         robot.variant(variant).unwrap(),
         &file,
@@ -92,7 +93,7 @@ fn a_reduced_arm_is_driven_by_the_lengths_of_its_links() {
         file.clusters.insert(cluster.name.clone(), values);
     }
     let variant = robot.variant("Nominal").unwrap();
-    let machine = Machine::from_file(&robot, variant, &file, None, &[]).unwrap();
+    let machine = machine_from_file(&robot, variant, &file, None, &[]).unwrap();
     let at = Vector3::new(0.1, -0.05, 0.8);
     let commands = feet.map(|foot| (at - Vector3::from(foot)).norm() - 1.0);
     let near = Sample::new(level(0.7), &commands);
@@ -114,7 +115,7 @@ fn a_reduced_arm_is_driven_by_the_lengths_of_its_links() {
 fn the_papers_machine_stands_where_the_paper_puts_it() {
     let robot = gantry_tau();
     let full = robot.variant("Full").unwrap();
-    let machine = Machine::from_file(&robot, full, &paper_file(), None, &[]).unwrap();
+    let machine = machine_from_file(&robot, full, &paper_file(), None, &[]).unwrap();
     let start = Pose {
         position: Vector3::new(-1.3, -4.3, 0.0),
         rotation: zyz([85.127_f64, 100.925, -88.487].map(f64::to_radians)),
@@ -500,7 +501,7 @@ fn a_number_that_is_none_ends_every_search_at_once() {
         .into();
     file.effects.insert("rack_pitch(two)".to_owned(), effect);
     let variant = robot.variant("FullRack").unwrap();
-    let machine = Machine::from_file(&robot, variant, &file, Some(&folder), &[0]).unwrap();
+    let machine = machine_from_file(&robot, variant, &file, Some(&folder), &[0]).unwrap();
     let measured = &folder.tcp_poses[60];
     let sample = Sample::from(measured);
     let options = InverseOptions::default();

@@ -1,10 +1,9 @@
 //! Table III of the paper, from its own Table II at the prototype's poses.
 
-use tau::calibration::{Options, calibrate};
-use tau::kinematics::Machine;
+use tau::calibration::{Options, calibrate, machine_from_file};
 use tau::measurements::{Poses, Split};
+use tau::sensitivity::Sensitivity;
 use tau::sensitivity::{PAPER_STEP, analyse};
-use tau::study::results::Sensitivity;
 
 use crate::support::{gantry_tau, paper_file, prototype};
 
@@ -25,7 +24,7 @@ fn paper_sensitivity() -> Sensitivity {
     let (folder, file) = prototype();
     let poses = Poses::select(&robot, &file, &folder, Split::Alternate).unwrap();
     let full = robot.variant("Full").unwrap();
-    let machine = Machine::from_file(&robot, full, &paper_file(), None, &[]).unwrap();
+    let machine = machine_from_file(&robot, full, &paper_file(), None, &[]).unwrap();
     analyse(&machine, &folder, &poses.division.validation, PAPER_STEP).unwrap()
 }
 

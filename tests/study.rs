@@ -190,7 +190,7 @@ fn deviations_from_straightness_are_found_in_their_direction() {
     let (folder, [sag, _]) = made();
     let found = assumptions::check(&gantry_tau(), &file, &folder);
     for track in &found.linearity {
-        let sum = |of: fn(&study::results::PathDeviation) -> f64| {
+        let sum = |of: fn(&tau::assumptions::PathDeviation) -> f64| {
             track
                 .points
                 .iter()

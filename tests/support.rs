@@ -99,7 +99,7 @@ pub(crate) fn tau_in(folder: &Path, line: &str) -> Ran {
         OsString::from(word.replace("DATA", DATA).replace("GANTRY", DESCRIPTION))
     });
     let (mut out, mut err) = (Vec::new(), Vec::new());
-    let code = tau::cli::run(words, &mut out, &mut err);
+    let code = tau_cli::run(words, &mut out, &mut err);
     let text = |bytes| String::from_utf8(bytes).unwrap();
     Ran {
         code,

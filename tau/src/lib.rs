@@ -51,26 +51,14 @@
 //! paper behind the models is I. Dressler, T. Brogårdh, A. Robertsson, "A Kinematic Error Model for a
 //! Parallel Gantry-Tau Manipulator", ICRA 2010.
 
-pub mod assumptions;
-pub mod calibration;
-pub mod cli;
-pub mod discovery;
-pub mod effects;
-pub mod errors_in_variables;
-pub mod evaluation;
-pub mod input_error;
-pub mod kinematics;
-pub mod measurements;
-pub mod prototype;
-pub mod report;
-pub mod robot;
-pub mod robot_file;
-pub mod sensitivity;
-pub mod simulation;
 pub mod study;
 
-pub use input_error::InputError;
-pub use robot::Robot;
+pub use tau_discovery as discovery;
+pub use tau_estimation::{assumptions, calibration, errors_in_variables, evaluation, sensitivity};
+pub use tau_kinematics as kinematics;
 pub use tau_macro::tau_model;
+pub use tau_robot::{InputError, Robot};
+pub use tau_robot::{effects, input_error, measurements, prototype, robot, robot_file};
 /// What the code of [`tau_model!`] names.
 pub use tau_runtime as runtime;
+pub use tau_simulation as simulation;

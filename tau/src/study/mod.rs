@@ -2,15 +2,16 @@
 
 pub mod results;
 
-use crate::assumptions;
-use crate::calibration::{self, Calibration, Error, calibrate};
-use crate::discovery;
-use crate::evaluation::evaluate;
-use crate::measurements::{Folder, PoseCounts, Poses, Split};
-use crate::robot::{Arm, Robot, TrackShape, Variant};
-use crate::robot_file::RobotFile;
-use crate::sensitivity;
-use results::{Study, VariantResult};
+use tau_discovery as discovery;
+use tau_estimation::assumptions;
+use tau_estimation::calibration::{self, Calibration, Error, calibrate};
+use tau_estimation::evaluation::{VariantResult, evaluate};
+use tau_estimation::sensitivity;
+use tau_robot::measurements::{Folder, PoseCounts, Poses, Split};
+use tau_robot::robot::{Arm, Robot, TrackShape, Variant};
+use tau_robot::robot_file::RobotFile;
+
+use results::Study;
 
 /// How far a study is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -100,7 +101,7 @@ pub fn run(
 }
 
 /// A remark on the poses that take no part, if there are any.
-pub(crate) fn dropped(counts: PoseCounts, folder: &Folder) -> Option<String> {
+pub fn dropped(counts: PoseCounts, folder: &Folder) -> Option<String> {
     let dropped = counts.total - counts.in_range;
     let range = if folder.cart_poses.is_empty() {
         "`[range]` of the robot file"

@@ -1,0 +1,589 @@
+//! What was typed: the command line, as clap reads it. What it means is found in [`super::resolve`].
+
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use clap_complete::Shell;
+
+
+/// Calibrates parallel robots from a declarative description.
+#[derive(Debug, Parser)]
+#[command(
+    name = "tau",
+    version,
+    disable_help_subcommand = true,
+    term_width = 100,
+    long_about = "Calibrates parallel robots from a declarative description.\n\n\
+        Without a command, `tau` runs `tau study` on measurements that are built in.",
+    after_help = "\
+Examples:
+  tau                                      the study on the built-in measurements
+  tau study measured --out report          the study on your own
+  tau calibrate measured --variant Full    one variant: parameters, sigmas, covariance
+  tau discover measured                    what the model lacks, added to the description
+  tau kinematics forward --variant Full --robot tau-calibration/robot.toml --commands 0.1,0.2,-0.1
+
+A measurement folder holds CSV files with a header line, in SI units (m, rad, s, N; °C):
+  tcp_poses.csv       set 1: commands q1_m, q2_m, … and measured pose of the plate
+  cart_poses.csv      set 2: poses of the carts along their tracks (optional)
+  cart_positions.csv  set 3: positions of the carts at random poses (optional)
+  robot.toml          nominal parameters with tolerances, noise, loads
+
+A robot is described in a .tau file; the Gantry-Tau is built in.
+
+Exit codes: 0 done, 1 failed to converge or check failed, 2 bad input or usage."
+)]
+pub(super) struct Arguments {
+    /// Print nothing but errors, and the JSON or CSV that was asked for
+    #[arg(long, short, global = true, display_order = 900)]
+    pub(super) quiet: bool,
+    #[command(subcommand)]
+    pub(super) command: Option<Command>,
+}
+
+#[derive(Debug, Subcommand)]
+pub(super) enum Command {
+    Study(Study),
+    Calibrate(Calibrate),
+    Evaluate(Evaluate),
+    Sensitivity(Sensitivity),
+    Discover(Discover),
+    Simulate(Simulate),
+    Generate(Generate),
+    #[command(subcommand)]
+    Kinematics(Kinematics),
+    Completions(Completions),
+}
+
+/// Run the paper's study: every variant calibrated, compared and reported
+///
+/// Checks what the models assume, calibrates every variant without effects on one part of the poses,
+/// compares them on the other part, and computes how much each parameter matters. Prints Tables I, II and
+/// III, and searches for the physical effects that `Full` lacks, as `tau discover` does. Writes an HTML
+/// report, the figures (SVG) and the numbers (JSON).
+#[derive(Debug, Default, Args)]
+#[command(after_help = "\
+Examples:
+  tau study                                on the built-in measurements
+  tau study measured --out report
+  tau study measured --model hexapod.tau --split fraction:0.7 --seed 3
+  tau study measured --json - --quiet | jq .variants.Full.position_um")]
+pub(super) struct Study {
+    #[command(flatten)]
+    pub(super) input: Input,
+    /// Folder for report.html, study.json and the figures
+    #[arg(long, value_name = "DIR", default_value = Study::OUT)]
+    pub(super) out: Option<PathBuf>,
+    /// Leave out the search for what the model lacks, which takes longer than all the rest
+    #[arg(long)]
+    pub(super) no_discover: bool,
+    #[command(flatten)]
+    pub(super) json: Json,
+}
+
+impl Study {
+    const OUT: &str = "tau-study";
+
+    /// The folder to write into.
+    pub(super) fn out(&self) -> &Path {
+        self.out.as_deref().unwrap_or(Path::new(Self::OUT))
+    }
+}
+
+/// Calibrate one variant
+///
+/// Fits the parameters of a variant to the calibration poses, with the tolerances of robot.toml as
+/// priors, and writes into a folder:
+///
+///   robot.toml        calibrated values, to be used with --robot
+///   parameters.csv    nominal value, tolerance, calibrated value and sigma of each parameter
+///   covariance.csv    covariance of the parameters, in products of their SI units
+///   undetermined.csv  combinations of parameters that only the priors determine
+///   statistics.json   the same as --json
+#[derive(Debug, Args)]
+#[command(
+    verbatim_doc_comment,
+    after_help = "\
+Examples:
+  tau calibrate --variant BestPerLink      on the built-in measurements
+  tau calibrate measured --variant Full --out calibrated
+  tau calibrate measured --variant Full --errors-in-variables
+  tau calibrate measured --variant Mine --model mine.tau --json -"
+)]
+pub(super) struct Calibrate {
+    #[command(flatten)]
+    pub(super) input: Input,
+    #[command(flatten)]
+    pub(super) variant: Variant,
+    /// Fit all sets at once, with the true pose behind each measured one among the unknowns, and compare
+    /// with the ordinary fit of set 1
+    #[arg(long)]
+    pub(super) errors_in_variables: bool,
+    /// Folder for the files
+    #[arg(long, value_name = "DIR", default_value = "tau-calibration")]
+    pub(super) out: PathBuf,
+    #[command(flatten)]
+    pub(super) json: Json,
+}
+
+/// Compare predicted with measured poses
+///
+/// Predicts the validation poses from their commands with the parameters of --robot, and prints the
+/// errors of position (µm) and orientation (mrad). Give the robot.toml that `tau calibrate` wrote; that of
+/// the folder holds nominal values.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  tau evaluate measured --variant Full --robot tau-calibration/robot.toml
+  tau evaluate measured --variant Full     how good the drawing is")]
+pub(super) struct Evaluate {
+    #[command(flatten)]
+    pub(super) input: Input,
+    #[command(flatten)]
+    pub(super) variant: Variant,
+    #[command(flatten)]
+    pub(super) json: Json,
+}
+
+/// Compute how much each parameter of each link matters
+///
+/// For a step up and a step down in each parameter: how far the validation poses move (mm, summed),
+/// how far they turn (rad, summed), and how the cost changes (m⁴). Twice, by steps and by the implicit
+/// function theorem; how far the two differ is printed.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  tau sensitivity --variant Full           on the built-in measurements
+  tau sensitivity measured --variant Full --robot tau-calibration/robot.toml --json sensitivity.json")]
+pub(super) struct Sensitivity {
+    #[command(flatten)]
+    pub(super) input: Input,
+    #[command(flatten)]
+    pub(super) variant: Variant,
+    /// Step, in the SI unit of each parameter
+    #[arg(long, value_name = "STEP", default_value_t = tau::sensitivity::PAPER_STEP, value_parser = positive)]
+    pub(super) step: f64,
+    #[command(flatten)]
+    pub(super) json: Json,
+}
+
+/// Find the physical effects that a variant lacks
+///
+/// Fits a variant to all sets at once, scores every effect of the catalogue at every place, adds the
+/// missing ones one at a time, and shows the error shrink on the validation poses, which take no part.
+/// Says too what else could be meant, what could not be seen, and what remains. Writes into a folder:
+///
+///   discovered.tau    the description with the variant `Discovered`, for --model and `tau generate`
+///   discovered.rs     its generated code
+///   robot.toml        calibrated values of `Discovered`, to be used with --robot
+///   report.html       what is wrong with the machine, and the evidence
+#[derive(Debug, Args)]
+#[command(
+    verbatim_doc_comment,
+    after_help = "\
+Examples:
+  tau discover                             on the built-in measurements
+  tau discover measured --base BestPerLink --out found
+  tau discover measured --effects mine.tau --json - --quiet | jq .effects
+  tau evaluate --variant Discovered --model tau-discovery/discovered.tau \\
+      --robot tau-discovery/robot.toml
+
+--seed is the seed of the sign flips too."
+)]
+pub(super) struct Discover {
+    #[command(flatten)]
+    pub(super) input: Input,
+    /// Variant to start from; without it `Full`, or else the last one with all links and without effects
+    #[arg(long, value_name = "VARIANT")]
+    pub(super) base: Option<String>,
+    /// Effects of your own, in the language; may be given several times. They stand beside the
+    /// catalogue's, and replace those of the same name
+    #[arg(long = "effects", value_name = "F.tau")]
+    pub(super) effects: Vec<PathBuf>,
+    /// Number of sign flips that every significance must survive
+    #[arg(long, value_name = "N", default_value_t = 199, value_parser = clap::value_parser!(u32).range(99..=100_000))]
+    pub(super) flips: u32,
+    /// Folder for the files
+    #[arg(long, value_name = "DIR", default_value = "tau-discovery")]
+    pub(super) out: PathBuf,
+    #[command(flatten)]
+    pub(super) json: Json,
+}
+
+/// Simulate a measurement folder of which the truth is known
+///
+/// The project's virtual robot measures itself: its machine is drawn from the tolerances of robot.toml,
+/// errors that no variant knows can be added, and the trackers have noise. It shares no code with the
+/// calibration. Writes tcp_poses.csv, cart_poses.csv, cart_positions.csv, robot.toml and truth.json. The
+/// defaults are those of the built-in measurements.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  tau simulate --out simulated --effect 'rack_pitch(two): sine=8e-5, period=0.0133'
+  tau simulate --out simulated --effect 'backlash(one): gap=4e-5' --noise-scale 2,2,2 --seed 7
+  tau simulate --out simulated --robot mine.toml --model mine.tau --grid 5,5,4")]
+pub(super) struct Simulate {
+    /// Folder for the measurements
+    #[arg(long, value_name = "DIR")]
+    pub(super) out: PathBuf,
+    /// Description of the robot; without it, the built-in Gantry-Tau
+    #[arg(long, value_name = "F.tau")]
+    pub(super) model: Option<PathBuf>,
+    /// Drawing of the robot, its noise and payload; without it, those of the built-in Gantry-Tau
+    #[arg(long, value_name = "ROBOT.toml")]
+    pub(super) robot: Option<PathBuf>,
+    /// Variant whose simplifications the machine keeps, such as straight tracks
+    #[arg(long, value_name = "NAME")]
+    pub(super) variant: Option<String>,
+    /// Physical error, `NAME(PLACE): PARAMETER=VALUE, …` in SI units; may be given several times
+    #[arg(long = "effect", value_name = "EFFECT")]
+    pub(super) effects: Vec<String>,
+    /// Seed of all random numbers
+    #[arg(long, value_name = "SEED", default_value_t = 1)]
+    pub(super) seed: u64,
+    /// Take the machine exactly as in robot.toml instead of drawing it from the tolerances
+    #[arg(long)]
+    pub(super) exact: bool,
+    #[command(flatten)]
+    pub(super) noise: SimulatedNoise,
+    #[command(flatten)]
+    pub(super) plan: SimulatedPlan,
+    #[command(flatten)]
+    pub(super) json: Json,
+}
+
+/// Noise of a simulation.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Noise")]
+pub(super) struct SimulatedNoise {
+    /// Noise of positions to state and to apply, per axis (m); without it, that of robot.toml
+    #[arg(long, value_name = "M")]
+    pub(super) noise_position: Option<f64>,
+    /// Noise of rotations to state and to apply, per axis (rad); without it, that of robot.toml
+    #[arg(long, value_name = "RAD")]
+    pub(super) noise_rotation: Option<f64>,
+    /// True noise of sets 1, 2 and 3 over the stated one
+    #[arg(long, value_name = "S1,S2,S3", default_value = "1,1,1")]
+    pub(super) noise_scale: Triple<f64>,
+    /// Draw the noise from Student's t distribution of three degrees of freedom
+    #[arg(long)]
+    pub(super) heavy_tails: bool,
+    /// Share of the variance that the coordinates of a pose have in common
+    #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
+    pub(super) common_noise: f64,
+    /// Correlation of successive measurements
+    #[arg(
+        long,
+        value_name = "R",
+        default_value_t = 0.0,
+        allow_negative_numbers = true
+    )]
+    pub(super) serial_noise: f64,
+    /// Share of the TCP poses that are outliers
+    #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
+    pub(super) outliers: f64,
+    /// Size of an outlier, in standard deviations
+    #[arg(long, value_name = "SIZE", default_value_t = 20.0)]
+    pub(super) outlier_size: f64,
+}
+
+/// What a simulation measures.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Measurements")]
+pub(super) struct SimulatedPlan {
+    /// Layers, rows and columns of the grid of TCP poses
+    #[arg(long, value_name = "N,N,N", default_value = "6,6,5")]
+    pub(super) grid: Triple<usize>,
+    /// Steps of the grid (m); without it, the workspace is filled
+    #[arg(long, value_name = "M,M,M")]
+    pub(super) grid_step: Option<Triple<f64>>,
+    /// Number of TCP poses: those of the grid end there
+    #[arg(long, value_name = "N", default_value_t = 176)]
+    pub(super) poses: usize,
+    /// Take random TCP poses instead of a grid
+    #[arg(long)]
+    pub(super) random: bool,
+    /// Random displacement of grid and track points, as a share of their step
+    #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
+    pub(super) jitter: f64,
+    /// Points on each track in set 2
+    #[arg(long, value_name = "N", default_value_t = 28)]
+    pub(super) track_points: usize,
+    /// Measure set 2 both ways
+    #[arg(long)]
+    pub(super) both_ways: bool,
+    /// Random poses in set 3
+    #[arg(long, value_name = "N", default_value_t = 150)]
+    pub(super) cart_poses: usize,
+    /// Approach poses from random sides
+    #[arg(long)]
+    pub(super) random_approach: bool,
+    /// Temperature at the start (°C)
+    #[arg(
+        long,
+        value_name = "C",
+        default_value_t = 20.0,
+        allow_negative_numbers = true
+    )]
+    pub(super) temperature: f64,
+    /// Rise of the temperature during set 1 (K)
+    #[arg(
+        long,
+        value_name = "K",
+        default_value_t = 0.0,
+        allow_negative_numbers = true
+    )]
+    pub(super) warming: f64,
+    /// Mass of the payload (kg); without it, that of robot.toml
+    #[arg(long, value_name = "KG")]
+    pub(super) payload: Option<f64>,
+}
+
+/// Generate code from a description
+///
+/// Writes the residuals and their derivatives, for every variant, into DIR/NAME.rs with NAME the robot's
+/// name in snake case. The code is no_std and needs the crate `tau-runtime` only. A file whose code would
+/// not change is not touched.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  tau generate models/hexapod.tau --out src
+  tau generate models/hexapod.tau --out src --check    for continuous integration: exit code 1 if stale")]
+pub(super) struct Generate {
+    /// Description of the robot
+    #[arg(value_name = "F.tau")]
+    pub(super) description: PathBuf,
+    /// Folder for the generated files
+    #[arg(long, value_name = "DIR")]
+    pub(super) out: PathBuf,
+    /// Write nothing; fail if a file in DIR is not what would be written
+    #[arg(long)]
+    pub(super) check: bool,
+    /// Languages, separated by commas
+    #[arg(
+        long,
+        value_name = "LANG",
+        value_delimiter = ',',
+        default_value = "rust"
+    )]
+    pub(super) lang: Vec<Language>,
+}
+
+/// A language to generate.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(super) enum Language {
+    /// Rust
+    Rust,
+    /// C99 (not yet)
+    C,
+    /// LaTeX (not yet)
+    Latex,
+}
+
+/// Compute poses from commands, or commands from poses
+#[derive(Debug, Subcommand)]
+pub(super) enum Kinematics {
+    Forward(Forward),
+    Inverse(Inverse),
+}
+
+/// Compute the pose of the plate at given commands
+///
+/// Several poses can belong to the same commands: the arm can be assembled in several ways. Each pose is
+/// the one reached from a start: the pose in the same row of the CSV; without it the row before, for the
+/// first row --start; without it the nearest measured pose of the folder; without a folder the way of
+/// assembly that holds the plate most firmly, with a note. Where the pose is singular the command fails
+/// and says how the plate is free to move; where there are more links than hold the plate and they differ
+/// from their lengths by more than a millimetre at best, it fails, too.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  tau kinematics forward --variant Full --commands 0.1,0.2,-0.1
+  tau kinematics forward measured --variant Full --robot tau-calibration/robot.toml --poses path.csv
+
+Columns read: q1_m, q2_m, …; optional pose, the start x_m, y_m, z_m, alpha_rad, beta_rad, gamma_rad
+(without angles where the arm is reduced), and time_s, temperature_c, dir1, dir2, … where the variant's
+effects need them. Columns written: pose, q1_m, …,
+x_m, y_m, z_m and, unless the arm is reduced, alpha_rad, beta_rad, gamma_rad (ZYZ Euler angles).")]
+pub(super) struct Forward {
+    #[command(flatten)]
+    pub(super) with: Kinematic,
+    /// Commands of one pose (m)
+    #[arg(long, value_name = "Q1,Q2,…", allow_hyphen_values = true)]
+    pub(super) commands: Option<Numbers>,
+    /// CSV with the commands of many poses
+    #[arg(
+        long,
+        value_name = "FILE",
+        conflicts_with = "commands",
+        required_unless_present = "commands"
+    )]
+    pub(super) poses: Option<PathBuf>,
+    /// Pose near the first one (m, rad)
+    #[arg(
+        long,
+        value_name = "X,Y,Z,ALPHA,BETA,GAMMA",
+        allow_hyphen_values = true
+    )]
+    pub(super) start: Option<Numbers>,
+}
+
+/// Compute the commands that bring the plate to a pose
+///
+/// Where the orientation follows from the position, as on the Gantry-Tau, angles only choose between
+/// the ways of assembling the arm, and the orientation that results is printed; a reduced arm ignores
+/// them. Without angles, the row before decides, for the first row the nearest measured pose of the
+/// folder, without a folder the way of assembly that holds the plate most firmly.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  tau kinematics inverse --variant Full --pose -1.5,-4.6,0.2
+  tau kinematics inverse measured --variant Full --robot tau-calibration/robot.toml --poses path.csv
+
+Columns read: x_m, y_m, z_m; optional pose, alpha_rad, beta_rad, gamma_rad (ZYZ Euler angles), and time_s,
+temperature_c, dir1, dir2, … where the variant's effects need them. Columns written are those of
+`tau kinematics forward`.")]
+pub(super) struct Inverse {
+    #[command(flatten)]
+    pub(super) with: Kinematic,
+    /// One position, with or without orientation (m, rad)
+    #[arg(
+        long,
+        value_name = "X,Y,Z[,ALPHA,BETA,GAMMA]",
+        allow_hyphen_values = true
+    )]
+    pub(super) pose: Option<Numbers>,
+    /// CSV with many poses
+    #[arg(
+        long,
+        value_name = "FILE",
+        conflicts_with = "pose",
+        required_unless_present = "pose"
+    )]
+    pub(super) poses: Option<PathBuf>,
+}
+
+/// What forward and inverse kinematics share.
+#[derive(Debug, Args)]
+pub(super) struct Kinematic {
+    /// Measurement folder, needed for piecewise tracks, and for reduced arms unless --robot was
+    /// calibrated with them; with neither it nor --robot, the built-in one
+    pub(super) folder: Option<PathBuf>,
+    #[command(flatten)]
+    pub(super) variant: Variant,
+    #[command(flatten)]
+    pub(super) robot: Robot,
+    /// File for the CSV; standard output without it
+    #[arg(long, value_name = "FILE")]
+    pub(super) out: Option<PathBuf>,
+    #[command(flatten)]
+    pub(super) json: Json,
+}
+
+/// Print completions for a shell
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  tau completions bash > ~/.local/share/bash-completion/completions/tau
+  tau completions fish > ~/.config/fish/completions/tau.fish")]
+pub(super) struct Completions {
+    /// Shell
+    pub(super) shell: Shell,
+}
+
+/// What is computed from.
+#[derive(Debug, Default, Args)]
+pub(super) struct Input {
+    /// Measurement folder; without it, the measurements that are built in
+    pub(super) folder: Option<PathBuf>,
+    #[command(flatten)]
+    pub(super) robot: Robot,
+    /// Which poses calibrate and which validate: alternate, all, first:N, fraction:F or fraction:F:SEED
+    #[arg(long, value_name = "SPLIT", default_value = "alternate")]
+    pub(super) split: Option<String>,
+    /// Seed of the random choice of --split fraction:F
+    #[arg(long, value_name = "SEED")]
+    pub(super) seed: Option<u64>,
+}
+
+/// Which robot.
+#[derive(Debug, Default, Args)]
+pub(super) struct Robot {
+    /// Description of the robot; without it, the built-in Gantry-Tau
+    #[arg(long, value_name = "F.tau")]
+    pub(super) model: Option<PathBuf>,
+    /// Parameters of the robot; without it, FOLDER/robot.toml, or the built-in ones
+    #[arg(long, value_name = "ROBOT.toml")]
+    pub(super) robot: Option<PathBuf>,
+}
+
+impl Robot {
+    /// The files that are named.
+    pub(super) fn files(&self) -> impl Iterator<Item = &PathBuf> {
+        self.model.iter().chain(&self.robot)
+    }
+}
+
+/// Which variant.
+#[derive(Debug, Args)]
+pub(super) struct Variant {
+    /// Variant of the robot, such as Nominal, Piecewise, Full, FullPiecewise or BestPerLink
+    #[arg(long = "variant", value_name = "NAME")]
+    pub(super) name: String,
+}
+
+/// Results for programs.
+#[derive(Debug, Default, Args)]
+pub(super) struct Json {
+    /// Write the results as JSON; `-` prints them, and nothing else, on standard output
+    #[arg(long = "json", value_name = "FILE")]
+    pub(super) target: Option<PathBuf>,
+}
+
+/// Finite numbers separated by commas.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Numbers(pub(super) Vec<f64>);
+
+impl FromStr for Numbers {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let number = |field: &str| match field.trim().parse::<f64>() {
+            Ok(number) if number.is_finite() => Ok(number),
+            _ => Err(format!(
+                "found `{field}`, expected a number; numbers are separated by commas"
+            )),
+        };
+        text.split(',')
+            .map(number)
+            .collect::<Result<_, _>>()
+            .map(Self)
+    }
+}
+
+/// Three numbers separated by commas.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Triple<T>(pub(super) [T; 3]);
+
+impl<T: FromStr> FromStr for Triple<T> {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let numbers: Option<Vec<T>> = text
+            .split(',')
+            .map(|field| field.trim().parse().ok())
+            .collect();
+        numbers
+            .and_then(|numbers| numbers.try_into().ok())
+            .map(Self)
+            .ok_or_else(|| "expected three numbers separated by commas".to_owned())
+    }
+}
+
+fn positive(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(number) if number.is_finite() && number > 0.0 => Ok(number),
+        _ => Err("expected a number above zero".to_owned()),
+    }
+}

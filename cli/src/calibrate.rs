@@ -1,0 +1,163 @@
+//! `tau calibrate`.
+
+use serde_json::json;
+use tau::calibration::{self, Calibration, calibrate};
+use tau::errors_in_variables;
+use tau::study;
+use tau_report as report;
+
+use super::deliver::{Outcome, Target, check_folder, pretty, written};
+use super::kept::Kept;
+use super::resolve::{Case, both};
+use super::{Failure, arguments};
+
+/// What is written into the output folder.
+const FILES: [&str; 5] = [
+    "robot.toml",
+    "parameters.csv",
+    "covariance.csv",
+    "undetermined.csv",
+    "statistics.json",
+];
+
+pub(super) fn run(arguments: &arguments::Calibrate) -> Result<Outcome, Failure> {
+    let out = &arguments.out;
+    let kept = Kept::from(&arguments.input);
+    let outputs = both(
+        Target::resolve(&arguments.json, &kept),
+        check_folder(out).and_then(|()| kept.check_all(out, FILES)),
+    );
+    let ((case, variant), (target, ())) = both(
+        Case::with_variant(&arguments.input, &arguments.variant),
+        outputs,
+    )?;
+    let poses = case.poses()?;
+    let Case {
+        robot,
+        file,
+        folder,
+        ..
+    } = &case;
+
+    let options = calibration::Options::default();
+    let (chosen, validation) = (&poses.division.calibration, &poses.division.validation);
+    let (found, comparison) = if arguments.errors_in_variables {
+        let fitted =
+            errors_in_variables::calibrate(robot, &variant, file, folder, chosen, &options)?;
+        (fitted.calibration.clone(), Some(fitted))
+    } else {
+        let found = calibrate(robot, &variant, file, folder, chosen, &options)?;
+        (found, None)
+    };
+    let result = study::result(&found, folder, validation)?;
+
+    let mut statistics = report::json::variant(&result);
+    statistics["variant"] = json!(variant.name);
+    statistics["robot"] = json!(robot.name);
+    statistics["folder"] = json!(folder.name);
+    statistics["poses"] = report::json::poses(poses.counts);
+    statistics["cost"] = json!(found.cost);
+    let mut summary = format!("{}, {}, {}\n\n", robot.name, variant.name, folder.name);
+    summary += &report::terminal::variant(&result);
+    if let Some(fitted) = &comparison {
+        let closure = study::result(&fitted.closure_fit, folder, validation)?;
+        summary += &report::errors_in_variables::terminal(fitted, &result, &closure);
+        statistics["errors_in_variables"] =
+            report::errors_in_variables::json(fitted, &result, &closure);
+    }
+    let contents = [
+        found.file.to_toml(),
+        parameters(&found)?,
+        covariance(&found)?,
+        undetermined(&found)?,
+        pretty(&statistics),
+    ];
+    let paths = FILES.into_iter().map(|name| out.join(name));
+    let files: Vec<_> = paths.zip(contents).collect();
+    summary += &written(files.iter().map(|(path, _)| path.as_path()));
+    Ok(Outcome {
+        summary,
+        remarks: case.remarks_for(&variant, &poses),
+        files,
+        json: target.map(|target| (statistics, target)),
+        ..Outcome::default()
+    })
+}
+
+fn parameters(found: &Calibration) -> Result<String, Failure> {
+    let header = [
+        "parameter",
+        "unit",
+        "nominal",
+        "tolerance",
+        "value",
+        "sigma",
+    ];
+    let rows = found.parameters.iter().map(|parameter| {
+        vec![
+            parameter.name.clone(),
+            parameter.unit.clone(),
+            number(parameter.nominal),
+            parameter.tolerance.map_or_else(String::new, number),
+            number(parameter.value),
+            number(parameter.sigma),
+        ]
+    });
+    csv(header.map(String::from).into(), rows)
+}
+
+fn covariance(found: &Calibration) -> Result<String, Failure> {
+    let names = || {
+        found
+            .parameters
+            .iter()
+            .map(|parameter| parameter.name.clone())
+    };
+    let header = std::iter::once("parameter".to_owned()).chain(names());
+    let rows = names().zip(&found.covariance).map(|(name, row)| {
+        let entries = row.iter().copied().map(number);
+        std::iter::once(name).chain(entries).collect()
+    });
+    csv(header.collect(), rows)
+}
+
+fn undetermined(found: &Calibration) -> Result<String, Failure> {
+    let header = ["combination", "data_over_prior", "parameter", "share"];
+    let rows = found
+        .undetermined
+        .iter()
+        .enumerate()
+        .flat_map(|(index, combination)| {
+            combination.terms.iter().map(move |(parameter, share)| {
+                vec![
+                    (index + 1).to_string(),
+                    number(combination.data_over_prior),
+                    parameter.clone(),
+                    number(*share),
+                ]
+            })
+        });
+    csv(header.map(String::from).into(), rows)
+}
+
+/// All digits, so that it can be read again bit for bit.
+pub(super) fn number(value: f64) -> String {
+    format!("{value:?}")
+}
+
+/// A table as comma-separated text; names that hold commas are quoted.
+pub(super) fn csv(
+    header: Vec<String>,
+    rows: impl IntoIterator<Item = Vec<String>>,
+) -> Result<String, Failure> {
+    let mut writer = csv::Writer::from_writer(Vec::new());
+    let written = std::iter::once(header)
+        .chain(rows)
+        .try_for_each(|row| writer.write_record(row));
+    let failed = |why: String| Failure::Failed(format!("a table can't be written: {why}"));
+    written.map_err(|error| failed(error.to_string()))?;
+    let bytes = writer
+        .into_inner()
+        .map_err(|error| failed(error.to_string()))?;
+    String::from_utf8(bytes).map_err(|error| failed(error.to_string()))
+}

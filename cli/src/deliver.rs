@@ -1,0 +1,131 @@
+//! Handing over results: files first, all of them complete, then what is printed.
+
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+
+use serde_json::Value;
+use tau::input_error::InputError;
+use tau_report as report;
+
+use super::kept::Kept;
+use super::{Console, Failure, arguments};
+
+/// What a command hands over.
+#[derive(Debug, Default)]
+pub(super) struct Outcome {
+    /// What it says: printed, unless quiet or another output goes to standard output.
+    pub(super) summary: String,
+    /// What was asked for: printed, unless JSON goes to standard output.
+    pub(super) data: String,
+    /// What the user should know: printed on standard error, unless quiet.
+    pub(super) remarks: Vec<String>,
+    /// Files to write, with their content.
+    pub(super) files: Vec<(PathBuf, String)>,
+    /// Results for programs, and where they go.
+    pub(super) json: Option<(Value, Target)>,
+}
+
+/// Where JSON goes.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) enum Target {
+    StandardOutput,
+    File(PathBuf),
+}
+
+impl Target {
+    /// Where the JSON that was asked for goes; a file that can't be written, or is read, is an error already here.
+    pub(super) fn resolve(json: &arguments::Json, kept: &Kept) -> Result<Option<Self>, InputError> {
+        let path = json.target.as_deref();
+        match path {
+            None => Ok(None),
+            Some(path) if path == Path::new("-") => Ok(Some(Self::StandardOutput)),
+            Some(path) => {
+                check_file(path)?;
+                kept.check("--json", path)?;
+                Ok(Some(Self::File(path.to_owned())))
+            }
+        }
+    }
+}
+
+impl Outcome {
+    /// Writes the files and prints the rest.
+    pub(super) fn deliver(mut self, console: &mut Console<'_>) -> Result<(), Failure> {
+        let json = self.json.map(|(value, target)| (pretty(&value), target));
+        if let Some((text, Target::File(path))) = &json {
+            self.files.push((path.clone(), text.clone()));
+        }
+        report::write_files(&self.files)
+            .map_err(|error| InputError::whole("output", format!("cannot write {error}")))?;
+        if !console.quiet {
+            for remark in &self.remarks {
+                console.complain(&format_args!("note: {remark}"));
+            }
+        }
+        match json {
+            Some((text, Target::StandardOutput)) => console.print(&text),
+            _ if console.quiet => console.print(&self.data),
+            _ => console.print(&(self.summary + &self.data)),
+        }
+    }
+}
+
+/// A value as text that people can read too.
+pub(super) fn pretty(value: &Value) -> String {
+    format!("{value:#}\n")
+}
+
+/// Says which files are written.
+pub(super) fn written<'a>(paths: impl IntoIterator<Item = &'a Path>) -> String {
+    let lines = paths
+        .into_iter()
+        .map(|path| format!("  {}\n", path.display()));
+    format!("\nWritten\n{}", lines.collect::<Vec<_>>().concat())
+}
+
+/// An error of the file system, which names its path.
+fn cannot_write(folder: &Path, error: &io::Error) -> InputError {
+    InputError::whole(
+        folder.display().to_string(),
+        format!("cannot write here: {error}"),
+    )
+}
+
+/// Fails where a file can't be written, before any work is done for it.
+pub(super) fn check_file(path: &Path) -> Result<(), InputError> {
+    let refuse = |why: &str| Err(InputError::whole(path.display().to_string(), why));
+    if path.file_name().is_none() || path.is_dir() {
+        return refuse("this is a folder, expected a file to write");
+    }
+    check_folder(report::folder_of(path))
+}
+
+/// Fails where a folder can't be made or written into.
+pub(super) fn check_folder(folder: &Path) -> Result<(), InputError> {
+    let present = folder
+        .ancestors()
+        .map(|path| {
+            if path.as_os_str().is_empty() {
+                Path::new(".")
+            } else {
+                path
+            }
+        })
+        .find(|path| fs::symlink_metadata(path).is_ok())
+        .unwrap_or(Path::new("."));
+    if !present.is_dir() {
+        return Err(InputError::whole(
+            present.display().to_string(),
+            "this is a file, expected a folder to write into",
+        ));
+    }
+    let probe = present.join(format!(".tau.{}.probe", std::process::id()));
+    match fs::File::create_new(&probe).and_then(|_| fs::remove_file(&probe)) {
+        // Another thread is just trying the same.
+        Err(error) if error.kind() != io::ErrorKind::AlreadyExists => {
+            Err(cannot_write(present, &error))
+        }
+        _ => Ok(()),
+    }
+}

@@ -1,0 +1,107 @@
+//! `tau generate`.
+
+use std::fs;
+use std::path::Path;
+
+use tau::input_error::InputError;
+use tau_codegen::emit;
+use tau_codegen::language;
+
+use super::Failure;
+use super::arguments::{self, Language};
+use super::deliver::{Outcome, check_file};
+use super::resolve::read;
+
+pub(super) fn run(arguments: &arguments::Generate) -> Result<Outcome, Failure> {
+    check_languages(&arguments.lang)?;
+    let source = &arguments.description;
+    let name = source.display().to_string();
+    let text = read(source, "the description of a robot (.tau)")?;
+    let model = language::check_text(&text)
+        .map_err(|errors| InputError::of_description(&name, &text, &errors))?;
+    let path = arguments
+        .out
+        .join(emit::snake_case(&model.name))
+        .with_extension("rs");
+    if !arguments.check {
+        check_file(&path)?;
+    }
+
+    let command = format!(
+        "tau generate {} --out {}",
+        shell_word(source),
+        shell_word(&arguments.out)
+    );
+    let code = emit::file(
+        &tau_codegen::compile(&model, &text),
+        &one_line(&source.display().to_string().replace('\\', "/")),
+        &one_line(&command),
+    );
+    let current = fs::read_to_string(&path).ok();
+    let is_fresh = current
+        .as_deref()
+        .is_some_and(|current| body(current) == body(&code));
+    let path_name = path.display();
+    match (is_fresh, arguments.check) {
+        (true, _) => Ok(Outcome {
+            summary: format!("{path_name} is what {name} gives\n"),
+            ..Outcome::default()
+        }),
+        (false, true) => Err(Failure::Failed(match current {
+            None => format!("{path_name} does not exist: run `{command}`"),
+            Some(current) => format!(
+                "{path_name} is stale from line {}: run `{command}`",
+                first_difference(&current, &code)
+            ),
+        })),
+        (false, false) => Ok(Outcome {
+            summary: format!("written: {path_name}\n"),
+            files: vec![(path, code)],
+            ..Outcome::default()
+        }),
+    }
+}
+
+/// For a comment, which ends where the line does.
+fn one_line(text: &str) -> String {
+    text.replace(char::is_control, "?")
+}
+
+fn check_languages(languages: &[Language]) -> Result<(), InputError> {
+    let refused = languages.iter().find_map(|language| match language {
+        Language::Rust => None,
+        Language::C => Some("C99"),
+        Language::Latex => Some("LaTeX"),
+    });
+    match refused {
+        None => Ok(()),
+        Some(language) => Err(InputError::whole(
+            "--lang",
+            format!("{language} can't be generated yet, expected `rust`"),
+        )),
+    }
+}
+
+/// A file without its first line, which names the command that wrote it: another one, such as the same
+/// from another folder, writes the same code.
+fn body(text: &str) -> &str {
+    text.split_once('\n').map_or("", |(_, body)| body)
+}
+
+/// Line, from 1, of the first difference after the first line.
+fn first_difference(current: &str, expected: &str) -> usize {
+    let same = |(a, b): &(&str, &str)| a == b;
+    let equal = body(current).lines().zip(body(expected).lines());
+    equal.take_while(same).count() + 2
+}
+
+/// A path as it is typed, with quotes where a shell needs them.
+fn shell_word(path: &Path) -> String {
+    let text = path.display().to_string().replace('\\', "/");
+    let is_plain = |c: char| c.is_alphanumeric() || "/._-+,:@%".contains(c);
+    if text.chars().all(is_plain) {
+        text
+    } else {
+        format!("'{}'", text.replace('\'', r"'\''"))
+    }
+}

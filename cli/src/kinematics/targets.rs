@@ -1,0 +1,236 @@
+//! Commands and poses that were asked for: from options or from a CSV.
+
+use std::path::Path;
+
+use tau::input_error::{InputError, Mistakes, Source, quoted};
+use tau::kinematics::{Machine, Pose, Sample};
+use tau::measurements::set::{
+    ANGLES, ConditionColumns, DIRECTION, POSITION, Set, TEMPERATURE, TIME, read_directions, vector,
+};
+use tau::measurements::table::{Column, Table};
+use tau::measurements::{Conditions, Shape, plausible};
+use tau::robot::Arm;
+
+use super::super::arguments::Numbers;
+use super::super::resolve::read;
+
+/// What was asked for, once.
+#[derive(Debug, Clone)]
+pub(super) struct Row {
+    /// Where it was asked for.
+    pub(super) source: String,
+    /// Its number: of the file, or counted.
+    pub(super) pose: u32,
+    /// Commands (m), for forward kinematics.
+    pub(super) commands_m: Vec<f64>,
+    /// Position (m), for inverse kinematics.
+    pub(super) position_m: [f64; 3],
+    /// The pose in full, where the row gives it: a start for forward kinematics.
+    pub(super) start: Option<Pose>,
+    /// Sides of approach, where the row gives them.
+    pub(super) directions: Option<Vec<f64>>,
+    /// Time and temperature, where the row gives them.
+    pub(super) conditions: Conditions,
+}
+
+impl Row {
+    fn new(source: &str, pose: u32) -> Self {
+        Self {
+            source: source.to_owned(),
+            pose,
+            commands_m: Vec::new(),
+            position_m: [0.0; 3],
+            start: None,
+            directions: None,
+            conditions: Conditions::default(),
+        }
+    }
+
+    /// The row at commands (m) and a pose.
+    pub(super) fn sample<'a>(&'a self, commands_m: &'a [f64], pose: Pose) -> Sample<'a> {
+        Sample {
+            commands_m,
+            pose,
+            directions: self.directions.as_deref(),
+            conditions: self.conditions,
+        }
+    }
+}
+
+pub(super) fn commands_of_option(
+    Numbers(numbers): &Numbers,
+    commands: usize,
+) -> Result<Vec<Row>, InputError> {
+    check_count("--commands", numbers, &[commands])?;
+    Ok(vec![Row {
+        commands_m: numbers.clone(),
+        ..Row::new("--commands", 1)
+    }])
+}
+
+pub(super) fn start_of_option(Numbers(numbers): &Numbers) -> Result<Pose, InputError> {
+    check_count("--start", numbers, &[6])?;
+    Ok(pose_of([0, 1, 2].map(|k| numbers[k]), &numbers[3..]))
+}
+
+pub(super) fn poses_of_option(Numbers(numbers): &Numbers) -> Result<Vec<Row>, InputError> {
+    check_count("--pose", numbers, &[3, 6])?;
+    let position_m = [0, 1, 2].map(|k| numbers[k]);
+    Ok(vec![Row {
+        position_m,
+        start: (numbers.len() == 6).then(|| pose_of(position_m, &numbers[3..])),
+        ..Row::new("--pose", 1)
+    }])
+}
+
+fn pose_of(position_m: [f64; 3], angles_rad: &[f64]) -> Pose {
+    Pose::from_zyz(position_m, [0, 1, 2].map(|k| angles_rad[k]))
+}
+
+fn check_count(option: &str, numbers: &[f64], expected: &[usize]) -> Result<(), InputError> {
+    if expected.contains(&numbers.len()) {
+        return Ok(());
+    }
+    let expected: Vec<String> = expected.iter().map(ToString::to_string).collect();
+    Err(InputError::whole(
+        option,
+        format!(
+            "found {} numbers, expected {}",
+            numbers.len(),
+            expected.join(" or ")
+        ),
+    ))
+}
+
+/// What a CSV asks for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Asked {
+    /// The poses at its commands; a pose in the same row is the start.
+    Poses,
+    /// The commands at its poses, or at its positions.
+    Commands,
+}
+
+/// The rows of a CSV, checked as those of a measurement folder are, and remarks.
+pub(super) fn of_file(
+    path: &Path,
+    asked: Asked,
+    machine: &Machine,
+) -> Result<(Vec<Row>, Option<String>), InputError> {
+    let name = path.display().to_string();
+    let text = read(path, "a CSV of poses")?;
+    let shape = Shape::from(&machine.robot);
+    let directions: Vec<String> = (1..=shape.commands)
+        .map(|n| format!("{DIRECTION}{n}"))
+        .collect();
+    // What the program writes can be read again: commands are no strangers beside poses.
+    let known = ["pose", TIME, TEMPERATURE]
+        .iter()
+        .chain(&POSITION)
+        .chain(&ANGLES)
+        .map(ToString::to_string)
+        .chain(directions.iter().cloned())
+        .chain(shape.command_names());
+    let known: Vec<String> = known.collect();
+    let required = match asked {
+        Asked::Poses => shape.command_names(),
+        Asked::Commands => POSITION.map(str::to_owned).to_vec(),
+    };
+    let Set {
+        table,
+        mut mistakes,
+        commands: required,
+        unknown,
+        ..
+    } = Set::open(Source::new(&name, &text), [], &required, &known)?;
+
+    let has = |name: &&str| table.column(name).is_some();
+    // A reduced arm says nothing about orientation, so that a position is a start, too.
+    let is_position = (asked == Asked::Commands || machine.variant.arm == Arm::Reduced)
+        && !ANGLES.iter().any(has);
+    let mut pose: Vec<&str> = POSITION.to_vec();
+    if !is_position {
+        pose.extend(ANGLES);
+    }
+    all_or_none(&table, &pose, &mut mistakes);
+    let named: Vec<&str> = directions.iter().map(String::as_str).collect();
+    all_or_none(&table, &named, &mut mistakes);
+    if !mistakes.is_empty() {
+        return Err(mistakes.into_error());
+    }
+
+    let commands = match asked {
+        Asked::Poses => table.numbers_of(&required, &mut mistakes),
+        Asked::Commands => Vec::new(),
+    };
+    let position = three(&table, POSITION, &mut mistakes);
+    let angles = three(&table, ANGLES, &mut mistakes);
+    let conditions = ConditionColumns::read(&table, &mut mistakes);
+    let directions: Option<Vec<Column>> = directions
+        .iter()
+        .map(|name| read_directions(&table, name, &mut mistakes))
+        .collect();
+    let numbers = table
+        .column("pose")
+        .map(|index| table.whole_numbers(index, &mut mistakes));
+    plausible::commands(&table, &commands, &mut mistakes);
+    if let Some(position) = &position {
+        plausible::positions(&table, position, &mut mistakes);
+    }
+    if let Some(angles) = &angles {
+        plausible::angles(&table, angles, &mut mistakes);
+    }
+    if let Some(numbers) = &numbers {
+        plausible::distinct_keys(&table, [numbers], &mut mistakes, |[pose]| {
+            format!("pose {pose}")
+        });
+    }
+    mistakes.finish()?;
+
+    let rows = (0..table.rows()).map(|row| {
+        let numbered = numbers.as_ref().and_then(|numbers| numbers.values[row]);
+        let counted = u32::try_from(row + 1).unwrap_or(u32::MAX);
+        let position_m = position.as_ref().map(|columns| vector(columns, row));
+        let angles_rad = match &angles {
+            Some(columns) => Some(vector(columns, row)),
+            None => (asked == Asked::Poses).then_some([0.0; 3]),
+        };
+        Row {
+            commands_m: commands.iter().map(|column| column.values[row]).collect(),
+            position_m: position_m.unwrap_or_default(),
+            start: position_m
+                .zip(angles_rad)
+                .map(|(position, angles)| Pose::from_zyz(position, angles)),
+            directions: directions
+                .as_ref()
+                .map(|columns| columns.iter().map(|column| column.values[row]).collect()),
+            conditions: conditions.at(row),
+            ..Row::new(&name, numbered.unwrap_or(counted))
+        }
+    });
+    Ok((rows.collect(), unknown))
+}
+
+/// Reports columns that are missing although others without which they mean nothing are there.
+fn all_or_none(table: &Table<'_>, names: &[&str], mistakes: &mut Mistakes<'_>) {
+    let (there, missing): (Vec<&str>, Vec<&str>) = names
+        .iter()
+        .copied()
+        .partition(|name| table.column(name).is_some());
+    let first = there.first().and_then(|name| table.column(name));
+    if let (Some(first), false) = (first, missing.is_empty()) {
+        let message = format!(
+            "found {} without {}, expected all of them or none",
+            quoted(there),
+            quoted(missing)
+        );
+        mistakes.push(table.name_place(first), message);
+    }
+}
+
+fn three(table: &Table<'_>, names: [&str; 3], mistakes: &mut Mistakes<'_>) -> Option<[Column; 3]> {
+    let [Some(a), Some(b), Some(c)] = names.map(|name| table.column(name)) else {
+        return None;
+    };
+    Some([a, b, c].map(|index| table.numbers(index, mistakes)))
+}

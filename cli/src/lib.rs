@@ -1,0 +1,230 @@
+//! The command line `tau`.
+//!
+//! What was typed ([`arguments`]) is resolved into what it means ([`resolve`]), so that mistakes are
+//! answered before any work is done. A command then computes an [`Outcome`]; only after it has succeeded
+//! is anything written ([`deliver`]).
+
+mod arguments;
+mod calibrate;
+mod deliver;
+mod discover;
+mod evaluate;
+mod generate;
+mod kept;
+mod kinematics;
+mod progress;
+mod resolve;
+mod sensitivity;
+mod simulate;
+mod study;
+
+use std::ffi::OsString;
+use std::fmt;
+use std::io::{self, IsTerminal, Write};
+use std::process::ExitCode;
+
+use clap::{CommandFactory, Parser};
+use tau::calibration;
+use tau::input_error::InputError;
+
+use arguments::{Arguments, Command, Kinematics};
+use deliver::Outcome;
+
+/// Exit code: a calibration did not converge, a pose could not be found, a check failed.
+pub const FAILED: u8 = 1;
+/// Exit code: the input or the command line is wrong, or an output can't be written.
+pub const BAD_INPUT: u8 = 2;
+
+/// Runs a command line, of which the first item is the program's name, and returns its exit code: 0 done,
+/// 1 failed to converge or check failed, 2 bad input or usage.
+///
+/// Results go to `out`, errors to `err`, without colours or progress bars.
+///
+/// ```
+/// let (mut out, mut err) = (Vec::new(), Vec::new());
+/// let code = tau_cli::run(["tau", "--version"].map(Into::into), &mut out, &mut err);
+/// assert_eq!(code, 0);
+/// assert!(out.starts_with(b"tau "));
+/// ```
+pub fn run(
+    arguments: impl IntoIterator<Item = OsString>,
+    out: &mut dyn Write,
+    err: &mut dyn Write,
+) -> u8 {
+    let terminals = Terminals {
+        out: false,
+        err: false,
+    };
+    Console {
+        out,
+        err,
+        terminals,
+        quiet: false,
+    }
+    .run(arguments)
+}
+
+/// Runs the command line of this process, with colours and progress bars where a terminal shows them.
+pub fn main() -> ExitCode {
+    let terminals = Terminals {
+        out: io::stdout().is_terminal(),
+        err: io::stderr().is_terminal(),
+    };
+    let code = Console {
+        out: &mut io::stdout().lock(),
+        err: &mut io::stderr(),
+        terminals,
+        quiet: false,
+    }
+    .run(std::env::args_os());
+    ExitCode::from(code)
+}
+
+/// Which streams are terminals.
+#[derive(Debug, Clone, Copy)]
+struct Terminals {
+    out: bool,
+    err: bool,
+}
+
+/// Where a command prints.
+struct Console<'a> {
+    out: &'a mut dyn Write,
+    err: &'a mut dyn Write,
+    terminals: Terminals,
+    /// Whether only errors and data are printed.
+    quiet: bool,
+}
+
+/// Why a command failed.
+#[derive(Debug)]
+enum Failure {
+    /// The input is wrong, or an output can't be written.
+    Input(InputError),
+    /// What was asked for can't be computed, or a check failed.
+    Failed(String),
+    /// Nobody reads standard output any more.
+    ReaderGone,
+}
+
+impl From<InputError> for Failure {
+    fn from(error: InputError) -> Self {
+        Self::Input(error)
+    }
+}
+
+impl From<calibration::Error> for Failure {
+    fn from(error: calibration::Error) -> Self {
+        match error {
+            calibration::Error::Input(error) => Self::Input(error),
+            error => Self::Failed(error.to_string()),
+        }
+    }
+}
+
+impl Console<'_> {
+    fn run(mut self, arguments: impl IntoIterator<Item = OsString>) -> u8 {
+        let result = match Arguments::try_parse_from(arguments) {
+            Ok(arguments) => {
+                self.quiet = arguments.quiet;
+                self.execute(arguments.command)
+            }
+            Err(error) => return self.usage(&error),
+        };
+        match result {
+            Ok(()) | Err(Failure::ReaderGone) => 0,
+            Err(Failure::Failed(message)) => {
+                self.complain(&format_args!("error: {message}"));
+                FAILED
+            }
+            Err(Failure::Input(error)) => {
+                self.complain(&error.render(self.terminals.err));
+                BAD_INPUT
+            }
+        }
+    }
+
+    fn execute(&mut self, command: Option<Command>) -> Result<(), Failure> {
+        let command = command.unwrap_or_else(|| Command::Study(arguments::Study::default()));
+        let outcome = match &command {
+            Command::Study(arguments) => study::run(arguments, self),
+            Command::Calibrate(arguments) => calibrate::run(arguments),
+            Command::Evaluate(arguments) => evaluate::run(arguments),
+            Command::Sensitivity(arguments) => sensitivity::run(arguments),
+            Command::Discover(arguments) => discover::run(arguments, self),
+            Command::Simulate(arguments) => simulate::run(arguments),
+            Command::Generate(arguments) => generate::run(arguments),
+            Command::Kinematics(Kinematics::Forward(arguments)) => kinematics::forward(arguments),
+            Command::Kinematics(Kinematics::Inverse(arguments)) => kinematics::inverse(arguments),
+            Command::Completions(arguments) => Ok(completions(arguments)),
+        }?;
+        outcome.deliver(self)
+    }
+
+    /// Prints help, version or a mistake of usage.
+    fn usage(&mut self, error: &clap::Error) -> u8 {
+        let (stream, is_terminal): (&mut dyn Write, bool) = if error.use_stderr() {
+            (self.err, self.terminals.err)
+        } else {
+            (self.out, self.terminals.out)
+        };
+        let text = error.render();
+        // There is no one left to tell that the message could not be shown.
+        let _ = if is_terminal {
+            write!(stream, "{}", text.ansi())
+        } else {
+            write!(stream, "{text}")
+        };
+        u8::try_from(error.exit_code()).unwrap_or(BAD_INPUT)
+    }
+
+    fn complain(&mut self, message: &dyn fmt::Display) {
+        let _ = writeln!(self.err, "{message}");
+    }
+
+    /// Prints on standard output.
+    fn print(&mut self, text: &str) -> Result<(), Failure> {
+        let written = self
+            .out
+            .write_all(text.as_bytes())
+            .and_then(|()| self.out.flush());
+        written.map_err(|error| match error.kind() {
+            io::ErrorKind::BrokenPipe => Failure::ReaderGone,
+            _ => InputError::whole("standard output", format!("cannot write: {error}")).into(),
+        })
+    }
+}
+
+fn completions(arguments: &arguments::Completions) -> Outcome {
+    let mut script = Vec::new();
+    clap_complete::generate(
+        arguments.shell,
+        &mut Arguments::command(),
+        "tau",
+        &mut script,
+    );
+    Outcome {
+        data: String::from_utf8_lossy(&script).into_owned(),
+        ..Outcome::default()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use tau::simulation::Request;
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        Arguments::command().debug_assert();
+    }
+
+    #[test]
+    fn a_simulation_is_by_default_that_of_the_prototype() {
+        let arguments = Arguments::try_parse_from(["tau", "simulate", "--out", "folder"]).unwrap();
+        let Some(Command::Simulate(typed)) = arguments.command else {
+            panic!("{arguments:?}");
+        };
+        assert_eq!(simulate::request(&typed), Request::default());
+    }
+}

@@ -1,0 +1,88 @@
+//! `tau simulate`.
+
+use serde_json::json;
+use tau::simulation::Request;
+
+use super::deliver::{Outcome, Target, check_folder};
+use super::kept::Kept;
+use super::resolve::{both, robot};
+use super::{Failure, arguments};
+
+pub(super) fn run(arguments: &arguments::Simulate) -> Result<Outcome, Failure> {
+    let out = &arguments.out;
+    let robot = robot(arguments.model.as_deref())?;
+    let kept = Kept::of(None, arguments.model.iter().chain(&arguments.robot));
+    let (target, ()) = both(Target::resolve(&arguments.json, &kept), check_folder(out))?;
+    let made = request(arguments).run(&robot, out)?;
+    let [poses, points, positions] = made.rows;
+    let effects: Vec<String> = made
+        .effects
+        .iter()
+        .map(|(name, place)| format!("{name}({place})"))
+        .collect();
+    let effects = if effects.is_empty() {
+        "no effect".to_owned()
+    } else {
+        effects.join(", ")
+    };
+    let remark = (made.out_of_reach > 0).then(|| {
+        format!(
+            "{} points are out of reach and were left out",
+            made.out_of_reach
+        )
+    });
+    Ok(Outcome {
+        summary: format!(
+            "written: {}, with {poses} TCP poses ({} outliers), {points} cart poses, \
+             {positions} cart positions; {effects}\n",
+            out.display(),
+            made.outliers
+        ),
+        remarks: remark.into_iter().collect(),
+        json: target.map(|target| {
+            let value = json!({
+                "folder": out,
+                "rows": { "tcp_poses": poses, "cart_poses": points, "cart_positions": positions },
+                "effects": made.effects.iter()
+                    .map(|(name, place)| json!({ "name": name, "place": place }))
+                    .collect::<Vec<_>>(),
+                "outliers": made.outliers,
+                "out_of_reach": made.out_of_reach,
+            });
+            (value, target)
+        }),
+        ..Outcome::default()
+    })
+}
+
+/// What was typed, as the simulation takes it.
+pub(super) fn request(arguments: &arguments::Simulate) -> Request {
+    let arguments::Simulate { noise, plan, .. } = arguments;
+    Request {
+        robot: arguments.robot.clone(),
+        variant: arguments.variant.clone(),
+        effects: arguments.effects.clone(),
+        seed: arguments.seed,
+        exact: arguments.exact,
+        noise_position_m: noise.noise_position,
+        noise_rotation_rad: noise.noise_rotation,
+        noise_scale: noise.noise_scale.0,
+        heavy_tails: noise.heavy_tails,
+        common_noise: noise.common_noise,
+        serial_noise: noise.serial_noise,
+        outliers: noise.outliers,
+        outlier_size: noise.outlier_size,
+        grid: plan.grid.0,
+        grid_step_m: plan.grid_step.map(|steps| steps.0),
+        poses: Some(plan.poses),
+        random: plan.random,
+        jitter: plan.jitter,
+        track_points: plan.track_points,
+        both_ways: plan.both_ways,
+        cart_poses: plan.cart_poses,
+        random_approach: plan.random_approach,
+        temperature_c: plan.temperature,
+        warming_k: plan.warming,
+        payload_mass_kg: plan.payload,
+    }
+}

@@ -1,0 +1,80 @@
+//! The base fitted to all sets, and where its plate stands.
+
+use tau_codegen::language::Model;
+use tau_estimation::calibration::Prepared;
+use tau_estimation::joint::descent::not_converged;
+use tau_estimation::joint::fit::Fit;
+use tau_estimation::joint::variant;
+use tau_estimation::joint::{Component, Joint};
+use tau_estimation::samples::Sample;
+use tau_estimation::samples::frames::Frames;
+use tau_estimation::samples::plates::place_plates;
+use tau_estimation::samples::{numbering, outliers};
+use tau_robot::robot::{Owner, Variant};
+
+use super::{Error, Input};
+
+/// Closures that are off by more than this share of the links' length are those of another machine, or of commands and
+/// poses that do not belong together.
+const LARGEST_MISFIT: f64 = 0.01;
+
+/// The base fitted to all sets, and their samples with the loads of the arm.
+pub(super) fn base_fit(
+    input: &Input<'_>,
+    model: &Model,
+    index: usize,
+    variant: &Variant,
+) -> Result<(Fit, Vec<Sample>), Error> {
+    let Input {
+        robot,
+        file,
+        folder,
+        division,
+        ..
+    } = *input;
+    let free = variant::free_turning(model, index, Some(variant));
+    let prepared = Prepared::new(robot, &free, file, Some(folder), &division.calibration)?;
+    let samples_in = |frames: &Frames| {
+        let mut samples = Sample::all(robot, folder, &division.calibration, frames);
+        Sample::sort_by_time(&mut samples);
+        samples
+    };
+    let mut of_set_1 = samples_in(&Frames::default());
+    place_plates(&prepared.machine, file, &mut of_set_1);
+    let alone = Joint::new(
+        prepared.machine.clone(),
+        &prepared.nominal,
+        &of_set_1,
+        file.noise,
+    )?;
+    let (values, mut weights) = Fit::of_set_1(&alone, &of_set_1)?;
+    let machine = prepared.machine.with_values(values.clone());
+    let frames = Frames::of(&machine, file, folder);
+    numbering::check(&machine, folder)?;
+    let mut samples = samples_in(&frames);
+    place_plates(&machine, file, &mut samples);
+    let joint = Joint::new(machine.clone(), &prepared.nominal, &samples, file.noise)?;
+    let about_lines = outliers::deviations(outliers::about_lines(&samples), &samples);
+    weights.extend(outliers::weights(&about_lines).drain(weights.len()..));
+    let fit = Fit::robust(joint, &values, weights, &samples, file.noise)?;
+    let off_m = fit.scales[Component::Closure as usize] * file.noise.position_m;
+    if off_m > LARGEST_MISFIT * mean_length_m(&fit) {
+        let why = format!("its closures are still off by {:.0} mm", 1e3 * off_m);
+        return Err(not_converged(&fit.joint, &why));
+    }
+    Ok((fit, samples))
+}
+
+/// Mean length of the links, or of the clusters where the arm is reduced.
+fn mean_length_m(fit: &Fit) -> f64 {
+    let parameters = fit.joint.machine.variant.parameters.iter();
+    let lengths = parameters.zip(fit.joint.values(&fit.fitted));
+    let lengths: Vec<f64> = lengths
+        .filter(|(parameter, _)| {
+            let is_of_arm = matches!(parameter.owner, Owner::Link(_) | Owner::Cluster(_));
+            is_of_arm && parameter.quantity == "length"
+        })
+        .map(|(_, length_m)| length_m)
+        .collect();
+    lengths.iter().sum::<f64>() / lengths.len() as f64
+}

@@ -1,0 +1,513 @@
+//! Everything that candidates are scored with: samples, probes, columns, scans.
+
+mod flips;
+mod searched;
+
+use std::collections::BTreeSet;
+use std::ops::Range;
+use std::sync::{Arc, OnceLock};
+
+use nalgebra::DMatrix;
+use tau_codegen::language::Model;
+use tau_estimation::joint::fit::Fit;
+use tau_estimation::numerics::distribution::f_survival;
+use tau_estimation::numerics::parallel;
+use tau_estimation::numerics::projection::{Subspace, orthonormal};
+use tau_estimation::samples::Sample;
+use tau_kinematics::Surroundings;
+use tau_robot::robot::Variant;
+
+use super::candidates::{self, Candidate, Entry};
+use super::constants::Constants;
+use super::generic::Family;
+use super::probes::Probes;
+use super::response::{Displacements, Responses};
+use super::scan::{Band, Scores, lengths};
+use super::significance::{Null, Significance};
+use super::view::{Freed, View};
+use searched::{Scan, Scans, reach};
+
+/// Candidates with their columns.
+pub(super) struct Bench {
+    pub(super) model: Model,
+    pub(super) candidates: Vec<Candidate>,
+    pub(super) samples: Vec<Sample>,
+    pub(super) probes: Probes,
+    pub(super) surroundings: Surroundings,
+    /// Columns of all candidates without a search, and where each stands.
+    columns: Displacements,
+    places: Vec<(usize, Range<usize>)>,
+    /// Candidates with a search and a name.
+    scans: Scans,
+    /// Unnamed families with a search, and their scans once they are wanted.
+    searched_families: Vec<usize>,
+    family_scans: OnceLock<Scans>,
+    /// Pairs of probes whose products scores take.
+    pairs: BTreeSet<(usize, usize)>,
+    /// Candidates that the measurements cannot show, and why.
+    pub(super) unseen: Vec<(usize, String)>,
+    /// Candidates that take no part, because no plausible amplitude of them would show.
+    pub(super) hidden: BTreeSet<usize>,
+    /// Number of units.
+    pub(super) units: usize,
+    pub(super) significance: Significance,
+    pub(super) constants: Constants,
+    /// Degrees of freedom of the base's residuals.
+    degrees: f64,
+}
+
+/// What a candidate adds to the Jacobian.
+enum Columns {
+    Plain(Vec<Entry>),
+    Searched(Band),
+    Later,
+}
+
+/// How well a candidate explains what a model leaves.
+#[derive(Debug, Clone)]
+pub(super) struct Score {
+    /// Index of the candidate.
+    pub(super) candidate: usize,
+    pub(super) statistic: f64,
+    /// By the F form; over the whole search where there is one.
+    pub(super) p_value: f64,
+    /// How it is distributed where the candidate does nothing.
+    pub(super) null: Null,
+    /// Best value of the searched parameter.
+    pub(super) searched: Option<f64>,
+}
+
+/// One column of a candidate: its length in units of noise per unit of its parameter, and what a model
+/// leaves of it.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Column {
+    pub(super) parameter: usize,
+    pub(super) whole: f64,
+    pub(super) left: f64,
+}
+
+/// Scores of all candidates beside a model.
+#[derive(Clone)]
+pub(super) struct Table {
+    pub(super) scores: Vec<Score>,
+    responses: Responses,
+    plain: Arc<Plain>,
+    /// Of each band that took part, by its place in the bench: those of unnamed families last.
+    bands: Vec<Arc<Scores>>,
+    /// Whether unnamed families with a search take part.
+    has_families: bool,
+}
+
+impl Table {
+    /// The scores without what they were computed from, which takes much room.
+    pub(super) fn without_model(self) -> Self {
+        let bands = self.bands.iter();
+        Self {
+            responses: Responses::default(),
+            bands: bands
+                .map(|scores| Arc::new(scores.without_model()))
+                .collect(),
+            ..self
+        }
+    }
+}
+
+/// The candidates without a search beside a model.
+struct Plain {
+    /// What the model's basis absorbs of all columns.
+    absorbed: Arc<DMatrix<f64>>,
+    /// Of each candidate, by its place in the bench: Gram matrix of its columns, and coefficients of an
+    /// orthonormal basis of what is left of them.
+    grams: Arc<Vec<DMatrix<f64>>>,
+    coefficients: Vec<DMatrix<f64>>,
+}
+
+impl Bench {
+    pub(super) fn new(
+        model: Model,
+        base: &Variant,
+        families: &[Family],
+        samples: Vec<Sample>,
+        probes: Probes,
+        (fit, constants): (&Fit, Constants),
+    ) -> Self {
+        let surroundings = fit.joint.machine.surroundings.clone();
+        let candidates = candidates::all(&model, base, families);
+        let indices: Vec<usize> = (0..candidates.len()).collect();
+        let prepared = parallel::map(&indices, |&index| {
+            let candidate = &candidates[index];
+            if candidate.amplitudes().is_empty() {
+                return Err("it has no amplitude to fit");
+            }
+            if candidate.search.is_some() && !candidate.is_named() {
+                return Ok(Columns::Later);
+            }
+            if let Some((_, range)) = candidate.search {
+                let range = (range, reach(candidate, &model, &samples));
+                return Band::new(candidate, &model, &probes, &samples, &surroundings, range)
+                    .map(Columns::Searched);
+            }
+            candidate
+                .entries(
+                    &model,
+                    (&candidate.none(), &candidate.amplitudes()),
+                    &probes,
+                    &samples,
+                    &surroundings,
+                )
+                .map(Columns::Plain)
+        });
+        let (mut places, mut scans, mut unseen) = (vec![], Scans::default(), vec![]);
+        let mut searched_families = vec![];
+        let mut columns = Displacements::default();
+        let mut pairs = BTreeSet::new();
+        for (index, prepared) in prepared.into_iter().enumerate() {
+            match prepared {
+                Ok(Columns::Plain(entries)) => {
+                    let place = columns.push(&entries, &candidates[index].amplitudes(), &probes);
+                    columns.pairs(place.clone(), &mut pairs);
+                    places.push((index, place));
+                }
+                Ok(Columns::Searched(band)) => {
+                    band.pairs(&mut pairs);
+                    scans.push(index, band);
+                }
+                Ok(Columns::Later) => searched_families.push(index),
+                Err(why) => unseen.push((index, why.to_owned())),
+            }
+        }
+        let units = Sample::units(&samples);
+        let degrees = fit.degrees();
+        let mut bench = Self {
+            model,
+            candidates,
+            samples,
+            probes,
+            surroundings,
+            columns,
+            places,
+            scans,
+            searched_families,
+            family_scans: OnceLock::new(),
+            pairs,
+            unseen,
+            hidden: BTreeSet::new(),
+            units,
+            significance: Significance::new(constants, 0, 0, degrees),
+            constants,
+            degrees,
+        };
+        bench.weigh();
+        bench
+    }
+
+    /// Shares the level among the candidates that are not hidden.
+    pub(super) fn weigh(&mut self) {
+        let plain = self.places.iter().map(|place| place.0);
+        let searched = self.scans.scans.iter().map(|scan| scan.candidate);
+        let all = plain.chain(searched).chain(self.searched_families.iter().copied());
+        let (named, unnamed): (Vec<usize>, Vec<usize>) = all
+            .filter(|candidate| !self.hidden.contains(candidate))
+            .partition(|&candidate| self.candidates[candidate].is_named());
+        self.significance =
+            Significance::new(self.constants, named.len(), unnamed.len(), self.degrees);
+    }
+
+    /// Indices of the probes that a candidate displaces.
+    pub(super) fn displaces(&self, candidate: usize) -> BTreeSet<usize> {
+        if let Some((_, range)) = self.places.iter().find(|place| place.0 == candidate) {
+            return self.columns.probes_of(range.clone());
+        }
+        let described = &self.candidates[candidate];
+        let mut values = described.none();
+        if let Some((place, (low, high))) = described.search {
+            values[place] = f64::midpoint(low, high);
+        }
+        let entries = self
+            .entries(candidate, &values, &described.amplitudes())
+            .unwrap_or_default();
+        entries.iter().map(|entry| entry.probe).collect()
+    }
+
+    fn responses(&self, view: &View) -> Responses {
+        Responses::of(view, &self.probes, &self.pairs)
+    }
+
+
+    /// For each candidate of a table its column that shows best for its tolerance, and its rank; of a
+    /// searched one, in the middle of its range. `None` where the model absorbs all of them.
+    pub(super) fn best_columns(&self, view: &View, table: &Table) -> Vec<Option<(Column, f64)>> {
+        let mut best = vec![None; self.candidates.len()];
+        let plain = &table.plain;
+        for ((candidate, place), (gram, coefficients)) in
+            (self.places.iter()).zip(plain.grams.iter().zip(&plain.coefficients))
+        {
+            let norms = lengths(gram);
+            let left: Vec<f64> = norms
+                .iter()
+                .zip(
+                    plain
+                        .absorbed
+                        .columns(place.start, place.len())
+                        .column_iter(),
+                )
+                .map(|(whole, absorbed)| (whole * whole - absorbed.norm_squared()).max(0.0).sqrt())
+                .collect();
+            best[*candidate] = self.best_column(*candidate, &norms, &left, coefficients.ncols());
+        }
+        let searched = parallel::map(&self.scans.scans, |&Scan { candidate, .. }| {
+            let (_, (low, high)) = self.candidates[candidate].search?;
+            let (columns, subspace) = self.at(view, candidate, (low * high).sqrt())?;
+            let left = view.remainder(&columns);
+            let norms = |matrix: &DMatrix<f64>| -> Vec<f64> {
+                matrix.column_iter().map(|column| column.norm()).collect()
+            };
+            self.best_column(candidate, &norms(&columns), &norms(&left), subspace.rank())
+        });
+        for (Scan { candidate, .. }, found) in self.scans.scans.iter().zip(searched) {
+            best[*candidate] = found;
+        }
+        best
+    }
+
+    fn best_column(
+        &self,
+        candidate: usize,
+        whole: &[f64],
+        left: &[f64],
+        rank: usize,
+    ) -> Option<(Column, f64)> {
+        let described = &self.candidates[candidate];
+        let amplitudes = described.amplitudes();
+        let worth =
+            |k: usize| left[k] * described.parameters[amplitudes[k]].tolerance.unwrap_or(1.0);
+        let best = (0..left.len()).max_by(|&a, &b| worth(a).total_cmp(&worth(b)))?;
+        (rank > 0).then(|| {
+            let column = Column {
+                parameter: amplitudes[best],
+                whole: whole[best],
+                left: left[best],
+            };
+            (column, rank as f64)
+        })
+    }
+
+    /// Columns of a candidate in units of a model's noise, and what the model leaves of them; `None`
+    /// where that is nothing.
+    pub(super) fn subspace(
+        &self,
+        view: &View,
+        candidate: usize,
+        searched: Option<f64>,
+    ) -> Option<(DMatrix<f64>, Subspace)> {
+        if let Some(value) = searched {
+            return self.at(view, candidate, value);
+        }
+        self.expanded(view, candidate, &self.candidates[candidate].none())
+    }
+
+    /// What a model leaves of some parameters of a candidate at given values of all.
+    pub(super) fn subspace_of(
+        &self,
+        view: &View,
+        candidate: usize,
+        values: &[f64],
+        parameters: &[usize],
+    ) -> Option<Subspace> {
+        Some(self.expanded_by(view, candidate, values, parameters)?.1)
+    }
+
+    /// The columns of a candidate at given values of its parameters, row by row.
+    fn expanded(
+        &self,
+        view: &View,
+        candidate: usize,
+        values: &[f64],
+    ) -> Option<(DMatrix<f64>, Subspace)> {
+        let amplitudes = self.candidates[candidate].amplitudes();
+        self.expanded_by(view, candidate, values, &amplitudes)
+    }
+
+    /// The same by parameters of one's choice.
+    fn expanded_by(
+        &self,
+        view: &View,
+        candidate: usize,
+        values: &[f64],
+        parameters: &[usize],
+    ) -> Option<(DMatrix<f64>, Subspace)> {
+        let entries = self.entries(candidate, values, parameters)?;
+        let raw = candidates::columns(&entries, parameters, &self.probes);
+        let columns = view.weighted(&raw);
+        let subspace = Subspace::of(&columns, &view.remainder(&columns));
+        (subspace.rank() > 0).then_some((columns, subspace))
+    }
+
+    /// What a candidate adds per parameter in `wanted`, at given values of all.
+    pub(super) fn entries(
+        &self,
+        candidate: usize,
+        values: &[f64],
+        wanted: &[usize],
+    ) -> Option<Vec<Entry>> {
+        let described = &self.candidates[candidate];
+        described
+            .entries(
+                &self.model,
+                (values, wanted),
+                &self.probes,
+                &self.samples,
+                &self.surroundings,
+            )
+            .ok()
+    }
+
+    /// The candidates without a search beside a model; `known` are they beside one with the same basis.
+    fn plain(&self, responses: &Responses, known: Option<&Plain>) -> Plain {
+        let (absorbed, grams) = match known {
+            Some(known) => (Arc::clone(&known.absorbed), Arc::clone(&known.grams)),
+            None => {
+                let places = self.places.iter();
+                let grams = places.map(|(_, place)| self.columns.gram(place.clone(), responses));
+                let grams = Arc::new(grams.collect());
+                (Arc::new(self.columns.absorbed(responses)), grams)
+            }
+        };
+        let coefficients = (self.places.iter().zip(grams.iter()))
+            .map(|((_, place), gram)| {
+                let absorbed = absorbed.columns(place.start, place.len());
+                orthonormal(&lengths(gram), &responses.left(gram, absorbed))
+            })
+            .collect();
+        Plain {
+            absorbed,
+            grams,
+            coefficients,
+        }
+    }
+
+    /// Scores every candidate beside a model.
+    pub(super) fn table(&self, view: &View) -> Table {
+        self.scored(view, self.responses(view), None)
+    }
+
+    /// Scores every candidate beside a model without some of its parameters.
+    pub(super) fn table_without(&self, whole: &Table, freed: Freed, view: &View) -> Table {
+        let responses = whole.responses.without(freed.directions, &freed.amounts);
+        self.scored(view, responses, Some(whole))
+    }
+
+    fn scored(&self, view: &View, responses: Responses, known: Option<&Table>) -> Table {
+        // The plain candidates are one task beside the bands, and the longest.
+        let tasks: Vec<Option<usize>> = std::iter::once(None)
+            .chain((0..self.scans.bands.len()).map(Some))
+            .collect();
+        let nulls = self.nulls(view, &self.scans);
+        let mut scores = Vec::new();
+        let mut plain = None;
+        let mut bands = Vec::new();
+        let of_task = |&task: &Option<usize>| match task {
+            None => {
+                let plain = self.plain(&responses, known.map(|known| &*known.plain));
+                Scored::Plain(self.plain_scores(view, &responses, &plain), plain)
+            }
+            Some(place) => {
+                let known = known.map(|known| &*known.bands[place]);
+                Scored::Band(self.scans.bands[place].scored(&responses, known, nulls.as_ref()))
+            }
+        };
+        for result in parallel::map(&tasks, of_task) {
+            match result {
+                Scored::Plain(found, products) => {
+                    scores = found;
+                    plain = Some(products);
+                }
+                Scored::Band(scored) => bands.push(Arc::new(scored)),
+            }
+        }
+        scores.extend(self.scan_scores(view, &responses, &self.scans, &bands));
+        scores.sort_by_key(|score| score.candidate);
+        let plain = plain.unwrap_or_else(|| self.plain(&responses, None));
+        Table {
+            scores,
+            plain: Arc::new(plain),
+            responses,
+            bands,
+            has_families: false,
+        }
+    }
+
+    /// A table without the candidates that are hidden by now.
+    pub(super) fn in_sight(&self, mut table: Table) -> Table {
+        table
+            .scores
+            .retain(|score| !self.hidden.contains(&score.candidate));
+        table
+    }
+
+    /// Adds the unnamed families with a search to a table.
+    pub(super) fn with_family_scans(&self, view: &View, mut table: Table) -> Table {
+        let families = self.family_scans();
+        let responses = &table.responses;
+        let nulls = self.nulls(view, families);
+        let scored = parallel::map(&families.bands, |band| {
+            Arc::new(band.scored(responses, None, nulls.as_ref()))
+        });
+        table.bands.extend(scored);
+        table.has_families = true;
+        let scores = self.scan_scores(view, responses, families, &table.bands);
+        table.scores.extend(scores);
+        table.scores.sort_by_key(|score| score.candidate);
+        table
+    }
+
+    /// Scores of all candidates without a search.
+    fn plain_scores(&self, view: &View, responses: &Responses, plain: &Plain) -> Vec<Score> {
+        let products = self.columns.score(responses);
+        self.places
+            .iter()
+            .zip(&plain.coefficients)
+            .filter(|((candidate, _), c)| !self.hidden.contains(candidate) && c.ncols() > 0)
+            .map(|((candidate, place), c)| {
+                let own = products.rows(place.start, place.len());
+                self.score_of(
+                    view,
+                    *candidate,
+                    c.tr_mul(&own).norm_squared(),
+                    c.ncols() as f64,
+                )
+            })
+            .collect()
+    }
+
+    /// Score of a candidate without a search from its statistic.
+    pub(super) fn score_of(
+        &self,
+        view: &View,
+        candidate: usize,
+        statistic: f64,
+        rank: f64,
+    ) -> Score {
+        let (_, p_value) = f_form(statistic, rank.max(1.0), view.total(), view.degrees);
+        Score {
+            candidate,
+            statistic,
+            p_value,
+            null: Null::plain(rank.max(1.0)),
+            searched: None,
+        }
+    }
+}
+
+/// What one task of a table yields.
+enum Scored {
+    Plain(Vec<Score>, Plain),
+    Band(Scores),
+}
+
+/// A statistic scaled so that its tail is that of χ² were the noise known, and its p-value by the F form.
+pub(super) fn f_form(statistic: f64, rank: f64, total: f64, degrees: f64) -> (f64, f64) {
+    let rest = (total - statistic).max(1e-12) / (degrees - rank).max(1.0);
+    let f = statistic / rank / rest;
+    (rank * f, f_survival(f, rank, (degrees - rank).max(1.0)))
+}

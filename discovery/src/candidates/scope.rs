@@ -1,0 +1,144 @@
+//! Where a term of an effect acts at a place, and what the words of its formula mean there.
+
+use tau_codegen::language::model::{Model, Place, Readable, Target, Term};
+use tau_estimation::samples::Sample;
+use tau_kinematics::Surroundings;
+use tau_robot::robot::Input;
+
+use super::super::probes::Probes;
+
+/// Where a term acts.
+pub(super) struct Action {
+    /// Indices of the probes of the target's components, which act on the same samples.
+    pub(super) probes: Vec<usize>,
+    pub(super) scope: Scope,
+}
+
+/// What a formula's words mean.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Scope {
+    command: Option<usize>,
+    track: Option<usize>,
+    source: Option<usize>,
+    link: Option<usize>,
+    length: Option<f64>,
+}
+
+/// Where a term of an effect acts at a place.
+pub(super) fn actions(place: Place, model: &Model, term: &Term, probes: &Probes) -> Vec<Action> {
+    let none = Scope::NOWHERE;
+    let on_cart = |track: usize, source: Option<usize>, component: usize| Action {
+        probes: vec![probes.carts[track][component]],
+        scope: Scope {
+            command: Some(track),
+            track: Some(track),
+            source,
+            ..none
+        },
+    };
+    let axis = match term.target {
+        Target::Along => 0,
+        Target::Horizontal => 1,
+        Target::Vertical => 2,
+        Target::Roll => 3,
+        Target::Pitch => 4,
+        Target::Yaw => 5,
+        Target::Length | Target::Joint | Target::Position => 6,
+    };
+    let on_closure = |closure: usize| {
+        let owner = &probes.closures[closure];
+        Some(Action {
+            probes: match term.target {
+                Target::Length => vec![owner.length],
+                _ => owner.joint?.to_vec(),
+            },
+            scope: Scope {
+                command: owner.command,
+                link: owner.link,
+                length: Some(owner.length_m),
+                ..none
+            },
+        })
+    };
+    match place {
+        Place::Cart { track, source } => vec![on_cart(track, source, axis)],
+        Place::AllCarts => (0..model.tracks.len())
+            .map(|track| on_cart(track, None, axis))
+            .collect(),
+        Place::Link(link) => {
+            let closure = probes.closures.iter().position(|closure| {
+                closure.link == Some(link)
+                    || (closure.link.is_none() && closure.cluster == model.links[link].cluster)
+            });
+            closure.and_then(on_closure).into_iter().collect()
+        }
+        Place::AllLinks => (0..probes.closures.len()).filter_map(on_closure).collect(),
+        Place::Tcp => vec![Action {
+            probes: probes.tcp.to_vec(),
+            scope: none,
+        }],
+    }
+}
+
+impl Scope {
+    pub(super) const NOWHERE: Self = Self {
+        command: None,
+        track: None,
+        source: None,
+        link: None,
+        length: None,
+    };
+
+    /// Whether there is a cart whose command `q` is.
+    pub(crate) fn has_command(&self) -> bool {
+        self.command.is_some()
+    }
+
+    /// The track that `source` is.
+    pub(crate) fn source(&self) -> Option<usize> {
+        self.source
+    }
+
+    /// Name of the cart or link that moves.
+    pub(crate) fn name(&self, model: &Model) -> Option<String> {
+        let track = || Some(model.tracks.get(self.track?)?.name.clone());
+        let link = || Some(model.links.get(self.link?)?.name.clone());
+        track().or_else(link)
+    }
+
+    pub(crate) fn read(
+        &self,
+        readable: Readable,
+        at: &[usize],
+        samples: &[Sample],
+        surroundings: &Surroundings,
+    ) -> Result<Vec<f64>, &'static str> {
+        const NO_CART: &str = "it needs a cart, and the link has none";
+        const FULL_ARM: &str = "it needs a full arm";
+        if let Readable::Length = readable {
+            return Ok(vec![self.length.ok_or(FULL_ARM)?; at.len()]);
+        }
+        let load = |component| {
+            self.track
+                .map(|track| Input::Load { track, component })
+                .ok_or(NO_CART)
+        };
+        let input = match readable {
+            Readable::Command => Input::Command(self.command.ok_or(NO_CART)?),
+            Readable::CommandOf(track) => Input::Command(track),
+            Readable::SourceCommand => Input::Command(self.source.ok_or(NO_CART)?),
+            Readable::Direction => Input::Direction(self.command.ok_or(NO_CART)?),
+            Readable::Time => Input::Time,
+            Readable::Temperature => Input::Temperature,
+            Readable::LoadAlong => load(0)?,
+            Readable::LoadHorizontal => load(1)?,
+            Readable::LoadVertical => load(2)?,
+            Readable::Tension => Input::Tension(self.link.ok_or(FULL_ARM)?),
+            Readable::Position(k) => Input::TcpPosition(k),
+            Readable::Length => return Err(FULL_ARM),
+        };
+        at.iter()
+            .map(|&sample| samples[sample].input(input, surroundings))
+            .collect()
+    }
+}

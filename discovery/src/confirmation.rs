@@ -1,0 +1,241 @@
+//! Does a candidate predict what it was not fitted to? Blocks of neighbours are held out in turn.
+
+use std::cmp::Ordering;
+use std::collections::BTreeMap;
+
+use nalgebra::{Cholesky, DMatrix, DVector};
+use tau_estimation::numerics::distribution::Random;
+use tau_estimation::numerics::parallel;
+use tau_estimation::numerics::products::transposed_times;
+use tau_estimation::numerics::projection::{Subspace, inverse_factor};
+use tau_estimation::samples::Sample;
+
+use super::constants::Constants;
+use super::view::View;
+
+const RESAMPLES: usize = 400;
+
+/// Lower bootstrap bound, over units, of what held-out units gain in likelihood when a candidate joins the
+/// model: twice the logarithm of the ratio.
+///
+/// Each unit is predicted by a fit to all other blocks. The logarithmic score of a prediction (Gneiting
+/// and Raftery, J. Am. Stat. Assoc. 102, 2007) weighs an error by how well the other blocks determine the
+/// prediction, where the square of the error would make much of what they hardly do.
+pub(super) fn held_out_gain(
+    view: &View,
+    subspace: &Subspace,
+    samples: &[Sample],
+    seed: u64,
+    constants: &Constants,
+) -> f64 {
+    let count = count_of(constants.folds).max(2);
+    let folds = folds(samples, count);
+    let before = view.q.ncols();
+    let with = before + subspace.rank();
+    let mut fitted = view.q.tr_mul(&view.residuals).resize_vertically(with, 0.0);
+    (fitted.rows_mut(before, subspace.rank())).copy_from(&subspace.u.tr_mul(&view.residuals));
+    let every: Vec<usize> = (0..count).collect();
+    let gains_of_folds = parallel::map(&every, |&fold| {
+        let rows: Vec<usize> = (0..view.rows.len())
+            .filter(|&row| view.factors[row] > 0.0 && folds[view.rows[row].sample] == fold)
+            .collect();
+        let q = view.rows_with(subspace, &rows);
+        let prediction = Prediction::of(&q, &fitted, view.residuals.select_rows(&rows))?;
+        let mut units: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
+        for (k, &row) in rows.iter().enumerate() {
+            let unit = samples[view.rows[row].sample].unit;
+            units.entry(unit).or_default().push(k);
+        }
+        let gain =
+            |rows: &[usize]| Some(prediction.score(rows, before)? - prediction.score(rows, with)?);
+        let gains = units
+            .into_iter()
+            .filter_map(|(unit, rows)| Some((unit, gain(&rows)?)));
+        Some(gains.collect::<Vec<(usize, f64)>>())
+    });
+    let mut gains = vec![0.0; Sample::units(samples)];
+    for (unit, gain) in gains_of_folds.into_iter().flatten().flatten() {
+        gains[unit] += gain;
+    }
+    let mut random = Random(seed);
+    let mut sums: Vec<f64> = (0..RESAMPLES)
+        .map(|_| {
+            (0..gains.len())
+                .map(|_| gains[random.below(gains.len())])
+                .sum()
+        })
+        .collect();
+    sums.sort_by(f64::total_cmp);
+    sums[count_of(constants.lower * RESAMPLES as f64).min(RESAMPLES - 1)]
+}
+
+#[allow(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "a small count"
+)]
+fn count_of(number: f64) -> usize {
+    number as usize
+}
+
+/// Fold of each sample: neighbours in the order measured, set by set.
+fn folds(samples: &[Sample], folds: usize) -> Vec<usize> {
+    let mut counts: BTreeMap<(u8, Option<usize>), usize> = BTreeMap::new();
+    let places: Vec<usize> = samples
+        .iter()
+        .map(|sample| {
+            let count = counts.entry((sample.set, sample.track)).or_default();
+            *count += 1;
+            *count - 1
+        })
+        .collect();
+    samples
+        .iter()
+        .zip(places)
+        .map(|(sample, place)| place * folds / counts[&(sample.set, sample.track)])
+        .collect()
+}
+
+/// Share of a direction's squares that other rows are taken to hold at least: a direction of which they hold
+/// nothing is predicted to be zero, give or take much.
+const TOLD: f64 = 1e-6;
+
+/// Rows as a fit to all others predicts them, by a model and by any that has the first of its columns alone.
+struct Prediction {
+    residuals: DVector<f64>,
+    /// `L⁻¹·Qᵀ`, where `L·Lᵀ` is what the other rows hold of the columns of `Q`: the covariance of the
+    /// predictions is the transpose of this times it.
+    spread: DMatrix<f64>,
+    /// `L⁻¹·Qᵀr`, of the other rows.
+    told: DVector<f64>,
+}
+
+impl Prediction {
+    /// `q` are the rows of an orthonormal basis of the model's columns, and `fitted` is what the residuals of all
+    /// rows have of each.
+    fn of(q: &DMatrix<f64>, fitted: &DVector<f64>, residuals: DVector<f64>) -> Option<Self> {
+        let mut others = -transposed_times(q, q);
+        for column in 0..others.ncols() {
+            others[(column, column)] += 1.0 + TOLD;
+        }
+        // The first columns of the factor are the factor of the first columns.
+        let factor = inverse_factor(others)?;
+        Some(Self {
+            told: factor.tr_mul(&(fitted - q.tr_mul(&residuals))),
+            spread: transposed_times(&factor, &q.transpose()),
+            residuals,
+        })
+    }
+
+    /// Twice the negative logarithm of the likelihood of some rows together, but for a constant, by the first
+    /// columns of the model.
+    fn score(&self, rows: &[usize], columns: usize) -> Option<f64> {
+        let spread = |k: usize| self.spread.view((0, rows[k]), (columns, 1));
+        let told = self.told.rows(0, columns);
+        let errors = DVector::from_fn(rows.len(), |k, _| {
+            self.residuals[rows[k]] - spread(k).dot(&told)
+        });
+        // Cholesky's method reads the lower half.
+        let covariance = DMatrix::from_fn(rows.len(), rows.len(), |k, other| match k.cmp(&other) {
+            Ordering::Less => 0.0,
+            Ordering::Equal => 1.0 + spread(k).norm_squared(),
+            Ordering::Greater => spread(k).dot(&spread(other)),
+        });
+        let factor = Cholesky::new(covariance)?;
+        Some(errors.dot(&factor.solve(&errors)) + factor.ln_determinant())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fixture::normal;
+    use crate::fixture::of_set_1;
+    use tau_estimation::joint::Row;
+    use tau_estimation::numerics::projection::Basis;
+
+    /// What holds everywhere is confirmed, what only fits the noise is not.
+    #[test]
+    fn what_predicts_nothing_is_not_confirmed() {
+        let (joint, samples) = of_set_1();
+        let rows = joint.rows;
+        let mut random = Random(3);
+        let noise = DVector::from_fn(rows.len(), |_, _| normal(&mut random));
+        let constant = DMatrix::from_element(rows.len(), 1, 1.0);
+        let gain = |column: &dyn Fn(Row) -> f64, size: f64| {
+            let column = DMatrix::from_fn(rows.len(), 1, |row, _| column(rows[row]));
+            let measured = &noise + &column * size;
+            let basis = Basis::of(&constant).unwrap();
+            let view = View {
+                residuals: basis.residuals_after(&measured),
+                q: basis.q,
+                factors: vec![1.0; rows.len()],
+                rows: rows.clone(),
+                degrees: rows.len() as f64 - 1.0,
+            };
+            let subspace = Subspace::of(&column, &view.remainder(&column));
+            held_out_gain(&view, &subspace, &samples, 0, &Constants::default())
+        };
+        let wave = |row: Row| (row.sample as f64).sin();
+        assert!(gain(&wave, 1.0) > 0.0);
+        assert!(gain(&wave, 0.0) <= 0.0);
+        // No other sample tells of what is in one alone, however large.
+        let one = |row: Row| match (row.sample, row.residual) {
+            (7, 0) => 1.0,
+            (7, 1) => -1.0,
+            _ => 0.0,
+        };
+        assert!(gain(&one, 100.0) <= 0.0);
+    }
+
+    #[test]
+    fn folds_hold_neighbours_together() {
+        let (_, samples) = of_set_1();
+        let folds = folds(&samples, 8);
+        assert!(folds.is_sorted());
+        for fold in 0..8 {
+            let count = folds.iter().filter(|&&of| of == fold).count();
+            assert!(count.abs_diff(samples.len() / 8) <= 1, "{count}");
+        }
+    }
+
+    /// The shortcut gives what refitting without the rows gives, for a model and for its first columns alone:
+    /// the normal density of their errors with the noise and the fit's own uncertainty.
+    #[test]
+    fn predictions_are_those_of_a_refit() {
+        let mut random = Random(5);
+        let mut number = || (random.bits() >> 40) as f64 / 1e7 - 0.8;
+        let jacobian = DMatrix::from_fn(40, 5, |_, _| number());
+        let measured = DVector::from_fn(40, |_, _| number());
+        let held: Vec<usize> = (10..20).collect();
+        let others: Vec<usize> = (0..40).filter(|row| !held.contains(row)).collect();
+        // The residuals are those of a fit of the first four columns.
+        let basis = Basis::of(&jacobian.columns(0, 4).into_owned()).unwrap();
+        let residuals = basis.residuals_after(&measured);
+        let last = jacobian.columns(4, 1).into_owned();
+        let left = &last - &*basis.q * basis.q.tr_mul(&last);
+        let mut q = (*basis.q).clone().resize_horizontally(5, 0.0);
+        q.set_column(4, &(left.column(0) / left.norm()));
+        let fitted = q.tr_mul(&residuals);
+        let of_held = (q.select_rows(&held), residuals.select_rows(&held));
+        let prediction = Prediction::of(&of_held.0, &fitted, of_held.1).unwrap();
+        for columns in [4, 5] {
+            let model = jacobian.columns(0, columns);
+            let (kept, rest) = (model.select_rows(&others), measured.select_rows(&others));
+            let covariance = (kept.transpose() * &kept).try_inverse().unwrap();
+            let solution = &covariance * kept.tr_mul(&rest);
+            let of_held = model.select_rows(&held);
+            let errors = measured.select_rows(&held) - &of_held * solution;
+            let variance = DMatrix::identity(10, 10) + &of_held * covariance * of_held.transpose();
+            let square = errors.dot(&(variance.clone().try_inverse().unwrap() * &errors));
+            let expected = square + variance.determinant().ln();
+            let score = prediction
+                .score(&(0..10).collect::<Vec<_>>(), columns)
+                .unwrap();
+            assert!(
+                (score - expected).abs() < 1e-4 * expected.abs(),
+                "{score} {expected}"
+            );
+        }
+    }
+}

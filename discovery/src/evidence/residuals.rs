@@ -1,0 +1,381 @@
+//! Residuals as what an effect would have to do at each sample, against what it depends on.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use nalgebra::{DMatrix, DVector};
+use tau_codegen::language::Model;
+use tau_codegen::language::model::{Readable, Target, Term};
+
+use crate::bench::Bench;
+use crate::candidates::{Candidate, Entry, Scope};
+use crate::probes::{Moved, Probe};
+use crate::results::{Bin, Pattern};
+use crate::structure::correlation;
+use crate::view::View;
+
+/// Bins along a quantity that takes more values than that.
+const BINS: usize = 12;
+/// Samples that know less than this share of what the best one knows are in the bins, not in the points.
+const LEAST_INFORMATION: f64 = 0.1;
+const MICRO: f64 = 1e6;
+
+/// A sample: what the effect depends on, what it would have to do there before and after, and the
+/// reciprocal variance of that (m or rad).
+#[derive(Debug, Clone)]
+struct Point {
+    at: f64,
+    before: f64,
+    after: f64,
+    information: f64,
+    /// What the model absorbs of the sample's products, in its basis.
+    absorbed: DVector<f64>,
+}
+
+/// One pattern for each motion that a candidate with these parameter values adds to. `view` is the
+/// model with it, `before` are the residuals without it.
+pub(super) fn patterns(
+    bench: &Bench,
+    view: &View,
+    before: &DVector<f64>,
+    candidate: usize,
+    values: &[f64],
+) -> Vec<Pattern> {
+    let described = &bench.candidates[candidate];
+    let mut wanted = described.taken(true);
+    wanted.retain(|&k| !described.is_searched(k));
+    let Ok(entries) = described.entries(
+        &bench.model,
+        (values, &wanted),
+        &bench.probes,
+        &bench.samples,
+        &bench.surroundings,
+    ) else {
+        return vec![];
+    };
+    let terms = &bench.model.effects[described.effect].terms;
+    let first = |term: usize| {
+        let same = |other: &Term| other.target == terms[term].target;
+        terms.iter().position(same).unwrap_or(term)
+    };
+    // Links or carts that one effect acts on in common are shown together, and so are terms that add to
+    // the same.
+    let mut groups: BTreeMap<(usize, usize), Vec<&Entry>> = BTreeMap::new();
+    for entry in entries
+        .iter()
+        .filter(|entry| entry.slopes.iter().any(Option::is_some))
+    {
+        groups
+            .entry((first(entry.term), entry.component))
+            .or_default()
+            .push(entry);
+    }
+    groups
+        .into_iter()
+        .filter_map(|((term, component), mut group)| {
+            let target = terms[term].target;
+            let moving = terms.iter().filter(|term| term.target == target);
+            let read = moving.flat_map(|term| term.formula.quantities()).collect();
+            let readable = covariate(bench, described, values, &group, read)?;
+            let (against, against_unit) = quantity(&bench.model, readable, group[0].scope);
+            let period = period(described, values, readable);
+            // What moves is the same whichever term moves it.
+            let mut probes = BTreeSet::new();
+            group.retain(|entry| probes.insert(entry.probe));
+            let mut points = Vec::new();
+            for entry in &group {
+                let at = series(bench, entry, readable)?;
+                points.extend(displacements(bench, view, before, entry, &at));
+            }
+            if let Some(period) = period {
+                for point in &mut points {
+                    point.at = point.at.rem_euclid(period);
+                }
+            }
+            let (target, unit) = motion(target, component);
+            Some(Pattern {
+                place: place(&bench.model, described, &group),
+                target,
+                unit,
+                against,
+                against_unit,
+                period,
+                bins: binned(&points),
+                points: shown(&points),
+            })
+        })
+        .collect()
+}
+
+/// Of the quantities that a term reads, the one that the effect follows best.
+fn covariate(
+    bench: &Bench,
+    described: &Candidate,
+    values: &[f64],
+    group: &[&Entry],
+    mut read: Vec<Readable>,
+) -> Option<Readable> {
+    read.retain(|readable| *readable != Readable::Length);
+    if read.is_empty() {
+        // A constant depends on nothing: its cart's command, or else the place, shows that.
+        let has_cart = group.iter().all(|entry| entry.scope.has_command());
+        return Some(if has_cart {
+            Readable::Command
+        } else {
+            Readable::Position(0)
+        });
+    }
+    let signal: Vec<f64> = group
+        .iter()
+        .flat_map(|entry| {
+            (0..probe(bench, entry).samples.len()).map(|k| {
+                (0..described.parameters.len())
+                    .filter(|&place| !described.is_searched(place))
+                    .filter_map(|place| {
+                        let slopes = entry.slopes[place].as_ref()?;
+                        Some(slopes[k] * (values[place] - described.parameters[place].none))
+                    })
+                    .sum()
+            })
+        })
+        .collect();
+    let follows = |readable: Readable| -> Option<f64> {
+        let mut all = Vec::new();
+        for entry in group {
+            all.extend(series(bench, entry, readable)?);
+        }
+        Some(correlation(&all, &signal))
+    };
+    read.into_iter()
+        .filter_map(|readable| Some((follows(readable)?, readable)))
+        .reduce(|best, next| if next.0 > best.0 { next } else { best })
+        .map(|(_, readable)| readable)
+}
+
+fn series(bench: &Bench, entry: &Entry, readable: Readable) -> Option<Vec<f64>> {
+    entry
+        .scope
+        .read(
+            readable,
+            &probe(bench, entry).samples,
+            &bench.samples,
+            &bench.surroundings,
+        )
+        .ok()
+}
+
+/// The searched period of an effect that repeats along a command.
+fn period(described: &Candidate, values: &[f64], readable: Readable) -> Option<f64> {
+    let is_command = matches!(
+        readable,
+        Readable::Command | Readable::CommandOf(_) | Readable::SourceCommand
+    );
+    let (searched, _) = described.search.filter(|_| is_command)?;
+    let is_length = described.parameters[searched].unit == "m";
+    Some(values[searched]).filter(|period| is_length && *period > 0.0)
+}
+
+fn probe<'a>(bench: &'a Bench, entry: &Entry) -> &'a Probe {
+    &bench.probes.all[entry.probe]
+}
+
+/// What would explain the residuals of each sample by this motion alone, by least squares.
+fn displacements(
+    bench: &Bench,
+    view: &View,
+    before: &DVector<f64>,
+    entry: &Entry,
+    at: &[f64],
+) -> Vec<Point> {
+    let probe = probe(bench, entry);
+    let mut sums = vec![(0.0, 0.0, 0.0); probe.samples.len()];
+    let mut absorbed = DMatrix::zeros(view.q.ncols(), probe.samples.len());
+    for &Moved {
+        row,
+        place,
+        derivative,
+    } in &probe.rows
+    {
+        let weight = derivative * view.factors[row];
+        if weight == 0.0 {
+            continue;
+        }
+        let sum = &mut sums[place];
+        sum.0 += weight * before[row];
+        sum.1 += weight * view.residuals[row];
+        sum.2 += weight * weight;
+        for (to, q) in absorbed
+            .column_mut(place)
+            .iter_mut()
+            .zip(view.q.row(row).iter())
+        {
+            *to += weight * q;
+        }
+    }
+    (at.iter().zip(sums))
+        .enumerate()
+        .filter(|(_, (_, sum))| sum.2 > 0.0)
+        .map(|(place, (&at, (before, after, information)))| Point {
+            at,
+            before: -before / information,
+            after: -after / information,
+            information,
+            absorbed: absorbed.column(place).into_owned(),
+        })
+        .collect()
+}
+
+/// Means over bins of equal number, or over each value where there are few.
+fn binned(points: &[Point]) -> Vec<Bin> {
+    let mut sorted = points.to_vec();
+    sorted.sort_by(|a, b| a.at.total_cmp(&b.at));
+    let values = 1 + sorted
+        .windows(2)
+        .filter(|pair| pair[0].at < pair[1].at)
+        .count();
+    let bins: Vec<&[Point]> = if values <= BINS {
+        sorted.chunk_by(|a, b| a.at == b.at).collect()
+    } else {
+        sorted.chunks(sorted.len().div_ceil(BINS)).collect()
+    };
+    bins.into_iter().map(mean).collect()
+}
+
+/// The mean of a bin, each sample by what it knows, with the standard deviation that the fit leaves of it.
+fn mean(points: &[Point]) -> Bin {
+    let information: f64 = points.iter().map(|point| point.information).sum();
+    let mut absorbed = DVector::zeros(points[0].absorbed.len());
+    for point in points {
+        absorbed += &point.absorbed;
+    }
+    let left = (information - absorbed.norm_squared()).max(0.0);
+    let weighted = |of: fn(&Point) -> f64| {
+        points
+            .iter()
+            .map(|point| point.information * of(point))
+            .sum::<f64>()
+            / information
+    };
+    Bin {
+        at: weighted(|point| point.at),
+        before: MICRO * weighted(|point| point.before),
+        after: MICRO * weighted(|point| point.after),
+        sigma: MICRO * left.sqrt() / information,
+        samples: points.len(),
+    }
+}
+
+/// The samples worth drawing: quantity, before, after.
+fn shown(points: &[Point]) -> Vec<[f64; 3]> {
+    let most = points
+        .iter()
+        .map(|point| point.information)
+        .fold(0.0, f64::max);
+    points
+        .iter()
+        .filter(|point| point.information >= LEAST_INFORMATION * most)
+        .map(|point| [point.at, MICRO * point.before, MICRO * point.after])
+        .collect()
+}
+
+/// Cart or link that moves, or the effect's own place where there are several.
+fn place(model: &Model, described: &Candidate, group: &[&Entry]) -> String {
+    let own = match group {
+        [one] => one.scope.name(model),
+        _ => None,
+    };
+    own.unwrap_or_else(|| described.places.clone())
+}
+
+/// A motion and its unit.
+fn motion(target: Target, component: usize) -> (String, &'static str) {
+    let axis = ["x", "y", "z"][component.min(2)];
+    match target {
+        Target::Along => ("along".to_owned(), "um"),
+        Target::Horizontal => ("horizontal".to_owned(), "um"),
+        Target::Vertical => ("vertical".to_owned(), "um"),
+        Target::Roll => ("roll".to_owned(), "urad"),
+        Target::Pitch => ("pitch".to_owned(), "urad"),
+        Target::Yaw => ("yaw".to_owned(), "urad"),
+        Target::Length => ("length".to_owned(), "um"),
+        Target::Joint => (format!("joint {axis}"), "um"),
+        Target::Position => (format!("position {axis}"), "um"),
+    }
+}
+
+/// A quantity as a formula writes it, and its unit.
+fn quantity(model: &Model, readable: Readable, scope: Scope) -> (String, &'static str) {
+    let command = |track: usize| (format!("q({})", model.tracks[track].name), "m");
+    match readable {
+        Readable::Command => ("q".to_owned(), "m"),
+        Readable::CommandOf(track) => command(track),
+        Readable::SourceCommand => match scope.source() {
+            Some(track) => command(track),
+            None => ("q(source)".to_owned(), "m"),
+        },
+        Readable::Direction => ("direction".to_owned(), ""),
+        Readable::Time => ("time".to_owned(), "s"),
+        Readable::Temperature => ("temperature".to_owned(), "°C"),
+        Readable::LoadAlong => ("load_along".to_owned(), "N"),
+        Readable::LoadHorizontal => ("load_horizontal".to_owned(), "N"),
+        Readable::LoadVertical => ("load_vertical".to_owned(), "N"),
+        Readable::Tension => ("tension".to_owned(), "N"),
+        Readable::Length => ("length".to_owned(), "m"),
+        Readable::Position(k) => (["x", "y", "z"][k.min(2)].to_owned(), "m"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn point(at: f64, before: f64, information: f64) -> Point {
+        Point {
+            at,
+            before,
+            after: 0.5 * before,
+            information,
+            absorbed: DVector::zeros(1),
+        }
+    }
+
+    #[test]
+    fn few_values_are_bins_of_their_own_and_precise_samples_count_more() {
+        let bins = binned(&[
+            point(1.0, 4e-6, 3e12),
+            point(-1.0, 2e-6, 1e12),
+            point(1.0, 8e-6, 1e12),
+        ]);
+        assert_eq!(bins.len(), 2);
+        assert!((bins[1].before - 5.0).abs() < 1e-9 && (bins[1].after - 2.5).abs() < 1e-9);
+        assert!((bins[1].sigma - 0.5).abs() < 1e-9);
+        assert_eq!((bins[0].samples, bins[1].samples), (1, 2));
+    }
+
+    #[test]
+    fn what_the_fit_absorbs_of_a_mean_scatters_less() {
+        let mut points = [point(0.0, 1e-6, 1e12), point(0.0, 1e-6, 3e12)];
+        // A basis vector that takes (0.6·10⁶ + 0.6·10⁶)² of the 4·10¹² that both know.
+        for point in &mut points {
+            point.absorbed[0] = 0.6e6;
+        }
+        let sigma = (4.0_f64 - 1.44).sqrt() / 4.0;
+        assert!((mean(&points).sigma - sigma).abs() < 1e-9);
+    }
+
+    #[test]
+    fn many_values_share_bins_in_order() {
+        let points: Vec<Point> = (0..100)
+            .map(|k| point(f64::from((k * 37) % 100), 1e-6, 1.0))
+            .collect();
+        let bins = binned(&points);
+        assert!(bins.len() <= BINS);
+        assert_eq!(bins.iter().map(|bin| bin.samples).sum::<usize>(), 100);
+        assert!(bins.windows(2).all(|pair| pair[0].at < pair[1].at));
+    }
+
+    #[test]
+    fn samples_that_know_little_are_not_drawn() {
+        let points = [point(0.0, 1.0, 1.0), point(1.0, 1.0, 0.05)];
+        assert_eq!(shown(&points), [[0.0, 1e6, 5e5]]);
+    }
+}

@@ -1,0 +1,344 @@
+//! What a search found, put together.
+
+use std::collections::BTreeSet;
+
+use tau_estimation::evaluation::evaluate;
+use tau_estimation::joint::fit::Fit;
+use tau_estimation::numerics::distribution::chi2_survival;
+use tau_estimation::numerics::parallel;
+use tau_robot::robot::Robot;
+use tau_robot::robot_file::Noise;
+use tau_runtime::Owner;
+
+use super::bench::Bench;
+use super::evidence::{self, whiteness::Series};
+use super::results::{
+    Considered, Discovery, Estimate, FoundEffect, Gap, LeftOut, Rival, SerialCorrelation, Status,
+    Unseen, Validation, Whiteness,
+};
+use super::search::{Found, Search};
+use super::view::View;
+use super::{Error, Input, Outcome, floor, misfit, results, structure, text};
+
+/// Chance in white noise below which residuals are said to follow each other.
+const SERIAL: f64 = 0.01;
+/// Chance below which one of all dimensions is said to lie far from the robot file.
+const UNLIKELY: f64 = 0.01;
+
+/// What was known before the search: of the experiment, and of the base.
+pub(super) struct Beforehand {
+    pub(super) view: View,
+    pub(super) detectable: Vec<results::Detectable>,
+    pub(super) cannot_see: Vec<Unseen>,
+    pub(super) ambiguous: Vec<results::Ambiguous>,
+    pub(super) misfit: Vec<results::Misfit>,
+    pub(super) serial: Option<results::SerialCorrelation>,
+    pub(super) floor: floor::Floor,
+}
+
+pub(super) fn finish(
+    input: &Input<'_>,
+    search: &Search<'_>,
+    found: &[Found],
+    beforehand: Beforehand,
+) -> Result<Outcome, Error> {
+    let Input {
+        robot,
+        base,
+        file,
+        folder,
+        division,
+        options,
+    } = *input;
+    let (fit, bench) = (&search.state.fit, &search.bench);
+    let machine = fit.joint.machine.with_values(fit.joint.values(&fit.fitted));
+    let after = Gap::from(evaluate(&machine, folder, &division.validation)?.position_um);
+    let before = search.gaps.first().copied().unwrap_or(after);
+    let (floor, evidence) = parallel::both(
+        || floor::floor(fit, &machine, folder, &division.validation, file.noise),
+        || evidence::of_effects(search, &beforehand.view),
+    );
+    let floor = floor?;
+    let line = text::line(base, &search.labels());
+    let names: Vec<&str> = search
+        .state
+        .members
+        .iter()
+        .map(|member| bench.candidates[member.candidate].name.as_str())
+        .collect();
+    let catalogues: Vec<&str> = options.catalogues.iter().map(String::as_str).collect();
+    let model_text = text::description(robot, &catalogues, &names, &line)?;
+    let unnamed = unnamed(search, file.noise);
+    // Noise many times the stated one is something that no family follows, or stated wrongly by far.
+    let is_noisy = misfit::noise_scales(fit)
+        .iter()
+        .any(|scale| scale.factor > options.constants.far_beyond);
+    let is_left = !unnamed.is_empty() || is_noisy;
+    let status = match (search.state.members.is_empty(), is_left) {
+        (true, false) => Status::NothingMissing,
+        (true, true) => Status::UnnamedStructure,
+        (false, false) => Status::Explained,
+        (false, true) => Status::PartlyExplained,
+    };
+    let left_out = left_out(fit, bench, robot);
+    let is_kept = |&pose: &usize| {
+        let number = folder.tcp_poses[pose].pose;
+        let mut out = left_out.iter();
+        !out.any(|out| out.set == 1 && out.number == number)
+    };
+    let poses = division.calibration.iter().copied().filter(is_kept);
+    let poses: Vec<usize> = poses.collect();
+    let mut outliers: Vec<u32> = left_out.iter().map(|out| out.number).collect();
+    outliers.sort_unstable();
+    outliers.dedup();
+    let whiteness = whiteness(search, beforehand.serial);
+    let discovery = Discovery {
+        base: base.to_owned(),
+        status,
+        noise_floor_um: floor.mean_m * 1e6,
+        ceiling_um: removable_um(before, &beforehand.floor),
+        remaining_um: removable_um(after, &floor),
+        validation: Validation {
+            before,
+            after,
+            held_out: search.input.division.is_disjoint(),
+        },
+        misfit: beforehand.misfit,
+        noise: misfit::noise_scales(fit),
+        effects: effects(search, found),
+        piecewise_tracks: vec![],
+        considered: considered(search, found),
+        cannot_see: beforehand.cannot_see,
+        detectable: beforehand.detectable,
+        ambiguous: beforehand.ambiguous,
+        evidence,
+        unnamed,
+        outliers,
+        left_out,
+        steps: search.steps.clone(),
+        model_text,
+        remarks: remarks(search, whiteness.as_ref()),
+        whiteness,
+        seconds: 0.0,
+    };
+    let parameters = &fit.joint.machine.variant.parameters;
+    let values = fit.joint.used.iter().zip(&fit.fitted);
+    Ok(Outcome {
+        discovery,
+        values: values
+            .map(|(&index, &value)| (parameters[index].name.clone(), value))
+            .collect(),
+        poses,
+    })
+}
+
+/// Structure that has no name.
+fn unnamed(search: &Search<'_>, noise: Noise) -> Vec<results::Unnamed> {
+    let (fit, bench) = (&search.state.fit, &search.bench);
+    let view = View::of(fit);
+    let families = search.state.unnamed.iter().chain(&search.left);
+    families
+        .flat_map(|&(family, searched)| structure::unnamed(bench, &view, family, searched))
+        .chain(structure::crowds(fit, bench, noise))
+        .collect()
+}
+
+/// Samples that were left out.
+fn left_out(fit: &Fit, bench: &Bench, robot: &Robot) -> Vec<LeftOut> {
+    let samples = bench.samples.iter().zip(&fit.weights);
+    samples
+        .filter(|(_, weight)| **weight == 0.0)
+        .map(|(sample, _)| LeftOut {
+            set: sample.set,
+            cart: sample.track.map(|track| robot.tracks[track].clone()),
+            number: sample.number,
+        })
+        .collect()
+}
+
+/// Root of what the mean squared error exceeds that of the noise by (µm).
+fn removable_um(gap: Gap, floor: &floor::Floor) -> f64 {
+    let excess = (gap.rms_um * 1e-6).powi(2) - floor.square_m2;
+    excess.max(0.0).sqrt() * 1e6
+}
+
+/// Serial correlation of the residuals of the base and of what is left in the end.
+fn whiteness(search: &Search<'_>, before: Option<SerialCorrelation>) -> Option<Whiteness> {
+    let series = Series::of(&search.state.view(&search.bench), &search.bench.samples)?;
+    Some(Whiteness {
+        order: if series.is_by_time { "time" } else { "row" },
+        poses: series.len(),
+        lags: series.lags(),
+        before: before?,
+        after: series.correlation(),
+    })
+}
+
+fn effects(search: &Search<'_>, found: &[Found]) -> Vec<FoundEffect> {
+    let (fit, bench) = (&search.state.fit, &search.bench);
+    let places = |candidates: &[usize]| {
+        let places = candidates
+            .iter()
+            .map(|&c| bench.candidates[c].places.as_str());
+        places.collect::<Vec<_>>().join(", ")
+    };
+    let members = search.state.members.iter().enumerate();
+    members
+        .zip(found)
+        .map(|((index, member), found)| {
+            let candidate = &bench.candidates[member.candidate];
+            let parameters = search
+                .state
+                .places_of(&search.context(), index)
+                .into_iter()
+                .map(|(place, column)| {
+                    let described = &candidate.parameters[place];
+                    let estimate = Estimate {
+                        value: fit.fitted[column],
+                        sigma: fit.basis.b.row(column).norm(),
+                        unit: described.unit.clone(),
+                    };
+                    (described.name.clone(), estimate)
+                })
+                .collect();
+            FoundEffect {
+                name: candidate.name.clone(),
+                place: candidate.places.clone(),
+                parameters,
+                p_value: found.p_value,
+                chi2_drop: found.chi2_drop,
+                heldout_drop_um: found.heldout_drop_um,
+                rivals: found
+                    .rivals
+                    .iter()
+                    .map(|rival| Rival {
+                        name: bench.candidates[rival.candidates[0]].name.clone(),
+                        place: places(&rival.candidates),
+                        cosine: rival.cosine,
+                        separate_by: rival.separate_by.clone(),
+                    })
+                    .collect(),
+                searched: candidate
+                    .search
+                    .map(|(place, _)| candidate.parameters[place].name.clone()),
+                aliases: found.aliases.clone(),
+            }
+        })
+        .collect()
+}
+
+fn considered(search: &Search<'_>, found: &[Found]) -> Vec<Considered> {
+    let bench = &search.bench;
+    let is_found = |candidate: usize| {
+        let mut members = search.state.members.iter();
+        members.any(|member| member.candidate == candidate)
+    };
+    let mut rivals = BTreeSet::new();
+    for rival in found.iter().flat_map(|found| &found.rivals) {
+        rivals.extend(rival.candidates.iter().copied());
+    }
+    let is_nothing_found = search.state.members.is_empty();
+    let scores = search.first.scores.iter();
+    scores
+        .filter(|score| bench.candidates[score.candidate].is_named())
+        .map(|score| {
+            let candidate = &bench.candidates[score.candidate];
+            let verdict = if is_found(score.candidate) {
+                "found"
+            } else if rivals.contains(&score.candidate) {
+                "could be meant instead"
+            } else if !search.is_significant(score) {
+                "not significant"
+            } else if search.unconfirmed.contains(&score.candidate) {
+                "not confirmed"
+            } else if is_nothing_found || !search.state.unnamed.is_empty() {
+                "not the best explanation"
+            } else {
+                "explained by what was found"
+            };
+            Considered {
+                name: candidate.name.clone(),
+                place: candidate.places.clone(),
+                p_value: score.p_value,
+                verdict,
+            }
+        })
+        .collect()
+}
+
+/// Dimensions that come out further from the robot file than their tolerances let any of so many.
+fn far_from_drawing(fit: &Fit) -> Vec<String> {
+    let joint = &fit.joint;
+    let dimensions: Vec<_> = joint
+        .used
+        .iter()
+        .zip(&joint.priors)
+        .zip(&fit.fitted)
+        .filter_map(|((&index, prior), &value)| {
+            let parameter = &joint.machine.variant.parameters[index];
+            let is_dimension = matches!(
+                parameter.owner,
+                Owner::Link(_) | Owner::Cluster(_) | Owner::Track(_)
+            );
+            let tolerance = prior.tolerance.filter(|&tolerance| tolerance > 0.0)?;
+            is_dimension.then_some((parameter, value - prior.value, tolerance))
+        })
+        .collect();
+    let level = UNLIKELY / dimensions.len().max(1) as f64;
+    dimensions
+        .into_iter()
+        .filter(|(_, off, tolerance)| chi2_survival((off / tolerance).powi(2), 1.0) < level)
+        .map(|(parameter, off, tolerance)| {
+            let (size, unit): (f64, &str) = match parameter.unit.as_str() {
+                "m" => (off * 1e3, "mm"),
+                "rad" => (off * 1e3, "mrad"),
+                unit => (off, unit),
+            };
+            format!(
+                "`{}` comes out {:.1} tolerances from the robot file ({size:+.3} {unit}): either value or tolerance \
+                 there are wrong, or the assembly is, or it makes up for something that no effect of the catalogue does",
+                parameter.name,
+                (off / tolerance).abs(),
+            )
+        })
+        .collect()
+}
+
+fn remarks(search: &Search<'_>, whiteness: Option<&Whiteness>) -> Vec<String> {
+    let mut remarks = Vec::new();
+    let has_carts = !search.input.robot.tracks.is_empty();
+    for (set, what) in [
+        (
+            2,
+            "set 2 (`cart_poses.csv`) is missing: it would show straightness and rotation of the carts, apart from the arm's load",
+        ),
+        (
+            3,
+            "set 3 (`cart_positions.csv`) is missing: it would show the carts under load, and errors along the tracks at many commands",
+        ),
+    ] {
+        if has_carts && !search.bench.samples.iter().any(|sample| sample.set == set) {
+            remarks.push(what.to_owned());
+        }
+    }
+    for scale in misfit::noise_scales(&search.state.fit) {
+        if !(0.85..1.15).contains(&scale.factor) {
+            remarks.push(format!(
+                "the noise of set {} ({}) is {:.2} times the stated one",
+                scale.set, scale.of, scale.factor
+            ));
+        }
+    }
+    remarks.extend(far_from_drawing(&search.state.fit));
+    if let Some(found) = whiteness
+        && found.after.p_value.min(found.after.portmanteau_p_value) < SERIAL
+    {
+        remarks.push(format!(
+            "the residuals of set 1 that are left follow each other in the order of measurement (correlation of \
+             neighbours {:.2}): noise is serial, or something unknown varies slowly; either imitates effects of time \
+             and temperature, and makes p-values and standard deviations too small",
+            found.after.lag1
+        ));
+    }
+    remarks
+}

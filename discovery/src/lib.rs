@@ -1,0 +1,435 @@
+//! What the model lacks: where it disagrees with the measurements, which effect is missing, how much of
+//! the gap that closes, and what remains.
+//!
+//! All sets are fitted at once; every effect of a catalogue is scored at every place by what the base
+//! leaves of it, beside unnamed rivals; effects are added one at a time, each confirmed on blocks that
+//! were held out, until nothing significant is left. Validation poses take no part in anything.
+
+mod base;
+mod bench;
+mod candidates;
+mod confirmation;
+pub mod constants;
+mod evidence;
+mod findings;
+#[cfg(test)]
+mod fixture;
+mod floor;
+mod formula;
+mod generic;
+mod misfit;
+mod probes;
+mod response;
+pub mod results;
+mod scan;
+mod score;
+mod search;
+mod separation;
+mod serial;
+mod sight;
+mod significance;
+mod signs;
+mod structural;
+mod structure;
+mod text;
+mod view;
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::time::Instant;
+
+use tau_codegen::language::{self, Model, effects_from_text};
+use tau_estimation::calibration::{Calibration, Prepared, calibrate, check_poses};
+use tau_estimation::evaluation::evaluate;
+use tau_estimation::joint::fit::Fit;
+use tau_estimation::numerics::parallel;
+use tau_estimation::samples::Sample;
+use tau_robot::effects::CATALOGUE;
+use tau_robot::input_error::InputError;
+use tau_robot::measurements::{Division, Folder, Poses, Split};
+use tau_robot::robot::{Arm, Robot, Variant};
+use tau_robot::robot_file::RobotFile;
+
+pub use constants::Constants;
+pub use results::{Discovery, Status};
+pub use tau_estimation::calibration::Error;
+pub use text::DISCOVERED;
+
+use base::base_fit;
+use bench::Bench;
+use evidence::whiteness::Series;
+use findings::{Beforehand, finish};
+pub use generic::UNNAMED;
+use misfit::misfits;
+use probes::Probes;
+use results::{Gap, Misfit};
+use score::Yardstick;
+use search::Search;
+use structural::FullArm;
+use structural::piecewise::Found;
+use view::View;
+
+/// How to search.
+#[derive(Debug, Clone)]
+pub struct Options {
+    /// Which poses take part and which only show the gap.
+    pub split: Split,
+    /// Seed of the resamples.
+    pub seed: u64,
+    /// What verdicts depend on.
+    pub constants: Constants,
+    /// Rules that are left out, to see what they are worth.
+    pub without: BTreeSet<Rule>,
+    /// Catalogues of effects in the language; of effects of one name, the first counts.
+    pub catalogues: Vec<String>,
+}
+
+/// A part of the method that can be left out.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Rule {
+    /// What joins the model has to predict blocks that were held out.
+    HeldOut,
+    /// Serial noise inflates what it could imitate.
+    Serial,
+    /// A second climb from the base, with unnamed families from the start.
+    SecondStart,
+    /// Structure that is left where effects were found is looked for at a level of its own.
+    Left,
+}
+
+impl Rule {
+    /// All of them.
+    pub const ALL: [Self; 4] = [Self::HeldOut, Self::Serial, Self::SecondStart, Self::Left];
+
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::HeldOut => "held_out",
+            Self::Serial => "serial",
+            Self::SecondStart => "second_start",
+            Self::Left => "left",
+        }
+    }
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            split: Split::default(),
+            seed: 0,
+            constants: Constants::default(),
+            without: BTreeSet::new(),
+            catalogues: vec![CATALOGUE.to_owned()],
+        }
+    }
+}
+
+/// What discovery works on.
+#[derive(Clone, Copy)]
+struct Input<'a> {
+    robot: &'a Robot,
+    base: &'a str,
+    file: &'a RobotFile,
+    folder: &'a Folder,
+    division: &'a Division,
+    options: &'a Options,
+}
+
+/// What was found, ready to be calibrated.
+#[derive(Debug, Clone)]
+pub struct Outcome {
+    /// What was found.
+    pub discovery: Discovery,
+    /// Fitted value of each parameter of the discovered variant, by name, SI.
+    pub values: BTreeMap<String, f64>,
+    /// Poses of set 1 that took part, without outliers: indices in the folder.
+    pub poses: Vec<usize>,
+}
+
+impl Outcome {
+    /// The robot with the discovered variant alone, compiled at run time.
+    ///
+    /// # Errors
+    /// None for a description that discovery wrote.
+    pub fn robot(&self) -> Result<Robot, Error> {
+        let text = &self.discovery.model_text;
+        let mut model = language::check_text(text)
+            .map_err(|errors| InputError::whole("model_text", errors.to_string()))?;
+        model.variants.retain(|variant| variant.name == DISCOVERED);
+        Ok(Robot::from(&tau_codegen::compile(&model, text)))
+    }
+
+    /// The discovered variant calibrated on the poses of set 1, from where the joint fit stands.
+    ///
+    /// # Errors
+    /// As [`calibrate`].
+    pub fn calibrate(
+        &self,
+        robot: &Robot,
+        file: &RobotFile,
+        folder: &Folder,
+    ) -> Result<Calibration, Error> {
+        let variant = robot.variant(DISCOVERED).ok_or_else(|| {
+            InputError::whole(&robot.name, format!("there is no variant `{DISCOVERED}`"))
+        })?;
+        let completed = file.completed(robot);
+        let nominal = Prepared::new(robot, variant, &completed, Some(folder), &self.poses)?;
+        let start = variant
+            .parameters
+            .iter()
+            .zip(&nominal.nominal)
+            .map(|(parameter, nominal)| {
+                self.values
+                    .get(&parameter.name)
+                    .copied()
+                    .unwrap_or(nominal.value)
+            })
+            .collect();
+        let options = tau_estimation::calibration::Options {
+            start: Some(start),
+            ..Default::default()
+        };
+        calibrate(robot, variant, file, folder, &self.poses, &options)
+    }
+}
+
+/// Searches for what the variant `base` lacks. `progress` is told of each step in words.
+///
+/// # Errors
+/// [`Error::Input`] where the folder or the catalogues can't be used; [`Error::NotConverged`] where the
+/// base does not fit.
+pub fn discover(
+    robot: &Robot,
+    base: &str,
+    file: &RobotFile,
+    folder: &Folder,
+    options: &Options,
+    progress: &mut (dyn FnMut(&str) + Send),
+) -> Result<Outcome, Error> {
+    parallel::within(|| discovered(robot, base, file, folder, options, progress))
+}
+
+fn discovered(
+    robot: &Robot,
+    base: &str,
+    file: &RobotFile,
+    folder: &Folder,
+    options: &Options,
+    progress: &mut dyn FnMut(&str),
+) -> Result<Outcome, Error> {
+    let started = Instant::now();
+    let variant = variant_of(robot, base)?;
+    if folder.tcp_poses.is_empty() {
+        return Err(
+            InputError::whole(&folder.name, "discovery needs set 1, `tcp_poses.csv`").into(),
+        );
+    }
+    if robot.variant(text::DISCOVERED).is_some() {
+        let problem = format!("there is a variant `{}` already", text::DISCOVERED);
+        return Err(InputError::whole(&robot.name, problem)
+            .help("rename it in the description: what is found gets this name")
+            .into());
+    }
+    let Poses { division, .. } = Poses::select(robot, file, folder, options.split)?;
+    let completed = file.completed(robot);
+    check_poses(robot, variant, &completed, folder, &division.calibration)?;
+    let input = Input {
+        robot,
+        base,
+        file: &completed,
+        folder,
+        division: &division,
+        options,
+    };
+
+    let searched = |input: &Input<'_>, progress: &mut dyn FnMut(&str)| {
+        structural::piecewise::search(input, started, progress)
+    };
+    if variant.arm == Arm::Full {
+        return searched(&input, progress);
+    }
+    progress("comparing the reduced arm with a full one");
+    let (fuller, name) = structural::with_full_arm(robot, variant)?;
+    let with_full_arm = Input {
+        robot: &fuller,
+        base: &name,
+        ..input
+    };
+    let full_arm = match fitted(&with_full_arm) {
+        Ok((fit, samples)) => FullArm::of(&fit, &samples),
+        Err(Error::NotConverged { .. }) => None,
+        Err(error) => return Err(error),
+    };
+    let Some(full_arm) = full_arm else {
+        return searched(&input, progress);
+    };
+    if full_arm.is_significant() {
+        let reduced = shortfall(&input)?;
+        let mut outcome = searched(&with_full_arm, progress)?;
+        full_arm.precede(base, reduced, &mut outcome.discovery);
+        Ok(outcome)
+    } else {
+        let mut outcome = searched(&input, progress)?;
+        full_arm.dismissed(&mut outcome.discovery);
+        Ok(outcome)
+    }
+}
+
+fn variant_of<'r>(robot: &'r Robot, name: &str) -> Result<&'r Variant, InputError> {
+    let variant = robot.variant(name);
+    variant.ok_or_else(|| not_described(robot, name))
+}
+
+fn not_described(robot: &Robot, name: &str) -> InputError {
+    let problem = format!("robot `{}` has no variant `{name}`", robot.name);
+    InputError::whole(&robot.name, problem)
+}
+
+/// The base fitted to all sets.
+fn fitted(input: &Input<'_>) -> Result<(Fit, Vec<Sample>), Error> {
+    let (model, index, _) = model_of(input)?;
+    base_fit(input, &model, index, variant_of(input.robot, input.base)?)
+}
+
+/// Where the base disagrees with the measurements, and its error at the tool.
+fn shortfall(input: &Input<'_>) -> Result<(Vec<Misfit>, Gap), Error> {
+    let (fit, samples) = fitted(input)?;
+    let machine = fit.joint.machine.with_values(fit.joint.values(&fit.fitted));
+    let gap = evaluate(&machine, input.folder, &input.division.validation)?.position_um;
+    Ok((misfits(&fit, &samples, input.file.noise), gap.into()))
+}
+
+/// The model with all that may be added to it, the index of the base, and the unnamed families.
+fn model_of(input: &Input<'_>) -> Result<(Model, usize, Vec<generic::Family>), Error> {
+    let Input {
+        robot,
+        folder,
+        division,
+        options,
+        ..
+    } = *input;
+    let commands = division
+        .calibration
+        .iter()
+        .flat_map(|&pose| &folder.tcp_poses[pose].commands_m);
+    let range_m = commands.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), &q| {
+        (low.min(q), high.max(q))
+    });
+    let (model, families) = catalogue(robot, options, range_m)?;
+    let index = model
+        .variants
+        .iter()
+        .position(|v| v.name == input.base)
+        .ok_or_else(|| not_described(robot, input.base))?;
+    Ok((model, index, families))
+}
+
+/// Searches from a base as it is.
+fn search_from(
+    input: &Input<'_>,
+    yardstick: Option<Yardstick>,
+    started: Instant,
+    progress: &mut dyn FnMut(&str),
+) -> Result<Found, Error> {
+    let Input {
+        robot,
+        file,
+        folder,
+        division,
+        ..
+    } = *input;
+    let (model, index, families) = model_of(input)?;
+    let variant = variant_of(robot, input.base)?;
+    progress("fitting the base to all sets");
+    let (fitted, compiled) = parallel::both(
+        || base_fit(input, &model, index, variant),
+        || probes::compiled(&model, index),
+    );
+    let (fit, samples) = fitted?;
+    let machine = fit.joint.machine.with_values(fit.joint.values(&fit.fitted));
+    progress("looking at what could be seen");
+    let own_effects = variant.effects.len();
+    let (before_floor, probes) = parallel::both(
+        || floor::floor(&fit, &machine, folder, &division.validation, file.noise),
+        || {
+            Probes::of(
+                &model,
+                own_effects,
+                compiled,
+                &fit.joint,
+                &fit.fitted,
+                &samples,
+                file.noise,
+            )
+        },
+    );
+    let (before_floor, probes) = (before_floor?, probes?);
+    let constants = input.options.constants;
+    let mut bench = Bench::new(model, variant, &families, samples, probes, (&fit, constants));
+    let view = View::of(&fit);
+    let table = bench.table(&view);
+    let (detectable, cannot_see) = sight::sight(&mut bench, &view, &table);
+    bench.weigh();
+    let table = bench.in_sight(table);
+    let (ambiguous, (misfit, serial)) = parallel::both(
+        || evidence::ambiguity::ambiguous(&bench, &view),
+        || {
+            let series = Series::of(&view, &bench.samples);
+            (
+                misfits(&fit, &bench.samples, file.noise),
+                series.map(|series| series.correlation()),
+            )
+        },
+    );
+    let beforehand = Beforehand {
+        ambiguous,
+        misfit,
+        serial,
+        detectable,
+        cannot_see,
+        floor: before_floor,
+        view,
+    };
+    let mut search = Search::new(input, bench, (index, own_effects), fit, table, yardstick)?;
+    search.run(progress)?;
+    let of_effects = search.found();
+    let (outcome, bent) = parallel::both(
+        || finish(input, &search, &of_effects, beforehand),
+        || structural::piecewise::tracks(&search, variant),
+    );
+    let mut found = Found::new(search, bent, outcome?);
+    found.outcome.discovery.seconds = started.elapsed().as_secs_f64();
+    Ok(found)
+}
+
+/// Says that names with the prefix of the unnamed families are theirs.
+pub fn reserved(error: InputError) -> InputError {
+    error.help(format!(
+        "rename it: effects whose names begin with `{UNNAMED}` are the unnamed families of discovery"
+    ))
+}
+
+/// The model with all catalogues and the unnamed families.
+fn catalogue(
+    robot: &Robot,
+    options: &Options,
+    range_m: (f64, f64),
+) -> Result<(Model, Vec<generic::Family>), Error> {
+    let input_error =
+        |errors: language::Errors| Error::Input(InputError::whole("effects", errors.to_string()));
+    let mut model = language::check_text(&robot.description).map_err(input_error)?;
+    for text in &options.catalogues {
+        model = effects_from_text(text, &model).map_err(input_error)?;
+    }
+    let mut names = model.effects.iter().map(|effect| &effect.name);
+    if let Some(name) = names.find(|name| name.starts_with(UNNAMED)) {
+        let problem = format!("there is an effect `{name}`");
+        return Err(Error::Input(reserved(InputError::whole(
+            "effects", problem,
+        ))));
+    }
+    let (text, families) = generic::families(&model, range_m);
+    Ok((
+        effects_from_text(&text, &model).map_err(input_error)?,
+        families,
+    ))
+}

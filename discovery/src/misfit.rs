@@ -1,0 +1,178 @@
+//! Where model and measurement disagree.
+
+use nalgebra::{DMatrix, DVector};
+use tau_estimation::joint::Component;
+use tau_estimation::joint::fit::Fit;
+use tau_estimation::numerics::distribution::chi2_survival;
+use tau_estimation::samples::Sample;
+use tau_robot::robot::Arm;
+use tau_robot::robot_file::Noise;
+use tau_runtime::{Owner, ResidualKind};
+
+use super::results::{Misfit, NoiseScale};
+
+const MICRO: f64 = 1e6;
+
+/// Residuals of each link, and of each cart and coordinate, against the stated noise.
+pub(super) fn misfits(fit: &Fit, samples: &[Sample], noise: Noise) -> Vec<Misfit> {
+    let mut misfits = closures(fit);
+    for (component, set, offset, what, sigma, unit) in [
+        (
+            Component::CartPosition,
+            2,
+            0,
+            "position",
+            noise.position_m,
+            "um",
+        ),
+        (
+            Component::CartRotation,
+            2,
+            3,
+            "rotation",
+            noise.rotation_rad,
+            "urad",
+        ),
+        (
+            Component::Position,
+            3,
+            0,
+            "position",
+            noise.position_m,
+            "um",
+        ),
+    ] {
+        for (track, name) in fit.joint.machine.robot.tracks.iter().enumerate() {
+            for (k, axis) in ["x", "y", "z"].iter().enumerate() {
+                let (sum, degrees, count) = fit.misfit(|row| {
+                    let at = fit.joint.rows[row];
+                    at.component == component
+                        && at.residual == offset + k
+                        && samples[at.sample].track == Some(track)
+                });
+                if count > 0 {
+                    let scale = fit.scales[component as usize];
+                    misfits.push(misfit(
+                        set,
+                        (Some(name.clone()), None),
+                        format!("{what} {axis}"),
+                        sum * scale.powi(2),
+                        degrees,
+                        count as f64,
+                        (sigma * MICRO, unit),
+                    ));
+                }
+            }
+        }
+    }
+    misfits
+}
+
+fn misfit(
+    set: u8,
+    (cart, link): (Option<String>, Option<String>),
+    coordinate: String,
+    sum: f64,
+    degrees: f64,
+    count: f64,
+    (sigma, unit): (f64, &'static str),
+) -> Misfit {
+    let (rms, expected) = (
+        (sum / count).sqrt() * sigma,
+        (degrees / count).sqrt() * sigma,
+    );
+    Misfit {
+        set,
+        cart,
+        link,
+        coordinate,
+        rms,
+        expected_rms: expected,
+        excess_rms: (rms * rms - expected * expected).max(0.0).sqrt(),
+        unit,
+        degrees,
+        p_value: chi2_survival(sum, degrees),
+    }
+}
+
+/// The whitening of set 1 mixes the links of a pose; here it is undone.
+fn closures(fit: &Fit) -> Vec<Misfit> {
+    let machine = &fit.joint.machine;
+    let variant = &machine.variant;
+    let instances: Vec<_> = variant.instances_of(ResidualKind::Closure).collect();
+    let count = instances.len();
+    let scale = fit.scales[Component::Closure as usize];
+    let mut sums = vec![(0.0, 0.0, 0.0, 0.0); count];
+    for (pose, factor) in fit.joint.closure_factors().enumerate() {
+        let first = pose * count;
+        if fit.factors[first] == 0.0 {
+            continue;
+        }
+        let lower = DMatrix::from_row_slice(count, count, factor);
+        let Some(inverse) = lower.solve_lower_triangular(&DMatrix::identity(count, count)) else {
+            continue;
+        };
+        let plain = &inverse * DVector::from(fit.residuals.rows(first, count).into_owned());
+        let absorbed = &inverse * fit.basis.q.rows(first, count);
+        for (k, sum) in sums.iter_mut().enumerate() {
+            let variance = inverse.row(k).norm_squared();
+            let left = (variance - absorbed.row(k).norm_squared()).max(1e-3 * variance);
+            sum.0 += (plain[k] * scale).powi(2) / left;
+            sum.1 += (plain[k] * scale).powi(2);
+            sum.2 += left;
+            sum.3 += 1.0;
+        }
+    }
+    instances
+        .iter()
+        .zip(sums)
+        .filter(|(_, sum)| sum.3 > 0.0)
+        .map(|(instance, (chi2, squares, expected, poses))| {
+            let (owner, name) = match variant.arm {
+                Arm::Full => (
+                    Owner::Link(instance.of),
+                    &machine.robot.links[instance.of].name,
+                ),
+                Arm::Reduced => (
+                    Owner::Cluster(instance.of),
+                    &machine.robot.clusters[instance.of].name,
+                ),
+            };
+            let length = variant
+                .parameter(owner, "length", None)
+                .map_or(0.5, |index| machine.values[index]);
+            // A closure residual is a difference of squares: 2 L times an error of length.
+            let to_um = |square: f64| (square / poses).sqrt() / (2.0 * length) * MICRO;
+            let (rms, expected_rms) = (to_um(squares), to_um(expected));
+            Misfit {
+                set: 1,
+                cart: None,
+                link: Some(name.clone()),
+                coordinate: "length".into(),
+                rms,
+                expected_rms,
+                excess_rms: (rms * rms - expected_rms * expected_rms).max(0.0).sqrt(),
+                unit: "um",
+                degrees: poses,
+                p_value: chi2_survival(chi2, poses),
+            }
+        })
+        .collect()
+}
+
+/// Estimated noise of each group of residuals that is there.
+pub(super) fn noise_scales(fit: &Fit) -> Vec<NoiseScale> {
+    Component::ALL
+        .into_iter()
+        .filter(|&component| fit.joint.rows.iter().any(|row| row.component == component))
+        .map(|component| NoiseScale {
+            set: component.set(),
+            of: match component {
+                Component::Closure => "closure",
+                Component::CartRotation => "rotation",
+                Component::CartPosition | Component::Position => "position",
+            },
+            factor: fit.scales[component as usize],
+        })
+        .collect()
+}

@@ -1,0 +1,283 @@
+//! How residuals answer to what effects may add to: derivatives, by the generated equations.
+
+use nalgebra::DMatrix;
+use tau_codegen::compile::compile_some;
+use tau_codegen::language::model::{EffectUse, Model, Place};
+use tau_estimation::calibration::{Error, Nominal};
+use tau_estimation::joint::Joint;
+use tau_estimation::joint::variant::{free_turning, index_of, with_effects};
+use tau_estimation::samples::Sample;
+use tau_kinematics::Machine;
+use tau_robot::robot::{Arm, Variant};
+use tau_robot::robot_file::Noise;
+use tau_runtime::{Owner, ResidualKind};
+
+/// Derivatives of all rows, in units of the stated noise, by what effects may add to.
+pub(super) struct Probes {
+    pub(super) all: Vec<Probe>,
+    /// Per track, indices of along, horizontal, vertical, roll, pitch, yaw.
+    pub(super) carts: Vec<[usize; 6]>,
+    /// Per link, or per cluster where the arm is reduced.
+    pub(super) closures: Vec<ClosureProbe>,
+    /// Of the measured TCP position x, y, z.
+    pub(super) tcp: [usize; 3],
+    /// Number of rows.
+    pub(super) row_count: usize,
+}
+
+/// Derivatives by one displacement.
+pub(super) struct Probe {
+    /// Samples that it can act on.
+    pub(super) samples: Vec<usize>,
+    /// Rows of these samples that it moves, in order.
+    pub(super) rows: Vec<Moved>,
+}
+
+/// A row that a probe moves.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Moved {
+    pub(super) row: usize,
+    /// Place of the row's sample among those of the probe.
+    pub(super) place: usize,
+    pub(super) derivative: f64,
+}
+
+impl Probe {
+    /// `rows` are the sample and the derivative of every row.
+    pub(super) fn new(samples: Vec<usize>, rows: impl Iterator<Item = (usize, f64)>) -> Self {
+        let last = samples.iter().max().map_or(0, |last| last + 1);
+        let mut places = vec![None; last];
+        for (place, &sample) in samples.iter().enumerate() {
+            places[sample] = Some(place);
+        }
+        let moved = |(row, (sample, derivative)): (usize, (usize, f64))| {
+            let place = places.get(sample).copied().flatten()?;
+            (derivative != 0.0).then_some(Moved {
+                row,
+                place,
+                derivative,
+            })
+        };
+        Self {
+            rows: rows.enumerate().filter_map(moved).collect(),
+            samples,
+        }
+    }
+}
+
+/// Indices of the probes of a link's length and plate joint.
+pub(super) struct ClosureProbe {
+    pub(super) cluster: usize,
+    /// `None` where the arm is reduced.
+    pub(super) link: Option<usize>,
+    /// The command that its cart, or its length, follows.
+    pub(super) command: Option<usize>,
+    pub(super) length_m: f64,
+    pub(super) length: usize,
+    /// `None` where the arm is reduced.
+    pub(super) joint: Option<[usize; 3]>,
+}
+
+/// Constants that a cart's probe adds: along, horizontal, vertical, roll, pitch, yaw.
+const TARGETS_OF_CART: [&str; 6] = [
+    "shift_along",
+    "shift_horizontal",
+    "shift_vertical",
+    "turn_roll",
+    "turn_pitch",
+    "turn_yaw",
+];
+
+/// Effects that add one constant to each target: their derivatives are those of the targets.
+const TARGETS: &str = "
+effect unnamed_probe_cart on cart {
+    param shift_along, shift_horizontal, shift_vertical: length;
+    param turn_roll, turn_pitch, turn_yaw: angle;
+    along += shift_along; horizontal += shift_horizontal; vertical += shift_vertical;
+    roll += turn_roll; pitch += turn_pitch; yaw += turn_yaw;
+}
+effect unnamed_probe_tcp on tcp { param shift[3]: length; position += shift; }
+";
+
+/// The variant (by index in the model) with a constant added to every target.
+pub(super) fn compiled(model: &Model, variant: usize) -> Variant {
+    let mut probed = with_effects(model, TARGETS);
+    let (cart, tcp) = (
+        index_of(&probed, "unnamed_probe_cart"),
+        index_of(&probed, "unnamed_probe_tcp"),
+    );
+    let places = (0..model.tracks.len()).map(|track| Place::Cart {
+        track,
+        source: None,
+    });
+    let used = places
+        .map(|place| EffectUse {
+            effect: cart,
+            place,
+            with: vec![],
+        })
+        .chain([EffectUse {
+            effect: tcp,
+            place: Place::Tcp,
+            with: vec![],
+        }]);
+    probed.variants[variant].effects.extend(used);
+    let closures = Variant::from(&compile_some(&probed, variant, |kind, _| {
+        kind == ResidualKind::Closure
+    }));
+    free_turning(&probed, variant, Some(&closures))
+}
+
+impl Probes {
+    /// At the values of a fit of a base with `first` effects; `compiled` is the base with a constant
+    /// added to every target.
+    pub(super) fn of(
+        model: &Model,
+        first: usize,
+        compiled: Variant,
+        base: &Joint,
+        fitted: &[f64],
+        samples: &[Sample],
+        noise: Noise,
+    ) -> Result<Self, Error> {
+        let machine = with_targets(compiled, base, fitted);
+        let without_prior = |&value: &f64| Nominal {
+            value,
+            tolerance: None,
+        };
+        let nominal: Vec<Nominal> = machine.values.iter().map(without_prior).collect();
+        let joint = Joint::new(machine, &nominal, samples, noise)?;
+        let factors = vec![1.0; joint.rows.len()];
+        let linear = joint.linearize(&joint.fitted(&joint.machine.values), &factors);
+        let mut columns = Columns {
+            joint: &joint,
+            jacobian: &linear.jacobian.dense(),
+            samples,
+            all: Vec::new(),
+        };
+        let tracks = model.tracks.len();
+        let carts = (0..tracks)
+            .map(|track| {
+                let owner = Owner::Effect(first + track);
+                TARGETS_OF_CART.map(|quantity| {
+                    columns.add((owner, quantity, None), &|sample| {
+                        sample.track.is_none_or(|own| own == track)
+                    })
+                })
+            })
+            .collect();
+        let shift = Owner::Effect(first + tracks);
+        let tcp = [0, 1, 2].map(|k| columns.add((shift, "shift", Some(k)), &is_of_set_1));
+        let closures = columns.closures(model);
+        Ok(Self {
+            all: columns.all,
+            carts,
+            closures,
+            tcp,
+            row_count: joint.rows.len(),
+        })
+    }
+}
+
+fn is_of_set_1(sample: &Sample) -> bool {
+    sample.set == 1
+}
+
+/// A base as fitted, with the constants on its targets at zero.
+fn with_targets(mut compiled: Variant, base: &Joint, fitted: &[f64]) -> Machine {
+    let base_variant = &base.machine.variant;
+    let values = base.values(fitted);
+    let own = |name: &str| base_variant.parameters.iter().position(|p| p.name == name);
+    let values: Vec<f64> = compiled
+        .parameters
+        .iter()
+        .map(|parameter| own(&parameter.name).map_or(0.0, |index| values[index]))
+        .collect();
+    // The whitening needs closures by pose, which the base has.
+    let by_pose: Vec<_> = base
+        .machine
+        .closure_instances()
+        .cloned()
+        .map(|mut instance| {
+            for index in &mut instance.parameters {
+                let name = &base_variant.parameters[*index].name;
+                *index = compiled.index_of(name);
+            }
+            instance
+        })
+        .collect();
+    compiled
+        .instances
+        .retain(|instance| instance.kind != ResidualKind::ClosureByPose);
+    compiled.instances.extend(by_pose);
+    Machine {
+        robot: base.machine.robot.clone(),
+        variant: compiled,
+        values,
+        surroundings: base.machine.surroundings.clone(),
+    }
+}
+
+/// Columns of a Jacobian that become probes.
+struct Columns<'a> {
+    joint: &'a Joint,
+    jacobian: &'a DMatrix<f64>,
+    samples: &'a [Sample],
+    all: Vec<Probe>,
+}
+
+impl Columns<'_> {
+    /// A probe of a parameter (owner, quantity, component) over the samples on which it acts; its index.
+    fn add(
+        &mut self,
+        (owner, quantity, component): (Owner, &str, Option<usize>),
+        acts_on: &dyn Fn(&Sample) -> bool,
+    ) -> usize {
+        let index = self
+            .joint
+            .machine
+            .variant
+            .parameter(owner, quantity, component);
+        let column = index.and_then(|index| self.joint.used.binary_search(&index).ok());
+        let samples = (0..self.samples.len())
+            .filter(|&s| acts_on(&self.samples[s]))
+            .collect();
+        let of_rows = self.joint.rows.iter().map(|row| row.sample);
+        let rows = self.jacobian.nrows();
+        let of_column =
+            |column: usize| &self.jacobian.as_slice()[column * rows..(column + 1) * rows];
+        let derivatives = column.map_or(&[][..], of_column).iter().copied();
+        self.all.push(Probe::new(samples, of_rows.zip(derivatives)));
+        self.all.len() - 1
+    }
+
+    /// Lengths and joints of the links, or lengths of the clusters where the arm is reduced.
+    fn closures(&mut self, model: &Model) -> Vec<ClosureProbe> {
+        let joint = self.joint;
+        let mut probe = |owner: Owner, cluster: usize, link: Option<usize>| ClosureProbe {
+            cluster,
+            link,
+            command: model.clusters[cluster]
+                .track
+                .or(link.and_then(|link| model.links[link].actuated_by)),
+            length_m: length_of(joint, owner),
+            length: self.add((owner, "length", None), &is_of_set_1),
+            joint: link.map(|_| {
+                [0, 1, 2].map(|k| self.add((owner, "plate_joint", Some(k)), &is_of_set_1))
+            }),
+        };
+        match joint.machine.variant.arm {
+            Arm::Full => (0..model.links.len())
+                .map(|link| probe(Owner::Link(link), model.links[link].cluster, Some(link)))
+                .collect(),
+            Arm::Reduced => (0..model.clusters.len())
+                .map(|cluster| probe(Owner::Cluster(cluster), cluster, None))
+                .collect(),
+        }
+    }
+}
+
+fn length_of(joint: &Joint, owner: Owner) -> f64 {
+    let index = joint.machine.variant.parameter(owner, "length", None);
+    index.map_or(0.0, |index| joint.machine.values[index])
+}

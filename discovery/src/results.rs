@@ -1,0 +1,413 @@
+//! What discovery finds, as plain data: the report and the JSON are written from this.
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+use tau_estimation::evaluation::Summary;
+
+/// Where model and measurement disagree, what is missing, how much of the gap it closes, what remains.
+#[derive(Debug, Clone, Serialize)]
+pub struct Discovery {
+    /// Name of the variant that the search started from.
+    pub base: String,
+    /// The verdict.
+    pub status: Status,
+    /// Expected mean position error on the validation poses at the stated noise (µm).
+    pub noise_floor_um: f64,
+    /// Root of what the mean squared error exceeds that of the noise by: what any method could remove
+    /// (µm).
+    pub ceiling_um: f64,
+    /// The same with what was found: what any method could still remove (µm).
+    pub remaining_um: f64,
+    /// Position error on the validation poses, which take no part in anything.
+    pub validation: Validation,
+    /// Residuals of the base against their noise.
+    #[serde(rename = "where")]
+    pub misfit: Vec<Misfit>,
+    /// Estimated noise over the stated one, by set, once what was found is in the model.
+    pub noise: Vec<NoiseScale>,
+    /// The effects that are missing, in the order in which they were found.
+    pub effects: Vec<FoundEffect>,
+    /// Tracks that follow the measured points of their carts, where the base has straight ones: what that
+    /// takes up has no name, and stays among `unnamed`.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub piecewise_tracks: Vec<PiecewiseTrack>,
+    /// Every named candidate at every place.
+    pub considered: Vec<Considered>,
+    /// Effects that these measurements cannot show.
+    pub cannot_see: Vec<Unseen>,
+    /// What could be found, before residuals are looked at.
+    pub detectable: Vec<Detectable>,
+    /// Which of them could not be told apart, the closest first.
+    pub ambiguous: Vec<Ambiguous>,
+    /// Whether residuals of set 1 follow each other in the order of measurement; nothing where there
+    /// are too few poses.
+    pub whiteness: Option<Whiteness>,
+    /// What the residuals show of each effect that has parameters; by name and place those of `effects`.
+    pub evidence: Vec<Evidence>,
+    /// Structure that no effect of the catalogue explains.
+    pub unnamed: Vec<Unnamed>,
+    /// Numbers of the poses or points that were left out.
+    pub outliers: Vec<u32>,
+    /// The same with their sets.
+    pub left_out: Vec<LeftOut>,
+    /// The gap after each effect.
+    pub steps: Vec<Step>,
+    /// The complete description with what was found.
+    pub model_text: String,
+    /// Remarks for the reader, in sentences.
+    pub remarks: Vec<String>,
+    /// Wall time (s).
+    pub seconds: f64,
+}
+
+/// The verdict.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Status {
+    /// What is missing has names, and nothing significant is left.
+    Explained,
+    /// The base explains the measurements already.
+    NothingMissing,
+    /// Something is missing that no effect of the catalogue explains.
+    UnnamedStructure,
+    /// Something has a name, something is left.
+    PartlyExplained,
+}
+
+impl Status {
+    /// The verdict where something without a name is there, too.
+    pub(super) fn with_unnamed(self) -> Self {
+        match self {
+            Self::NothingMissing | Self::UnnamedStructure => Self::UnnamedStructure,
+            Self::Explained | Self::PartlyExplained => Self::PartlyExplained,
+        }
+    }
+}
+
+/// Position errors before and after (µm).
+#[derive(Debug, Clone, Serialize)]
+pub struct Validation {
+    /// With the base.
+    pub before: Gap,
+    /// With what was found.
+    pub after: Gap,
+    /// Whether these poses took no part in the search; they do where the split has all poses on both sides.
+    pub held_out: bool,
+}
+
+/// Position error on the validation poses (µm).
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Gap {
+    /// Mean.
+    pub mean_um: f64,
+    /// Largest.
+    pub max_um: f64,
+    /// Root mean square.
+    pub rms_um: f64,
+}
+
+impl From<Summary> for Gap {
+    fn from(summary: Summary) -> Self {
+        Self {
+            mean_um: summary.mean,
+            max_um: summary.max,
+            rms_um: summary.rms,
+        }
+    }
+}
+
+/// Residuals of one kind against their noise.
+#[derive(Debug, Clone, Serialize)]
+pub struct Misfit {
+    /// 1, 2 or 3.
+    pub set: u8,
+    /// Name of the track, in sets 2 and 3.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub cart: Option<String>,
+    /// Name of the link or cluster, in set 1.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub link: Option<String>,
+    /// `length`, or `position x`, …, `rotation z`.
+    pub coordinate: String,
+    /// Root mean square, in `unit`.
+    pub rms: f64,
+    /// The same as expected from the stated noise and what the fit absorbs of it.
+    pub expected_rms: f64,
+    /// Root of the excess of the one's square over the other's.
+    pub excess_rms: f64,
+    /// `um` or `urad`.
+    pub unit: &'static str,
+    /// Degrees of freedom.
+    pub degrees: f64,
+    /// Chance of so much misfit from the stated noise alone.
+    pub p_value: f64,
+}
+
+/// Estimated noise of a group of residuals.
+#[derive(Debug, Clone, Serialize)]
+pub struct NoiseScale {
+    /// 1, 2 or 3.
+    pub set: u8,
+    /// `closure`, `position` or `rotation`.
+    pub of: &'static str,
+    /// Estimated over stated standard deviation.
+    pub factor: f64,
+}
+
+/// An effect that was found.
+#[derive(Debug, Clone, Serialize)]
+pub struct FoundEffect {
+    /// Name in the catalogue.
+    pub name: String,
+    /// Where it acts.
+    pub place: String,
+    /// Parameters, SI.
+    pub parameters: BTreeMap<String, Estimate>,
+    /// Chance of such a score anywhere in the candidate's search, without an effect.
+    pub p_value: f64,
+    /// Fall of χ².
+    pub chi2_drop: f64,
+    /// Fall of the mean position error on the validation poses (µm).
+    pub heldout_drop_um: f64,
+    /// What else would explain the same residuals.
+    pub rivals: Vec<Rival>,
+    /// Name of the parameter that was searched.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub searched: Option<String>,
+    /// Other values of the searched parameter that fit as well.
+    pub aliases: Vec<f64>,
+}
+
+/// A track of the model that follows the measured points of its cart.
+#[derive(Debug, Clone, Serialize)]
+pub struct PiecewiseTrack {
+    /// Name of the track.
+    pub place: String,
+    /// Chance that points which are free to move take up so much on a straight track.
+    pub p_value: f64,
+    /// Fall of χ².
+    pub chi2_drop: f64,
+    /// Fall of the mean position error on the validation poses (µm).
+    pub heldout_drop_um: f64,
+}
+
+/// A fitted parameter.
+#[derive(Debug, Clone, Serialize)]
+pub struct Estimate {
+    /// Value, SI.
+    pub value: f64,
+    /// One standard deviation.
+    pub sigma: f64,
+    /// Unit.
+    pub unit: String,
+}
+
+/// An effect that could be meant instead.
+#[derive(Debug, Clone, Serialize)]
+pub struct Rival {
+    /// Name in the catalogue.
+    pub name: String,
+    /// Where it would act; several places, each with amplitudes of its own, are separated by commas.
+    pub place: String,
+    /// Cosine between the two signals, after what the model absorbs.
+    pub cosine: f64,
+    /// The measurement that would decide, in words.
+    pub separate_by: String,
+}
+
+/// A candidate and what became of it.
+#[derive(Debug, Clone, Serialize)]
+pub struct Considered {
+    /// Name in the catalogue.
+    pub name: String,
+    /// Where it would act.
+    pub place: String,
+    /// Of its score beside the base.
+    pub p_value: f64,
+    /// In words.
+    pub verdict: &'static str,
+}
+
+/// An effect that the measurements cannot show.
+#[derive(Debug, Clone, Serialize)]
+pub struct Unseen {
+    /// Name in the catalogue.
+    pub name: String,
+    /// Where it would act.
+    pub place: String,
+    /// Why not, in words.
+    pub why: String,
+}
+
+/// The smallest amplitude that would be found.
+#[derive(Debug, Clone, Serialize)]
+pub struct Detectable {
+    /// Name in the catalogue.
+    pub name: String,
+    /// Where it would act.
+    pub place: String,
+    /// The parameter that the amplitude is of.
+    pub parameter: String,
+    /// Smallest amplitude found in four of five cases, at the family's level.
+    pub amplitude: f64,
+    /// Its unit.
+    pub unit: String,
+    /// Share of the signal that the base absorbs.
+    pub absorbed: f64,
+}
+
+/// Two effects whose signals are alike beside the base, before residuals are looked at.
+#[derive(Debug, Clone, Serialize)]
+pub struct Ambiguous {
+    /// Name in the catalogue.
+    pub name: String,
+    /// Where it would act.
+    pub place: String,
+    /// Name of the effect that could be taken for it.
+    pub with_name: String,
+    /// Where that would act.
+    pub with_place: String,
+    /// Share of what the base leaves of the first one's signal that the second explains, with
+    /// amplitudes of the size of their tolerances: above 0.64 ambiguous, above 0.99 identical.
+    pub kappa: f64,
+    /// Share of the second one's signal that the first explains.
+    pub kappa_reverse: f64,
+}
+
+/// Serial correlation of the residuals of set 1.
+#[derive(Debug, Clone, Serialize)]
+pub struct Whiteness {
+    /// `time`, or `row` where the column is missing.
+    pub order: &'static str,
+    /// Number of poses.
+    pub poses: usize,
+    /// Number of lags of the portmanteau statistic.
+    pub lags: usize,
+    /// With the base.
+    pub before: SerialCorrelation,
+    /// With what was found, named or not.
+    pub after: SerialCorrelation,
+}
+
+/// Autocorrelation of whitened residuals against that of white noise after the same fit.
+#[derive(Debug, Clone, Copy, Serialize)]
+pub struct SerialCorrelation {
+    /// Between neighbours, beyond what the fit itself brings in.
+    pub lag1: f64,
+    /// Chance of so much of it, of either sign, in white noise.
+    pub p_value: f64,
+    /// Statistic of Ljung and Box over the lags.
+    pub portmanteau: f64,
+    /// Chance of so high a value in white noise.
+    pub portmanteau_p_value: f64,
+}
+
+/// What the residuals show of an effect.
+#[derive(Debug, Clone, Serialize)]
+pub struct Evidence {
+    /// Name in the catalogue.
+    pub name: String,
+    /// Where it acts.
+    pub place: String,
+    /// One for each motion that it adds to.
+    pub residuals: Vec<Pattern>,
+    /// Where something was searched.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub spectrum: Option<Spectrum>,
+}
+
+/// Residuals as a motion that would explain them, against what the effect depends on. Before: all that
+/// was found is in the model but this effect; after: it is too.
+#[derive(Debug, Clone, Serialize)]
+pub struct Pattern {
+    /// What moves: a cart, a link, `tcp`, or several.
+    pub place: String,
+    /// How it moves: `along`, `roll`, `length`, `position x`, …
+    pub target: String,
+    /// `um` or `urad`.
+    pub unit: &'static str,
+    /// The quantity that the effect follows best.
+    pub against: String,
+    /// Its unit.
+    pub against_unit: &'static str,
+    /// The quantity is folded by this, where the effect repeats.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub period: Option<f64>,
+    /// Means over stretches of the quantity.
+    pub bins: Vec<Bin>,
+    /// Quantity, before, after of the samples that know most.
+    #[serde(skip)]
+    pub points: Vec<[f64; 3]>,
+}
+
+/// A mean of residuals.
+#[derive(Debug, Clone, Copy, Serialize)]
+pub struct Bin {
+    /// Mean of the quantity.
+    pub at: f64,
+    /// Without the effect.
+    pub before: f64,
+    /// With it.
+    pub after: f64,
+    /// One standard deviation of what is left with it.
+    pub sigma: f64,
+    /// Number of samples.
+    pub samples: usize,
+}
+
+/// The score of an effect over the range in which one of its parameters was searched.
+#[derive(Debug, Clone, Serialize)]
+pub struct Spectrum {
+    /// The parameter.
+    pub parameter: String,
+    /// Its unit.
+    pub unit: String,
+    /// Score that is significant over the whole search and all candidates.
+    pub threshold: f64,
+    /// Value of the parameter, score without and with the effect in the model; the highest of each of
+    /// few stretches of the search.
+    pub points: Vec<[f64; 3]>,
+    /// The same, of many stretches.
+    #[serde(skip)]
+    pub curve: Vec<[f64; 3]>,
+}
+
+/// Structure without a name.
+#[derive(Debug, Clone, Serialize)]
+pub struct Unnamed {
+    /// Cart, link or `tcp`.
+    pub place: String,
+    /// What moves.
+    pub direction: String,
+    /// As a function of what.
+    pub against: String,
+    /// Size over the samples (µm, or µrad for rotations).
+    pub rms_um: f64,
+    /// The function, sorted by the first of each pair (SI).
+    pub curve: Vec<[f64; 2]>,
+}
+
+/// A sample that was left out.
+#[derive(Debug, Clone, Serialize)]
+pub struct LeftOut {
+    /// 1, 2 or 3.
+    pub set: u8,
+    /// Name of the track, in sets 2 and 3.
+    pub cart: Option<String>,
+    /// Number of the pose or point.
+    pub number: u32,
+}
+
+/// The gap with a model.
+#[derive(Debug, Clone, Serialize)]
+pub struct Step {
+    /// The variant's line.
+    pub model: String,
+    /// Mean position error on the validation poses (µm).
+    pub mean_um: f64,
+    /// Largest (µm).
+    pub max_um: f64,
+    /// Root mean square (µm).
+    pub rms_um: f64,
+}

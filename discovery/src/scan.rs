@@ -1,0 +1,457 @@
+//! Effects with a searched parameter: the score over a fine grid of it.
+
+use std::collections::BTreeSet;
+use std::sync::{Arc, OnceLock};
+
+use nalgebra::{DMatrix, DVector};
+use tau_codegen::language::Model;
+use tau_estimation::numerics::distribution::chi2_survival;
+use tau_estimation::numerics::parallel;
+use tau_estimation::numerics::projection::orthonormal;
+use tau_estimation::samples::Sample;
+use tau_kinematics::Surroundings;
+
+use super::candidates::Candidate;
+use super::probes::Probes;
+use super::response::{Displacements, Responses};
+use super::signs::{Flipped, single};
+
+/// Grid points per reciprocal of the range of the commands: at one, a peak is as wide as a step. Peaks
+/// are refined between the points.
+const OVERSAMPLING: f64 = 2.5;
+/// Least share of a peak's height that a grid point next to it shows: sinc²(½ / [`OVERSAMPLING`]) is
+/// 0.87 where commands fill their range evenly.
+pub(super) const LEAST_SHOWN: f64 = 0.75;
+/// The same where every other point of the grid is left out, and wherever commands stand: sinc²(1 / [`OVERSAMPLING`])
+/// is 0.57 where they fill their range, cos²(π / [`OVERSAMPLING`]) is 0.095 where all are at its ends.
+pub(super) const LEAST_SHOWN_BY_HALF: f64 = 0.09;
+/// Parts of a step of the grid at which peaks are refined.
+const WITHIN_STEP: [f64; 6] = [-0.75, -0.5, -0.25, 0.25, 0.5, 0.75];
+
+/// Points of a grid that one task makes the columns of.
+const AT_ONCE: usize = 64;
+
+/// The columns of a searched effect at every point of a grid over a range of what is searched.
+pub(super) struct Band {
+    /// From one step beyond the range to one step beyond it: what peaks there is no peak within.
+    pub(super) grid: Vec<f64>,
+    width: usize,
+    columns: Displacements,
+    /// Mean upcrossings, counted beside the first model that is scored.
+    crossings: OnceLock<f64>,
+}
+
+/// The score at every point of the grid.
+pub(super) struct Scores {
+    pub(super) statistics: Vec<f64>,
+    ranks: Vec<usize>,
+    /// For each grid point, coefficients of an orthonormal basis, by columns; where its rank is lower, the rest is zero.
+    coefficients: Vec<f64>,
+    /// What the model's basis absorbs of the columns.
+    absorbed: Arc<DMatrix<f64>>,
+    /// Gram matrix of the columns at each grid point.
+    grams: Arc<Vec<DMatrix<f64>>>,
+}
+
+/// Values even in their reciprocals, over a range and one step beyond it at either end.
+fn grid((low, high): (f64, f64), range_m: f64) -> Vec<f64> {
+    let span = low.recip() - high.recip();
+    let steps = (span * OVERSAMPLING * range_m).ceil().clamp(8.0, 20_000.0);
+    (0..=count(steps) + 2)
+        .map(|k| high.recip() + span * (k as f64 - 1.0) / steps)
+        .filter(|&reciprocal| reciprocal > 0.0)
+        .map(f64::recip)
+        .collect()
+}
+
+impl Band {
+    /// The grid is even in the reciprocal of the parameter where that is a period, a length in which
+    /// the effect repeats along a track; `range_m` is the widest range of the commands.
+    pub(super) fn new(
+        candidate: &Candidate,
+        model: &Model,
+        probes: &Probes,
+        samples: &[Sample],
+        surroundings: &Surroundings,
+        (range, range_m): ((f64, f64), f64),
+    ) -> Result<Self, &'static str> {
+        let Some((searched, _)) = candidate.search else {
+            return Err("nothing is searched");
+        };
+        let amplitudes = candidate.amplitudes();
+        let grid = grid(range, range_m);
+        let chunks: Vec<&[f64]> = grid.chunks(AT_ONCE).collect();
+        let entries = parallel::map(&chunks, |chunk| {
+            let mut values = candidate.none();
+            let of_value = |&value: &f64| {
+                values[searched] = value;
+                let at = (&values[..], &amplitudes[..]);
+                candidate.entries(model, at, probes, samples, surroundings)
+            };
+            chunk
+                .iter()
+                .map(of_value)
+                .collect::<Result<Vec<_>, &'static str>>()
+        });
+        let mut columns = Displacements::default();
+        for chunk in entries {
+            for entries in chunk? {
+                columns.push(&entries, &amplitudes, probes);
+            }
+        }
+        Ok(Self {
+            grid,
+            width: amplitudes.len(),
+            columns,
+            crossings: OnceLock::new(),
+        })
+    }
+
+    /// Pairs of probes whose products the scores take.
+    pub(super) fn pairs(&self, pairs: &mut BTreeSet<(usize, usize)>) {
+        self.columns.pairs(0..self.width, pairs);
+    }
+
+    /// Scores residuals at every grid point; `known` are the scores beside a model with the same basis.
+    fn scores(&self, responses: &Responses, known: Option<&Scores>) -> Scores {
+        let (points, width) = (self.grid.len(), self.width);
+        let range = |point: usize| point * width..(point + 1) * width;
+        let (absorbed, grams) = match known {
+            Some(known) => (Arc::clone(&known.absorbed), Arc::clone(&known.grams)),
+            None => {
+                let gram = |point| self.columns.gram(range(point), responses);
+                let absorbed = self.columns.absorbed(responses);
+                (
+                    Arc::new(absorbed),
+                    Arc::new((0..points).map(gram).collect()),
+                )
+            }
+        };
+        let score = self.columns.score(responses);
+        let mut scores = Scores {
+            statistics: Vec::with_capacity(points),
+            ranks: Vec::with_capacity(points),
+            coefficients: vec![0.0; points * width * width],
+            absorbed: Arc::clone(&absorbed),
+            grams: Arc::clone(&grams),
+        };
+        let places = scores.coefficients.chunks_exact_mut(width * width);
+        for (point, (gram, place)) in grams.iter().zip(places).enumerate() {
+            let left = responses.left(gram, absorbed.columns(point * width, width));
+            let coefficients = orthonormal(&lengths(gram), &left);
+            let here = score.rows(point * width, width);
+            scores
+                .statistics
+                .push(coefficients.tr_mul(&here).norm_squared());
+            scores.ranks.push(coefficients.ncols());
+            place[..coefficients.len()].copy_from_slice(coefficients.as_slice());
+        }
+        scores
+    }
+
+    /// The same; upcrossings are counted in residuals under random signs, unless they have been.
+    pub(super) fn scored(
+        &self,
+        responses: &Responses,
+        known: Option<&Scores>,
+        nulls: Option<&Flipped>,
+    ) -> Scores {
+        let scores = self.scores(responses, known);
+        if let (None, Some(nulls)) = (self.crossings.get(), nulls) {
+            let null_scans = self.flipped(&scores, responses, nulls, 1);
+            let _ = (self.crossings).set(upcrossings(&null_scans, scores.rank().max(1) as f64));
+        }
+        scores
+    }
+
+    /// The statistics under sign flips, one row per flip, at every point of the grid or every so many.
+    pub(super) fn flipped(
+        &self,
+        scores: &Scores,
+        responses: &Responses,
+        flipped: &Flipped,
+        every: usize,
+    ) -> DMatrix<f32> {
+        let points = (0..self.grid.len()).step_by(every);
+        let columns = points.flat_map(|point| point * self.width..(point + 1) * self.width);
+        let products = (self.columns).flipped(responses, &scores.absorbed, flipped, columns);
+        self.statistics(scores, &products, every)
+    }
+
+    /// The statistics over the grid for residuals of each probe's samples of which the model absorbs nothing.
+    pub(super) fn statistics_of(&self, scores: &Scores, residuals: &[DVector<f64>]) -> Vec<f64> {
+        let products = self.columns.products(|probe| residuals[probe].as_slice());
+        let products = DMatrix::from_row_slice(1, products.len(), products.as_slice());
+        let statistics = self.statistics(scores, &products.map(single), 1);
+        statistics.iter().copied().map(f64::from).collect()
+    }
+
+    /// The statistics at every so many points of the grid from products of their columns with residuals, row by row.
+    fn statistics(&self, scores: &Scores, products: &DMatrix<f32>, every: usize) -> DMatrix<f32> {
+        let (rows, width) = (products.nrows(), self.width);
+        let mut statistics = DMatrix::zeros(rows, products.ncols() / width);
+        if rows == 0 {
+            return statistics;
+        }
+        let mut component = vec![0.0; rows];
+        let points = (products.as_slice().chunks_exact(rows * width))
+            .zip(
+                scores
+                    .coefficients
+                    .chunks_exact(width * width)
+                    .step_by(every),
+            )
+            .zip(statistics.column_iter_mut());
+        for ((products, coefficients), mut statistic) in points {
+            for coefficients in coefficients.chunks_exact(width) {
+                component.fill(0.0);
+                for (products, &coefficient) in products.chunks_exact(rows).zip(coefficients) {
+                    let coefficient = single(coefficient);
+                    for (sum, product) in component.iter_mut().zip(products) {
+                        *sum += coefficient * product;
+                    }
+                }
+                for (statistic, component) in statistic.iter_mut().zip(&component) {
+                    *statistic += component * component;
+                }
+            }
+        }
+        statistics
+    }
+
+    /// Mean number of upcrossings of a scan without an effect, once they have been counted.
+    pub(super) fn crossings(&self) -> Option<f64> {
+        self.crossings.get().copied()
+    }
+
+    /// Values around a point of the grid at which a peak there is refined.
+    pub(super) fn around(&self, point: usize) -> impl Iterator<Item = f64> + '_ {
+        let here = self.grid[point].recip();
+        let at = move |neighbour: usize| self.grid[neighbour].recip() - here;
+        let below = at(point.saturating_sub(1));
+        let above = at((point + 1).min(self.grid.len() - 1));
+        WITHIN_STEP
+            .into_iter()
+            .map(move |part| {
+                let step = if part < 0.0 { below } else { above };
+                here + part.abs() * step
+            })
+            .filter(move |&reciprocal| reciprocal != here)
+            .map(f64::recip)
+    }
+}
+
+/// Points of a scan that are no lower than their neighbours and reach a height.
+pub(super) fn peaks(statistics: &[f64], height: f64) -> impl Iterator<Item = usize> + '_ {
+    (0..statistics.len()).filter(move |&k| {
+        let here = statistics[k];
+        here >= height
+            && (k == 0 || here >= statistics[k - 1])
+            && (k + 1 == statistics.len() || here >= statistics[k + 1])
+    })
+}
+
+impl Scores {
+    /// The same without what they were computed from.
+    pub(super) fn without_model(&self) -> Self {
+        Self {
+            statistics: self.statistics.clone(),
+            ranks: self.ranks.clone(),
+            coefficients: self.coefficients.clone(),
+            absorbed: Arc::default(),
+            grams: Arc::default(),
+        }
+    }
+
+    /// Height of the highest point.
+    pub(super) fn highest(&self) -> f64 {
+        self.statistics.iter().copied().fold(0.0, f64::max)
+    }
+
+    /// Largest number of amplitudes that can be told apart.
+    pub(super) fn rank(&self) -> usize {
+        self.ranks.iter().copied().max().unwrap_or(0)
+    }
+}
+
+/// Lengths of columns from their Gram matrix.
+pub(super) fn lengths(gram: &DMatrix<f64>) -> Vec<f64> {
+    gram.diagonal().iter().map(|g| g.max(0.0).sqrt()).collect()
+}
+
+/// Distance of reciprocals within which two values of a searched parameter are one peak.
+pub(super) fn lobe(range_m: f64) -> f64 {
+    2.0 / range_m
+}
+
+/// Chance that the highest statistic of a whole scan exceeds `statistic` without an effect: the bound
+/// by upcrossings (Davies 1987; Gross and Vitells 2010) with their number at a low level counted in
+/// null scans.
+pub(super) fn global_p(statistic: f64, rank: f64, upcrossings: f64) -> f64 {
+    let level = rank;
+    let beyond = if statistic > level {
+        upcrossings
+            * (statistic / level).powf(0.5 * (rank - 1.0))
+            * (-0.5 * (statistic - level)).exp()
+    } else {
+        1.0
+    };
+    (chi2_survival(statistic, rank) + beyond).min(1.0)
+}
+
+/// Mean number of times that null scans, one in each row, cross the level `rank` upwards.
+fn upcrossings(null_scans: &DMatrix<f32>, rank: f64) -> f64 {
+    let is_below = |statistic: f32| f64::from(statistic) < rank;
+    let points = 1..null_scans.ncols();
+    let crossings: usize = points
+        .map(|point| {
+            let before = null_scans.column(point - 1);
+            let here = null_scans.column(point);
+            let pairs = before.iter().zip(here.iter());
+            pairs
+                .filter(|(a, b)| is_below(**a) && !is_below(**b))
+                .count()
+        })
+        .sum();
+    crossings as f64 / null_scans.nrows().max(1) as f64
+}
+
+#[allow(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "a small count"
+)]
+fn count(number: f64) -> usize {
+    number as usize
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::TAU;
+
+    use super::super::response::tests::{fixture, view};
+    use super::*;
+    use crate::fixture::normal;
+    use crate::fixture::of_set_1;
+    use tau_estimation::numerics::distribution::Random;
+    use tau_estimation::numerics::projection::Basis;
+
+    const RANGE_M: f64 = 1.4;
+    const PERIODS_M: (f64, f64) = (0.02, 0.3);
+
+    /// Share of a signal's squares that a wave of a period explains, where commands fill their range.
+    fn statistic(signal: &[f64], commands: &[f64], period: f64) -> f64 {
+        let (mut sine, mut cosine) = (0.0, 0.0);
+        for (value, q) in signal.iter().zip(commands) {
+            let (s, c) = (TAU * q / period).sin_cos();
+            sine += value * s;
+            cosine += value * c;
+        }
+        2.0 * (sine * sine + cosine * cosine) / commands.len() as f64
+    }
+
+    fn commands(count: usize) -> Vec<f64> {
+        let place = |k: usize| (k as f64 + 0.5) / count as f64 - 0.5;
+        (0..count).map(|k| RANGE_M * place(k)).collect()
+    }
+
+    /// Under signs that are all the same, a scan scores what it scores where priors pull at nothing.
+    #[test]
+    fn equal_signs_change_no_score() {
+        let (jacobian, mut measured, probes, columns) = fixture(&mut Random(23));
+        let basis = Basis::of(&jacobian).unwrap().q;
+        let whole = view(Arc::clone(&basis), &measured);
+        let rows = whole.rows.len();
+        measured.copy_from(&whole.residuals);
+        measured.rows_mut(rows, measured.len() - rows).fill(0.0);
+        let view = view(basis, &measured);
+        let mut pairs = BTreeSet::new();
+        columns.pairs(0..2, &mut pairs);
+        let responses = Responses::of(&view, &probes, &pairs);
+        let band = Band {
+            grid: vec![1.0],
+            width: 2,
+            columns,
+            crossings: OnceLock::new(),
+        };
+        let scores = band.scores(&responses, None);
+        assert_eq!(scores.rank(), 2);
+        let (_, samples) = of_set_1();
+        let signs = DMatrix::from_element(Sample::units(&samples), 1, -1.0);
+        let responses = Responses::of(&whole, &probes, &pairs);
+        let flipped = Flipped::of(&whole, &probes, &samples, signs);
+        let found = f64::from(band.flipped(&scores, &responses, &flipped, 1)[(0, 0)]);
+        let expected = scores.statistics[0];
+        assert!(
+            (found - expected).abs() < 1e-4 * expected,
+            "{found} {expected}"
+        );
+    }
+
+    /// The highest statistic of a wave at some points of a grid, and that at its own period, somewhere between them.
+    fn shown(commands: &[f64], grid: &[f64], k: u32) -> [f64; 2] {
+        let part = (f64::from(k) * 0.618_033_988_749).fract();
+        let (low, high) = (PERIODS_M.1.recip(), PERIODS_M.0.recip());
+        let period = (low + part * (high - low)).recip();
+        let wave: Vec<f64> = commands
+            .iter()
+            .map(|q| (TAU * q / period + 0.3).sin())
+            .collect();
+        let at = |&period: &f64| statistic(&wave, commands, period);
+        [grid.iter().map(at).fold(0.0, f64::max), at(&period)]
+    }
+
+    #[test]
+    fn no_peak_hides_between_points_of_the_grid() {
+        let commands = commands(600);
+        let grid = grid(PERIODS_M, RANGE_M);
+        for k in 0..50 {
+            let [shown, height] = shown(&commands, &grid, k);
+            assert!(shown > LEAST_SHOWN * height, "{k}: {shown} of {height}");
+        }
+    }
+
+    #[test]
+    fn no_peak_hides_between_every_other_point() {
+        let spread = commands(600);
+        let at_ends: Vec<f64> = spread.iter().map(|q| q.signum() * RANGE_M / 2.0).collect();
+        let grid = grid(PERIODS_M, RANGE_M);
+        for commands in [spread, at_ends] {
+            for first in 0..2 {
+                let points: Vec<f64> = grid.iter().copied().skip(first).step_by(2).collect();
+                for k in 0..50 {
+                    let [shown, height] = shown(&commands, &points, k);
+                    assert!(
+                        shown > LEAST_SHOWN_BY_HALF * height,
+                        "{k}: {shown} of {height}"
+                    );
+                }
+            }
+        }
+    }
+
+    /// The highest of a whole scan of noise exceeds what the bound allows one scan in ten about as often.
+    #[test]
+    fn chance_of_the_highest_peak_is_that_of_noise() {
+        let commands = commands(150);
+        let grid = grid(PERIODS_M, RANGE_M);
+        let mut random = Random(7);
+        let scans: Vec<Vec<f64>> = (0..600)
+            .map(|_| {
+                let noise: Vec<f64> = commands.iter().map(|_| normal(&mut random)).collect();
+                grid.iter()
+                    .map(|&period| statistic(&noise, &commands, period))
+                    .collect()
+            })
+            .collect();
+        let nulls = DMatrix::from_fn(100, grid.len(), |scan, point| single(scans[scan][point]));
+        let upcrossings = upcrossings(&nulls, 2.0);
+        let chances = scans[100..].iter().map(|scan| {
+            let highest = scan.iter().copied().fold(0.0, f64::max);
+            global_p(highest, 2.0, upcrossings)
+        });
+        // Of 500 scans 50 are expected, give or take 7, less what peaks between the points.
+        let low = chances.filter(|&chance| chance < 0.1).count();
+        assert!((20..=72).contains(&low), "{low} of 500");
+    }
+}

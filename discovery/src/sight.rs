@@ -1,0 +1,157 @@
+//! What these measurements could show at all, before residuals are looked at.
+
+use tau_codegen::language::Model;
+use tau_codegen::language::model::{Place, Readable};
+use tau_estimation::numerics::parallel;
+use tau_estimation::samples::Sample;
+
+use super::bench::{Bench, Table};
+use super::candidates::Candidate;
+use super::results::{Detectable, Unseen};
+use super::significance::Null;
+use super::view::View;
+
+/// Below this fraction, report "absorbed by the base" rather than "implausibly large".
+const MOSTLY_ABSORBED: f64 = 0.01;
+
+/// The table of what can be detected beside a model, scored in `table`, and of what cannot; candidates out of
+/// sight are hidden.
+pub(super) fn sight(
+    bench: &mut Bench,
+    view: &View,
+    table: &Table,
+) -> (Vec<Detectable>, Vec<Unseen>) {
+    let (mut detectable, mut unseen) = (Vec::new(), Vec::new());
+    let limits = bench.constants;
+    let (best_columns, constants) = parallel::both(
+        || bench.best_columns(view, table),
+        || {
+            parallel::map(&bench.candidates, |candidate| {
+                constant(&bench.model, candidate, &bench.samples)
+            })
+        },
+    );
+    let nulls: Vec<Option<Null>> = (0..bench.candidates.len())
+        .map(|index| {
+            let (_, rank) = best_columns[index]?;
+            let mut scores = table.scores.iter();
+            let scored = scores.find(|score| score.candidate == index);
+            Some(scored.map_or(Null::plain(rank), |score| score.null))
+        })
+        .collect();
+    // Candidates of one rank share their threshold.
+    let mut lambdas: Vec<(Null, f64)> = Vec::new();
+    for null in nulls.iter().flatten() {
+        if !lambdas.iter().any(|known| known.0 == *null) {
+            lambdas.push((*null, 0.0));
+        }
+    }
+    let values = parallel::map(&lambdas, |(null, _)| {
+        bench.significance.detectable(*null, true)
+    });
+    for ((_, lambda), value) in lambdas.iter_mut().zip(values) {
+        *lambda = value;
+    }
+    for ((index, candidate), constant) in bench.candidates.iter().enumerate().zip(constants) {
+        if constant.is_some() {
+            bench.hidden.insert(index);
+        }
+        if !candidate.is_named() {
+            continue;
+        }
+        let out_of_sight = |why: String| Unseen {
+            name: candidate.name.clone(),
+            place: candidate.places.clone(),
+            why,
+        };
+        if let Some((_, why)) = bench.unseen.iter().find(|(unseen, _)| *unseen == index) {
+            unseen.push(out_of_sight(why.clone()));
+            bench.hidden.insert(index);
+            continue;
+        }
+        if let Some(why) = constant {
+            unseen.push(out_of_sight(why));
+            continue;
+        }
+        let Some(((best, _), null)) = best_columns[index].zip(nulls[index]) else {
+            unseen.push(out_of_sight("the base absorbs it".to_owned()));
+            bench.hidden.insert(index);
+            continue;
+        };
+        let parameter = &candidate.parameters[best.parameter];
+        let lambda = lambdas.iter().find(|known| known.0 == null).map_or(0.0, |known| known.1);
+        let amplitude = lambda.sqrt() / best.left;
+        let surviving = (best.left / best.whole).powi(2);
+        let hopeless = parameter
+            .tolerance
+            .is_some_and(|t| amplitude > limits.implausible * t);
+        if surviving < limits.absorbed || hopeless {
+            let why = if surviving < MOSTLY_ABSORBED {
+                format!("the base absorbs {:.2} % of it", 100.0 * (1.0 - surviving))
+            } else {
+                format!(
+                    "it would be seen from {} = {amplitude:.1e} {} on, beyond what is plausible",
+                    parameter.name, parameter.unit
+                )
+            };
+            unseen.push(out_of_sight(why));
+            bench.hidden.insert(index);
+            continue;
+        }
+        detectable.push(Detectable {
+            name: candidate.name.clone(),
+            place: candidate.places.clone(),
+            parameter: parameter.name.clone(),
+            amplitude,
+            unit: parameter.unit.clone(),
+            absorbed: 1.0 - surviving,
+        });
+    }
+    (detectable, unseen)
+}
+
+/// Which quantity that an effect reads hardly changes, in words.
+fn constant(model: &Model, candidate: &Candidate, samples: &[Sample]) -> Option<String> {
+    let spread = |of: &dyn Fn(&Sample) -> Option<f64>| {
+        // With set 1 alone an effect has to vary: another level in sets 2 and 3, which have frames and
+        // targets of their own, says nothing that could not have other causes.
+        let values = samples
+            .iter()
+            .filter(|sample| sample.set == 1)
+            .filter_map(of);
+        let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| {
+            (low.min(v), high.max(v))
+        });
+        high - low
+    };
+    for readable in model.effects[candidate.effect].quantities() {
+        let (what, width, least, unit) = match readable {
+            Readable::Temperature => (
+                "temperature",
+                spread(&|s| s.conditions.temperature_c),
+                1.0,
+                "K",
+            ),
+            Readable::Time => ("time", spread(&|s| s.conditions.time_s), 1.0, "s"),
+            Readable::Direction => {
+                let commands = match candidate.place {
+                    Place::Cart { track, .. } => track..track + 1,
+                    _ => 0..model.tracks.len(),
+                };
+                let widest = commands
+                    .map(|command| spread(&|s| s.direction(command)))
+                    .fold(f64::NEG_INFINITY, f64::max);
+                ("side of approach", widest, 1.0, "")
+            }
+            _ => continue,
+        };
+        if width < least {
+            return Some(
+                format!("the {what} hardly changes: by {width:.2} {unit}")
+                    .trim()
+                    .to_owned(),
+            );
+        }
+    }
+    None
+}

@@ -1,0 +1,326 @@
+//! Structural candidates: a full arm where the base has a reduced one, piecewise tracks where it has
+//! straight ones.
+
+pub(super) mod piecewise;
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use nalgebra::{Cholesky, DMatrix, DVector, Matrix3, RowDVector};
+use tau_estimation::joint::fit::Fit;
+use tau_estimation::samples::Sample;
+use tau_kinematics::{Machine, nearest_rotation};
+use tau_robot::input_error::InputError;
+use tau_robot::robot::{Arm, Owner, Robot, TrackModel, TrackShape, Variant};
+
+use tau_codegen::language::check_text;
+
+use super::Error;
+use super::bench::f_form;
+use super::results::{Considered, Discovery, FoundEffect, Gap, Misfit, Status, Step};
+use super::text;
+
+/// Name of the candidate by which all links get closures of their own, and its place.
+const FULL_ARM: (&str, &str) = ("full_arm", "all");
+
+/// What a variant takes for the same or for straight.
+struct Structure {
+    arm: Arm,
+    tracks: Vec<TrackModel>,
+}
+
+/// The robot with a variant that differs from one with a reduced arm by its full one, and the name of
+/// that variant; the description's own if it has one.
+pub(super) fn with_full_arm(robot: &Robot, base: &Variant) -> Result<(Robot, String), Error> {
+    let tracks = base
+        .tracks
+        .iter()
+        .map(|&TrackModel { shape, .. }| TrackModel {
+            shape,
+            per_link: true,
+        });
+    let structure = Structure {
+        arm: Arm::Full,
+        tracks: tracks.collect(),
+    };
+    with_structure(robot, base, &structure, "FullArm")
+}
+
+/// The robot with a variant that differs from another in its structure, and the name of that variant: the
+/// description's own if it has one, else the other's name with something behind it.
+fn with_structure(
+    robot: &Robot,
+    base: &Variant,
+    structure: &Structure,
+    suffix: &str,
+) -> Result<(Robot, String), Error> {
+    let is_same = |other: &&Variant| {
+        other.arm == structure.arm
+            && other.tracks == structure.tracks
+            && other.effects == base.effects
+            && of_effects(other) == of_effects(base)
+    };
+    if let Some(own) = robot.variants.iter().find(is_same) {
+        return Ok((robot.clone(), own.name.clone()));
+    }
+    let name = free_name(robot, &format!("{}{suffix}", base.name));
+    let plain = free_name(robot, &format!("{name}Alone"));
+    let arm = match structure.arm {
+        Arm::Full => "arm full;",
+        Arm::Reduced => "arm reduced;",
+    };
+    let tracks: Vec<String> = robot
+        .tracks
+        .iter()
+        .zip(&structure.tracks)
+        .map(|(track, model)| {
+            let shape = match model.shape {
+                TrackShape::Linear => "linear",
+                TrackShape::Piecewise => "piecewise",
+            };
+            let per_link = if model.per_link { " per link" } else { "" };
+            format!("track {track} {shape}{per_link};")
+        })
+        .collect();
+    let tracks = tracks.join(" ");
+    let mut terms = vec![plain.clone()];
+    let model = check_text(&robot.description)
+        .map_err(|errors| InputError::whole(&robot.name, errors.to_string()))?;
+    for (index, (effect, places)) in base.effects.iter().enumerate() {
+        let described = model.effects.iter().find(|own| own.name == *effect);
+        let taken: Vec<&str> = described
+            .iter()
+            .flat_map(|described| &described.parameters)
+            .filter(|own| own.optional && of_effects(base).contains(&(index, own.name.as_str())))
+            .map(|own| own.name.as_str())
+            .collect();
+        let with = if taken.is_empty() { "" } else { " with " };
+        terms.push(format!(
+            "{effect}({}){with}{}",
+            places.join(", "),
+            taken.join(", ")
+        ));
+    }
+    let lines = if base.effects.is_empty() {
+        format!("variant {name} {{ {arm} {tracks} }}")
+    } else {
+        let terms = terms.join(" + ");
+        format!("variant {plain} {{ {arm} {tracks} }}\n    variant {name} = {terms};")
+    };
+    let docs = format!("The structure that `{}` lacks.", base.name);
+    let description = text::with_lines(robot, &docs, &lines)?;
+    let robot = Robot::from_text(&description)
+        .map_err(|errors| InputError::whole(&robot.name, errors.to_string()))?;
+    Ok((robot, name))
+}
+
+/// A name that no variant has.
+fn free_name(robot: &Robot, wanted: &str) -> String {
+    let mut name = wanted.to_owned();
+    let mut tried = 1;
+    while robot.variant(&name).is_some() {
+        tried += 1;
+        name = format!("{wanted}{tried}");
+    }
+    name
+}
+
+/// Parameters of a variant's effects: index of the effect, and name.
+fn of_effects(variant: &Variant) -> BTreeSet<(usize, &str)> {
+    let parameters = variant.parameters.iter();
+    parameters
+        .filter_map(|parameter| match parameter.owner {
+            Owner::Effect(index) => Some((index, parameter.quantity.as_str())),
+            _ => None,
+        })
+        .collect()
+}
+
+/// Level of the full arm: where links differ, its chance is far less, and it should leave the first name its
+/// own.
+const LEVEL_OF_ARM: f64 = 0.005;
+
+/// Whether the links of a base's clusters differ, where the base takes them for one.
+pub(super) struct FullArm {
+    p_value: f64,
+    chi2_drop: f64,
+}
+
+impl FullArm {
+    /// By what χ² of the full arm would rise by if the links of each cluster were parallel and of one length:
+    /// on all of its closures, which a reduced arm has not.
+    pub(super) fn of(full: &Fit, samples: &[Sample]) -> Option<Self> {
+        let ties = ties(full, samples)?;
+        let broken = &ties * DVector::from_column_slice(&full.fitted);
+        let spread = &ties * &full.basis.b;
+        let solved = Cholesky::new(&spread * spread.transpose())?.solve(&broken);
+        let (statistic, rank) = (broken.dot(&solved), ties.nrows() as f64);
+        let total = full.residuals.norm_squared() + statistic;
+        let (_, p_value) = f_form(statistic, rank, total, full.degrees() + rank);
+        Some(Self {
+            p_value,
+            chi2_drop: statistic,
+        })
+    }
+
+    pub(super) fn is_significant(&self) -> bool {
+        self.p_value <= LEVEL_OF_ARM
+    }
+
+    fn considered(&self) -> Considered {
+        Considered {
+            name: FULL_ARM.0.into(),
+            place: FULL_ARM.1.into(),
+            p_value: self.p_value,
+            verdict: if self.is_significant() {
+                "found"
+            } else {
+                "not significant"
+            },
+        }
+    }
+
+    /// Notes in what was found from the reduced arm that the full one adds nothing.
+    pub(super) fn dismissed(&self, found: &mut Discovery) {
+        found.considered.insert(0, self.considered());
+    }
+
+    /// Puts the step from the reduced arm to the full one before what was found from there.
+    pub(super) fn precede(
+        &self,
+        base: &str,
+        (misfit, gap): (Vec<Misfit>, Gap),
+        found: &mut Discovery,
+    ) {
+        found.considered.insert(0, self.considered());
+        found.base = base.into();
+        found.misfit = misfit;
+        found.status = match found.status {
+            Status::NothingMissing => Status::Explained,
+            Status::UnnamedStructure => Status::PartlyExplained,
+            other => other,
+        };
+        let before = std::mem::replace(&mut found.validation.before, gap);
+        // The noise is the same under both arms.
+        let more = gap.rms_um.powi(2) - before.rms_um.powi(2);
+        found.ceiling_um = (found.ceiling_um.powi(2) + more).max(0.0).sqrt();
+        found.effects.insert(
+            0,
+            FoundEffect {
+                name: FULL_ARM.0.into(),
+                place: FULL_ARM.1.into(),
+                parameters: BTreeMap::new(),
+                p_value: self.p_value,
+                chi2_drop: self.chi2_drop,
+                heldout_drop_um: gap.mean_um - before.mean_um,
+                rivals: vec![],
+                searched: None,
+                aliases: vec![],
+            },
+        );
+        found.steps.insert(
+            0,
+            Step {
+                model: text::line(base, &[]),
+                mean_um: gap.mean_um,
+                max_um: gap.max_um,
+                rms_um: gap.rms_um,
+            },
+        );
+    }
+}
+
+/// What a reduced arm takes for zero, one row each, by the unknowns of a full one: by how much each link of a
+/// cluster differs from the first in length, in direction of its path and, the plate being oriented as it
+/// mostly is, in where it stands. `None` where no cluster has links to tie.
+fn ties(full: &Fit, samples: &[Sample]) -> Option<DMatrix<f64>> {
+    let Fit { joint, fitted, .. } = full;
+    let Machine { robot, variant, .. } = &joint.machine;
+    let poses = samples.iter().filter(|sample| sample.set == 1);
+    let sum: Matrix3<f64> = poses.map(|sample| *sample.pose.rotation.matrix()).sum();
+    let rotation = nearest_rotation(sum);
+    let column = |link: usize, quantity: &str, component: Option<usize>| {
+        let index = variant.parameter(Owner::Link(link), quantity, component)?;
+        joint.used.binary_search(&index).ok()
+    };
+    // Each entry of a tie for one link; the first link of a cluster has them with the other sign.
+    let of_link = |link: usize| -> Vec<Vec<(usize, f64)>> {
+        let mut own = vec![column(link, "length", None).map(|place| vec![(place, 1.0)])];
+        for k in 0..3 {
+            own.push(column(link, "track_offset", Some(k)).map(|place| {
+                let joints = (0..3).filter_map(|j| {
+                    Some((column(link, "plate_joint", Some(j))?, -rotation[(k, j)]))
+                });
+                std::iter::once((place, 1.0)).chain(joints).collect()
+            }));
+            for quantity in ["track_direction", "track_rotation"] {
+                own.push(column(link, quantity, Some(k)).map(|place| vec![(place, 1.0)]));
+            }
+        }
+        own.into_iter().flatten().collect()
+    };
+    let mut ties = Vec::new();
+    for cluster in 0..robot.clusters.len() {
+        let links = robot.links_of_cluster(cluster);
+        let Some((&first, others)) = links.split_first() else {
+            continue;
+        };
+        for &link in others {
+            for (own, of_first) in of_link(link).into_iter().zip(of_link(first)) {
+                let mut tie = RowDVector::zeros(fitted.len());
+                for (place, entry) in own {
+                    tie[place] += entry;
+                }
+                for (place, entry) in of_first {
+                    tie[place] -= entry;
+                }
+                ties.push(tie);
+            }
+        }
+    }
+    (!ties.is_empty()).then(|| DMatrix::from_rows(&ties))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_full_arm_takes_no_variants_name() {
+        let text = "robot Slide {
+            track one, two;
+            cluster a on one { link l1; }
+            cluster b on two { link l2, l3; }
+            variant Nominal { arm reduced; tracks linear; }
+            variant NominalFullArm { arm full; tracks piecewise; }
+        }";
+        let robot = Robot::from_text(text).unwrap();
+        let (fuller, name) = with_full_arm(&robot, &robot.variants[0]).unwrap();
+        assert!(robot.variant(&name).is_none());
+        assert_eq!(fuller.variant(&name).unwrap().arm, Arm::Full);
+    }
+
+    /// A base keeps the optional parameters of its effects on its way to a full arm.
+    #[test]
+    fn a_full_arm_keeps_what_effects_have() {
+        let text = "robot Slide {
+            track one, two;
+            cluster a on one { link l1; }
+            cluster b on two { link l2, l3; }
+            effect bent on cart {
+                param a: length; optional param b, c: length;
+                along += a * q/(1 m) + b * (q/(1 m))^2 + c * (q/(1 m))^3;
+            }
+            variant Nominal { arm reduced; tracks linear; }
+            variant Bent = Nominal + bent(one) with c + bent(two);
+        }";
+        let robot = Robot::from_text(text).unwrap();
+        let base = robot.variant("Bent").unwrap();
+        let (fuller, name) = with_full_arm(&robot, base).unwrap();
+        let full = fuller.variant(&name).unwrap();
+        assert_eq!(full.arm, Arm::Full);
+        assert_eq!(
+            of_effects(full),
+            BTreeSet::from([(0, "a"), (0, "c"), (1, "a")])
+        );
+    }
+}

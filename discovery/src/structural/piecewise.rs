@@ -1,0 +1,416 @@
+//! Tracks that follow the measured points of their carts, where straight ones leave structure.
+//!
+//! That a track's points take up what is left says where the cart goes, not why. So it gets no name: what it
+//! takes up is reported as structure without one, and names come first.
+
+use tau_estimation::numerics::distribution::chi2_survival;
+use tau_estimation::numerics::parallel;
+use tau_estimation::numerics::projection::Subspace;
+use std::time::Instant;
+
+use nalgebra::Vector3;
+
+use super::super::bench::f_form;
+use super::super::candidates::{self, Entry};
+use super::super::results::{Considered, Discovery, PiecewiseTrack, Step, Unnamed};
+use super::super::search::Search;
+use super::super::significance::Null;
+use super::super::score::Yardstick;
+use super::super::view::View;
+use super::super::{Error, Input, Outcome, search_from, text};
+use super::{Structure, with_structure};
+use tau_estimation::calibration::Line;
+use tau_kinematics::track_axes;
+use tau_robot::robot::{Arm, Robot, TrackModel, TrackShape, Variant};
+
+/// Name of the candidate by which a track follows the measured points of its cart.
+const NAME: &str = "piecewise_track";
+
+/// Most knots with which a straight track is tested: cost grows with the square of their number, and
+/// structure of a track runs over more than one in so many.
+const MOST_KNOTS: usize = 64;
+
+/// What was found from a base, and what its straight tracks leave.
+pub(in super::super) struct Found {
+    pub(in super::super) outcome: Outcome,
+    /// Score of the model that was found.
+    score: f64,
+    /// By which it compares with models of other bases.
+    yardstick: Yardstick,
+    /// What points of each straight track would take up.
+    tracks: Vec<TrackTest>,
+}
+
+/// What the measured points of a straight track would take up of what a search left.
+pub(in super::super) struct TrackTest {
+    track: usize,
+    place: String,
+    p_value: f64,
+    statistic: f64,
+    /// What the points cost in the score of a model.
+    cost: f64,
+    /// Whether the linear model predicts a better score.
+    is_wanted: bool,
+    verdict: &'static str,
+    /// How far its points lie off a straight line.
+    unnamed: Vec<Unnamed>,
+}
+
+/// Searches from a base, and from bases with piecewise tracks where those leave less that has no name.
+pub(in super::super) fn search(
+    input: &Input<'_>,
+    started: Instant,
+    progress: &mut dyn FnMut(&str),
+) -> Result<Outcome, Error> {
+    let found = search_from(input, None, started, progress)?;
+    let mut outcome = bent(input, found, started, progress)?;
+    outcome.discovery.seconds = started.elapsed().as_secs_f64();
+    Ok(outcome)
+}
+
+/// Lets one track after the other follow its measured points, those first that take up most.
+fn bent(
+    input: &Input<'_>,
+    mut found: Found,
+    started: Instant,
+    progress: &mut dyn FnMut(&str),
+) -> Result<Outcome, Error> {
+    let mut tracks = std::mem::take(&mut found.tracks);
+    tracks.sort_by(|a, b| b.statistic.total_cmp(&a.statistic));
+    let mut notes: Vec<Considered> = tracks.iter().map(TrackTest::considered).collect();
+    for (track, note) in tracks.iter().zip(&mut notes) {
+        if !track.is_wanted {
+            continue;
+        }
+        progress(&format!(
+            "letting track `{}` follow its measured points",
+            track.place
+        ));
+        let (robot, base) = with_piecewise(input.robot, input.base, track.track)?;
+        let input_there = Input {
+            robot: &robot,
+            base: &base,
+            ..*input
+        };
+        let yardstick = Some(found.yardstick.clone());
+        let there = match search_from(&input_there, yardstick, started, progress) {
+            Ok(mut there) => {
+                there.score += track.cost;
+                there
+            }
+            Err(Error::NotConverged { .. }) => continue,
+            Err(error) => return Err(error),
+        };
+        if there.score >= found.score {
+            note.verdict = "not the best explanation";
+            continue;
+        }
+        let mut outcome = bent(&input_there, there, started, progress)?;
+        track.precede(input.base, found.outcome.discovery, &mut outcome.discovery);
+        return Ok(outcome);
+    }
+    let discovery = &mut found.outcome.discovery;
+    discovery.considered.extend(notes);
+    // What no family describes is described by the points, whether the model follows them or not.
+    let mut wanted = tracks.iter().filter(|track| track.is_wanted);
+    if let Some(track) = wanted.find(|track| !track.unnamed.is_empty())
+        && discovery.unnamed.is_empty()
+    {
+        discovery.unnamed.clone_from(&track.unnamed);
+        discovery.status = discovery.status.with_unnamed();
+    }
+    Ok(found.outcome)
+}
+
+impl Found {
+    pub(in super::super) fn new(
+        search: Search<'_>,
+        tracks: Vec<TrackTest>,
+        outcome: Outcome,
+    ) -> Self {
+        Self {
+            outcome,
+            score: search.score,
+            yardstick: search.yardstick,
+            tracks,
+        }
+    }
+}
+
+/// The robot with a variant of which one more track is piecewise, and that variant's name.
+fn with_piecewise(robot: &Robot, base: &str, track: usize) -> Result<(Robot, String), Error> {
+    let variant = super::super::variant_of(robot, base)?;
+    let mut tracks = variant.tracks.clone();
+    tracks[track] = TrackModel {
+        shape: TrackShape::Piecewise,
+        per_link: variant.arm == Arm::Full,
+    };
+    let structure = Structure {
+        arm: variant.arm,
+        tracks,
+    };
+    let mut suffix = robot.tracks[track].clone();
+    if let Some(first) = suffix.get_mut(..1) {
+        first.make_ascii_uppercase();
+    }
+    with_structure(robot, variant, &structure, &format!("Piecewise{suffix}"))
+}
+
+/// What the measured points of each straight track would take up, free to move, beside what was found.
+pub(in super::super) fn tracks(search: &Search<'_>, base: &Variant) -> Vec<TrackTest> {
+    let straight: Vec<(usize, Vec<f64>)> = base
+        .tracks
+        .iter()
+        .enumerate()
+        .filter(|(_, model)| model.shape == TrackShape::Linear)
+        .map(|(track, _)| (track, knots(search, track)))
+        .filter(|(_, knots)| knots.len() > 2)
+        .collect();
+    parallel::map(&straight, |(track, knots)| {
+        of_track(search, *track, knots)
+    })
+}
+
+/// Commands at which set 2 has points of a track.
+fn knots(search: &Search<'_>, track: usize) -> Vec<f64> {
+    let mut knots: Vec<f64> = search
+        .input
+        .folder
+        .cart_poses
+        .iter()
+        .filter(|pose| pose.track == track)
+        .map(|pose| pose.command_m)
+        .collect();
+    knots.sort_by(f64::total_cmp);
+    knots.dedup();
+    thinned(&knots)
+}
+
+/// Evenly fewer of them where they are many, the ends kept.
+fn thinned(knots: &[f64]) -> Vec<f64> {
+    let (last, kept) = (knots.len().saturating_sub(1), knots.len().min(MOST_KNOTS));
+    (0..kept)
+        .map(|k| knots[k * last / (kept - 1).max(1)])
+        .collect()
+}
+
+fn of_track(search: &Search<'_>, track: usize, knots: &[f64]) -> TrackTest {
+    let bench = &search.bench;
+    let view = &View::of(&search.state.fit);
+    let count = knots.len();
+    let entries: Vec<Entry> = (0..3)
+        .map(|axis| {
+            let probe = bench.probes.carts[track][axis];
+            let at: Vec<f64> = bench.probes.all[probe]
+                .samples
+                .iter()
+                .map(|&s| bench.samples[s].commands_m[track])
+                .collect();
+            let mut slopes = vec![None; 3 * count];
+            for knot in 0..count {
+                slopes[axis * count + knot] =
+                    Some(at.iter().map(|&q| triangle(knots, knot, q)).collect());
+            }
+            Entry::plain(probe, slopes)
+        })
+        .collect();
+    let wanted: Vec<usize> = (0..3 * count).collect();
+    let columns = view.weighted(&candidates::columns(&entries, &wanted, &bench.probes));
+    let subspace = Subspace::of(&columns, &view.remainder(&columns));
+    let rank = (subspace.rank() as f64).max(1.0);
+    let statistic = subspace.statistic(&view.residuals);
+    let deflated = statistic / search.inflation(view, &subspace);
+    let (_, p_value) = f_form(deflated, rank, view.total(), view.degrees);
+    let cost = bench.significance.cost(Null::plain(rank), true);
+    // With what has no name, or in its stead.
+    let families = search.state.view(bench);
+    let is_wanted = search.is_better_with(cost, [
+        (view.total() - deflated, false),
+        (families.with(&Subspace::of(&columns, &families.remainder(&columns))).total(), true),
+    ]);
+    let verdict = if is_wanted {
+        "not confirmed"
+    } else if p_value > bench.significance.level(true) {
+        "not significant"
+    } else {
+        "not the best explanation"
+    };
+    let place = search.input.robot.tracks[track].clone();
+    TrackTest {
+        unnamed: if is_wanted {
+            off_line(search, track)
+        } else {
+            vec![]
+        },
+        track,
+        place,
+        p_value,
+        statistic,
+        cost,
+        is_wanted,
+        verdict,
+    }
+}
+
+/// How far measured points lie off a straight track: along the axes where that is more than their noise.
+fn off_line(search: &Search<'_>, track: usize) -> Vec<Unnamed> {
+    let input = search.input;
+    let mut points: Vec<(f64, Vector3<f64>)> = search
+        .bench
+        .samples
+        .iter()
+        .filter(|sample| sample.set == 2 && sample.track == Some(track))
+        .map(|sample| (sample.commands_m[track], sample.pose.position))
+        .collect();
+    points.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let Some(line) = Line::fit(&points) else {
+        return vec![];
+    };
+    let axes = track_axes(line.direction);
+    let unnamed = ["along", "horizontal", "vertical"].into_iter().zip(axes);
+    let unnamed = unnamed.filter_map(|(direction, axis)| {
+        let off = |&(q, position): &(f64, Vector3<f64>)| [q, axis.dot(&(position - line.at(q)))];
+        let curve: Vec<[f64; 2]> = points.iter().map(off).collect();
+        let square: f64 = curve.iter().map(|[_, off]| off * off).sum();
+        let count = curve.len() as f64;
+        let p_value = chi2_survival(square / input.file.noise.position_m.powi(2), count - 2.0);
+        (p_value <= search.bench.constants.left_where_found).then(|| Unnamed {
+            place: input.robot.tracks[track].clone(),
+            direction: direction.into(),
+            against: "q".into(),
+            rms_um: (square / count).sqrt() * 1e6,
+            curve,
+        })
+    });
+    unnamed.collect()
+}
+
+impl TrackTest {
+    fn considered(&self) -> Considered {
+        Considered {
+            name: NAME.into(),
+            place: self.place.clone(),
+            p_value: self.p_value,
+            verdict: self.verdict,
+        }
+    }
+
+    /// Puts the step from the straight track to the piecewise one before what was found from there.
+    fn precede(&self, base: &str, straight: Discovery, found: &mut Discovery) {
+        let gap = straight.validation.before;
+        found.considered.insert(
+            0,
+            Considered {
+                verdict: "in the model, without a name",
+                ..self.considered()
+            },
+        );
+        found.piecewise_tracks.insert(
+            0,
+            PiecewiseTrack {
+                place: self.place.clone(),
+                p_value: self.p_value,
+                chi2_drop: self.statistic,
+                heldout_drop_um: gap.mean_um - found.validation.before.mean_um,
+            },
+        );
+        found.base = base.into();
+        found.misfit = straight.misfit;
+        found.ceiling_um = straight.ceiling_um;
+        found.validation.before = gap;
+        found.status = found.status.with_unnamed();
+        found.unnamed.splice(0..0, self.unnamed.iter().cloned());
+        found.steps.insert(
+            0,
+            Step {
+                model: text::line(base, &[]),
+                mean_um: gap.mean_um,
+                max_um: gap.max_um,
+                rms_um: gap.rms_um,
+            },
+        );
+    }
+}
+
+/// One at a knot, zero at its neighbours and beyond, straight between.
+fn triangle(knots: &[f64], knot: usize, q: f64) -> f64 {
+    let toward = |neighbour: Option<&f64>| {
+        neighbour.map_or(0.0, |&neighbour| {
+            (1.0 - (q - knots[knot]) / (neighbour - knots[knot])).clamp(0.0, 1.0)
+        })
+    };
+    if q <= knots[knot] {
+        match knot.checked_sub(1) {
+            Some(below) => toward(knots.get(below)),
+            None => 1.0,
+        }
+    } else if knot + 1 < knots.len() {
+        toward(knots.get(knot + 1))
+    } else {
+        1.0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn many_knots_are_thinned_evenly_and_few_are_kept() {
+        let even = |count: u32| -> Vec<f64> { (0..count).map(f64::from).collect() };
+        for count in [0, 1, 2, 28, 64] {
+            assert_eq!(thinned(&even(count)), even(count));
+        }
+        for count in [65, 100, 333] {
+            let kept = thinned(&even(count));
+            assert_eq!(
+                (kept.len(), kept[0], kept[63]),
+                (64, 0.0, f64::from(count - 1))
+            );
+            let steps: Vec<f64> = kept.windows(2).map(|pair| pair[1] - pair[0]).collect();
+            let (low, high) = steps.iter().fold((f64::MAX, 0.0), |(low, high), &step| {
+                (f64::min(low, step), f64::max(high, step))
+            });
+            assert!(low >= 1.0 && high - low <= 1.0, "{count}: {steps:?}");
+        }
+    }
+
+    /// A track that becomes piecewise leaves the others as they are, and has paths per link where links are apart.
+    #[test]
+    fn one_track_becomes_piecewise() {
+        let text = "robot Slide {
+            track one, two;
+            cluster a on one { link l1; }
+            cluster b on two { link l2, l3; }
+            variant Nominal { arm reduced; tracks linear; }
+            variant Full { arm full; tracks linear per link; }
+            variant Measured { arm full; tracks linear per link; track one piecewise per link; }
+        }";
+        let robot = Robot::from_text(text).unwrap();
+        let shapes = |robot: &Robot, name: &str| -> Vec<(bool, bool)> {
+            let tracks = &robot.variant(name).unwrap().tracks;
+            let is = |own: &TrackModel| (own.shape == TrackShape::Piecewise, own.per_link);
+            tracks.iter().map(is).collect()
+        };
+        assert_eq!(with_piecewise(&robot, "Full", 0).unwrap().1, "Measured");
+        let (once, name) = with_piecewise(&robot, "Nominal", 1).unwrap();
+        assert_eq!(name, "NominalPiecewiseTwo");
+        assert_eq!(shapes(&once, &name), [(false, false), (true, false)]);
+        let (twice, both) = with_piecewise(&once, &name, 0).unwrap();
+        assert_eq!(shapes(&twice, &both), [(true, false), (true, false)]);
+    }
+
+    /// Between the outermost knots the triangles interpolate: they sum to one and reproduce a line.
+    #[test]
+    fn triangles_interpolate() {
+        let knots = [-0.5, -0.1, 0.2, 0.6];
+        for q in [-0.5, -0.3, -0.1, 0.0, 0.33, 0.6] {
+            let weights: Vec<f64> = (0..4).map(|knot| triangle(&knots, knot, q)).collect();
+            let (sum, line) = weights
+                .iter()
+                .zip(&knots)
+                .fold((0.0, 0.0), |(sum, line), (w, k)| (sum + w, line + w * k));
+            assert!((sum - 1.0).abs() < 1e-12 && (line - q).abs() < 1e-12, "{q}");
+        }
+    }
+}

@@ -1,0 +1,221 @@
+//! Unnamed structure in words and as a curve.
+
+use std::collections::BTreeMap;
+
+use tau_estimation::joint::fit::Fit;
+use tau_estimation::samples::Sample;
+use tau_estimation::samples::outliers;
+use tau_kinematics::Surroundings;
+use tau_robot::robot::Input;
+use tau_robot::robot_file::Noise;
+
+use super::bench::Bench;
+use super::results::Unnamed;
+use super::view::View;
+
+/// A displacement that carries less than this share of what its family explains is not reported.
+const LEAST_SHARE: f64 = 0.1;
+
+/// Crowds of samples that lie far off in one stretch of a track.
+pub(super) fn crowds(fit: &Fit, bench: &Bench, noise: Noise) -> Vec<Unnamed> {
+    let deviations = fit
+        .joint
+        .deviations(&fit.fitted, &fit.scales, &bench.samples);
+    let beyond = outliers::beyond(&deviations, &bench.samples);
+    outliers::split(&beyond, &bench.samples)
+        .crowds
+        .into_iter()
+        .map(|(command, crowd)| {
+            // A residual in units of its noise, as a position.
+            let size = |s: usize| {
+                let (sum, count) = deviations[s];
+                (sum / count.max(1.0)).sqrt() * noise.position_m
+            };
+            let square: f64 = crowd.iter().map(|&s| size(s).powi(2)).sum();
+            let name = bench.model.tracks.get(command);
+            let place = name.map_or_else(|| format!("command {}", command + 1), |t| t.name.clone());
+            Unnamed {
+                direction: "in one stretch".into(),
+                against: "q".into(),
+                rms_um: (square / crowd.len().max(1) as f64).sqrt() * 1e6,
+                curve: crowd
+                    .iter()
+                    .map(|&s| [bench.samples[s].commands_m[command], size(s)])
+                    .collect(),
+                place,
+            }
+        })
+        .collect()
+}
+
+/// What an unnamed family explains beside a model, displacement by displacement.
+pub(super) fn unnamed(
+    bench: &Bench,
+    view: &View,
+    family: usize,
+    searched: Option<f64>,
+) -> Vec<Unnamed> {
+    found(bench, view, family, searched).unwrap_or_default()
+}
+
+fn found(bench: &Bench, view: &View, family: usize, searched: Option<f64>) -> Option<Vec<Unnamed>> {
+    let candidate = &bench.candidates[family];
+    let described = candidate.family.as_ref()?;
+    let (_, subspace) = bench.subspace(view, family, searched)?;
+    let mut values = candidate.none();
+    if let (Some((place, _)), Some(value)) = (candidate.search, searched) {
+        values[place] = value;
+    }
+    let fitted = subspace.amplitudes(&view.residuals);
+    for (&place, &amplitude) in candidate.amplitudes().iter().zip(fitted.iter()) {
+        values[place] = amplitude;
+    }
+    let entries = bench.entries(family, &values, &candidate.amplitudes())?;
+    // By displacement: its value at each sample, and the square of what it does to the residuals.
+    let mut moved: BTreeMap<usize, (Vec<f64>, f64)> = BTreeMap::new();
+    for entry in &entries {
+        let samples = &bench.probes.all[entry.probe].samples;
+        let (sums, _) = moved
+            .entry(entry.probe)
+            .or_insert_with(|| (vec![0.0; samples.len()], 0.0));
+        for &place in &candidate.amplitudes() {
+            if let Some(slopes) = &entry.slopes[place] {
+                sums.iter_mut()
+                    .zip(slopes)
+                    .for_each(|(sum, slope)| *sum += values[place] * slope);
+            }
+        }
+    }
+    for (&probe, (values, square)) in &mut moved {
+        *square = bench.signal(view, probe, values);
+    }
+    let most = moved.values().map(|of| of.1).fold(0.0, f64::max);
+    let unnamed = moved
+        .into_iter()
+        .filter(|(_, of)| of.1 > LEAST_SHARE * most)
+        .filter_map(|(probe, (values, _))| {
+            let samples = &bench.probes.all[probe].samples;
+            let (against, covariate) = covariates(described.against, probe, bench, samples)
+                .into_iter()
+                .max_by(|a, b| correlation(&a.1, &values).total_cmp(&correlation(&b.1, &values)))?;
+            let mut curve: Vec<[f64; 2]> = covariate
+                .iter()
+                .zip(&values)
+                .map(|(&x, &y)| [x, y])
+                .collect();
+            curve.sort_by(|a, b| a[0].total_cmp(&b[0]));
+            let square: f64 = values.iter().map(|value| value * value).sum();
+            let (place, direction) = bench.displaced(probe);
+            Some(Unnamed {
+                place,
+                direction,
+                against,
+                rms_um: (square / values.len().max(1) as f64).sqrt() * 1e6,
+                curve,
+            })
+        })
+        .collect();
+    Some(unnamed)
+}
+
+impl Bench {
+    /// Sum of squares of what a displacement does to the residuals.
+    fn signal(&self, view: &View, probe: usize, values: &[f64]) -> f64 {
+        let rows = self.probes.all[probe].rows.iter();
+        rows.map(|moved| (moved.derivative * view.factors[moved.row] * values[moved.place]).powi(2))
+            .sum()
+    }
+
+    /// Cart, link or `tcp` that a probe displaces, and its direction.
+    fn displaced(&self, probe: usize) -> (String, String) {
+        let axes = ["along", "horizontal", "vertical", "roll", "pitch", "yaw"];
+        for (track, probes) in self.model.tracks.iter().zip(&self.probes.carts) {
+            if let Some(axis) = probes.iter().position(|&own| own == probe) {
+                return (track.name.clone(), axes[axis].into());
+            }
+        }
+        for closure in &self.probes.closures {
+            if closure.length == probe {
+                let name = match closure.link {
+                    Some(link) => &self.model.links[link].name,
+                    None => &self.model.clusters[closure.cluster].name,
+                };
+                return (name.clone(), "length".into());
+            }
+        }
+        let axis = self.probes.tcp.iter().position(|&own| own == probe);
+        let axis = ["x", "y", "z"][axis.unwrap_or_default()];
+        ("tcp".into(), format!("position {axis}"))
+    }
+}
+
+/// The single quantities that a family reads.
+fn covariates(
+    against: &str,
+    probe: usize,
+    bench: &Bench,
+    samples: &[usize],
+) -> Vec<(String, Vec<f64>)> {
+    let cart = |track: &usize| bench.probes.carts[*track].contains(&probe);
+    let closure = bench
+        .probes
+        .closures
+        .iter()
+        .find(|closure| closure.length == probe);
+    let link = closure.and_then(|closure| closure.link).unwrap_or(0);
+    let track = (0..bench.probes.carts.len())
+        .find(cart)
+        .or_else(|| closure.and_then(|closure| closure.command))
+        .unwrap_or(0);
+    let tracks = &bench.model.tracks;
+    let list: Vec<(String, Input)> = match against {
+        "q" => vec![("q".into(), Input::Command(track))],
+        "direction" => vec![("direction".into(), Input::Direction(track))],
+        "temperature" => vec![("temperature".into(), Input::Temperature)],
+        "time" => vec![("time".into(), Input::Time)],
+        "tension" => vec![("tension".into(), Input::Tension(link))],
+        "load" => ["along", "horizontal", "vertical"]
+            .iter()
+            .enumerate()
+            .map(|(component, axis)| (format!("load_{axis}"), Input::Load { track, component }))
+            .collect(),
+        "commands" => tracks
+            .iter()
+            .enumerate()
+            .map(|(k, track)| (format!("q({})", track.name), Input::Command(k)))
+            .collect(),
+        _ => ["x", "y", "z"]
+            .iter()
+            .enumerate()
+            .map(|(k, axis)| ((*axis).to_owned(), Input::TcpPosition(k)))
+            .collect(),
+    };
+    let surroundings: &Surroundings = &bench.surroundings;
+    let read = |input: Input| -> Option<Vec<f64>> {
+        let sample = |&s: &usize| -> Option<f64> {
+            let sample: &Sample = &bench.samples[s];
+            sample.input(input, surroundings).ok()
+        };
+        samples.iter().map(sample).collect()
+    };
+    list.into_iter()
+        .filter_map(|(name, input)| Some((name, read(input)?)))
+        .collect()
+}
+
+/// Magnitude of the correlation of two series.
+pub(super) fn correlation(a: &[f64], b: &[f64]) -> f64 {
+    let count = a.len().max(1) as f64;
+    let (mean_a, mean_b) = (a.iter().sum::<f64>() / count, b.iter().sum::<f64>() / count);
+    let (mut ab, mut aa, mut bb) = (0.0, 0.0, 0.0);
+    for (a, b) in a.iter().zip(b) {
+        ab += (a - mean_a) * (b - mean_b);
+        aa += (a - mean_a).powi(2);
+        bb += (b - mean_b).powi(2);
+    }
+    if aa * bb > 0.0 {
+        ab.abs() / (aa * bb).sqrt()
+    } else {
+        0.0
+    }
+}

@@ -1,0 +1,65 @@
+//! Why a calibration, or what builds on one, failed.
+
+use std::fmt;
+
+use tau_kinematics as kinematics;
+use tau_robot::input_error::InputError;
+
+/// Why a calibration, or what builds on one, failed.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Error {
+    /// The input can't be used.
+    Input(InputError),
+    /// The solver did not reach a minimum.
+    NotConverged {
+        /// Name of the variant.
+        variant: String,
+        /// Why, in words.
+        why: String,
+    },
+    /// The plate's pose could not be predicted.
+    Kinematics {
+        /// Number of the pose in the file.
+        pose: u32,
+        /// Why.
+        error: kinematics::Error,
+    },
+}
+
+impl Error {
+    /// A pose of the measurements that kinematics fails on: missing columns are the input's fault.
+    pub fn at_pose(pose: u32, error: kinematics::Error) -> Self {
+        match error {
+            kinematics::Error::Missing { .. } => Self::Input(InputError::whole(
+                "tcp_poses.csv",
+                format!("pose {pose}: {error}"),
+            )),
+            error => Self::Kinematics { pose, error },
+        }
+    }
+
+    /// Whether the input is at fault, and not the computation.
+    pub fn is_input(&self) -> bool {
+        matches!(self, Self::Input(_))
+    }
+}
+
+impl fmt::Display for Error {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Input(error) => error.fmt(f),
+            Self::NotConverged { variant, why } => {
+                write!(f, "the calibration of `{variant}` did not converge: {why}")
+            }
+            Self::Kinematics { pose, error } => write!(f, "pose {pose}: {error}"),
+        }
+    }
+}
+
+impl std::error::Error for Error {}
+
+impl From<InputError> for Error {
+    fn from(error: InputError) -> Self {
+        Self::Input(error)
+    }
+}

@@ -1,0 +1,501 @@
+//! Calibration: from nominal values and measured TCP poses to the parameters of a variant.
+
+mod cost;
+mod error;
+mod nominal;
+mod output;
+mod registration;
+pub mod searched;
+
+use tau_kinematics::{self, Machine, Path, Sample, Statics, Surroundings, nearest_rotation, zyz};
+use tau_robot::input_error::InputError;
+use tau_robot::measurements::{Folder, TcpPose};
+use tau_robot::robot::{Instance, ResidualKind, Robot, TrackShape, Variant};
+use tau_robot::robot_file::RobotFile;
+
+use cost::fill;
+use nalgebra::{Matrix3, Rotation3};
+use tau_solver::{Block, Problem, Solution};
+
+pub use cost::closure_cost;
+pub use error::Error;
+pub use nominal::{Nominal, TRACK_ROTATION_TOLERANCE_RAD};
+pub use output::{LinkResult, ParameterEstimate};
+pub use registration::{Line, MOUNTING_M, NominalTrack, Registration, set_2, set_3};
+
+/// How to calibrate.
+#[derive(Debug, Clone, Default)]
+pub struct Options {
+    /// Where to start instead of at the nominal values: one value per parameter of the variant, SI.
+    /// Priors and weights stay those of the nominal values.
+    pub start: Option<Vec<f64>>,
+    /// Options of the solver.
+    pub solver: tau_solver::Options,
+}
+
+/// A combination of parameters that the data do not determine.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Combination {
+    /// Parameter names with their shares, largest first; shares are in units of the tolerances.
+    pub terms: Vec<(String, f64)>,
+    /// Standard deviation of the combination from the data alone, relative to its prior; infinite
+    /// where the data say nothing.
+    pub data_over_prior: f64,
+}
+
+/// A calibrated variant.
+#[derive(Clone)]
+pub struct Calibration {
+    /// The variant with its calibrated values.
+    pub machine: Machine,
+    /// Registration of set 2 that angles of piecewise tracks refer to.
+    pub registration: Option<Registration>,
+    /// The robot file with calibrated values and their standard deviations; tolerances are the
+    /// priors', so that it can be calibrated again.
+    pub file: RobotFile,
+    /// Table II.
+    pub links: Vec<LinkResult>,
+    /// Every parameter that the closures depend on. Angles of piecewise tracks are those against the
+    /// registered path, nominally zero; in [`Self::links`] and [`Self::file`] they are absolute.
+    pub parameters: Vec<ParameterEstimate>,
+    /// Index of each of them in the variant.
+    pub used: Vec<usize>,
+    /// Covariance of [`Self::parameters`], in their order, priors included.
+    pub covariance: Vec<Vec<f64>>,
+    /// Pairs of parameters with the largest correlations, largest first.
+    pub correlations: Vec<(String, String, f64)>,
+    /// Combinations that the data leave to the priors, worst first.
+    pub undetermined: Vec<Combination>,
+    /// Half the sum of squared whitened residuals and priors.
+    pub cost: f64,
+    /// Number of calibration poses.
+    pub poses: usize,
+    /// Iterations of the solver, summed over independent parts.
+    pub iterations: usize,
+    /// Why the solver stopped, in words.
+    pub termination: String,
+}
+
+/// A variant with the values of a robot file: nominal ones or those of an earlier calibration.
+///
+/// `folder` is needed where the variant has piecewise tracks, and, together with `poses` (indices
+/// of its TCP poses), where the arm is reduced and the file gives links only: their plate joints
+/// are then carried into the track offsets by the mean measured rotation of these poses.
+///
+/// # Errors
+/// A parameter for which nothing gives a value; a piecewise track without its path.
+pub fn machine_from_file(
+    robot: &Robot,
+    variant: &Variant,
+    file: &RobotFile,
+    folder: Option<&Folder>,
+    poses: &[usize],
+) -> Result<Machine, InputError> {
+    Ok(Prepared::new(robot, variant, &file.completed(robot), folder, poses)?.machine)
+}
+
+/// A variant at its nominal values.
+pub struct Prepared {
+    /// The variant with its nominal values.
+    pub machine: Machine,
+    /// Value and prior of each parameter of the variant.
+    pub nominal: Vec<Nominal>,
+    pub(crate) registration: Option<Registration>,
+}
+
+impl Prepared {
+    /// From a robot file, completed from the description; folder and poses as for [`machine_from_file`].
+    ///
+    /// # Errors
+    /// A parameter for which nothing gives a value; a piecewise track without its path.
+    pub fn new(
+        robot: &Robot,
+        variant: &Variant,
+        file: &RobotFile,
+        folder: Option<&Folder>,
+        poses: &[usize],
+    ) -> Result<Self, InputError> {
+        let registration = folder.and_then(|folder| Registration::of_set_2(robot, file, folder));
+        let mean_rotation = folder.and_then(|folder| mean_rotation(folder, poses));
+        let sources = nominal::Sources {
+            robot,
+            variant,
+            file,
+            mean_rotation,
+            registration,
+        };
+        let nominal = sources.nominal()?;
+        let surroundings = Surroundings {
+            paths: paths(robot, variant, folder, registration.as_ref())?,
+            statics: Statics::new(robot, file),
+        };
+        let machine = Machine {
+            robot: robot.clone(),
+            variant: variant.clone(),
+            values: nominal.iter().map(|nominal| nominal.value).collect(),
+            surroundings,
+        };
+        Ok(Self {
+            machine,
+            nominal,
+            registration,
+        })
+    }
+}
+
+/// Calibrates a variant on TCP poses of a folder, given by index: the sum of squared closure residuals
+/// (eq. 6 of Dressler et al. 2010), each divided by its standard deviation, plus the priors.
+///
+/// The noise of a closure follows from the stated noise of the measured position and rotation and from
+/// the closure's derivatives by them at the nominal values: σ² = σ_T²·‖∂r/∂T‖² + σ_R²·‖∂r/∂ω‖².
+///
+/// # Errors
+/// [`Error::Input`] for fewer poses than parameters, poses that are all the same, poses out of reach,
+/// values or columns missing; [`Error::NotConverged`] if the solver does not reach a minimum.
+pub fn calibrate(
+    robot: &Robot,
+    variant: &Variant,
+    file: &RobotFile,
+    folder: &Folder,
+    poses: &[usize],
+    options: &Options,
+) -> Result<Calibration, Error> {
+    let file = &file.completed(robot);
+    check_poses(robot, variant, file, folder, poses)?;
+    let prepared = Prepared::new(robot, variant, file, Some(folder), poses)?;
+    let measured: Vec<&TcpPose> = poses.iter().map(|&pose| &folder.tcp_poses[pose]).collect();
+    let start = options.start.as_deref().unwrap_or(&prepared.machine.values);
+    let (mut problem, used) = problem(&prepared, file, folder, &measured, start)?;
+    let not_converged = |why: String| Error::NotConverged {
+        variant: variant.name.clone(),
+        why,
+    };
+    let failed = |error: tau_solver::Error| not_converged(error.to_string());
+    let range_m = widest(measured.iter().flat_map(|pose| &pose.commands_m));
+    searched::start(&mut problem, variant, &used, range_m, &options.solver).map_err(failed)?;
+    let solution = tau_solver::solve(&problem, &options.solver).map_err(failed)?;
+    if !solution.converged() || solution.parameters.iter().any(|value| !value.is_finite()) {
+        return Err(not_converged(solution.termination.to_string()));
+    }
+    let covariance = tau_solver::covariance(&problem, &solution.parameters).map_err(failed)?;
+    let identifiability =
+        tau_solver::identifiability(&problem, &solution.parameters).map_err(failed)?;
+
+    let mut values = prepared.machine.values.clone();
+    for (&index, &value) in used.iter().zip(&solution.parameters) {
+        values[index] = value;
+    }
+    let name = |index: usize| problem.parameters[index].name.clone();
+    let fitted = Fitted {
+        values,
+        covariance: (0..used.len())
+            .map(|i| {
+                (0..used.len())
+                    .map(|j| covariance.covariance(i, j))
+                    .collect()
+            })
+            .collect(),
+        undetermined: combinations(&identifiability, name),
+        cost: solution.cost,
+        iterations: total_iterations(&solution),
+        termination: solution.termination.to_string(),
+        used,
+    };
+    drop(problem);
+    finish(&prepared, file, &measured, fitted)
+}
+
+/// Width of the range of some commands (m).
+pub fn widest<'a>(commands_m: impl Iterator<Item = &'a f64>) -> f64 {
+    let (low, high) = commands_m.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), &q| {
+        (low.min(q), high.max(q))
+    });
+    (high - low).max(1e-3)
+}
+
+/// What a fit found of a variant.
+pub(crate) struct Fitted {
+    /// Value of each of the variant's parameters, SI.
+    pub(crate) values: Vec<f64>,
+    /// Indices of those that the closures depend on.
+    pub(crate) used: Vec<usize>,
+    /// Their covariance, priors included.
+    pub(crate) covariance: Vec<Vec<f64>>,
+    pub(crate) undetermined: Vec<Combination>,
+    pub(crate) cost: f64,
+    pub(crate) iterations: usize,
+    pub(crate) termination: String,
+}
+
+/// Puts together what a fit to the given poses hands on.
+pub(crate) fn finish(
+    prepared: &Prepared,
+    file: &RobotFile,
+    poses: &[&TcpPose],
+    fitted: Fitted,
+) -> Result<Calibration, Error> {
+    let machine = prepared.machine.with_values(fitted.values);
+    let estimates = output::estimates(
+        &machine,
+        &prepared.nominal,
+        &fitted.used,
+        &fitted.covariance,
+    );
+    let name = |place: usize| estimates[place].name.clone();
+    Ok(Calibration {
+        links: output::links(&machine, prepared.registration.as_ref(), poses)?,
+        file: output::file(
+            &machine,
+            &estimates,
+            &fitted.used,
+            file,
+            prepared.registration.as_ref(),
+        ),
+        correlations: correlations(&fitted.covariance)
+            .into_iter()
+            .map(|(a, b, value)| (name(a), name(b), value))
+            .collect(),
+        covariance: fitted.covariance,
+        parameters: estimates,
+        used: fitted.used,
+        undetermined: fitted.undetermined,
+        cost: fitted.cost,
+        poses: poses.len(),
+        iterations: fitted.iterations,
+        termination: fitted.termination,
+        registration: prepared.registration,
+        machine,
+    })
+}
+
+/// Combinations that the data leave to the priors, in words.
+pub fn combinations(
+    found: &tau_solver::Identifiability,
+    name: impl Fn(usize) -> String,
+) -> Vec<Combination> {
+    let of = |combination: &tau_solver::Undetermined| Combination {
+        terms: combination
+            .terms
+            .iter()
+            .map(|&(index, share)| (name(index), share))
+            .collect(),
+        data_over_prior: combination.data_over_prior,
+    };
+    found.undetermined.iter().map(of).collect()
+}
+
+/// Checks that poses are as many as a variant needs, in reach, and apart.
+///
+/// # Errors
+/// They are not.
+pub fn check_poses(
+    robot: &Robot,
+    variant: &Variant,
+    file: &RobotFile,
+    folder: &Folder,
+    poses: &[usize],
+) -> Result<(), InputError> {
+    let (needed, of) = poses_needed(variant);
+    folder.check_pose_count(poses.len(), needed, &of)?;
+    folder.check_reach(poses, robot, file)?;
+    let moves = |pose: &usize| {
+        let (pose, first) = (&folder.tcp_poses[*pose], &folder.tcp_poses[poses[0]]);
+        let differ = |a: &[f64], b: &[f64]| a.iter().zip(b).any(|(a, b)| (a - b).abs() > 1e-6);
+        differ(&pose.position_m, &first.position_m)
+    };
+    if !poses.iter().any(moves) {
+        return Err(InputError::whole(
+            &folder.name,
+            format!(
+                "all {} calibration poses are the same, expected them spread out",
+                poses.len()
+            ),
+        ));
+    }
+    Ok(())
+}
+
+/// Calibration poses that a variant needs: as many as the parameters of its largest closure, counting
+/// those that several closures share in parts; and what needs them.
+fn poses_needed(variant: &Variant) -> (usize, String) {
+    let closures: Vec<&Instance> = variant.instances_of(ResidualKind::Closure).collect();
+    let mut users = vec![0.0_f64; variant.parameters.len()];
+    closures
+        .iter()
+        .flat_map(|closure| &closure.parameters)
+        .for_each(|&p| users[p] += 1.0);
+    let needed = closures
+        .iter()
+        .map(|closure| {
+            closure
+                .parameters
+                .iter()
+                .map(|&p| users[p].recip())
+                .sum::<f64>()
+        })
+        .fold(0.0, f64::max);
+    // The small allowance keeps thirds that add up to a whole number from being rounded up.
+    #[allow(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "a small count"
+    )]
+    let count = (needed - 1e-9).ceil() as usize;
+    (count, format!("each closure of variant `{}`", variant.name))
+}
+
+/// The least-squares problem, and for each of its parameters the index in the variant.
+fn problem<'a>(
+    prepared: &'a Prepared,
+    file: &RobotFile,
+    folder: &Folder,
+    poses: &[&TcpPose],
+    start: &[f64],
+) -> Result<(Problem<'a>, Vec<usize>), Error> {
+    let machine = &prepared.machine;
+    let variant = &machine.variant;
+    if start.len() != variant.parameters.len() {
+        return Err(Error::Input(InputError::whole(
+            &folder.name,
+            format!(
+                "{} start values, expected {}",
+                start.len(),
+                variant.parameters.len()
+            ),
+        )));
+    }
+    let mut used: Vec<usize> = variant
+        .instances_of(ResidualKind::Closure)
+        .flat_map(|closure| closure.parameters.iter().copied())
+        .collect();
+    used.sort_unstable();
+    used.dedup();
+    let parameters = used
+        .iter()
+        .map(|&index| {
+            let described = &variant.parameters[index];
+            let mut parameter = tau_solver::Parameter::new(&described.name, start[index]);
+            let Nominal { value, tolerance } = prepared.nominal[index];
+            if let Some(tolerance) = tolerance.filter(|tolerance| *tolerance > 0.0) {
+                parameter = parameter.with_prior(value, tolerance);
+            }
+            match described.search {
+                Some((low, high)) => parameter.with_bounds(low, high),
+                None => parameter,
+            }
+        })
+        .collect();
+    let mut blocks = Vec::new();
+    for closure in variant.instances_of(ResidualKind::Closure) {
+        let mut data = Vec::new();
+        for pose in poses {
+            fill(machine, closure, pose, &mut data)?;
+        }
+        let indices = closure
+            .parameters
+            .iter()
+            .map(|index| used.binary_search(index).unwrap_or_default())
+            .collect();
+        let label = machine.closure_name(closure).to_owned();
+        blocks.push(
+            Block::new(label, &*closure.family, indices, &data)
+                .with_weights(weights(machine, closure, file, poses)?)
+                .with_sample_names(poses.iter().map(|pose| pose.pose).collect()),
+        );
+    }
+    Ok((Problem { parameters, blocks }, used))
+}
+
+/// Reciprocal standard deviation of a closure's residual at each pose, from the stated noise.
+fn weights(
+    machine: &Machine,
+    closure: &Instance,
+    file: &RobotFile,
+    poses: &[&TcpPose],
+) -> Result<Vec<f64>, Error> {
+    let Some(by_pose) = machine
+        .closure_instances()
+        .find(|instance| instance.of == closure.of)
+    else {
+        return Ok(vec![1.0; poses.len()]);
+    };
+    poses
+        .iter()
+        .map(|&pose| {
+            let (_, [x, y, z, a, b, c]) = machine
+                .closure_by_pose(by_pose, &Sample::from(pose))
+                .map_err(|error| Error::at_pose(pose.pose, error))?;
+            let position = file.noise.position_m.powi(2) * (x * x + y * y + z * z);
+            let rotation = file.noise.rotation_rad.powi(2) * (a * a + b * b + c * c);
+            Ok((position + rotation).sqrt().recip())
+        })
+        .collect()
+}
+
+/// The path of each cart, in the measurement frame.
+fn paths(
+    robot: &Robot,
+    variant: &Variant,
+    folder: Option<&Folder>,
+    registration: Option<&Registration>,
+) -> Result<Vec<Option<Path>>, InputError> {
+    (0..robot.tracks.len())
+        .map(|track| {
+            let path = folder
+                .zip(registration)
+                .and_then(|(folder, registration)| {
+                    Some(Path::new(&set_2(folder, track))?.turned(&registration.rotation))
+                });
+            let is_needed =
+                variant.tracks.get(track).is_some_and(|model| model.shape == TrackShape::Piecewise);
+            if path.is_none() && is_needed {
+                return Err(InputError::whole(
+                    folder.map_or("cart_poses.csv", |folder| &folder.name),
+                    format!(
+                        "variant `{}` needs the path of cart {} (track `{}`): at least two points of set 2 at \
+                         different commands",
+                        variant.name,
+                        track + 1,
+                        robot.tracks[track]
+                    ),
+                )
+                .help("measure `cart_poses.csv`, or choose a variant with linear tracks"));
+            }
+            Ok(path)
+        })
+        .collect()
+}
+
+/// Mean of the measured rotations: the rotation nearest to the mean of their matrices.
+fn mean_rotation(folder: &Folder, poses: &[usize]) -> Option<Rotation3<f64>> {
+    if poses.is_empty() {
+        return None;
+    }
+    let sum: Matrix3<f64> = poses
+        .iter()
+        .map(|&pose| zyz(folder.tcp_poses[pose].angles_rad).into_inner())
+        .sum();
+    Some(nearest_rotation(sum))
+}
+
+/// The pairs with the largest correlations, largest first.
+fn correlations(covariance: &[Vec<f64>]) -> Vec<(usize, usize, f64)> {
+    const LISTED: usize = 12;
+    let sigma = |i: usize| covariance[i][i].sqrt();
+    let correlation = |a: usize, b: usize| match covariance[b][a] {
+        0.0 => 0.0,
+        shared => shared / (sigma(a) * sigma(b)),
+    };
+    let mut pairs: Vec<(usize, usize, f64)> = (0..covariance.len())
+        .flat_map(|a| (0..a).map(move |b| (b, a)))
+        .map(|(a, b)| (a, b, correlation(a, b)))
+        .filter(|(.., correlation)| correlation.is_finite())
+        .collect();
+    pairs.sort_by(|a, b| b.2.abs().total_cmp(&a.2.abs()));
+    pairs.truncate(LISTED);
+    pairs
+}
+
+fn total_iterations(solution: &Solution) -> usize {
+    solution.parts.iter().map(|part| part.iterations).sum()
+}

@@ -1,0 +1,196 @@
+//! Values and tolerances of a variant's parameters before calibration.
+
+use nalgebra::{Rotation3, Vector3};
+use tau_kinematics::{xyz, xyz_angles};
+use tau_robot::input_error::InputError;
+use tau_robot::robot::{Owner, Parameter, Robot, Variant};
+use tau_robot::robot_file::keys::{effect_key, quantity_of};
+use tau_robot::robot_file::{LinkValues, RobotFile};
+
+use super::registration::Registration;
+
+/// Tolerance of the angles by which a joint's path is turned against the registered path of its cart
+/// (rad), where the file gives none: what registration may be wrong by about the tracks, since targets
+/// are mounted a decimetre off on tracks a metre or two apart. Across the tracks the poses say far more.
+pub const TRACK_ROTATION_TOLERANCE_RAD: f64 = 5e-2;
+
+/// Value of a parameter with its prior.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Nominal {
+    /// Mean of the prior, SI.
+    pub value: f64,
+    /// One standard deviation; `None` where there is no prior.
+    pub tolerance: Option<f64>,
+}
+
+/// What nominal values follow from.
+#[derive(Clone, Copy)]
+pub(crate) struct Sources<'a> {
+    pub(crate) robot: &'a Robot,
+    pub(crate) variant: &'a Variant,
+    pub(crate) file: &'a RobotFile,
+    /// Mean measured rotation R̄ of the plate, which carries plate joints of reduced arms into the
+    /// track offsets.
+    pub(crate) mean_rotation: Option<Rotation3<f64>>,
+    pub(crate) registration: Option<Registration>,
+}
+
+impl<'a> Sources<'a> {
+    /// Nominal value of each of the variant's parameters.
+    ///
+    /// From the file; where it has nothing for the owner, the mean over the owner's links: for the
+    /// offsets of a reduced arm, of `track_offset − R̄·plate_joint`. Otherwise from the description.
+    pub(crate) fn nominal(&self) -> Result<Vec<Nominal>, InputError> {
+        self.variant
+            .parameters
+            .iter()
+            .map(|parameter| self.of(parameter))
+            .collect()
+    }
+
+    fn of(&self, parameter: &Parameter) -> Result<Nominal, InputError> {
+        let component = parameter.component.unwrap_or(0);
+        let from_description = || {
+            parameter.nominal.map(|value| Nominal {
+                value,
+                tolerance: parameter.tolerance,
+            })
+        };
+        let found = match parameter.owner {
+            Owner::Effect(_) => {
+                self.effect(parameter)
+                    .or_else(from_description)
+                    .or(Some(Nominal {
+                        value: parameter
+                            .search
+                            .map_or(0.0, |(low, high)| f64::midpoint(low, high)),
+                        tolerance: parameter.tolerance,
+                    }))
+            }
+            Owner::Frame(_) | Owner::Target { .. } => from_description().or(Some(Nominal {
+                value: 0.0,
+                tolerance: parameter.tolerance,
+            })),
+            _ if parameter.quantity == "track_rotation" => {
+                Some(self.rotation(parameter, component))
+            }
+            _ => self
+                .geometric(parameter, component)
+                .or_else(from_description),
+        };
+        found
+            .filter(|nominal| nominal.value.is_finite())
+            .ok_or_else(|| {
+                InputError::whole(
+                    "robot.toml",
+                    format!(
+                        "nothing gives a value for `{}` of variant `{}`",
+                        parameter.name, self.variant.name
+                    ),
+                )
+            })
+    }
+
+    fn effect(&self, parameter: &Parameter) -> Option<Nominal> {
+        let key = effect_key(parameter)?;
+        let value = self.file.effects.get(key)?.get(&parameter.quantity)?;
+        let value_of = value.value.get(parameter.component.unwrap_or(0))?;
+        Some(Nominal {
+            value: *value_of,
+            tolerance: Some(value.tol),
+        })
+    }
+
+    /// Angles against the registered path; the file gives them against the tracker frame.
+    fn rotation(&self, parameter: &Parameter, component: usize) -> Nominal {
+        let given = |values: &'a LinkValues| values.track_rotation.as_ref();
+        let value = self
+            .own_values(parameter.owner)
+            .and_then(given)
+            .or_else(|| self.shared_values(parameter.owner).and_then(given))
+            .or_else(|| self.links_of(parameter.owner).into_iter().find_map(given));
+        let angles = value.and_then(|value| {
+            let absolute = xyz(<[f64; 3]>::try_from(value.value.as_slice()).ok()?);
+            let registered = self.registration?.rotation;
+            Some((xyz_angles(&(absolute * registered.inverse())), value.tol))
+        });
+        let (angles, tolerance) = angles.unwrap_or((
+            [0.0; 3],
+            parameter.tolerance.unwrap_or(TRACK_ROTATION_TOLERANCE_RAD),
+        ));
+        Nominal {
+            value: angles[component],
+            tolerance: Some(tolerance),
+        }
+    }
+
+    fn geometric(&self, parameter: &Parameter, component: usize) -> Option<Nominal> {
+        let quantity = parameter.quantity.as_str();
+        let given = |values: &'a LinkValues| quantity_of(values, quantity);
+        let own = self.own_values(parameter.owner).and_then(given);
+        if let Some(value) = own.or_else(|| self.shared_values(parameter.owner).and_then(given)) {
+            return Some(Nominal {
+                value: *value.value.get(component)?,
+                tolerance: Some(value.tol),
+            });
+        }
+        let links = self.links_of(parameter.owner);
+        if links.is_empty() {
+            return None;
+        }
+        let is_folded = matches!(parameter.owner, Owner::Cluster(_)) && quantity == "track_offset";
+        let (mut sum, mut variance) = (0.0, 0.0);
+        for values in &links {
+            let value = quantity_of(values, quantity)?;
+            sum += value.value.get(component)?;
+            variance += value.tol.powi(2);
+            if is_folded {
+                let joint = values.plate_joint.as_ref()?;
+                let lever: [f64; 3] = joint.value.as_slice().try_into().ok()?;
+                sum -= (self.mean_rotation? * Vector3::from(lever))[component];
+                variance += joint.tol.powi(2);
+            }
+        }
+        // The links of a cluster differ by their tolerances, so their mean is known no better than one.
+        let count = links.len() as f64;
+        Some(Nominal {
+            value: sum / count,
+            tolerance: Some((variance / count).sqrt()),
+        })
+    }
+
+    fn own_values(&self, owner: Owner) -> Option<&'a LinkValues> {
+        let (section, name) = match owner {
+            Owner::Link(link) => (&self.file.links, &self.robot.links.get(link)?.name),
+            Owner::Cluster(cluster) => {
+                (&self.file.clusters, &self.robot.clusters.get(cluster)?.name)
+            }
+            Owner::Track(track) => (&self.file.tracks, self.robot.tracks.get(track)?),
+            Owner::Effect(_) | Owner::Frame(_) | Owner::Target { .. } => return None,
+        };
+        section.get(name)
+    }
+
+    /// What the file gives for all joints on the cart of a link or cluster.
+    fn shared_values(&self, owner: Owner) -> Option<&'a LinkValues> {
+        let cluster = match owner {
+            Owner::Link(link) => self.robot.links.get(link)?.cluster,
+            Owner::Cluster(cluster) => cluster,
+            _ => return None,
+        };
+        let track = self.robot.clusters.get(cluster)?.track?;
+        self.file.tracks.get(&self.robot.tracks[track])
+    }
+
+    fn links_of(&self, owner: Owner) -> Vec<&'a LinkValues> {
+        let links = match owner {
+            Owner::Cluster(cluster) => self.robot.links_of_cluster(cluster),
+            Owner::Track(track) => self.robot.links_of_track(track),
+            _ => Vec::new(),
+        };
+        links
+            .iter()
+            .filter_map(|&link| self.file.links.get(&self.robot.links[link].name))
+            .collect()
+    }
+}

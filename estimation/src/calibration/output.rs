@@ -1,0 +1,234 @@
+//! What a calibration hands on: estimates, Table II, the calibrated robot file.
+
+use tau_kinematics::{Machine, xyz, xyz_angles};
+use tau_robot::measurements::TcpPose;
+use tau_robot::robot::{Instance, Owner, ResidualKind};
+use tau_robot::robot_file::keys::{WIDE, effect_key, quantity_slot};
+use tau_robot::robot_file::{RobotFile, Value};
+
+use super::cost::closure_cost;
+use super::error::Error;
+use super::nominal::Nominal;
+use super::registration::Registration;
+
+/// A row of Table II.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LinkResult {
+    /// Name of the link, or of the cluster where the arm is reduced.
+    pub name: String,
+    /// Length (m).
+    pub length_m: f64,
+    /// Plate joint in TCP coordinates (m); `None` where the arm is reduced.
+    pub plate_joint_m: Option<[f64; 3]>,
+    /// Cart-side joint at q = 0 (m).
+    pub track_offset_m: [f64; 3],
+    /// Direction, for a linear track.
+    pub track_direction: Option<[f64; 3]>,
+    /// Rotation angles about x, y, z (rad), for a piecewise track.
+    pub track_rotation_rad: Option<[f64; 3]>,
+    /// Sum over calibration poses of the squared closure residual (m⁴).
+    pub cost_m4: f64,
+}
+
+/// A calibrated parameter.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ParameterEstimate {
+    /// Full name.
+    pub name: String,
+    /// SI unit.
+    pub unit: String,
+    /// Value before calibration.
+    pub nominal: f64,
+    /// One standard deviation of its prior, if it has one.
+    pub tolerance: Option<f64>,
+    /// Calibrated value.
+    pub value: f64,
+    /// Its standard deviation.
+    pub sigma: f64,
+}
+
+pub(super) fn estimates(
+    machine: &Machine,
+    nominal: &[Nominal],
+    used: &[usize],
+    covariance: &[Vec<f64>],
+) -> Vec<ParameterEstimate> {
+    used.iter()
+        .enumerate()
+        .map(|(place, &index)| {
+            let parameter = &machine.variant.parameters[index];
+            ParameterEstimate {
+                name: parameter.name.clone(),
+                unit: parameter.unit.clone(),
+                nominal: nominal[index].value,
+                tolerance: nominal[index].tolerance,
+                value: machine.values[index],
+                sigma: covariance[place][place].sqrt(),
+            }
+        })
+        .collect()
+}
+
+/// One row of Table II per closure.
+pub(super) fn links(
+    machine: &Machine,
+    registration: Option<&Registration>,
+    poses: &[&TcpPose],
+) -> Result<Vec<LinkResult>, Error> {
+    machine
+        .variant
+        .instances_of(ResidualKind::Closure)
+        .map(|closure| {
+            let vector = |quantity: &str| vector_of(machine, closure, quantity);
+            Ok(LinkResult {
+                name: machine.closure_name(closure).to_owned(),
+                length_m: scalar_of(machine, closure, "length"),
+                plate_joint_m: vector("plate_joint"),
+                track_offset_m: vector("track_offset").unwrap_or_default(),
+                track_direction: vector("track_direction"),
+                track_rotation_rad: vector("track_rotation")
+                    .map(|angles| absolute_angles(angles, registration)),
+                cost_m4: closure_cost(machine, closure, poses)?,
+            })
+        })
+        .collect()
+}
+
+/// The file with calibrated values; a parameter without prior gets a tolerance that says nothing when
+/// the file is calibrated again. What the variant does not have stays as it was.
+pub(super) fn file(
+    machine: &Machine,
+    estimates: &[ParameterEstimate],
+    used: &[usize],
+    nominal: &RobotFile,
+    registration: Option<&Registration>,
+) -> RobotFile {
+    let mut file = nominal.clone();
+    let robot = &machine.robot;
+    for (estimate, &index) in estimates.iter().zip(used) {
+        let parameter = &machine.variant.parameters[index];
+        let tolerance = estimate
+            .tolerance
+            .unwrap_or_else(|| match parameter.search {
+                Some((low, high)) => high - low,
+                None => WIDE * estimate.value.abs().max(1.0),
+            });
+        let slot = match parameter.owner {
+            Owner::Link(link) => {
+                let values = file
+                    .links
+                    .entry(robot.links[link].name.clone())
+                    .or_default();
+                quantity_slot(values, &parameter.quantity)
+            }
+            Owner::Cluster(cluster) => {
+                let values = file
+                    .clusters
+                    .entry(robot.clusters[cluster].name.clone())
+                    .or_default();
+                quantity_slot(values, &parameter.quantity)
+            }
+            Owner::Track(track) => {
+                let values = file.tracks.entry(robot.tracks[track].clone()).or_default();
+                quantity_slot(values, &parameter.quantity)
+            }
+            Owner::Effect(_) => {
+                let Some(key) = effect_key(parameter) else {
+                    continue;
+                };
+                let values = file.effects.entry(key.to_owned()).or_default();
+                let value = values.entry(parameter.quantity.clone()).or_default();
+                set(
+                    value,
+                    parameter.component,
+                    estimate.value,
+                    estimate.sigma,
+                    tolerance,
+                );
+                continue;
+            }
+            Owner::Frame(_) | Owner::Target { .. } => continue,
+        };
+        if let Some(slot) = slot {
+            let value = slot.get_or_insert_default();
+            set(
+                value,
+                parameter.component,
+                estimate.value,
+                estimate.sigma,
+                tolerance,
+            );
+        }
+    }
+    // The program's angles refer to the registered path, the file's to the tracker frame of set 2.
+    let rotations = used.iter().filter(|&&index| {
+        let parameter = &machine.variant.parameters[index];
+        parameter.quantity == "track_rotation" && parameter.component == Some(0)
+    });
+    for &index in rotations {
+        let slot = match machine.variant.parameters[index].owner {
+            Owner::Link(link) => file.links.get_mut(&robot.links[link].name),
+            Owner::Cluster(cluster) => file.clusters.get_mut(&robot.clusters[cluster].name),
+            Owner::Track(track) => file.tracks.get_mut(&robot.tracks[track]),
+            _ => None,
+        };
+        if let Some(value) = slot.and_then(|values| values.track_rotation.as_mut())
+            && let Ok(angles) = <[f64; 3]>::try_from(value.value.as_slice())
+        {
+            value.value = absolute_angles(angles, registration).into();
+        }
+    }
+    file
+}
+
+fn set(value: &mut Value, component: Option<usize>, estimate: f64, sigma: f64, tolerance: f64) {
+    let place = component.unwrap_or(0);
+    let size = if component.is_some() { 3 } else { 1 };
+    value.value.resize(size, 0.0);
+    value.value[place] = estimate;
+    value.tol = tolerance;
+    let sigmas = value.sigma.get_or_insert_with(|| vec![0.0; size]);
+    sigmas.resize(size, 0.0);
+    sigmas[place] = sigma;
+}
+
+/// Angles that carry the path from the tracker frame of set 2 into the measurement frame.
+fn absolute_angles(angles: [f64; 3], registration: Option<&Registration>) -> [f64; 3] {
+    match registration {
+        Some(registration) => xyz_angles(&(xyz(angles) * registration.rotation)),
+        None => angles,
+    }
+}
+
+fn scalar_of(machine: &Machine, closure: &Instance, quantity: &str) -> f64 {
+    component_of(machine, closure, quantity, None).unwrap_or(0.0)
+}
+
+fn vector_of(machine: &Machine, closure: &Instance, quantity: &str) -> Option<[f64; 3]> {
+    let component = |k| component_of(machine, closure, quantity, Some(k));
+    Some([component(0)?, component(1)?, component(2)?])
+}
+
+/// A parameter of the link, cluster or track that a closure belongs to.
+fn component_of(
+    machine: &Machine,
+    closure: &Instance,
+    quantity: &str,
+    component: Option<usize>,
+) -> Option<f64> {
+    let is_own = |owner: Owner| match owner {
+        Owner::Link(index) | Owner::Cluster(index) => index == closure.of,
+        Owner::Track(_) => true,
+        Owner::Effect(_) | Owner::Frame(_) | Owner::Target { .. } => false,
+    };
+    closure
+        .parameters
+        .iter()
+        .find(|&&index| {
+            let parameter = &machine.variant.parameters[index];
+            parameter.quantity == quantity
+                && parameter.component == component
+                && is_own(parameter.owner)
+        })
+        .map(|&index| machine.values[index])
+}

@@ -1,0 +1,137 @@
+//! How well a machine predicts measured poses: Table I and Figure 8 of the paper.
+
+use rayon::prelude::*;
+use tau_kinematics::{Machine, Sample};
+use tau_robot::measurements::{Folder, TcpPose};
+use tau_robot::robot::Arm;
+
+use crate::calibration::{Combination, Error, LinkResult, ParameterEstimate};
+
+/// Mean, largest and root-mean-square of a length, in µm.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Summary {
+    /// Mean.
+    pub mean: f64,
+    /// Largest.
+    pub max: f64,
+    /// Root mean square.
+    pub rms: f64,
+}
+
+/// Predicted minus measured, at one validation pose.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PoseError {
+    /// Pose number in the file.
+    pub pose: u32,
+    /// Measured TCP position (m).
+    pub position_m: [f64; 3],
+    /// Position error (µm).
+    pub error_um: [f64; 3],
+    /// Orientation error as alpha, beta, gamma (rad), where the model predicts orientation.
+    pub orientation_rad: Option<[f64; 3]>,
+}
+
+impl PoseError {
+    /// Length of the position error (µm).
+    pub fn length_um(&self) -> f64 {
+        self.error_um.iter().map(|e| e * e).sum::<f64>().sqrt()
+    }
+}
+
+/// One calibrated variant.
+#[derive(Debug, Clone)]
+pub struct VariantResult {
+    /// Name.
+    pub name: String,
+    /// Position error on the validation poses (Table I).
+    pub position_um: Summary,
+    /// Largest magnitude of each orientation error (rad), where the model predicts orientation.
+    pub orientation_rad_max_abs: Option<[f64; 3]>,
+    /// Error at each validation pose.
+    pub pose_errors: Vec<PoseError>,
+    /// One row per link (full arm) or cluster (reduced arm): Table II.
+    pub links: Vec<LinkResult>,
+    /// Every parameter with its standard deviation.
+    pub parameters: Vec<ParameterEstimate>,
+    /// Pairs with the largest correlations.
+    pub correlations: Vec<(String, String, f64)>,
+    /// Combinations that the data do not determine: only the prior does.
+    pub undetermined: Vec<Combination>,
+    /// Iterations of the solver, summed over independent parts.
+    pub iterations: usize,
+    /// Why the solver stopped, in words.
+    pub termination: String,
+}
+
+/// Errors of the predicted poses.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Evaluation {
+    /// Position error (µm).
+    pub position_um: Summary,
+    /// Largest magnitude of each orientation error alpha, beta, gamma (rad), where the model predicts
+    /// orientation.
+    pub orientation_rad_max_abs: Option<[f64; 3]>,
+    /// Error at each pose.
+    pub errors: Vec<PoseError>,
+}
+
+impl Summary {
+    /// Of lengths in µm; zero where there are none.
+    pub fn of(lengths_um: &[f64]) -> Self {
+        let count = lengths_um.len().max(1) as f64;
+        Self {
+            mean: lengths_um.iter().sum::<f64>() / count,
+            max: lengths_um.iter().copied().fold(0.0, f64::max),
+            rms: (lengths_um.iter().map(|length| length * length).sum::<f64>() / count).sqrt(),
+        }
+    }
+}
+
+/// Predicts the poses of a folder, given by index, from their commands, and compares. Forward
+/// kinematics starts at the measured pose, which settles the assembly mode. Where the machine has more
+/// links than hold the plate, the pose is that of least squares, however far they are off their lengths:
+/// what that means at the tool is what the errors show.
+///
+/// # Errors
+/// Columns that the variant needs are missing; a pose can't be predicted.
+pub fn evaluate(machine: &Machine, folder: &Folder, poses: &[usize]) -> Result<Evaluation, Error> {
+    let measured: Vec<&TcpPose> = (poses.iter())
+        .filter_map(|&pose| folder.tcp_poses.get(pose))
+        .collect();
+    // The first of several errors is told, whichever thread comes across one first.
+    let errors: Vec<Result<PoseError, Error>> = measured
+        .par_iter()
+        .map(|&measured| {
+            let predicted = machine
+                .forward_fitted(&Sample::from(measured))
+                .map_err(|error| Error::at_pose(measured.pose, error))?
+                .pose;
+            let angles = predicted.angles_near(measured.angles_rad);
+            let position = predicted.position_m();
+            let orientation = [0, 1, 2].map(|k| angles[k] - measured.angles_rad[k]);
+            Ok(PoseError {
+                pose: measured.pose,
+                position_m: measured.position_m,
+                error_um: [0, 1, 2].map(|k| (position[k] - measured.position_m[k]) * 1e6),
+                orientation_rad: (machine.variant.arm == Arm::Full).then_some(orientation),
+            })
+        })
+        .collect();
+    let errors = errors
+        .into_iter()
+        .collect::<Result<Vec<PoseError>, Error>>()?;
+    let lengths: Vec<f64> = errors.iter().map(PoseError::length_um).collect();
+    let largest = |k: usize| {
+        errors
+            .iter()
+            .filter_map(|error| error.orientation_rad)
+            .map(|angles| angles[k].abs())
+            .fold(0.0, f64::max)
+    };
+    Ok(Evaluation {
+        position_um: Summary::of(&lengths),
+        orientation_rad_max_abs: (machine.variant.arm == Arm::Full)
+            .then(|| [largest(0), largest(1), largest(2)]),
+        errors,
+    })
+}

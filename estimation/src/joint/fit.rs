@@ -1,0 +1,168 @@
+//! A variant fitted to all samples.
+
+use nalgebra::{DMatrix, DVector};
+use tau_robot::robot_file::Noise;
+
+use crate::calibration::{Error, searched, widest};
+use crate::joint::Joint;
+use crate::joint::descent::{Descent, not_converged};
+use crate::numerics::grouped::Grouped;
+use crate::numerics::projection::{Basis, Normal};
+use crate::samples::Sample;
+use crate::samples::outliers;
+
+/// A variant at its minimum, linearised there.
+#[derive(Clone)]
+pub struct Fit {
+    /// The residuals.
+    pub joint: Joint,
+    /// Value of each unknown of the fit.
+    pub fitted: Vec<f64>,
+    /// Noise of each component over the stated one.
+    pub scales: [f64; 4],
+    /// Weight of each sample: 1, or 0 where it is left out.
+    pub weights: Vec<f64>,
+    /// Factor of each row.
+    pub factors: Vec<f64>,
+    /// Derivatives, whitened, priors last.
+    pub jacobian: Grouped,
+    /// Orthonormal basis of the derivatives.
+    pub basis: Basis,
+    /// Whitened residuals, priors last; what the last step would remove is removed to first order.
+    pub residuals: DVector<f64>,
+}
+
+impl Fit {
+    /// Values that fit set 1 alone, from nominal ones, and weights that hold back its outliers.
+    pub fn of_set_1(joint: &Joint, samples: &[Sample]) -> Result<(Vec<f64>, Vec<f64>), Error> {
+        let start = joint.fitted(&joint.machine.values);
+        let factors = joint.factors(&[1.0; 4], &vec![1.0; samples.len()]);
+        let options = tau_solver::Options {
+            max_iterations: 500,
+            step_tolerance: 1e-9,
+            cost_tolerance: 1e-7,
+            ..tau_solver::Options::default()
+        };
+        let failed = |error: tau_solver::Error| not_converged(joint, &error.to_string());
+        let mut problem = joint.problem(&start, &factors);
+        let range_m = widest(samples.iter().flat_map(|sample| &sample.commands_m));
+        let variant = &joint.machine.variant;
+        searched::start(&mut problem, variant, &joint.used, range_m, &options).map_err(failed)?;
+        let solution = tau_solver::solve(&problem, &options).map_err(failed)?;
+        if !solution.converged() || solution.parameters.iter().any(|value| !value.is_finite()) {
+            return Err(not_converged(joint, &solution.termination.to_string()));
+        }
+        let residuals = joint.residuals(&solution.parameters, &factors);
+        let deviations = outliers::deviations(joint.sums(&residuals, samples.len()), samples);
+        Ok((
+            joint.values(&solution.parameters),
+            outliers::weights(&deviations),
+        ))
+    }
+
+    /// All sets, robustly, from values of the variant that fit set 1.
+    pub fn robust(
+        joint: Joint,
+        values: &[f64],
+        weights: Vec<f64>,
+        samples: &[Sample],
+        noise: Noise,
+    ) -> Result<Self, Error> {
+        let start = joint.start(values, samples, noise);
+        let descent = Descent::from(joint, start, [1.0; 4], weights)?.robust(samples)?;
+        if !descent.is_settled {
+            return Err(not_converged(
+                &descent.joint,
+                "the number of iterations ran out",
+            ));
+        }
+        Self::of(descent)
+    }
+
+    /// From values near the minimum; outliers are judged anew.
+    pub fn near(
+        joint: Joint,
+        start: Vec<f64>,
+        scales: [f64; 4],
+        weights: Vec<f64>,
+        samples: &[Sample],
+    ) -> Result<Self, Error> {
+        let descent = Descent::from(joint, start, scales, weights)?.scaled()?;
+        let before = descent.weights.clone();
+        let descent = descent.without_outliers(samples)?;
+        if descent.weights == before {
+            Self::of(descent)
+        } else {
+            Self::of(descent.scaled()?)
+        }
+    }
+
+    /// The same at the minimum itself: far along curved valleys, what a fit that is near has left to go is more
+    /// than its standard deviations say.
+    pub fn settled(self) -> Result<Self, Error> {
+        let Self {
+            joint,
+            fitted,
+            scales,
+            weights,
+            ..
+        } = self;
+        Self::of(Descent::from(joint, fitted, scales, weights)?.settled()?)
+    }
+
+    fn of(descent: Descent) -> Result<Self, Error> {
+        let Descent {
+            joint,
+            fitted,
+            scales,
+            weights,
+            factors,
+            residuals,
+            normal,
+            ..
+        } = descent;
+        let Some(basis) = Basis::from(&normal) else {
+            return Err(not_converged(&joint, "the derivatives are not finite"));
+        };
+        let residuals = basis.residuals_after(&residuals);
+        Ok(Self {
+            joint,
+            fitted,
+            scales,
+            weights,
+            factors,
+            jacobian: normal.into_jacobian(),
+            basis,
+            residuals,
+        })
+    }
+
+    /// `B` of the covariance `B·Bᵀ` that the fitted values would have if the noise were the stated one.
+    pub fn deviations_at_stated_noise(&self) -> DMatrix<f64> {
+        let stated = self.joint.factors(&[1.0; 4], &self.weights);
+        Normal::from(self.joint.linearize(&self.fitted, &stated).jacobian)
+            .and_then(|normal| normal.inverse_factor())
+            .unwrap_or_else(|| self.basis.b.clone())
+    }
+
+    /// Sum of squares, degrees of freedom and count of the rows that take part and are wanted.
+    pub fn misfit(&self, wanted: impl Fn(usize) -> bool) -> (f64, f64, usize) {
+        let (mut sum, mut degrees, mut count) = (0.0, 0.0, 0);
+        for row in 0..self.joint.rows.len() {
+            if self.factors[row] > 0.0 && wanted(row) {
+                sum += self.residuals[row].powi(2);
+                degrees += 1.0 - self.basis.q.row(row).norm_squared();
+                count += 1;
+            }
+        }
+        (sum, degrees, count)
+    }
+
+    /// Degrees of freedom of all residuals.
+    pub fn degrees(&self) -> f64 {
+        let left_out = self.factors.iter().filter(|&&factor| factor == 0.0).count();
+        // Displaced points are known by measurements alone: what stands in for their priors tells nothing.
+        let rows = self.residuals.len() - self.joint.displacements() - left_out;
+        (rows as f64 - self.basis.q.ncols() as f64).max(1.0)
+    }
+}

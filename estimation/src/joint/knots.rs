@@ -1,0 +1,135 @@
+//! The measured points that piecewise tracks pass through: their noise is in every equation that asks for
+//! the path.
+//!
+//! So the path is displaced at each point by an unknown, of which the position in set 2 is a measurement
+//! like any other. Unknowns are tens of micrometres large, hence linear.
+
+use nalgebra::{DMatrix, Vector3};
+use tau_kinematics::{Path, track_axes};
+use tau_robot::robot::TrackShape;
+
+use crate::joint::Joint;
+use crate::samples::Sample;
+use crate::samples::frames::joints_on;
+
+/// Derivatives of all rows, in units of the stated noise, by the displacements of the points of all
+/// piecewise tracks that set 2 takes part for; `None` where there are none.
+pub fn columns(joint: &Joint, samples: &[Sample]) -> Option<DMatrix<f64>> {
+    let is_measured = |track: usize| {
+        samples
+            .iter()
+            .any(|sample| sample.set == 2 && sample.track == Some(track))
+    };
+    let machine = &joint.machine;
+    let paths: Vec<(usize, &Path)> = (machine.surroundings.paths.iter().enumerate())
+        .zip(&machine.variant.tracks)
+        .filter(|((track, _), model)| model.shape == TrackShape::Piecewise && is_measured(*track))
+        .filter_map(|((track, path), _)| Some((track, path.as_ref()?)))
+        .collect();
+    if paths.is_empty() {
+        return None;
+    }
+    let ones = vec![1.0; joint.rows.len()];
+    let by_parameter = joint
+        .linearize(&joint.fitted(&machine.values), &ones)
+        .jacobian
+        .dense();
+    let blocks: Vec<DMatrix<f64>> = paths
+        .into_iter()
+        .flat_map(|(track, path)| of_track(joint, samples, &by_parameter, track, path))
+        .collect();
+    let width = blocks.iter().map(DMatrix::ncols).sum();
+    let mut columns = DMatrix::zeros(joint.rows.len(), width);
+    let mut first = 0;
+    for block in blocks {
+        columns.columns_mut(first, block.ncols()).copy_from(&block);
+        first += block.ncols();
+    }
+    Some(columns)
+}
+
+/// Those of one track, by axis: along, horizontal, vertical.
+fn of_track(
+    joint: &Joint,
+    samples: &[Sample],
+    by_parameter: &DMatrix<f64>,
+    track: usize,
+    path: &Path,
+) -> [DMatrix<f64>; 3] {
+    let (first, last) = path.range();
+    let axes = track_axes(path.at(last) - path.at(first));
+    // A cart goes where the joints on it go, so it is displaced as their offsets displace them.
+    let by_cart = by_displacement(joint, by_parameter, track);
+    [0, 1, 2].map(|axis| {
+        let shapes = shapes(path.commands(), axis > 0);
+        let mut block = DMatrix::zeros(joint.rows.len(), shapes.ncols());
+        for (row, at) in joint.rows.iter().enumerate() {
+            let slope = by_cart[row].dot(&axes[axis]);
+            if slope != 0.0 {
+                for (knot, share) in path.shares(samples[at.sample].commands_m[track]) {
+                    let mut entries = block.row_mut(row);
+                    entries += shapes.row(knot) * (slope * share);
+                }
+            }
+        }
+        block
+    })
+}
+
+/// Derivatives of each row by a displacement of a cart.
+fn by_displacement(joint: &Joint, by_parameter: &DMatrix<f64>, track: usize) -> Vec<Vector3<f64>> {
+    let variant = &joint.machine.variant;
+    let mut by_cart = vec![Vector3::zeros(); joint.rows.len()];
+    for owner in joints_on(&joint.machine, track) {
+        for component in 0..3 {
+            let column = variant
+                .parameter(owner, "track_offset", Some(component))
+                .and_then(|index| joint.used.binary_search(&index).ok());
+            let Some(column) = column else { continue };
+            for (row, derivatives) in by_cart.iter_mut().enumerate() {
+                derivatives[component] += by_parameter[(row, column)];
+            }
+        }
+    }
+    by_cart
+}
+
+/// A basis of the displacements of points that the parameters of a path leave open, one column each: those
+/// that neither shift it nor, across, turn it.
+fn shapes(commands: &[f64], is_across: bool) -> DMatrix<f64> {
+    let count = commands.len();
+    let taken = if is_across { 2 } else { 1 };
+    let lines = DMatrix::from_fn(
+        count,
+        taken,
+        |row, power| {
+            if power == 0 { 1.0 } else { commands[row] }
+        },
+    );
+    let q = lines.qr().q();
+    let open = DMatrix::identity(count, count) - &q * q.transpose();
+    // What is held at as many points is all that is open.
+    open.columns(1, count - taken).into_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// All displacements but shifts and turns, each once.
+    #[test]
+    fn shapes_are_what_parameters_leave_open() {
+        let commands = [-0.6, -0.2, 0.1, 0.15, 0.7];
+        for (is_across, open) in [(false, 4), (true, 3)] {
+            let shapes = shapes(&commands, is_across);
+            assert_eq!(shapes.ncols(), open);
+            let singular = shapes.singular_values();
+            assert!(singular.min() > 1e-2, "{singular}");
+            for column in shapes.column_iter() {
+                assert!(column.sum().abs() < 1e-12);
+                let turn: f64 = column.iter().zip(&commands).map(|(d, q)| d * q).sum();
+                assert_eq!(turn.abs() < 1e-12, is_across);
+            }
+        }
+    }
+}

@@ -1,0 +1,422 @@
+//! All sets in one fit: residuals in units of their noise, their derivatives, priors.
+
+pub mod descent;
+pub mod fit;
+pub mod knots;
+pub mod layout;
+mod start;
+pub mod variant;
+pub mod whitened;
+
+use std::sync::Arc;
+
+use nalgebra::{DMatrix, DVector};
+use tau_kinematics::Machine;
+use tau_runtime::ResidualFamily;
+use tau_solver::{Block, Problem};
+
+use crate::calibration::Nominal;
+use crate::numerics::grouped::{Grouped, Groups};
+use crate::numerics::parallel;
+use crate::samples::Sample;
+use crate::samples::outliers;
+
+/// Groups of residuals that have a noise of their own.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Component {
+    /// Closures of set 1.
+    Closure,
+    /// Positions of set 2.
+    CartPosition,
+    /// Rotations of set 2.
+    CartRotation,
+    /// Positions of set 3.
+    Position,
+}
+
+impl Component {
+    /// All of them, in the order of noise scales.
+    pub const ALL: [Self; 4] = [
+        Self::Closure,
+        Self::CartPosition,
+        Self::CartRotation,
+        Self::Position,
+    ];
+
+    /// The set that it belongs to.
+    pub fn set(self) -> u8 {
+        match self {
+            Self::Closure => 1,
+            Self::CartPosition | Self::CartRotation => 2,
+            Self::Position => 3,
+        }
+    }
+}
+
+/// A family with its samples.
+#[derive(Clone)]
+struct Part {
+    family: Arc<dyn ResidualFamily>,
+    /// Index of each parameter among those of the fit.
+    parameters: Vec<usize>,
+    data: Vec<f64>,
+    prepared: Vec<f64>,
+    /// Index of each sample.
+    samples: Vec<usize>,
+    /// First row of the fit; samples follow each other.
+    first_row: usize,
+    /// Reciprocal stated noise and component of each residual of a sample.
+    weights: Vec<(f64, Component)>,
+}
+
+impl Part {
+    /// The family's own parameters among those of the fit.
+    fn local(&self, fitted: &[f64]) -> Vec<f64> {
+        self.parameters.iter().map(|&p| fitted[p]).collect()
+    }
+}
+
+/// The residuals of a variant at all samples.
+#[derive(Clone)]
+pub struct Joint {
+    /// The variant; its values are those of parameters that the fit does not move.
+    pub machine: Machine,
+    /// Index in the variant of each parameter of the fit.
+    pub used: Vec<usize>,
+    /// Prior of each of them.
+    pub priors: Vec<Nominal>,
+    parts: Vec<Part>,
+    /// Derivatives of all rows, in units of the stated noise, by the displacements of the points that
+    /// piecewise tracks pass through: unknowns of the fit behind the parameters.
+    knots: DMatrix<f64>,
+    /// Which rows, those of the priors too, depend on which columns.
+    pub(crate) groups: Groups,
+    /// Sample, component and place within the sample of each row.
+    pub rows: Vec<Row>,
+}
+
+/// What a residual belongs to.
+#[derive(Debug, Clone, Copy)]
+pub struct Row {
+    /// Index of the sample.
+    pub sample: usize,
+    /// Component of the noise.
+    pub component: Component,
+    /// Index of the residual in its sample.
+    pub residual: usize,
+}
+
+/// Residuals and derivatives at a point, whitened; the rows of the priors last.
+pub struct Linear {
+    /// Whitened residuals.
+    pub residuals: DVector<f64>,
+    /// Their derivatives by the parameters of the fit and the displacements of points.
+    pub jacobian: Grouped,
+}
+
+/// Residuals this many standard deviations large count less in the first fit.
+const ROBUST: f64 = 3.0;
+/// Share of a column's norm that stands in for the prior of a parameter that has none.
+const WEAK: f64 = 1e-6;
+
+impl Joint {
+    /// Number of displacements of measured points that are unknown.
+    pub fn displacements(&self) -> usize {
+        self.knots.ncols()
+    }
+
+    /// The values of the whole variant.
+    pub fn values(&self, fitted: &[f64]) -> Vec<f64> {
+        let mut values = self.machine.values.clone();
+        for (&index, &value) in self.used.iter().zip(fitted) {
+            values[index] = value;
+        }
+        values
+    }
+
+    /// Values of the fit out of those of the whole variant, measured points where they were measured.
+    pub fn fitted(&self, values: &[f64]) -> Vec<f64> {
+        let points = std::iter::repeat_n(0.0, self.displacements());
+        self.used
+            .iter()
+            .map(|&index| values[index])
+            .chain(points)
+            .collect()
+    }
+
+    /// Factor of each row beyond the stated noise: reciprocal scale of its component times the weight
+    /// of its sample.
+    pub fn factors(&self, scales: &[f64; 4], weights: &[f64]) -> Vec<f64> {
+        self.rows
+            .iter()
+            .map(|row| weights[row.sample] / scales[row.component as usize])
+            .collect()
+    }
+
+    /// How far each sample lies off at some values, those left out like the others.
+    pub fn deviations(
+        &self,
+        fitted: &[f64],
+        scales: &[f64; 4],
+        samples: &[Sample],
+    ) -> Vec<(f64, f64)> {
+        let factors = self.factors(scales, &vec![1.0; samples.len()]);
+        let plain = self.residuals(fitted, &factors);
+        outliers::deviations(self.sums(&plain, samples.len()), samples)
+    }
+
+    /// Each sample's sum of squared residuals, and their number.
+    pub fn sums(&self, residuals: &DVector<f64>, samples: usize) -> Vec<(f64, f64)> {
+        let mut sums = vec![(0.0, 0.0_f64); samples];
+        for (row, at) in self.rows.iter().enumerate() {
+            sums[at.sample].0 += residuals[row].powi(2);
+            sums[at.sample].1 += 1.0;
+        }
+        sums
+    }
+
+    /// The fit as a problem for the solver, robust against outliers. `factors` holds one number per row.
+    pub fn problem(&self, start: &[f64], factors: &[f64]) -> Problem<'_> {
+        let variant = &self.machine.variant;
+        let parameters = self
+            .used
+            .iter()
+            .zip(&self.priors)
+            .zip(start)
+            .map(|((&index, prior), &start)| {
+                let described = &variant.parameters[index];
+                let mut parameter = tau_solver::Parameter::new(&described.name, start);
+                if let Some(tolerance) = prior.tolerance.filter(|tolerance| *tolerance > 0.0) {
+                    parameter = parameter.with_prior(prior.value, tolerance);
+                }
+                match described.search {
+                    Some((low, high)) => parameter.with_bounds(low, high),
+                    None => parameter,
+                }
+            })
+            .collect();
+        let blocks = self
+            .parts
+            .iter()
+            .map(|part| {
+                let weights = (0..part.samples.len() * part.weights.len())
+                    .map(|k| part.weights[k % part.weights.len()].0 * factors[part.first_row + k])
+                    .collect();
+                Block::new(
+                    "joint fit",
+                    &*part.family,
+                    part.parameters.clone(),
+                    &part.data,
+                )
+                .with_weights(weights)
+                .with_loss(tau_solver::Loss::Huber(ROBUST))
+            })
+            .collect();
+        Problem { parameters, blocks }
+    }
+
+    /// The whitening of each pose of set 1, by rows, in order.
+    pub fn closure_factors(&self) -> impl Iterator<Item = &[f64]> {
+        self.parts
+            .iter()
+            .filter(|part| {
+                part.weights
+                    .first()
+                    .is_some_and(|weight| weight.1 == Component::Closure)
+            })
+            .flat_map(|part| {
+                let (rows, width) = (part.weights.len(), part.family.shape().data);
+                part.data
+                    .chunks_exact(width)
+                    .map(move |data| &data[width - rows * rows..])
+            })
+    }
+
+    /// Residuals at a point, in units of the noise times `factors`, priors last.
+    pub fn residuals(&self, fitted: &[f64], factors: &[f64]) -> DVector<f64> {
+        let rows = self.rows.len();
+        let mut residuals = DVector::zeros(rows + fitted.len());
+        let of_parts = parallel::map(&self.parts, |part| {
+            let mut plain = vec![0.0; part.samples.len() * part.weights.len()];
+            let local = part.local(fitted);
+            part.family.value_all(&part.prepared, &local, &mut plain);
+            plain
+        });
+        for (part, plain) in self.parts.iter().zip(of_parts) {
+            for (k, &residual) in plain.iter().enumerate() {
+                let row = part.first_row + k;
+                let weight = part.weights[k % part.weights.len()].0;
+                residuals[row] = residual * weight * factors[row];
+            }
+        }
+        self.displace(fitted, factors, &mut residuals);
+        for (column, prior) in self.priors.iter().enumerate() {
+            if let Some(tolerance) = prior.tolerance.filter(|tolerance| *tolerance > 0.0) {
+                residuals[rows + column] = (fitted[column] - prior.value) / tolerance;
+            }
+        }
+        residuals
+    }
+
+    /// Adds what the displacements of measured points do; they are small, so it is linear in them.
+    fn displace(&self, fitted: &[f64], factors: &[f64], residuals: &mut DVector<f64>) {
+        for (knot, amount) in self.knots.column_iter().zip(&fitted[self.used.len()..]) {
+            for (row, derivative) in knot.iter().enumerate() {
+                residuals[row] += derivative * amount * factors[row];
+            }
+        }
+    }
+
+    /// Residuals and Jacobian at a point, in units of the noise times `factors`.
+    pub fn linearize(&self, fitted: &[f64], factors: &[f64]) -> Linear {
+        let (rows, columns) = (self.rows.len(), fitted.len());
+        let mut residuals = DVector::zeros(rows + columns);
+        let mut jacobian = self.groups.zeros();
+        let of_parts = parallel::map(&self.parts, |part| {
+            let mut plain = vec![0.0; part.samples.len() * part.family.shape().residuals];
+            let mut entries = vec![0.0; part.samples.len() * part.family.pattern().len()];
+            let local = part.local(fitted);
+            part.family
+                .linearize_all(&part.prepared, &local, &mut plain, &mut entries);
+            (plain, entries)
+        });
+        for (part, (plain, entries)) in self.parts.iter().zip(of_parts) {
+            let (shape, pattern) = (part.family.shape(), part.family.pattern());
+            for (k, &residual) in plain.iter().enumerate() {
+                let row = part.first_row + k;
+                let within = k % shape.residuals;
+                let weight = part.weights[within].0 * factors[row];
+                residuals[row] = residual * weight;
+                let (start, end) = (
+                    pattern.row_starts[within] as usize,
+                    pattern.row_starts[within + 1] as usize,
+                );
+                let offset = k / shape.residuals * pattern.len();
+                for entry in start..end {
+                    let column = part.parameters[pattern.columns[entry] as usize];
+                    jacobian.set(row, column, entries[offset + entry] * weight);
+                }
+            }
+        }
+        self.displace(fitted, factors, &mut residuals);
+        for (k, knot) in self.knots.column_iter().enumerate() {
+            for (row, derivative) in knot.iter().enumerate() {
+                jacobian.set(row, self.used.len() + k, derivative * factors[row]);
+            }
+        }
+        for (column, &value) in fitted.iter().enumerate() {
+            let row = rows + column;
+            let prior = self.priors.get(column);
+            let known = prior.and_then(|p| Some((p.value, p.tolerance.filter(|t| *t > 0.0)?)));
+            if let Some((mean, tolerance)) = known {
+                jacobian.set(row, column, tolerance.recip());
+                residuals[row] = (value - mean) / tolerance;
+            } else {
+                let norm = jacobian.norm(column);
+                let weak = if norm > 0.0 { WEAK * norm } else { 1.0 };
+                jacobian.set(row, column, weak);
+            }
+        }
+        Linear {
+            residuals,
+            jacobian: jacobian.filled(),
+        }
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+    use crate::calibration::Prepared;
+    use crate::samples::frames::Frames;
+    use tau_robot::robot::Robot;
+
+    /// Every fifth pose of the prototype under `Full`.
+    pub(crate) fn of_set_1() -> (Joint, Vec<Sample>) {
+        let robot = Robot::from(&tau_generated::gantry_tau::ROBOT);
+        let folder = tau_robot::prototype::folder().unwrap();
+        let file = tau_robot::prototype::robot_file().unwrap();
+        let poses: Vec<usize> = (0..folder.tcp_poses.len()).step_by(5).collect();
+        let variant = robot.variant("Full").unwrap();
+        let prepared = Prepared::new(&robot, variant, &file, Some(&folder), &poses).unwrap();
+        let samples = Sample::all(&robot, &folder, &poses, &Frames::default());
+        let joint = Joint::new(prepared.machine, &prepared.nominal, &samples, file.noise);
+        (joint.unwrap(), samples)
+    }
+
+    /// Nothing of the derivatives is outside of the groups of rows: all sets, and points of tracks that are free to
+    /// move. Held against differences of the residuals.
+    #[test]
+    fn groups_hold_all_derivatives() {
+        let robot = Robot::from(&tau_generated::gantry_tau::ROBOT);
+        let folder = tau_robot::prototype::folder().unwrap();
+        let file = tau_robot::prototype::robot_file().unwrap();
+        let in_range = folder.in_range(
+            &file,
+            tau_robot::measurements::Shape {
+                commands: robot.commands,
+                tracks: robot.tracks.len(),
+            },
+        );
+        let poses: Vec<usize> = in_range.into_iter().step_by(5).collect();
+        let variant = robot.variant("FullPiecewise").unwrap();
+        let prepared = Prepared::new(&robot, variant, &file, Some(&folder), &poses).unwrap();
+        let frames = Frames::of(&prepared.machine, &file, &folder);
+        let samples = Sample::all(&robot, &folder, &poses, &frames);
+        let joint = Joint::new(prepared.machine, &prepared.nominal, &samples, file.noise).unwrap();
+        assert!(joint.displacements() > 0);
+        let factors = joint.factors(&[1.0; 4], &vec![1.0; samples.len()]);
+        let linear = joint.linearize(&joint.fitted(&joint.machine.values), &factors);
+        let jacobian = linear.jacobian.dense();
+        let at = joint.fitted(&joint.machine.values);
+        let steps: Vec<f64> = jacobian
+            .column_iter()
+            .enumerate()
+            .map(|(column, own)| 1e-3 * own.norm().recip() * (1.0 + 0.01 * column as f64))
+            .collect();
+        let moved = |sign: f64| {
+            let moved: Vec<f64> = at.iter().zip(&steps).map(|(a, s)| a + sign * s).collect();
+            joint.residuals(&moved, &factors)
+        };
+        let expected = (moved(1.0) - moved(-1.0)) / 2.0;
+        let found = jacobian * DVector::from_vec(steps);
+        // What stands in for a prior has no residual.
+        let of_rows = |vector: &DVector<f64>| vector.rows(0, joint.rows.len()).into_owned();
+        let off = of_rows(&(found - &expected)).amax() / of_rows(&expected).amax();
+        assert!(off < 1e-7, "{off}");
+    }
+
+    /// Those of the priors too, off their means.
+    #[test]
+    fn derivatives_are_those_of_small_steps() {
+        let (joint, samples) = of_set_1();
+        let factors = joint.factors(&[1.3, 1.0, 1.0, 1.0], &vec![0.9; samples.len()]);
+        let tolerances: Vec<f64> = joint.priors.iter().map(|p| p.tolerance.unwrap()).collect();
+        let nominal = joint.fitted(&joint.machine.values);
+        let at: Vec<f64> = nominal
+            .iter()
+            .zip(&tolerances)
+            .map(|(value, tolerance)| value + 0.5 * tolerance)
+            .collect();
+        let linear = joint.linearize(&at, &factors);
+        let jacobian = linear.jacobian.dense();
+        let residuals = joint.residuals(&at, &factors);
+        assert!((&linear.residuals - residuals).amax() < 1e-7);
+        for (column, tolerance) in tolerances.iter().enumerate() {
+            let step = 1e-3 * tolerance;
+            let moved = |step: f64| {
+                let mut moved = at.clone();
+                moved[column] += step;
+                joint.residuals(&moved, &factors)
+            };
+            let expected = (moved(step) - moved(-step)) / (2.0 * step);
+            let found = jacobian.column(column);
+            assert!(
+                (found - &expected).amax() < 1e-6 * found.amax(),
+                "column {column}"
+            );
+            let prior = found[joint.rows.len() + column];
+            assert!((prior * tolerance - 1.0).abs() < 1e-12, "column {column}");
+        }
+    }
+}

@@ -1,0 +1,66 @@
+//! Where the fit of all sets starts.
+
+use nalgebra::Vector3;
+use tau_kinematics::track_axes;
+use tau_robot::robot::Owner;
+use tau_robot::robot_file::Noise;
+
+use super::{Component, Joint};
+use crate::calibration::Line;
+use crate::joint::variant::{TURNING, TURNING_RATES};
+use crate::samples::Sample;
+
+impl Joint {
+    /// Where the fit of all sets starts: values that fit set 1, and carts that turn as set 2 sees them.
+    pub fn start(&self, values: &[f64], samples: &[Sample], noise: Noise) -> Vec<f64> {
+        let variant = &self.machine.variant;
+        let mut values = values.to_vec();
+        let residuals = self.residuals(&self.fitted(&values), &vec![1.0; self.rows.len()]);
+        for track in 0..self.machine.robot.tracks.len() {
+            let mut points: Vec<(f64, Vector3<f64>)> = Vec::new();
+            for (row, at) in self.rows.iter().enumerate() {
+                let sample = &samples[at.sample];
+                if at.component == Component::CartRotation && sample.track == Some(track) {
+                    if at.residual == 3 {
+                        points.push((sample.commands_m[track], Vector3::zeros()));
+                    }
+                    if let Some((_, turn)) = points.last_mut() {
+                        turn[at.residual - 3] = residuals[row] * noise.rotation_rad;
+                    }
+                }
+            }
+            let (Some(line), Some(direction)) = (Line::fit(&points), self.direction(track)) else {
+                continue;
+            };
+            for (quantity, axis) in TURNING_RATES.iter().zip(track_axes(direction)) {
+                let name = format!("{TURNING}({}).{quantity}", self.machine.robot.tracks[track]);
+                let mut parameters = variant.parameters.iter();
+                let rate = parameters.position(|parameter| parameter.name == name);
+                if let Some(rate) = rate {
+                    values[rate] -= line.direction.dot(&axis);
+                }
+            }
+        }
+        self.fitted(&values)
+    }
+
+    /// Direction of a track, or of the first path on its cart.
+    fn direction(&self, track: usize) -> Option<Vector3<f64>> {
+        let variant = &self.machine.variant;
+        let robot = &self.machine.robot;
+        let joints = robot.links_of_track(track).into_iter().map(Owner::Link);
+        let clusters = (0..robot.clusters.len()).map(Owner::Cluster).filter(
+            |owner| matches!(owner, Owner::Cluster(c) if robot.clusters[*c].track == Some(track)),
+        );
+        joints
+            .chain(clusters)
+            .chain([Owner::Track(track)])
+            .find_map(|owner| {
+                let value = |k| {
+                    let index = variant.parameter(owner, "track_direction", Some(k))?;
+                    Some(self.machine.values[index])
+                };
+                Some(Vector3::new(value(0)?, value(1)?, value(2)?))
+            })
+    }
+}

@@ -1,0 +1,242 @@
+//! The closures of a pose as one family, whitened together.
+
+use std::collections::BTreeSet;
+
+use nalgebra::{Cholesky, DMatrix};
+use tau_kinematics::{Machine, Sample};
+use tau_robot::robot::Instance;
+use tau_robot::robot_file::Noise;
+use tau_runtime::{Pattern, ResidualFamily, Shape};
+
+/// All closures of a pose, multiplied by the inverse Cholesky factor of their covariance: they share
+/// the noise of one position and one rotation.
+///
+/// A sample's data are those of each closure one after the other, then the factor by rows.
+pub(crate) struct WhitenedPose {
+    closures: Vec<Instance>,
+    /// For each parameter of each closure, its column.
+    columns: Vec<Vec<usize>>,
+    /// Index of each column's parameter in the variant.
+    parameters: Vec<usize>,
+    row_starts: Vec<u32>,
+    pattern: Vec<u32>,
+    /// Of each row and column its place among the entries of the row.
+    places: Vec<Vec<usize>>,
+    shape: Shape,
+}
+
+impl WhitenedPose {
+    pub(crate) fn new(closures: Vec<Instance>) -> Self {
+        let mut parameters: Vec<usize> = closures
+            .iter()
+            .flat_map(|closure| closure.parameters.iter().copied())
+            .collect();
+        parameters.sort_unstable();
+        parameters.dedup();
+        let columns: Vec<Vec<usize>> = closures
+            .iter()
+            .map(|closure| {
+                let column = |index| parameters.binary_search(index).unwrap_or_default();
+                closure.parameters.iter().map(column).collect()
+            })
+            .collect();
+        let rows = closures.len();
+        let (mut row_starts, mut pattern, mut places) = (vec![0], Vec::new(), Vec::new());
+        // The factor is triangular: a row depends on what its own closure and those before it do.
+        let mut known = BTreeSet::new();
+        for of_closure in &columns {
+            known.extend(of_closure);
+            let mut of_row = vec![0; parameters.len()];
+            for (place, &column) in known.iter().enumerate() {
+                of_row[column] = place;
+                pattern.push(number(column));
+            }
+            row_starts.push(number(pattern.len()));
+            places.push(of_row);
+        }
+        let all = |f: fn(&Shape) -> usize| -> usize {
+            closures
+                .iter()
+                .map(|closure| f(&closure.family.shape()))
+                .sum()
+        };
+        Self {
+            shape: Shape {
+                data: all(|shape| shape.data) + rows * rows,
+                prepared: all(|shape| shape.prepared) + rows * rows,
+                parameters: parameters.len(),
+                residuals: rows,
+            },
+            row_starts,
+            pattern,
+            places,
+            closures,
+            columns,
+            parameters,
+        }
+    }
+
+    /// Index of each parameter in the variant.
+    pub(crate) fn parameters(&self) -> &[usize] {
+        &self.parameters
+    }
+
+    /// Inverse Cholesky factor, by rows, of the covariance of a pose's closures under the stated noise.
+    pub(crate) fn factor(machine: &Machine, sample: &Sample<'_>, noise: Noise) -> Option<Vec<f64>> {
+        let gradients = machine
+            .closure_instances()
+            .map(|instance| Some(machine.closure_by_pose(instance, sample).ok()?.1))
+            .collect::<Option<Vec<_>>>()?;
+        let rows = gradients.len();
+        let scaled = DMatrix::from_fn(rows, 6, |row, column| {
+            let sigma = if column < 3 {
+                noise.position_m
+            } else {
+                noise.rotation_rad
+            };
+            gradients[row][column] * sigma
+        });
+        let mut covariance = &scaled * scaled.transpose();
+        for row in 0..rows {
+            // More closures than the six motions of a plate have a singular covariance: a hundredth of
+            // the noise is allowed for what is not the plate's motion.
+            covariance[(row, row)] *= 1.0 + 1e-4;
+        }
+        let lower = Cholesky::new(covariance)?.unpack();
+        let inverse = lower.solve_lower_triangular(&DMatrix::identity(rows, rows))?;
+        Some(inverse.transpose().as_slice().to_vec())
+    }
+
+    /// The parameters of a closure, and what it has prepared of all samples; `start` is where that begins in each.
+    fn of_closure(
+        &self,
+        closure: usize,
+        start: usize,
+        prepared: &[f64],
+        parameters: &[f64],
+    ) -> (Vec<f64>, Vec<f64>) {
+        let columns = self.columns[closure].iter();
+        let end = start + self.closures[closure].family.shape().prepared;
+        let samples = prepared.chunks_exact(self.shape.prepared);
+        (
+            columns.map(|&column| parameters[column]).collect(),
+            samples
+                .flat_map(|sample| &sample[start..end])
+                .copied()
+                .collect(),
+        )
+    }
+
+    /// The inverse factor of each sample, by rows.
+    fn factors<'a>(&self, prepared: &'a [f64]) -> impl Iterator<Item = &'a [f64]> {
+        let (rows, width) = (self.closures.len(), self.shape.prepared);
+        let samples = prepared.chunks_exact(width);
+        samples.map(move |sample| &sample[width - rows * rows..])
+    }
+}
+
+fn number(n: usize) -> u32 {
+    u32::try_from(n).unwrap_or(u32::MAX)
+}
+
+impl ResidualFamily for WhitenedPose {
+    fn shape(&self) -> Shape {
+        self.shape
+    }
+
+    fn pattern(&self) -> Pattern<'_> {
+        Pattern {
+            row_starts: &self.row_starts,
+            columns: &self.pattern,
+        }
+    }
+
+    fn prepare(&self, data: &[f64], prepared: &mut [f64]) {
+        let (mut from, mut to) = (0, 0);
+        for closure in &self.closures {
+            let shape = closure.family.shape();
+            closure.family.prepare(
+                &data[from..from + shape.data],
+                &mut prepared[to..to + shape.prepared],
+            );
+            (from, to) = (from + shape.data, to + shape.prepared);
+        }
+        prepared[to..].copy_from_slice(&data[from..]);
+    }
+
+    fn value(&self, prepared: &[f64], parameters: &[f64], residuals: &mut [f64]) {
+        self.value_all(prepared, parameters, residuals);
+    }
+
+    fn linearize(
+        &self,
+        prepared: &[f64],
+        parameters: &[f64],
+        residuals: &mut [f64],
+        jacobian: &mut [f64],
+    ) {
+        self.linearize_all(prepared, parameters, residuals, jacobian);
+    }
+
+    fn value_all(&self, prepared: &[f64], parameters: &[f64], residuals: &mut [f64]) {
+        let rows = self.closures.len();
+        let mut plain = vec![0.0; residuals.len() / rows];
+        let mut start = 0;
+        residuals.fill(0.0);
+        for (row, closure) in self.closures.iter().enumerate() {
+            let (local, own) = self.of_closure(row, start, prepared, parameters);
+            closure.family.value_all(&own, &local, &mut plain);
+            start += closure.family.shape().prepared;
+            for ((factor, plain), residuals) in (self.factors(prepared))
+                .zip(&plain)
+                .zip(residuals.chunks_exact_mut(rows))
+            {
+                for (to, residual) in residuals.iter_mut().enumerate().skip(row) {
+                    *residual += factor[to * rows + row] * plain;
+                }
+            }
+        }
+    }
+
+    fn linearize_all(
+        &self,
+        prepared: &[f64],
+        parameters: &[f64],
+        residuals: &mut [f64],
+        jacobian: &mut [f64],
+    ) {
+        let rows = self.closures.len();
+        let samples = residuals.len() / rows;
+        let (mut plain, mut entries) = (vec![0.0; samples], Vec::new());
+        let mut start = 0;
+        residuals.fill(0.0);
+        jacobian.fill(0.0);
+        for (row, closure) in self.closures.iter().enumerate() {
+            let (local, own) = self.of_closure(row, start, prepared, parameters);
+            let pattern = closure.family.pattern();
+            entries.resize(samples * pattern.len(), 0.0);
+            (closure.family).linearize_all(&own, &local, &mut plain, &mut entries);
+            start += closure.family.shape().prepared;
+            let columns = pattern.columns.iter();
+            let columns: Vec<usize> = columns
+                .map(|&column| self.columns[row][column as usize])
+                .collect();
+            let of_samples = (self.factors(prepared))
+                .zip(residuals.chunks_exact_mut(rows))
+                .zip(jacobian.chunks_exact_mut(self.pattern.len()))
+                .enumerate();
+            for (sample, ((factor, residuals), jacobian)) in of_samples {
+                let entries = &entries[sample * columns.len()..][..columns.len()];
+                for (to, residual) in residuals.iter_mut().enumerate().skip(row) {
+                    let weight = factor[to * rows + row];
+                    *residual += weight * plain[sample];
+                    let of_row = &mut jacobian[self.row_starts[to] as usize..];
+                    let places = &self.places[to];
+                    for (&column, entry) in columns.iter().zip(entries) {
+                        of_row[places[column]] += weight * entry;
+                    }
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,11 @@
+//! From measurements to parameters: calibration by closures and with errors in variables, the joint fit of all
+//! sets, and how well the result predicts.
+
+pub mod assumptions;
+pub mod calibration;
+pub mod errors_in_variables;
+pub mod evaluation;
+pub mod joint;
+pub mod numerics;
+pub mod samples;
+pub mod sensitivity;

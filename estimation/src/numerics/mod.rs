@@ -1,0 +1,7 @@
+//! Linear algebra, distributions and parallel loops of the joint fit and of discovery.
+
+pub mod distribution;
+pub mod grouped;
+pub mod parallel;
+pub mod products;
+pub mod projection;

@@ -1,0 +1,113 @@
+//! Where the tracker stood in sets 2 and 3, roughly: the fit does the rest.
+
+use nalgebra::Vector3;
+use tau_kinematics::{Machine, Pose, xyz, zyz};
+use tau_robot::measurements::Folder;
+use tau_robot::robot::Arm;
+use tau_robot::robot_file::RobotFile;
+
+use tau_runtime::Owner;
+
+use crate::calibration::{Line, NominalTrack, Registration, set_2, set_3};
+
+/// How well set 1 alone tells the direction of a track, and its place (m): parts of the tolerances of a
+/// drawing, so that targets' unknown places decide little.
+const DIRECTION: f64 = 1e-3;
+const OFFSET_M: f64 = 1e-3;
+
+/// From the tracker frames to the measurement frame, as far as nominal values tell.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Frames {
+    pub(crate) set2: Option<Frame>,
+    pub(crate) set3: Option<Frame>,
+}
+
+/// A registered tracker frame.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Frame(Registration);
+
+impl Frames {
+    /// `machine` has been fitted to set 1, which settles where its tracks run.
+    pub fn of(machine: &Machine, file: &RobotFile, folder: &Folder) -> Self {
+        let robot = &machine.robot;
+        let nominal: Vec<Option<NominalTrack>> = NominalTrack::all(robot, file)
+            .into_iter()
+            .enumerate()
+            .map(|(track, nominal)| fitted_track(machine, track).or(nominal))
+            .collect();
+        let register = |points: &dyn Fn(usize) -> Vec<(f64, Vector3<f64>)>| {
+            let lines: Vec<Option<Line>> = (0..robot.tracks.len())
+                .map(|track| Line::fit(&points(track)))
+                .collect();
+            Registration::of(&nominal, &lines).map(Frame)
+        };
+        Self {
+            set2: register(&|track| set_2(folder, track)),
+            set3: register(&|track| set_3(folder, track)),
+        }
+    }
+}
+
+/// What the offsets of the joints on a cart belong to.
+pub(crate) fn joints_on(machine: &Machine, track: usize) -> Vec<Owner> {
+    let robot = &machine.robot;
+    match machine.variant.arm {
+        Arm::Full => robot
+            .links_of_track(track)
+            .into_iter()
+            .map(Owner::Link)
+            .collect(),
+        Arm::Reduced => (0..robot.clusters.len())
+            .filter(|&cluster| robot.clusters[cluster].track == Some(track))
+            .map(Owner::Cluster)
+            .collect(),
+    }
+}
+
+/// A track as fitted, its path straight between its ends: the mean over the joints that ride on its cart.
+pub(crate) fn fitted_track(machine: &Machine, track: usize) -> Option<NominalTrack> {
+    let variant = &machine.variant;
+    let joints = joints_on(machine, track);
+    let vector = |owner: Owner, quantity: &str| {
+        let value = |k| Some(machine.values[variant.parameter(owner, quantity, Some(k))?]);
+        Some(Vector3::new(value(0)?, value(1)?, value(2)?))
+    };
+    let chord = || {
+        let path = machine.surroundings.paths.get(track)?.as_ref()?;
+        let (first, last) = path.range();
+        Some((path.at(last) - path.at(first)) / (last - first))
+    };
+    let direction = |owner: Owner| {
+        vector(owner, "track_direction").or_else(|| {
+            let angles = vector(owner, "track_rotation")?;
+            Some(xyz(angles.into()) * chord()?)
+        })
+    };
+    let lines = joints
+        .iter()
+        .map(|&joint| {
+            Some((
+                vector(joint, "track_offset")?,
+                direction(joint).or_else(|| direction(Owner::Track(track)))?,
+            ))
+        })
+        .collect::<Option<Vec<_>>>()?;
+    let count = lines.len() as f64;
+    (!lines.is_empty()).then(|| NominalTrack {
+        line: Line {
+            origin: lines.iter().map(|line| line.0).sum::<Vector3<f64>>() / count,
+            direction: lines.iter().map(|line| line.1).sum::<Vector3<f64>>() / count,
+        },
+        direction_tolerance: DIRECTION,
+        offset_tolerance_m: OFFSET_M,
+    })
+}
+
+impl Frame {
+    pub(crate) fn carry(&self, position_m: [f64; 3], angles_rad: Option<[f64; 3]>) -> Pose {
+        Pose {
+            position: self.0.apply(position_m.into()),
+            rotation: self.0.rotation * zyz(angles_rad.unwrap_or_default()),
+        }
+    }
+}

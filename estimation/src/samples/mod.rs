@@ -1,0 +1,322 @@
+//! The measurements of all sets as one list of samples.
+
+pub mod frames;
+pub mod numbering;
+pub mod outliers;
+pub mod plates;
+
+use tau_kinematics::{Forces, Pose, Statics, Surroundings};
+use tau_robot::measurements::{Conditions, Folder, TcpPose};
+use tau_robot::robot::{Input, Robot};
+
+use frames::Frames;
+
+/// A measured pose of the TCP (set 1), of a cart (set 2) or position of a cart (set 3).
+#[derive(Debug, Clone)]
+pub struct Sample {
+    /// 1, 2 or 3.
+    pub set: u8,
+    /// Index of the track, in sets 2 and 3.
+    pub track: Option<usize>,
+    /// Number of the pose or point in the file.
+    pub number: u32,
+    /// What is measured together: samples of one unit share their errors' sign in sign flips and their
+    /// fold in confirmation.
+    pub unit: usize,
+    /// Commands (m).
+    pub commands_m: Vec<f64>,
+    directions: Vec<Option<f64>>,
+    /// Time and temperature, where known.
+    pub conditions: Conditions,
+    /// Measured; in sets 2 and 3 carried near the measurement frame.
+    pub pose: Pose,
+    /// Angles of `pose` as the equations take them (rad).
+    angles_rad: [f64; 3],
+    /// Pose of the plate and forces on the arm, where there is an arm and they are known.
+    pub plate: Option<Pose>,
+    forces: Option<Forces>,
+}
+
+/// Missing inputs, in words.
+pub(crate) const NO_DIRECTION: &str = "the column of the side of approach (`dir`) is missing";
+const NO_TIME: &str = "the column `time_s` is missing";
+const NO_TEMPERATURE: &str = "the column `temperature_c` is missing";
+const NO_LOAD: &str = "`[payload]` or dimensions of the links are missing in the robot file";
+const NO_PATH: &str = "set 2 (`cart_poses.csv`) is missing";
+const NO_COMMAND: &str = "a command is missing";
+/// An effect whose derivative is not finite.
+pub const NOT_FINITE: &str = "its derivative at no effect is not finite";
+
+impl Sample {
+    fn of_tcp(measured: &TcpPose, unit: usize) -> Self {
+        let pose = Pose::from_zyz(measured.position_m, measured.angles_rad);
+        Self {
+            set: 1,
+            track: None,
+            number: measured.pose,
+            unit,
+            commands_m: measured.commands_m.clone(),
+            directions: (0..measured.commands_m.len())
+                .map(|k| measured.directions.as_ref().and_then(|d| d.get(k).copied()))
+                .collect(),
+            conditions: measured.conditions,
+            pose,
+            angles_rad: measured.angles_rad,
+            plate: Some(pose),
+            forces: None,
+        }
+    }
+
+    /// Samples of all sets: set 1 for the given poses (indices), then sets 2 and 3 where they are there
+    /// and registered.
+    pub fn all(robot: &Robot, folder: &Folder, poses: &[usize], frames: &Frames) -> Vec<Self> {
+        let mut samples: Vec<Self> = poses
+            .iter()
+            .filter_map(|&pose| folder.tcp_poses.get(pose))
+            .enumerate()
+            .map(|(unit, measured)| Self::of_tcp(measured, unit))
+            .collect();
+        let mut unit = samples.len();
+        let own_direction = |track: usize, direction: Option<f64>| {
+            (0..robot.commands)
+                .map(|k| direction.filter(|_| k == track))
+                .collect::<Vec<_>>()
+        };
+        if let Some(frame) = frames.set2 {
+            // Targets are turned back by how the first pose of each shows them, so that what is left to
+            // fit of their rotation is small.
+            let mut mounted = vec![None; robot.tracks.len()];
+            for measured in &folder.cart_poses {
+                let mut pose = frame.carry(measured.position_m, Some(measured.angles_rad));
+                let Some(mounted) = mounted.get_mut(measured.track) else {
+                    continue;
+                };
+                pose.rotation *= mounted.get_or_insert(pose.rotation).inverse();
+                samples.push(Self {
+                    set: 2,
+                    track: Some(measured.track),
+                    number: measured.point,
+                    unit,
+                    commands_m: moved_equally(robot, measured.command_m),
+                    directions: own_direction(measured.track, measured.direction),
+                    conditions: measured.conditions,
+                    pose,
+                    angles_rad: pose.angles_rad(),
+                    plate: None,
+                    forces: None,
+                });
+                unit += 1;
+            }
+        }
+        if let Some(frame) = frames.set3 {
+            let mut last = None;
+            for measured in &folder.cart_positions {
+                if last.is_some_and(|last| last != measured.pose) {
+                    unit += 1;
+                }
+                last = Some(measured.pose);
+                samples.push(Self {
+                    set: 3,
+                    track: Some(measured.track),
+                    number: measured.pose,
+                    unit,
+                    commands_m: measured.commands_m.clone(),
+                    directions: own_direction(measured.track, measured.direction),
+                    conditions: measured.conditions,
+                    pose: frame.carry(measured.position_m, None),
+                    angles_rad: [0.0; 3],
+                    plate: None,
+                    forces: None,
+                });
+            }
+        }
+        samples
+    }
+
+    /// Puts samples of each set in the order of measurement: by time, the points of each cart in set 2 for
+    /// themselves. Sets in which a time is missing stay in the order of the file.
+    pub fn sort_by_time(samples: &mut [Self]) {
+        let is_timed = [1, 2, 3].map(|set| {
+            let mut own = samples.iter().filter(|sample| sample.set == set);
+            own.all(|sample| sample.conditions.time_s.is_some())
+        });
+        let time_s = |sample: &Self| {
+            let is_known = is_timed[usize::from(sample.set) - 1];
+            sample.conditions.time_s.filter(|_| is_known)
+        };
+        samples.sort_by(|a, b| {
+            let (Some(a_s), Some(b_s)) = (time_s(a), time_s(b)) else {
+                return a.set.cmp(&b.set);
+            };
+            let cart = |sample: &Self| sample.track.filter(|_| sample.set == 2);
+            (a.set, cart(a))
+                .cmp(&(b.set, cart(b)))
+                .then(a_s.total_cmp(&b_s))
+                .then(a.track.cmp(&b.track))
+        });
+    }
+
+    /// Number of samples' units.
+    pub fn units(samples: &[Self]) -> usize {
+        samples
+            .iter()
+            .map(|sample| sample.unit + 1)
+            .max()
+            .unwrap_or(0)
+    }
+
+    /// Side of approach of a command, where known.
+    pub fn direction(&self, command: usize) -> Option<f64> {
+        self.directions.get(command).copied().flatten()
+    }
+
+    /// Computes the forces of the arm, where the plate's pose is known.
+    pub fn load(&mut self, statics: &Statics) {
+        self.forces = self
+            .plate
+            .map(|plate| statics.forces(&plate, &self.commands_m));
+    }
+
+    /// A number that the equations take. Where an arm does not reach, nothing loads the carts.
+    pub fn input(&self, input: Input, surroundings: &Surroundings) -> Result<f64, &'static str> {
+        let segment = |track: usize| {
+            let path = surroundings.paths.get(track)?.as_ref()?;
+            Some(path.segment(*self.commands_m.get(track)?))
+        };
+        let force =
+            |of: fn(&Forces, usize, usize) -> Option<f64>, index: usize, component: usize| {
+                let force = self.forces.as_ref().map(|f| of(f, index, component));
+                match force {
+                    None if self.set == 2 => Ok(0.0),
+                    force => force.flatten().ok_or(NO_LOAD),
+                }
+            };
+        match input {
+            Input::Command(k) => self.commands_m.get(k).copied().ok_or(NO_COMMAND),
+            Input::Position(k) => Ok(self.pose.position[k]),
+            Input::Angle(k) => Ok(self.angles_rad[k]),
+            Input::TcpPosition(k) => Ok(self.plate.map_or(0.0, |plate| plate.position[k])),
+            Input::Direction(k) => self
+                .directions
+                .get(k)
+                .copied()
+                .flatten()
+                .ok_or(NO_DIRECTION),
+            Input::Time => self.conditions.time_s.ok_or(NO_TIME),
+            Input::Temperature => self.conditions.temperature_c.ok_or(NO_TEMPERATURE),
+            Input::Load { track, component } => force(
+                |f, track, k| f.loads_n.get(track).map(|load| load[k]),
+                track,
+                component,
+            ),
+            Input::Tension(link) => force(|f, link, _| f.tensions_n.get(link).copied(), link, 0),
+            Input::SegmentStart { track, component } => {
+                segment(track).map(|s| s.ends[0][component]).ok_or(NO_PATH)
+            }
+            Input::SegmentEnd { track, component } => {
+                segment(track).map(|s| s.ends[1][component]).ok_or(NO_PATH)
+            }
+            Input::SegmentStartCommand(track) => {
+                segment(track).map(|s| s.commands[0]).ok_or(NO_PATH)
+            }
+            Input::SegmentEndCommand(track) => segment(track).map(|s| s.commands[1]).ok_or(NO_PATH),
+        }
+    }
+
+    /// The same measurement under other conditions, to see what it would tell.
+    #[must_use]
+    pub fn under(&self, treatment: Treatment) -> Self {
+        let mut other = self.clone();
+        match treatment {
+            Treatment::Same => {}
+            Treatment::Load(factor) => {
+                if let Some(forces) = &mut other.forces {
+                    for tension in &mut forces.tensions_n {
+                        *tension *= factor;
+                    }
+                    for load in forces.loads_n.iter_mut().flatten() {
+                        *load *= factor;
+                    }
+                }
+            }
+            Treatment::Warmer(kelvin) => {
+                other.conditions.temperature_c = other.conditions.temperature_c.map(|t| t + kelvin);
+            }
+            Treatment::Reversed => {
+                for direction in other.directions.iter_mut().flatten() {
+                    *direction = -*direction;
+                }
+            }
+            Treatment::Later(seconds) => {
+                other.conditions.time_s = other.conditions.time_s.map(|t| t + seconds);
+            }
+        }
+        other
+    }
+}
+
+/// Commands of set 2: all carts move equally, and driven lengths stand at zero.
+fn moved_equally(robot: &Robot, command_m: f64) -> Vec<f64> {
+    let is_cart = |command: usize| command < robot.tracks.len();
+    (0..robot.commands)
+        .map(|command| if is_cart(command) { command_m } else { 0.0 })
+        .collect()
+}
+
+/// How a measurement is repeated.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Treatment {
+    /// As it was.
+    Same,
+    /// With so many times the payload.
+    Load(f64),
+    /// Warmer by so many kelvins.
+    Warmer(f64),
+    /// Approached from the other side.
+    Reversed,
+    /// Later by so many seconds.
+    Later(f64),
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::calibration::Prepared;
+    use tau_robot::prototype;
+
+    /// The tracks of set 2 are measured one after the other, each from time zero.
+    #[test]
+    fn samples_are_put_in_the_order_of_time() {
+        let robot = Robot::from(&tau_generated::gantry_tau::ROBOT);
+        let folder = prototype::folder().unwrap();
+        let poses: Vec<usize> = (0..folder.tcp_poses.len()).collect();
+        let file = prototype::robot_file().unwrap();
+        let variant = robot.variant("Full").unwrap();
+        let prepared = Prepared::new(&robot, variant, &file, Some(&folder), &poses).unwrap();
+        let frames = Frames::of(&prepared.machine, &file, &folder);
+        let in_file = Sample::all(&robot, &folder, &poses, &frames);
+        let key = |sample: &Sample| (sample.set, sample.track, sample.number);
+        let order = |samples: &[Sample]| samples.iter().map(key).collect::<Vec<_>>();
+        let count = in_file.len();
+        let shuffled: Vec<Sample> = (0..count)
+            .map(|k| in_file[101 * k % count].clone())
+            .collect();
+        assert!(order(&shuffled) != order(&in_file));
+        let mut sorted = shuffled.clone();
+        Sample::sort_by_time(&mut sorted);
+        assert!(order(&sorted) == order(&in_file));
+
+        // One time that is missing leaves its set as it is.
+        let mut sorted = shuffled.clone();
+        sorted
+            .iter_mut()
+            .find(|sample| sample.set == 1)
+            .unwrap()
+            .conditions
+            .time_s = None;
+        Sample::sort_by_time(&mut sorted);
+        let of_set_1: Vec<Sample> = shuffled.into_iter().filter(|s| s.set == 1).collect();
+        assert!(order(&sorted[..poses.len()]) == order(&of_set_1));
+        assert!(order(&sorted[poses.len()..]) == order(&in_file[poses.len()..]));
+    }
+}

@@ -1,0 +1,222 @@
+//! Samples that lie far off the others of their kind.
+
+use std::collections::BTreeMap;
+
+use nalgebra::Vector3;
+
+use crate::calibration::Line;
+use crate::numerics::distribution::{chi2_quantile_above, chi2_survival};
+use crate::samples::Sample;
+
+/// Residuals this far beyond their noise count less while outliers are looked for (Huber).
+const HUBER: f64 = 2.0;
+/// Chance that the largest of all residuals is taken for an outlier though it is none.
+const LEVEL: f64 = 0.01;
+/// Fewest samples that make a crowd.
+const LEAST_CROWD: usize = 3;
+/// Chance at which outliers crowd along a track more than by accident.
+const CROWDED: f64 = 1e-3;
+/// Rounds in which lines through a cart's points are freed of outliers.
+const ROUNDS: usize = 4;
+
+/// How far each sample lies off: its sum of squares over that which a sample of its set and cart shows,
+/// as a χ² of its number of residuals.
+///
+/// `sums` holds each sample's sum of squares and number of residuals. The scale is the largest that
+/// the median, the upper quartile and the upper decile suggest: a missing effect widens them all, a few
+/// outliers none.
+pub fn deviations(mut sums: Vec<(f64, f64)>, samples: &[Sample]) -> Vec<(f64, f64)> {
+    let mut groups: BTreeMap<(u8, Option<usize>), Vec<usize>> = BTreeMap::new();
+    for (index, sample) in samples.iter().enumerate() {
+        groups
+            .entry((sample.set, sample.track))
+            .or_default()
+            .push(index);
+    }
+    for group in groups.values() {
+        let degrees = sums[group[0]].1;
+        let mut sorted: Vec<f64> = group.iter().map(|&s| sums[s].0).collect();
+        sorted.sort_by(f64::total_cmp);
+        let scale = [(2, 1), (4, 3), (10, 9)]
+            .map(|(of, part)| {
+                let share = (of - part) as f64 / of as f64;
+                let index = (sorted.len() * part / of).min(sorted.len() - 1);
+                sorted[index] / chi2_quantile_above(share, degrees.max(1.0))
+            })
+            .into_iter()
+            .fold(1e-300, f64::max);
+        for &sample in group {
+            sums[sample].0 /= scale;
+        }
+    }
+    sums
+}
+
+/// Weights that let samples far off count less.
+pub fn weights(deviations: &[(f64, f64)]) -> Vec<f64> {
+    deviations
+        .iter()
+        .map(|&(sum, count)| {
+            let times = (sum / count.max(1.0)).sqrt();
+            (HUBER / times.max(HUBER)).sqrt()
+        })
+        .collect()
+}
+
+/// Samples beyond the Šidák-corrected χ² quantile: what the largest of so many residuals hardly exceeds.
+pub fn beyond(deviations: &[(f64, f64)], samples: &[Sample]) -> Vec<usize> {
+    let levels = levels(samples);
+    (0..samples.len())
+        .filter(|&s| chi2_survival(deviations[s].0, deviations[s].1) < levels[set(&samples[s])])
+        .collect()
+}
+
+/// The χ² from which on each sample is an outlier, by its number of residuals.
+pub fn limits(rows: &[f64], samples: &[Sample]) -> Vec<f64> {
+    let levels = levels(samples);
+    let mut known: BTreeMap<(usize, u64), f64> = BTreeMap::new();
+    let limit = |(&rows, sample): (&f64, &Sample)| {
+        let (set, rows) = (set(sample), rows.max(1.0));
+        *(known.entry((set, rows.to_bits())))
+            .or_insert_with(|| chi2_quantile_above(levels[set], rows))
+    };
+    rows.iter().zip(samples).map(limit).collect()
+}
+
+/// Chance of each sample of a set to be taken for an outlier.
+fn levels(samples: &[Sample]) -> [f64; 3] {
+    let count = |set: u8| samples.iter().filter(|sample| sample.set == set).count() as f64;
+    [1, 2, 3].map(|set| 1.0 - (1.0 - LEVEL).powf(1.0 / count(set).max(1.0)))
+}
+
+fn set(sample: &Sample) -> usize {
+    usize::from(sample.set.clamp(1, 3)) - 1
+}
+
+/// Samples that lie far off: outliers, and crowds of them along a command.
+#[derive(Debug, Default)]
+pub struct Split {
+    /// Indices of outlying samples.
+    pub outliers: Vec<usize>,
+    /// Index of the command, and samples.
+    pub crowds: Vec<(usize, Vec<usize>)>,
+}
+
+/// Tells outliers from what crowds along a track: mistakes know nothing of where they are made, so what
+/// lies off in one stretch alone is structure.
+pub fn split(beyond: &[usize], samples: &[Sample]) -> Split {
+    let mut split = Split::default();
+    let mut groups: BTreeMap<(u8, Option<usize>), Vec<usize>> = BTreeMap::new();
+    for &s in beyond {
+        groups
+            .entry((samples[s].set, samples[s].track))
+            .or_default()
+            .push(s);
+    }
+    for (&(set, track), own) in &mut groups {
+        let all: Vec<&Sample> = samples
+            .iter()
+            .filter(|sample| (sample.set, sample.track) == (set, track))
+            .collect();
+        let commands = match track {
+            Some(track) => track..track + 1,
+            None => 0..all.first().map_or(0, |sample| sample.commands_m.len()),
+        };
+        let tested = commands.len() as f64;
+        for command in commands {
+            while let Some((chance, crowd)) = densest(own, samples, &all, command)
+                && tested * chance < CROWDED
+            {
+                own.retain(|s| !crowd.contains(s));
+                split.crowds.push((command, crowd));
+            }
+        }
+    }
+    split.outliers = groups.into_values().flatten().collect();
+    split
+}
+
+/// The crowd that is least likely among samples along a command, and a bound of its chance: that `m` of
+/// `k` drawn by lot from `n` stand within `w` neighbours, `n (k choose m) (w−1 choose m−1) / (n choose m)`.
+fn densest(
+    own: &[usize],
+    samples: &[Sample],
+    all: &[&Sample],
+    command: usize,
+) -> Option<(f64, Vec<usize>)> {
+    let at = |sample: &Sample| sample.commands_m.get(command).copied().unwrap_or(0.0);
+    let mut sorted = own.to_vec();
+    sorted.sort_by(|&a, &b| at(&samples[a]).total_cmp(&at(&samples[b])));
+    let mut best: Option<(f64, Vec<usize>)> = None;
+    for first in 0..sorted.len() {
+        for last in first + LEAST_CROWD - 1..sorted.len() {
+            let span = at(&samples[sorted[first]])..=at(&samples[sorted[last]]);
+            let within = all
+                .iter()
+                .filter(|sample| span.contains(&at(sample)))
+                .count();
+            let crowd = last - first + 1;
+            let chance =
+                choose(sorted.len(), crowd) * all.len() as f64 * choose(within - 1, crowd - 1)
+                    / choose(all.len(), crowd);
+            if best.as_ref().is_none_or(|(least, _)| chance < *least) {
+                best = Some((chance, sorted[first..=last].to_vec()));
+            }
+        }
+    }
+    best
+}
+
+/// Number of ways to choose so many of all.
+fn choose(all: usize, chosen: usize) -> f64 {
+    (1..=chosen)
+        .map(|i| (all + i).saturating_sub(chosen) as f64 / i as f64)
+        .product()
+}
+
+/// Sums of squares of the samples of sets 2 and 3 about straight lines along their tracks, which know
+/// nothing of the model: enough to hold back gross mistakes before it is fitted.
+pub fn about_lines(samples: &[Sample]) -> Vec<(f64, f64)> {
+    let mut sums = vec![(0.0, 3.0); samples.len()];
+    let mut groups: BTreeMap<(u8, usize), Vec<usize>> = BTreeMap::new();
+    for (index, sample) in samples.iter().enumerate() {
+        if let Some(track) = sample.track {
+            groups.entry((sample.set, track)).or_default().push(index);
+        }
+    }
+    for ((_, track), group) in groups {
+        let points: Vec<(f64, Vector3<f64>)> = group
+            .iter()
+            .map(|&s| (samples[s].commands_m[track], samples[s].pose.position))
+            .collect();
+        let mut kept = points.clone();
+        for _ in 0..ROUNDS {
+            let Some(line) = Line::fit(&kept) else { break };
+            let distance =
+                |point: &(f64, Vector3<f64>)| (point.1 - line.at(point.0)).norm_squared();
+            for (&s, point) in group.iter().zip(&points) {
+                sums[s].0 = distance(point);
+            }
+            let mut sorted: Vec<f64> = points.iter().map(distance).collect();
+            sorted.sort_by(f64::total_cmp);
+            let limit = 9.0 * sorted[sorted.len() / 2];
+            kept = points
+                .iter()
+                .filter(|point| distance(point) <= limit)
+                .copied()
+                .collect();
+        }
+    }
+    sums
+}
+
+#[cfg(test)]
+mod tests {
+    use super::choose;
+
+    #[test]
+    fn choices_are_binomial_coefficients() {
+        assert_eq!(choose(61, 5), 5_949_147.0);
+        assert_eq!((choose(4, 4), choose(4, 0), choose(3, 4)), (1.0, 1.0, 0.0));
+    }
+}

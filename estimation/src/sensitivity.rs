@@ -1,0 +1,352 @@
+//! How much each parameter matters: Table III, Figures 9 and 10 of the paper.
+//!
+//! Twice, by independent ways that must agree: by steps of each parameter through forward kinematics,
+//! as the paper did, and by the implicit function theorem, `∂X/∂p = −(∂r/∂X)⁻¹ ∂r/∂p` with the pose X
+//! and the closures r.
+
+use nalgebra::{DMatrix, DVector, Vector3};
+use tau_kinematics::{self as kinematics, Machine, POSE_COLUMNS, Pose, Sample, angle_rates};
+use tau_robot::measurements::{Folder, TcpPose};
+use tau_robot::robot::{Arm, Instance, Owner, ResidualKind};
+
+use crate::calibration::{Error, closure_cost};
+
+/// Table III: effect of a step in each parameter of each link, summed over the validation poses.
+#[derive(Debug, Clone)]
+pub struct Sensitivity {
+    /// Variant it was computed for.
+    pub variant: String,
+    /// Number of poses summed over.
+    pub poses: usize,
+    /// Step, in SI units of each parameter.
+    pub step: f64,
+    /// One entry per link.
+    pub links: Vec<LinkSensitivity>,
+    /// Largest relative difference between steps and implicit differentiation, over all entries.
+    pub disagreement: f64,
+}
+
+/// Table III for one link.
+#[derive(Debug, Clone)]
+pub struct LinkSensitivity {
+    /// Name of the link.
+    pub link: String,
+    /// One entry per parameter, in the order `L, Px, Py, Pz, Offset_x, …, Orient_3`.
+    pub parameters: Vec<ParameterSensitivity>,
+}
+
+/// Table III for one parameter of one link.
+#[derive(Debug, Clone)]
+pub struct ParameterSensitivity {
+    /// `L`, `Px`, …, `Orient_3`.
+    pub parameter: String,
+    /// Sum of ‖ΔT⁺‖ + ‖ΔT⁻‖ (mm), by steps.
+    pub position_mm: f64,
+    /// The same by implicit differentiation.
+    pub position_mm_analytic: f64,
+    /// Sum of |Δα| + |Δβ| + |Δγ| over both steps (rad), by steps.
+    pub orientation_rad: f64,
+    /// The same by implicit differentiation.
+    pub orientation_rad_analytic: f64,
+    /// Change of the paper's cost on the validation poses (m⁴), magnitudes summed over both steps.
+    pub cost_m4: f64,
+    /// Position change at each validation pose for the positive step (µm): Figures 9 and 10.
+    pub by_pose_um: Vec<f64>,
+    /// Orientation change |Δα| + |Δβ| + |Δγ| at each validation pose for the positive step (rad).
+    pub by_pose_rad: Vec<f64>,
+}
+
+/// Step of the paper, in SI units of each parameter.
+pub const PAPER_STEP: f64 = 5e-5;
+
+/// A sum below this share of the largest of its quantity does not count in the comparison of the two
+/// ways: it is rounding, or of second order in the step.
+const NEGLIGIBLE: f64 = 1e-6;
+
+/// Parameters of Table III: name, quantity, component.
+const ROWS: [(&str, &str, Option<usize>); 10] = [
+    ("L", "length", None),
+    ("Px", "plate_joint", Some(0)),
+    ("Py", "plate_joint", Some(1)),
+    ("Pz", "plate_joint", Some(2)),
+    ("Offset_x", "track_offset", Some(0)),
+    ("Offset_y", "track_offset", Some(1)),
+    ("Offset_z", "track_offset", Some(2)),
+    ("Orient_1", "orientation", Some(0)),
+    ("Orient_2", "orientation", Some(1)),
+    ("Orient_3", "orientation", Some(2)),
+];
+
+/// Table III for a machine at poses of a folder, given by index: for each parameter of each link, the
+/// sums over the poses of the changes that a step up and a step down of the parameter make. Rows that
+/// a reduced arm lacks are left out; a direction or rotation that links share counts for each of them.
+///
+/// # Errors
+/// Columns that the variant needs are missing; a pose can't be predicted or is singular.
+pub fn analyse(
+    machine: &Machine,
+    folder: &Folder,
+    poses: &[usize],
+    step: f64,
+) -> Result<Sensitivity, Error> {
+    let places = poses
+        .iter()
+        .filter_map(|&pose| folder.tcp_poses.get(pose))
+        .map(|measured| Place::new(machine, measured))
+        .collect::<Result<Vec<_>, Error>>()?;
+    let links = machine
+        .variant
+        .instances_of(ResidualKind::Closure)
+        .map(|closure| {
+            let parameters = ROWS
+                .iter()
+                .filter_map(|&(name, quantity, component)| {
+                    let parameter = find(machine, closure, quantity, component)?;
+                    Some(row(machine, name, parameter, &places, step))
+                })
+                .collect::<Result<Vec<_>, Error>>()?;
+            Ok(LinkSensitivity {
+                link: machine.closure_name(closure).to_owned(),
+                parameters,
+            })
+        })
+        .collect::<Result<Vec<_>, Error>>()?;
+    Ok(Sensitivity {
+        variant: machine.variant.name.clone(),
+        poses: places.len(),
+        step,
+        disagreement: disagreement(&links),
+        links,
+    })
+}
+
+/// A measured pose, the pose predicted at its commands, and the derivatives there.
+struct Place<'a> {
+    measured: &'a TcpPose,
+    pose: Pose,
+    /// `−(∂r/∂X)⁻¹`, by least squares: rows translation and rotation vector, one column per closure.
+    response: DMatrix<f64>,
+    /// Reciprocal length of each closure's gradient, which [`Machine::closures`] divides by.
+    scales: Vec<f64>,
+}
+
+/// Changes of the pose at every place.
+struct Change {
+    /// ‖ΔT‖ (m).
+    position: Vec<f64>,
+    /// |Δα| + |Δβ| + |Δγ| (rad).
+    orientation: Vec<f64>,
+}
+
+impl<'a> Place<'a> {
+    fn new(machine: &Machine, measured: &'a TcpPose) -> Result<Self, Error> {
+        let fail = |error| Error::at_pose(measured.pose, error);
+        let sample = Sample::from(measured);
+        let pose = machine.forward_fitted(&sample).map_err(fail)?.pose;
+        let sample = sample.at(pose);
+        let closures = machine.closures(&sample).map_err(fail)?;
+        let scales = machine
+            .closure_instances()
+            .map(|instance| {
+                let (_, [x, y, z, ..]) = machine.closure_by_pose(instance, &sample)?;
+                Ok(Vector3::new(x, y, z).norm().recip())
+            })
+            .collect::<Result<Vec<f64>, _>>()
+            .map_err(fail)?;
+        let unknowns = machine.pose_unknowns();
+        let inverse = closures
+            .jacobian
+            .select_columns(unknowns)
+            .pseudo_inverse(1e-12)
+            .map_err(|why| Error::NotConverged {
+                variant: machine.variant.name.clone(),
+                why: why.into(),
+            })?;
+        let mut response = DMatrix::zeros(POSE_COLUMNS, inverse.ncols());
+        for (row, &unknown) in unknowns.iter().enumerate() {
+            response.set_row(unknown, &-inverse.row(row));
+        }
+        Ok(Self {
+            measured,
+            pose,
+            response,
+            scales,
+        })
+    }
+
+    /// Derivatives of all closures by a parameter, at the predicted pose.
+    fn closure_derivatives(
+        &self,
+        machine: &Machine,
+        parameter: usize,
+    ) -> Result<DVector<f64>, Error> {
+        let sample = Sample::from(self.measured).at(self.pose);
+        let mut derivatives = DVector::zeros(self.scales.len());
+        for (row, closure) in machine
+            .variant
+            .instances_of(ResidualKind::Closure)
+            .enumerate()
+        {
+            let Some(own) = closure.parameters.iter().position(|&p| p == parameter) else {
+                continue;
+            };
+            let shape = closure.family.shape();
+            let mut data = Vec::with_capacity(shape.data);
+            machine
+                .surroundings
+                .fill(&closure.inputs, &sample, &mut data)
+                .map_err(|what| {
+                    let closure = machine.closure_name(closure).to_owned();
+                    Error::at_pose(
+                        self.measured.pose,
+                        kinematics::Error::Missing { closure, what },
+                    )
+                })?;
+            let parameters: Vec<f64> = closure
+                .parameters
+                .iter()
+                .map(|&p| machine.values[p])
+                .collect();
+            let pattern = closure.family.pattern();
+            let (mut prepared, mut residual) = (vec![0.0; shape.prepared], [0.0]);
+            let mut jacobian = vec![0.0; pattern.len()];
+            closure.family.prepare(&data, &mut prepared);
+            closure
+                .family
+                .linearize(&prepared, &parameters, &mut residual, &mut jacobian);
+            derivatives[row] = pattern
+                .columns
+                .iter()
+                .zip(&jacobian)
+                .find(|&(&column, _)| column as usize == own)
+                .map_or(0.0, |(_, entry)| entry * self.scales[row]);
+            if !derivatives[row].is_finite() {
+                let closure = machine.closure_name(closure).to_owned();
+                let error = kinematics::Error::NotFinite { closure };
+                return Err(Error::at_pose(self.measured.pose, error));
+            }
+        }
+        Ok(derivatives)
+    }
+}
+
+fn row(
+    machine: &Machine,
+    name: &str,
+    parameter: usize,
+    places: &[Place<'_>],
+    step: f64,
+) -> Result<ParameterSensitivity, Error> {
+    let with = |change: f64| {
+        let mut values = machine.values.clone();
+        values[parameter] += change;
+        machine.with_values(values)
+    };
+    let (plus, minus) = (with(step), with(-step));
+    let (up, down) = (by_step(&plus, places)?, by_step(&minus, places)?);
+    let analytic = implicit(machine, parameter, places)?;
+    let total = |values: &[f64]| values.iter().sum::<f64>();
+    let measured: Vec<&TcpPose> = places.iter().map(|place| place.measured).collect();
+    let total_cost = |machine: &Machine| -> Result<f64, Error> {
+        machine
+            .variant
+            .instances_of(ResidualKind::Closure)
+            .filter(|closure| closure.parameters.contains(&parameter))
+            .map(|closure| closure_cost(machine, closure, &measured))
+            .sum()
+    };
+    let cost = total_cost(machine)?;
+    Ok(ParameterSensitivity {
+        parameter: name.to_owned(),
+        position_mm: (total(&up.position) + total(&down.position)) * 1e3,
+        position_mm_analytic: 2.0 * step * total(&analytic.position) * 1e3,
+        orientation_rad: total(&up.orientation) + total(&down.orientation),
+        orientation_rad_analytic: 2.0 * step * total(&analytic.orientation),
+        cost_m4: (total_cost(&plus)? - cost).abs() + (total_cost(&minus)? - cost).abs(),
+        by_pose_um: up.position.iter().map(|change| change * 1e6).collect(),
+        by_pose_rad: up.orientation,
+    })
+}
+
+/// Changes of the predicted poses when the machine is replaced by one with a parameter moved.
+fn by_step(moved: &Machine, places: &[Place<'_>]) -> Result<Change, Error> {
+    let mut change = Change {
+        position: Vec::new(),
+        orientation: Vec::new(),
+    };
+    for place in places {
+        let pose = moved
+            .forward_unchecked(&Sample::from(place.measured).at(place.pose))
+            .map_err(|error| Error::at_pose(place.measured.pose, error))?;
+        let before = place.pose.angles_rad();
+        let after = pose.angles_near(before);
+        change
+            .position
+            .push((pose.position - place.pose.position).norm());
+        change
+            .orientation
+            .push(after.iter().zip(before).map(|(a, b)| (a - b).abs()).sum());
+    }
+    Ok(change)
+}
+
+/// The same per unit of the parameter, by the implicit function theorem.
+fn implicit(machine: &Machine, parameter: usize, places: &[Place<'_>]) -> Result<Change, Error> {
+    let mut change = Change {
+        position: Vec::new(),
+        orientation: Vec::new(),
+    };
+    let turns = machine.variant.arm == Arm::Full;
+    for place in places {
+        let motion = &place.response * place.closure_derivatives(machine, parameter)?;
+        change.position.push(motion.fixed_rows::<3>(0).norm());
+        let angles = angle_rates(place.pose.angles_rad()) * motion.fixed_rows::<3>(3);
+        change
+            .orientation
+            .push(if turns { angles.lp_norm(1) } else { 0.0 });
+    }
+    Ok(change)
+}
+
+/// Largest relative difference between the two ways, over all entries that are not negligible.
+fn disagreement(links: &[LinkSensitivity]) -> f64 {
+    let entries = |of: fn(&ParameterSensitivity) -> (f64, f64)| {
+        let all: Vec<(f64, f64)> = links
+            .iter()
+            .flat_map(|link| &link.parameters)
+            .map(of)
+            .collect();
+        let largest = all.iter().map(|(by_step, _)| *by_step).fold(0.0, f64::max);
+        all.into_iter()
+            .filter(|(by_step, _)| *by_step > NEGLIGIBLE * largest)
+            .map(|(by_step, analytic)| ((by_step - analytic) / by_step).abs())
+            .fold(0.0, f64::max)
+    };
+    entries(|row| (row.position_mm, row.position_mm_analytic)).max(entries(|row| {
+        (row.orientation_rad, row.orientation_rad_analytic)
+    }))
+}
+
+/// The parameter of a closure's own link, cluster or track that a row of the table changes.
+fn find(
+    machine: &Machine,
+    closure: &Instance,
+    quantity: &str,
+    component: Option<usize>,
+) -> Option<usize> {
+    closure.parameters.iter().copied().find(|&index| {
+        let parameter = &machine.variant.parameters[index];
+        let is_quantity = parameter.quantity == quantity
+            || quantity == "orientation"
+                && matches!(
+                    parameter.quantity.as_str(),
+                    "track_direction" | "track_rotation"
+                );
+        let is_own = match parameter.owner {
+            Owner::Link(of) | Owner::Cluster(of) => of == closure.of,
+            Owner::Track(_) => true,
+            Owner::Effect(_) | Owner::Frame(_) | Owner::Target { .. } => false,
+        };
+        is_quantity && is_own && parameter.component == component
+    })
+}

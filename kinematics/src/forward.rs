@@ -1,0 +1,358 @@
+//! Forward kinematics: from commands to the pose of the plate.
+
+use nalgebra::{Rotation3, SymmetricEigen, Unit, Vector3};
+use tau_robot::robot::Arm;
+
+use super::inputs::Sample;
+use super::inverse::Reached;
+use super::machine::{Closures, Machine, POSE_COLUMNS};
+use super::{Error, Pose, newton};
+
+/// Below this smallest singular value a pose counts as singular: a micrometre of error in a link
+/// moves the plate by ten millimetres.
+const SINGULAR: f64 = 1e-4;
+/// How often the way from one set of commands to the next is halved before giving up.
+const HALVINGS: u32 = 8;
+/// Largest root mean square mismatch of the link lengths (m) at which [`Machine::forward`] takes a pose
+/// for that of the commands. Only a machine with more links than hold the plate has any: noise and what
+/// its model lacks leave tens of micrometres after calibration, commands that do not belong together
+/// leave many millimetres.
+pub const LARGEST_MISMATCH_M: f64 = 1e-3;
+/// Modes nearer to each other than this (m, rad) are the same.
+const SAME_MODE: f64 = 1e-6;
+
+/// A way of assembling the arm at given commands.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct AssemblyMode {
+    /// Pose of the plate.
+    pub pose: Pose,
+    /// Smallest singular value of the closures' Jacobian: how firmly the plate is held.
+    pub smallest_singular_value: f64,
+}
+
+impl Machine {
+    /// Pose of the plate at the commands of `start`, in the assembly mode that Newton's method reaches
+    /// from the pose of `start`. A reduced arm says nothing about orientation: that of `start` is kept.
+    ///
+    /// # Errors
+    /// No solution from there; a singular pose; data missing; more links than hold the plate, which
+    /// can't all have their lengths, by more than [`LARGEST_MISMATCH_M`].
+    pub fn forward(&self, start: &Sample<'_>) -> Result<Pose, Error> {
+        Ok(self.forward_fitted(start)?.within(LARGEST_MISMATCH_M)?.pose)
+    }
+
+    /// The same, but however far the links are off their lengths at that pose: where there are more of
+    /// them than hold the plate, the sum of the squares is least. For whoever compares the pose with a
+    /// measured one and so sees how good it is: parameters straight from drawings may be off by
+    /// millimetres, and no limit tells their mismatch from that of wrong commands.
+    ///
+    /// # Errors
+    /// No solution from there; a singular pose; data missing.
+    pub fn forward_fitted(&self, start: &Sample<'_>) -> Result<Reached, Error> {
+        let result = newton::solve(self, start, self.pose_unknowns());
+        // Where there is no solution, a start at a singular pose is the likely cause: then say so.
+        let pose = result.as_ref().map_or(start.pose, |settled| settled.pose);
+        self.check_regular(&self.closures(&start.at(pose))?)?;
+        Ok(self.reached(result?))
+    }
+
+    /// Forward kinematics without the check for singular poses, for many small steps.
+    pub fn forward_unchecked(&self, start: &Sample<'_>) -> Result<Pose, Error> {
+        Ok(newton::solve(self, start, self.pose_unknowns())?.pose)
+    }
+
+    /// Poses along a sequence of commands (m), each started from the one before, the first from
+    /// `start` or, without it, from the best held [assembly mode](Self::assembly_modes). Where a step
+    /// is too long for Newton's method, the way is halved.
+    ///
+    /// # Errors
+    /// As [`Machine::forward`], with the index of the commands.
+    pub fn forward_sequence(
+        &self,
+        commands_m: &[Vec<f64>],
+        start: Option<Pose>,
+    ) -> Result<Vec<Pose>, (usize, Error)> {
+        let Some(first) = commands_m.first() else {
+            return Ok(Vec::new());
+        };
+        let mut pose = match start {
+            Some(pose) => pose,
+            None => {
+                self.assembly_modes(first, None)
+                    .map_err(|error| (0, error))?[0]
+                    .pose
+            }
+        };
+        let mut before = first;
+        let mut poses = Vec::with_capacity(commands_m.len());
+        for (index, commands) in commands_m.iter().enumerate() {
+            pose = self
+                .forward_along(before, &Sample::new(pose, commands))
+                .map_err(|error| (index, error))?
+                .pose;
+            poses.push(pose);
+            before = commands;
+        }
+        Ok(poses)
+    }
+
+    /// The pose at the commands of `to`, where its pose is that at the commands `from` (m). Where the
+    /// step is too long for Newton's method, the way is halved.
+    ///
+    /// # Errors
+    /// As [`Machine::forward`].
+    pub fn forward_along(&self, from: &[f64], to: &Sample<'_>) -> Result<Reached, Error> {
+        self.follow(from, to, HALVINGS)
+    }
+
+    fn follow(&self, from: &[f64], to: &Sample<'_>, halvings: u32) -> Result<Reached, Error> {
+        let result = self
+            .forward_fitted(to)
+            .and_then(|reached| reached.within(LARGEST_MISMATCH_M));
+        let is_far = matches!(
+            result,
+            Err(Error::NotConverged { .. } | Error::Inconsistent { .. })
+        );
+        let has_way = from.len() == to.commands_m.len() && from != to.commands_m;
+        if !is_far || halvings == 0 || !has_way {
+            return result;
+        }
+        let middle: Vec<f64> = from
+            .iter()
+            .zip(to.commands_m)
+            .map(|(a, b)| f64::midpoint(*a, *b))
+            .collect();
+        let halfway = Sample {
+            commands_m: &middle,
+            ..*to
+        };
+        self.follow(from, &halfway, halvings - 1)
+            .and_then(|halfway| self.follow(&middle, &to.at(halfway.pose), halvings - 1))
+            // What is wrong half way says less than what is wrong where it leads.
+            .or(result)
+    }
+
+    /// All assembly modes at given commands (m) that a systematic search finds; singular ones are left
+    /// out. First comes the one nearest to `orientation` if that is given, otherwise the one most
+    /// firmly held (largest smallest singular value): a mirrored arm is held about as firmly, so give
+    /// an orientation, or start from a measured pose, where one is known.
+    ///
+    /// The search starts Newton's method on a sphere about the carts, in 26 directions and, for a full
+    /// arm, in the 24 orientations of a cube relative to `orientation`. For a reduced arm the
+    /// orientation is `orientation` throughout (the identity if none is given).
+    ///
+    /// # Errors
+    /// No start led to a pose; data missing.
+    pub fn assembly_modes(
+        &self,
+        commands_m: &[f64],
+        orientation: Option<Rotation3<f64>>,
+    ) -> Result<Vec<AssemblyMode>, Error> {
+        let anywhere = Pose {
+            position: Vector3::zeros(),
+            rotation: Rotation3::identity(),
+        };
+        self.assembly_modes_of(&Sample::new(anywhere, commands_m), orientation)
+    }
+
+    /// The same with all that is known besides the commands; the sample's pose does not matter.
+    pub fn assembly_modes_of(
+        &self,
+        sample: &Sample<'_>,
+        orientation: Option<Rotation3<f64>>,
+    ) -> Result<Vec<AssemblyMode>, Error> {
+        let reference = orientation.unwrap_or_else(Rotation3::identity);
+        let orientations = match self.variant.arm {
+            Arm::Full => cube_rotations().map(|turn| turn * reference).collect(),
+            Arm::Reduced => vec![reference],
+        };
+        let (centre, radius) = self.reach(sample, reference)?;
+        let mut modes: Vec<AssemblyMode> = Vec::new();
+        for direction in directions() {
+            for &rotation in &orientations {
+                let start = Pose {
+                    position: centre + direction * radius,
+                    rotation,
+                };
+                let Ok(settled) = newton::solve(self, &sample.at(start), self.pose_unknowns())
+                else {
+                    continue;
+                };
+                // With more links than hold the plate, the best of all poses nearby may be none.
+                let Ok(Reached { pose, .. }) = self.reached(settled).within(LARGEST_MISMATCH_M)
+                else {
+                    continue;
+                };
+                let is_known = modes.iter().any(|mode| {
+                    (mode.pose.position - pose.position).norm() < SAME_MODE
+                        && turn_between(&mode.pose, &pose.rotation) < SAME_MODE
+                });
+                if is_known {
+                    continue;
+                }
+                let closures = self.closures(&sample.at(pose))?;
+                let (smallest, _) = self.weakest_motion(&closures);
+                if smallest >= SINGULAR {
+                    modes.push(AssemblyMode {
+                        pose,
+                        smallest_singular_value: smallest,
+                    });
+                }
+            }
+        }
+        if modes.is_empty() {
+            return Err(Error::NoAssembly);
+        }
+        // Descending, so the sign turns distance into preference.
+        let preference = |mode: &AssemblyMode| match (orientation, self.variant.arm) {
+            (Some(wanted), Arm::Full) => -turn_between(&mode.pose, &wanted),
+            _ => mode.smallest_singular_value,
+        };
+        modes.sort_by(|a, b| preference(b).total_cmp(&preference(a)));
+        Ok(modes)
+    }
+
+    /// Columns of the closures' Jacobian that forward kinematics solves for.
+    pub fn pose_unknowns(&self) -> &'static [usize] {
+        match self.variant.arm {
+            Arm::Full => &[0, 1, 2, 3, 4, 5],
+            Arm::Reduced => &[0, 1, 2],
+        }
+    }
+
+    /// Smallest singular value of the pose columns and the motion that belongs to it. Rotation is
+    /// scaled by the plate's lever arms, so that all entries are lengths per length.
+    pub(crate) fn weakest_motion(&self, closures: &Closures) -> (f64, [f64; POSE_COLUMNS]) {
+        let unknowns = self.pose_unknowns();
+        let mut jacobian = closures.jacobian.select_columns(unknowns);
+        let rows = jacobian.nrows() as f64;
+        let lever = if unknowns.len() > 3 {
+            let lever = (jacobian.columns(3, 3).norm_squared() / rows).sqrt();
+            if lever > 0.0 { lever } else { 1.0 }
+        } else {
+            1.0
+        };
+        for column in 3..unknowns.len() {
+            jacobian.column_mut(column).scale_mut(lever.recip());
+        }
+        let eigen = SymmetricEigen::new(jacobian.tr_mul(&jacobian));
+        let weakest = eigen.eigenvalues.imin();
+        let mut motion = [0.0; POSE_COLUMNS];
+        for (&unknown, entry) in unknowns.iter().zip(&eigen.eigenvectors.column(weakest)) {
+            motion[unknown] = *entry;
+        }
+        (eigen.eigenvalues[weakest].max(0.0).sqrt(), motion)
+    }
+
+    fn check_regular(&self, closures: &Closures) -> Result<(), Error> {
+        let (smallest, motion) = self.weakest_motion(closures);
+        if smallest >= SINGULAR || self.closure_count() < self.pose_unknowns().len() {
+            return Ok(());
+        }
+        Err(Error::Singular {
+            smallest,
+            free: motion_in_words(motion),
+        })
+    }
+
+    /// Centre of the cart-side joints and mean length of the links, both up to the size of the plate.
+    fn reach(
+        &self,
+        sample: &Sample<'_>,
+        rotation: Rotation3<f64>,
+    ) -> Result<(Vector3<f64>, f64), Error> {
+        // With r = L² − ‖T − C‖² at T = 0, half the gradient by T is C, and r + ‖C‖² is L².
+        let pose = Pose {
+            position: Vector3::zeros(),
+            rotation,
+        };
+        let sample = sample.at(pose);
+        let (mut centre, mut radius, mut count) = (Vector3::zeros(), 0.0, 0.0);
+        for instance in self.closure_instances() {
+            let (residual, [x, y, z, ..]) = self.closure_by_pose(instance, &sample)?;
+            let joint = Vector3::new(x, y, z) / 2.0;
+            centre += joint;
+            radius += (residual + joint.norm_squared()).max(0.0).sqrt();
+            count += 1.0;
+        }
+        Ok((centre / count, radius / count))
+    }
+}
+
+/// Length of the chord between two rotations: for small turns the angle (rad), free of the rounding
+/// that the arc cosine magnifies.
+fn turn_between(pose: &Pose, rotation: &Rotation3<f64>) -> f64 {
+    (pose.rotation.matrix() - rotation.matrix()).norm() / std::f64::consts::SQRT_2
+}
+
+fn motion_in_words([x, y, z, a, b, c]: [f64; POSE_COLUMNS]) -> String {
+    let (translation, rotation) = (Vector3::new(x, y, z), Vector3::new(a, b, c));
+    let axis = |vector: Vector3<f64>| {
+        let unit = Unit::new_normalize(vector);
+        let sign = if unit[unit.iamax()] < 0.0 { -1.0 } else { 1.0 };
+        // Adding zero turns -0 into 0.
+        let [x, y, z] = [unit.x, unit.y, unit.z].map(|v| (sign * v * 100.0).round() / 100.0 + 0.0);
+        format!("({x:.2}, {y:.2}, {z:.2})")
+    };
+    let moves = || format!("move along {}", axis(translation));
+    let turns = || format!("turn about {}", axis(rotation));
+    if rotation.norm() < 0.2 {
+        moves()
+    } else if translation.norm() < 0.2 {
+        turns()
+    } else {
+        format!("{} while it can {}", moves(), turns())
+    }
+}
+
+/// The 26 directions from the centre of a cube to its faces, edges and corners.
+fn directions() -> impl Iterator<Item = Vector3<f64>> {
+    (0..27)
+        .map(|k| {
+            Vector3::new(
+                f64::from(k % 3 - 1),
+                f64::from(k / 3 % 3 - 1),
+                f64::from(k / 9 - 1),
+            )
+        })
+        .filter_map(|direction| direction.try_normalize(0.5))
+}
+
+/// The 24 rotations that carry a cube onto itself.
+fn cube_rotations() -> impl Iterator<Item = Rotation3<f64>> {
+    use std::f64::consts::FRAC_PI_2;
+    (0..6).flat_map(|face| {
+        let facing = if face < 4 {
+            Rotation3::from_axis_angle(&Vector3::y_axis(), f64::from(face) * FRAC_PI_2)
+        } else {
+            Rotation3::from_axis_angle(&Vector3::x_axis(), f64::from(2 * face - 9) * FRAC_PI_2)
+        };
+        (0..4).map(move |turn| {
+            facing * Rotation3::from_axis_angle(&Vector3::z_axis(), f64::from(turn) * FRAC_PI_2)
+        })
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn starts_are_distinct() {
+        let rotations: Vec<_> = cube_rotations().collect();
+        assert_eq!(rotations.len(), 24);
+        for (i, a) in rotations.iter().enumerate() {
+            assert!(rotations[..i].iter().all(|b| a.angle_to(b) > 1.0));
+        }
+        assert_eq!(directions().count(), 26);
+    }
+
+    #[test]
+    fn free_motions_are_named() {
+        assert_eq!(
+            motion_in_words([0.0, 0.0, -1.0, 0.0, 0.0, 0.0]),
+            "move along (0.00, 0.00, 1.00)"
+        );
+        assert!(motion_in_words([0.0, 0.0, 0.0, 0.0, 1.0, 0.0]).starts_with("turn about"));
+    }
+}

@@ -1,0 +1,280 @@
+//! Inverse kinematics: from a pose, or a position, of the plate to commands.
+
+use nalgebra::Vector3;
+use tau_robot::measurements::Conditions;
+use tau_robot::robot::{Arm, Instance};
+
+use super::inputs::Sample;
+use super::machine::{Machine, POSE_COLUMNS};
+use super::newton::{self, Settled};
+use super::{Error, Pose};
+
+/// What is known when commands are sought.
+#[derive(Debug, Clone)]
+pub struct InverseOptions {
+    /// Pose and commands (m) nearby, such as those before on a path: of two solutions the nearer one
+    /// is taken.
+    pub near: Option<(Pose, Vec<f64>)>,
+    /// Lowest and highest value (m) of each command, where known: without `near`, the solution inside
+    /// is taken, and of two the one nearer to the middle.
+    pub range_m: Vec<Option<(f64, f64)>>,
+    /// Largest root mean square mismatch of the link lengths (m) at a pose that is given in full.
+    pub allowed_mismatch_m: f64,
+    /// Sides of approach, ±1, one per command, for effects that read them.
+    pub directions: Option<Vec<f64>>,
+    /// Time and temperature, for effects that read them.
+    pub conditions: Conditions,
+}
+
+impl InverseOptions {
+    fn sample<'a>(&'a self, pose: Pose, commands_m: &'a [f64]) -> Sample<'a> {
+        Sample {
+            commands_m,
+            pose,
+            directions: self.directions.as_deref(),
+            conditions: self.conditions,
+        }
+    }
+}
+
+impl Default for InverseOptions {
+    fn default() -> Self {
+        Self {
+            near: None,
+            range_m: Vec::new(),
+            allowed_mismatch_m: 1e-6,
+            directions: None,
+            conditions: Conditions::default(),
+        }
+    }
+}
+
+/// Commands and the pose that they give.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Reached {
+    /// Commands (m).
+    pub commands_m: Vec<f64>,
+    /// Pose of the plate.
+    pub pose: Pose,
+    /// Root mean square mismatch of the link lengths (m): zero up to rounding, unless the arm has more
+    /// links than hold the plate, or a full pose was given that it can take only approximately.
+    pub mismatch_m: f64,
+}
+
+impl Reached {
+    /// The same, where the links differ from their lengths by no more than allowed.
+    ///
+    /// # Errors
+    /// [`Error::Inconsistent`].
+    pub fn within(self, allowed_m: f64) -> Result<Self, Error> {
+        if self.mismatch_m > allowed_m {
+            return Err(Error::Inconsistent {
+                mismatch_m: self.mismatch_m,
+                allowed_m,
+            });
+        }
+        Ok(self)
+    }
+}
+
+impl Machine {
+    /// Whether the orientation follows from the position, so that a full pose can't be asked for
+    /// freely: a full arm with three closures more than commands, such as the Gantry-Tau.
+    pub fn orientation_follows(&self) -> bool {
+        self.variant.arm == Arm::Full && self.closure_count() >= self.robot.commands + 3
+    }
+
+    /// Commands at which the plate takes a pose.
+    ///
+    /// Each command is the root of its link's closure, a quadratic where the track is linear or the
+    /// length is driven; Newton's method on the commands then takes in effects, piecewise tracks and
+    /// further links of the same cart. For a reduced arm only the position counts.
+    ///
+    /// # Errors
+    /// A link does not reach; the pose is not one that the commands can give, beyond the mismatch
+    /// allowed; data missing.
+    pub fn inverse(&self, pose: Pose, options: &InverseOptions) -> Result<Reached, Error> {
+        let start = self.closed_form(pose, options)?;
+        let commands: Vec<usize> = (0..self.robot.commands).map(|k| POSE_COLUMNS + k).collect();
+        let settled = newton::solve(self, &options.sample(pose, &start), &commands)?;
+        self.reached(settled).within(options.allowed_mismatch_m)
+    }
+
+    /// Commands at which the TCP takes a position (m), and the orientation that follows.
+    ///
+    /// A reduced arm needs no orientation. Where the orientation follows from the position, it is
+    /// solved for together with the commands, from the orientation of [`InverseOptions::near`] or,
+    /// without it, from the best held [assembly mode](Self::assembly_modes) in the middle of the range.
+    ///
+    /// # Errors
+    /// The orientation is free, and a full pose is needed; otherwise as [`Machine::inverse`] and
+    /// [`Machine::forward`].
+    pub fn inverse_position(
+        &self,
+        position_m: [f64; 3],
+        options: &InverseOptions,
+    ) -> Result<Reached, Error> {
+        let position = Vector3::from(position_m);
+        let rotation = match &options.near {
+            Some((pose, _)) => pose.rotation,
+            None if self.variant.arm == Arm::Full => {
+                let middle = self.middle(options);
+                // The position is not looked at: any will do.
+                let pose = Pose {
+                    position,
+                    rotation: nalgebra::Rotation3::identity(),
+                };
+                let modes = self.assembly_modes_of(&options.sample(pose, &middle), None)?;
+                modes[0].pose.rotation
+            }
+            None => nalgebra::Rotation3::identity(),
+        };
+        let pose = Pose { position, rotation };
+        if self.variant.arm == Arm::Reduced {
+            return self.inverse(pose, options);
+        }
+        if !self.orientation_follows() {
+            return Err(Error::Target(
+                "the arm holds the plate in any orientation at this position: give a full pose",
+            ));
+        }
+        let start = self.closed_form(pose, options)?;
+        let unknowns: Vec<usize> = (3..POSE_COLUMNS)
+            .chain((0..self.robot.commands).map(|k| POSE_COLUMNS + k))
+            .collect();
+        let settled = newton::solve(self, &options.sample(pose, &start), &unknowns)?;
+        self.reached(settled).within(options.allowed_mismatch_m)
+    }
+
+    pub(super) fn reached(&self, settled: Settled) -> Reached {
+        Reached {
+            commands_m: settled.commands_m,
+            pose: settled.pose,
+            mismatch_m: settled.mismatch_m / (self.closure_count() as f64).sqrt(),
+        }
+    }
+
+    /// Commands along a sequence of poses, each the continuation of the one before.
+    ///
+    /// # Errors
+    /// As [`Machine::inverse`], with the index of the pose.
+    pub fn inverse_sequence(
+        &self,
+        poses: &[Pose],
+        options: &InverseOptions,
+    ) -> Result<Vec<Reached>, (usize, Error)> {
+        continued(poses, options, |pose, options| self.inverse(*pose, options))
+    }
+
+    /// Commands and orientations along a sequence of positions (m), likewise.
+    ///
+    /// # Errors
+    /// As [`Machine::inverse_position`], with the index of the position.
+    pub fn inverse_position_sequence(
+        &self,
+        positions_m: &[[f64; 3]],
+        options: &InverseOptions,
+    ) -> Result<Vec<Reached>, (usize, Error)> {
+        continued(positions_m, options, |position, options| {
+            self.inverse_position(*position, options)
+        })
+    }
+
+    /// For each command, the mean of the roots of the closures that it drives.
+    fn closed_form(&self, pose: Pose, options: &InverseOptions) -> Result<Vec<f64>, Error> {
+        let middle = self.middle(options);
+        let mut roots = vec![(0.0, 0.0); self.robot.commands];
+        for instance in self.closure_instances() {
+            let Some(command) = self.driving_command(instance) else {
+                continue;
+            };
+            let root = self.root(instance, pose, command, &middle, options)?;
+            roots[command].0 += root;
+            roots[command].1 += 1.0;
+        }
+        Ok(roots
+            .iter()
+            .zip(middle)
+            .map(|(&(sum, count), middle)| if count > 0.0 { sum / count } else { middle })
+            .collect())
+    }
+
+    /// The command that moves a closure's link.
+    fn driving_command(&self, instance: &Instance) -> Option<usize> {
+        let links = match self.variant.arm {
+            Arm::Full => vec![instance.of],
+            Arm::Reduced => self.robot.links_of_cluster(instance.of),
+        };
+        links.iter().find_map(|&link| {
+            let link = self.robot.links.get(link)?;
+            let of_cluster = || self.robot.clusters.get(link.cluster)?.track;
+            link.actuated_by.or_else(of_cluster)
+        })
+    }
+
+    /// Root of a closure in one command: exact where the closure is a quadratic in it.
+    fn root(
+        &self,
+        instance: &Instance,
+        pose: Pose,
+        command: usize,
+        middle: &[f64],
+        options: &InverseOptions,
+    ) -> Result<f64, Error> {
+        let at = |offset: f64| {
+            let mut commands = middle.to_vec();
+            commands[command] += offset;
+            self.closure_by_pose(instance, &options.sample(pose, &commands))
+        };
+        let ((before, _), (c, _), (after, _)) = (at(-1.0)?, at(0.0)?, at(1.0)?);
+        let (a, b) = (f64::midpoint(after, before) - c, (after - before) / 2.0);
+        if a.abs() < 1e-9 * b.abs() {
+            return Ok(middle[command] - c / b);
+        }
+        let discriminant = b * b - 4.0 * a * c;
+        if discriminant.is_nan() || discriminant < 0.0 {
+            let (nearest, [x, y, z, ..]) = at(-b / (2.0 * a))?;
+            return Err(Error::OutOfReach {
+                closure: self.closure_name(instance).to_owned(),
+                short_m: (nearest / Vector3::new(x, y, z).norm()).abs(),
+            });
+        }
+        // The form without cancellation between b and the root.
+        let sum = -0.5 * (b + discriminant.sqrt().copysign(b));
+        let roots =
+            [sum / a, if sum == 0.0 { 0.0 } else { c / sum }].map(|root| middle[command] + root);
+        let [first, second] = roots;
+        let from_middle = |root: f64| (root - middle[command]).abs();
+        let is_first = from_middle(first) <= from_middle(second);
+        Ok(if is_first { first } else { second })
+    }
+
+    /// Commands nearby, or else the middle of the range, or else zero.
+    fn middle(&self, options: &InverseOptions) -> Vec<f64> {
+        (0..self.robot.commands)
+            .map(
+                |command| match (&options.near, options.range_m.get(command)) {
+                    (Some((_, near)), _) if command < near.len() => near[command],
+                    (_, Some(Some((low, high)))) => f64::midpoint(*low, *high),
+                    _ => 0.0,
+                },
+            )
+            .collect()
+    }
+}
+
+/// Solves for each target near the solution of the one before.
+fn continued<T>(
+    targets: &[T],
+    options: &InverseOptions,
+    solve: impl Fn(&T, &InverseOptions) -> Result<Reached, Error>,
+) -> Result<Vec<Reached>, (usize, Error)> {
+    let mut options = options.clone();
+    let mut reached = Vec::with_capacity(targets.len());
+    for (index, target) in targets.iter().enumerate() {
+        let next = solve(target, &options).map_err(|error| (index, error))?;
+        options.near = Some((next.pose, next.commands_m.clone()));
+        reached.push(next);
+    }
+    Ok(reached)
+}

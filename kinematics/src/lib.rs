@@ -1,0 +1,23 @@
+//! Forward and inverse kinematics of any variant, by its generated closures and their derivatives.
+
+mod error;
+mod forward;
+mod inputs;
+mod inverse;
+mod least_norm;
+mod machine;
+mod newton;
+mod paths;
+mod pose;
+mod statics;
+
+pub use error::Error;
+pub use forward::{AssemblyMode, LARGEST_MISMATCH_M};
+pub use inputs::is_column;
+pub use inputs::{Sample, Surroundings};
+pub use inverse::{InverseOptions, Reached};
+pub use least_norm::least_norm;
+pub use machine::{Closures, Machine, POSE_COLUMNS};
+pub use paths::{Path, Segment};
+pub use pose::{Pose, angle_rates, nearest_rotation, xyz, xyz_angles, zyz};
+pub use statics::{Forces, Statics, track_axes};

@@ -1,0 +1,198 @@
+//! A variant with numbers in place: what kinematics, evaluation and sensitivity work on.
+
+use nalgebra::{DMatrix, DVector};
+use tau_robot::robot::{Arm, Instance, ResidualKind, Robot, Variant};
+
+use super::inputs::{Sample, Surroundings};
+use super::{Error, Pose};
+
+/// Columns of [`Closures::jacobian`] that belong to the pose: translation, then rotation vector.
+pub const POSE_COLUMNS: usize = 6;
+
+/// A variant of a robot with a value for each parameter.
+#[derive(Clone)]
+pub struct Machine {
+    /// The robot.
+    pub robot: Robot,
+    /// The variant.
+    pub variant: Variant,
+    /// Value of each of the variant's parameters, SI.
+    pub values: Vec<f64>,
+    /// Measured paths and loads.
+    pub surroundings: Surroundings,
+}
+
+/// All closures at one pose and commands, each divided by the length of its gradient in the plate's
+/// position, so that residuals are errors of link length (m) to first order.
+#[derive(Debug, Clone)]
+pub struct Closures {
+    /// One per closure (m).
+    pub residuals: DVector<f64>,
+    /// Derivatives by translation (m), rotation vector in the measurement frame (rad) and commands
+    /// (m): one row per closure, `6 + commands` columns.
+    pub jacobian: DMatrix<f64>,
+}
+
+impl Machine {
+    /// Closures by pose, in order of link or cluster.
+    pub fn closure_instances(&self) -> impl Iterator<Item = &Instance> {
+        self.variant.instances_of(ResidualKind::ClosureByPose)
+    }
+
+    /// Number of closures.
+    pub fn closure_count(&self) -> usize {
+        self.closure_instances().count()
+    }
+
+    /// Name of the link or cluster of an instance.
+    pub fn closure_name(&self, instance: &Instance) -> &str {
+        match self.variant.arm {
+            Arm::Full => self
+                .robot
+                .links
+                .get(instance.of)
+                .map_or("?", |link| &link.name),
+            Arm::Reduced => self
+                .robot
+                .clusters
+                .get(instance.of)
+                .map_or("?", |cluster| &cluster.name),
+        }
+    }
+
+    /// The same with other values.
+    #[must_use]
+    pub fn with_values(&self, values: Vec<f64>) -> Self {
+        Self {
+            values,
+            ..self.clone()
+        }
+    }
+
+    /// All closures with their derivatives at a sample.
+    ///
+    /// # Errors
+    /// Data that the sample lacks; a wrong number of commands; a number that is not finite.
+    pub fn closures(&self, sample: &Sample<'_>) -> Result<Closures, Error> {
+        let commands = self.robot.commands;
+        if sample.commands_m.len() != commands {
+            return Err(Error::Commands {
+                found: sample.commands_m.len(),
+                expected: commands,
+            });
+        }
+        let count = self.closure_count();
+        let mut residuals = DVector::zeros(count);
+        let mut jacobian = DMatrix::zeros(count, POSE_COLUMNS + commands);
+        let mut scratch = Scratch::default();
+        for (row, instance) in self.closure_instances().enumerate() {
+            let residual = scratch.linearize(self, instance, sample)?;
+            let pattern = instance.family.pattern();
+            let gradient: f64 = pattern
+                .columns
+                .iter()
+                .zip(&scratch.jacobian)
+                .filter(|&(&column, _)| column < 3)
+                .map(|(_, entry)| entry * entry)
+                .sum();
+            let scale = if gradient > 0.0 {
+                gradient.sqrt().recip()
+            } else {
+                1.0
+            };
+            residuals[row] = residual * scale;
+            for (&column, entry) in pattern.columns.iter().zip(&scratch.jacobian) {
+                jacobian[(row, column as usize)] = entry * scale;
+            }
+        }
+        Ok(Closures {
+            residuals,
+            jacobian,
+        })
+    }
+
+    /// Residual of one closure (m²) and its gradient by position (3) and rotation vector (3).
+    ///
+    /// # Errors
+    /// Data that the sample lacks; a number that is not finite.
+    pub fn closure_by_pose(
+        &self,
+        instance: &Instance,
+        sample: &Sample<'_>,
+    ) -> Result<(f64, [f64; POSE_COLUMNS]), Error> {
+        let mut scratch = Scratch::default();
+        let residual = scratch.linearize(self, instance, sample)?;
+        let mut gradient = [0.0; POSE_COLUMNS];
+        for (&column, entry) in instance
+            .family
+            .pattern()
+            .columns
+            .iter()
+            .zip(&scratch.jacobian)
+        {
+            if let Some(place) = gradient.get_mut(column as usize) {
+                *place = *entry;
+            }
+        }
+        Ok((residual, gradient))
+    }
+}
+
+/// Buffers for calling families.
+#[derive(Default)]
+struct Scratch {
+    data: Vec<f64>,
+    prepared: Vec<f64>,
+    parameters: Vec<f64>,
+    jacobian: Vec<f64>,
+}
+
+impl Scratch {
+    fn linearize(
+        &mut self,
+        machine: &Machine,
+        instance: &Instance,
+        sample: &Sample<'_>,
+    ) -> Result<f64, Error> {
+        let family = &instance.family;
+        let shape = family.shape();
+        self.data.clear();
+        machine
+            .surroundings
+            .fill(&instance.inputs, sample, &mut self.data)
+            .map_err(|what| Error::Missing {
+                closure: machine.closure_name(instance).to_owned(),
+                what,
+            })?;
+        self.parameters.clear();
+        self.parameters.extend(pose_parameters(&sample.pose));
+        self.parameters.extend(sample.commands_m);
+        self.parameters.extend(
+            instance
+                .parameters
+                .iter()
+                .map(|&index| machine.values[index]),
+        );
+        self.prepared.resize(shape.prepared, 0.0);
+        family.prepare(&self.data, &mut self.prepared);
+        self.jacobian.resize(family.pattern().len(), 0.0);
+        let mut residual = [0.0];
+        family.linearize(
+            &self.prepared,
+            &self.parameters,
+            &mut residual,
+            &mut self.jacobian,
+        );
+        // What comes next would turn in circles on a number that is none.
+        if !residual.iter().chain(&self.jacobian).all(|v| v.is_finite()) {
+            return Err(Error::NotFinite {
+                closure: machine.closure_name(instance).to_owned(),
+            });
+        }
+        Ok(residual[0])
+    }
+}
+
+fn pose_parameters(pose: &Pose) -> impl Iterator<Item = f64> {
+    pose.position_m().into_iter().chain(pose.angles_rad())
+}

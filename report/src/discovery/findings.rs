@@ -1,0 +1,474 @@
+//! What discovery found, in plain sentences.
+
+use tau::discovery::results::{FoundEffect, LeftOut, Unnamed};
+use tau::discovery::{Discovery, Status};
+
+use super::words::{self, Words, capital, percent, probability};
+use super::{at, chance, listed, readable};
+use crate::figures::typographic;
+use crate::number::{fixed, general, largest};
+
+/// The verdict.
+pub(crate) fn verdict(found: &Discovery) -> String {
+    let base = format!("the model {}", Words::of(found).variant(&found.base));
+    let count = found.effects.len();
+    let errors = match count {
+        1 => "one error".to_owned(),
+        _ => format!("{} errors", count_word(count)),
+    };
+    match found.status {
+        Status::NothingMissing => format!(
+            "{} explains the measurements: nothing significant is missing.",
+            capital(&base)
+        ),
+        Status::Explained => format!(
+            "The machine shows {errors} that {base} does not contain. With {} in the model, nothing significant is \
+             left.",
+            if count == 1 { "it" } else { "them" }
+        ),
+        Status::PartlyExplained => format!(
+            "The machine shows {errors} with a name that {base} does not contain. Something significant is left that \
+             has none."
+        ),
+        Status::UnnamedStructure if found.unnamed.is_empty() => {
+            let factors = found.noise.iter().map(|noise| noise.factor);
+            noisy(&base, factors.fold(1.0, f64::max))
+        }
+        Status::UnnamedStructure => format!(
+            "The machine shows something that {base} does not contain and no effect of the catalogue explains. It is \
+             described below, without a name."
+        ),
+    }
+}
+
+/// What is said where the measurements scatter far beyond their noise and nothing follows anything.
+fn noisy(base: &str, factor: f64) -> String {
+    format!(
+        "Of what is missing from {base} these measurements show nothing significant; yet their noise is {} times the \
+         stated one. Either less was stated than there is, or something acts that follows nothing that was recorded.",
+        general(factor, 2)
+    )
+}
+
+/// How far the error at the tool falls, and how far it could.
+pub(crate) fn gap(found: &Discovery) -> String {
+    let (before, after) = (found.validation.before, found.validation.after);
+    let um = |value: f64| general(value, 3);
+    let [floor, ceiling] = [found.noise_floor_um, found.ceiling_um].map(um);
+    let poses = if found.validation.held_out {
+        "On the validation poses, which took no part,"
+    } else {
+        "On the poses that were searched, for none was kept apart,"
+    };
+    let change = if is_base(found) {
+        format!(
+            "{poses} the position error at the tool is {} µm in the mean, \
+             {} µm at most and {} µm rms.",
+            um(before.mean_um),
+            um(before.max_um),
+            um(before.rms_um)
+        )
+    } else {
+        format!(
+            "{poses} the position error at the tool {} from {} to {} µm \
+             in the mean, from {} to {} µm at most, and from {} to {} µm rms.",
+            if after.mean_um < before.mean_um {
+                "falls"
+            } else {
+                "rises"
+            },
+            um(before.mean_um),
+            um(after.mean_um),
+            um(before.max_um),
+            um(after.max_um),
+            um(before.rms_um),
+            um(after.rms_um)
+        )
+    };
+    let closed = (before.rms_um.powi(2) - after.rms_um.powi(2)) / found.ceiling_um.powi(2);
+    let share = if is_base(found) || !closed.is_finite() {
+        String::new()
+    } else if closed <= 0.0 {
+        " None of it is gone, which speaks against what was found.".to_owned()
+    } else {
+        format!(
+            " Of that, in the mean square, {} % is gone.",
+            fixed((100.0 * closed).clamp(0.0, 100.0), 0)
+        )
+    };
+    format!(
+        "{change} The stated noise alone would show {floor} µm in the mean; beyond it, {ceiling} µm rms could be \
+         removed by any method.{share}"
+    )
+}
+
+/// Whether nothing joined the model.
+pub(crate) fn is_base(found: &Discovery) -> bool {
+    found.effects.is_empty() && found.piecewise_tracks.is_empty()
+}
+
+/// What an effect is and where it acts.
+pub(crate) fn headline(words: &Words, effect: &FoundEffect) -> String {
+    let FoundEffect { name, place, .. } = effect;
+    format!("{} – {}", words.title(name), words.place(name, place))
+}
+
+/// Size, consequence and certainty of one effect, a sentence or two each.
+pub(crate) fn effect(words: &Words, effect: &FoundEffect) -> Vec<String> {
+    let mut sentences: Vec<String> = words.more(&effect.name).into_iter().collect();
+    sentences.extend(words.amplitudes(effect));
+    let sizes = words::parameters(&words.sizes(effect));
+    if !sizes.is_empty() {
+        sentences.push(sizes);
+    }
+    let change = effect.heldout_drop_um;
+    sentences.push(format!(
+        "Added in the order of this list, it {} the mean error at the tool by {} µm.",
+        if change < 0.0 { "raises" } else { "lowers" },
+        general(change.abs(), 2)
+    ));
+    // A structural candidate has no columns whose score flips could test.
+    let flips = if false {
+        format!(
+            ", random flips of the residuals' signs in at most {} of all cases",
+            percent(0.0)
+        )
+    } else {
+        String::new()
+    };
+    sentences.push(format!(
+        "By formula, noise alone would give so strong a signal with probability {}{flips}.",
+        probability(effect.p_value)
+    ));
+    sentences
+}
+
+/// What else could be meant by an effect, and what would decide.
+pub(crate) fn rivals(effect: &FoundEffect) -> Vec<String> {
+    let mut sentences: Vec<String> = effect
+        .rivals
+        .iter()
+        .map(|rival| {
+            let by = rival.separate_by.trim_end_matches('.');
+            let decide = match by.strip_prefix("nothing") {
+                _ if by.is_empty() => String::new(),
+                Some(rest) => format!(" Nothing{rest}."),
+                None => format!(" To decide: {by}."),
+            };
+            format!(
+                "{} could be {} instead (cosine of the two signals {}).{decide}",
+                at(&effect.name, &effect.place),
+                at(&rival.name, &rival.place),
+                typographic(&fixed(rival.cosine, 2))
+            )
+        })
+        .collect();
+    if let Some(aliases) = aliases(effect) {
+        sentences.push(format!(
+            "{} fits as well with another {}: {aliases}. More commands at uneven distances would decide.",
+            at(&effect.name, &effect.place),
+            effect.searched.as_deref().unwrap_or("value"),
+        ));
+    }
+    sentences
+}
+
+/// Values of the searched parameter that fit as well, with their units.
+pub(crate) fn aliases(effect: &FoundEffect) -> Option<String> {
+    let estimate = effect.parameters.get(effect.searched.as_ref()?);
+    let unit = estimate.map_or("", |estimate| estimate.unit.as_str());
+    let values: Vec<String> = effect
+        .aliases
+        .iter()
+        .map(|value| {
+            let (factor, unit) = readable(unit, *value);
+            let value = typographic(&general(factor * value, 4));
+            format!("{value} {unit}").trim_end().to_owned()
+        })
+        .collect();
+    (!values.is_empty()).then(|| values.join(", "))
+}
+
+/// Effects of which nothing else explains the signal nearly as well.
+pub(crate) fn undisputed(found: &Discovery) -> Option<String> {
+    let labels: Vec<String> = found
+        .effects
+        .iter()
+        .filter(|effect| effect.rivals.is_empty() && effect.aliases.is_empty())
+        .map(|effect| at(&effect.name, &effect.place))
+        .collect();
+    (!labels.is_empty()).then(|| {
+        format!(
+            "Nothing else that was considered explains {} nearly as well.",
+            listed(&labels)
+        )
+    })
+}
+
+/// To what the measurements are blind.
+pub(crate) fn blind(found: &Discovery) -> Vec<String> {
+    let hidden = unseen(found).into_iter().map(|(effects, why)| {
+        format!("Whether they are there or not, these measurements cannot show {effects}: {why}.")
+    });
+    hidden.chain(ambiguous(found)).collect()
+}
+
+/// Pairs that these measurements could not tell apart.
+pub(crate) fn ambiguous(found: &Discovery) -> Option<String> {
+    const LISTED: usize = 3;
+    let pairs: Vec<String> = found
+        .ambiguous
+        .iter()
+        .take(LISTED)
+        .map(|pair| {
+            format!(
+                "{} from {}",
+                at(&pair.name, &pair.place),
+                at(&pair.with_name, &pair.with_place)
+            )
+        })
+        .collect();
+    match found.ambiguous.len() {
+        0 => None,
+        count if count <= LISTED => Some(format!(
+            "These measurements can hardly tell {}.",
+            listed(&pairs)
+        )),
+        count => Some(format!(
+            "These measurements can hardly tell {count} pairs of effects apart, first of all {}.",
+            listed(&pairs)
+        )),
+    }
+}
+
+/// What is left once everything that was found is in the model.
+pub(crate) fn remains(found: &Discovery) -> Vec<String> {
+    let um = |value: f64| general(value, 3);
+    let mut sentences = Vec::new();
+    if !is_base(found) {
+        sentences.push(format!(
+        "With what was found in the model, the error at the tool is {} µm in the mean, where the stated noise alone \
+         shows {} µm. Any method could still remove {} µm rms.",
+        um(found.validation.after.mean_um),
+        um(found.noise_floor_um),
+        um(found.remaining_um),
+    ));
+    }
+    sentences.extend(noise(found));
+    sentences.extend(serial(found));
+    sentences
+}
+
+/// The noise that is left against the stated one.
+fn noise(found: &Discovery) -> Option<String> {
+    let factors = || found.noise.iter().map(|scale| scale.factor);
+    let (low, high) = (factors().reduce(f64::min)?, factors().reduce(f64::max)?);
+    let range = if fixed(low, 2) == fixed(high, 2) {
+        fixed(low, 2)
+    } else {
+        format!("{} to {}", fixed(low, 2), fixed(high, 2))
+    };
+    Some(format!(
+        "What is left looks like noise of {range} times the stated one."
+    ))
+}
+
+/// Whether what is left follows in time.
+fn serial(found: &Discovery) -> Option<String> {
+    let whiteness = found.whiteness.as_ref()?;
+    let after = whiteness.after;
+    let verdict = if after.p_value.min(after.portmanteau_p_value) < 0.01 {
+        "more than chance: noise is serial, or something unknown varies slowly"
+    } else {
+        "no more than chance"
+    };
+    Some(format!(
+        "In the order of {}, neighbouring poses of set 1 correlate by {} (p = {}); lags 1 to {} together p = {}: \
+         {verdict}.",
+        if whiteness.order == "time" {
+            "time"
+        } else {
+            "the file"
+        },
+        typographic(&fixed(after.lag1, 2)),
+        typographic(&chance(after.p_value)),
+        whiteness.lags,
+        typographic(&chance(after.portmanteau_p_value)),
+    ))
+}
+
+/// What has no name, one entry for each track that follows its points and for everything else.
+pub(crate) fn unnamed(words: &Words, found: &Discovery) -> Vec<String> {
+    let is_of = |track: &str, structure: &&Unnamed| {
+        structure.place == track && structure.against == "q" && bend(&structure.direction).is_some()
+    };
+    let tracks = found.piecewise_tracks.iter().map(|track| {
+        let bends: Vec<String> = found
+            .unnamed
+            .iter()
+            .filter(|structure| is_of(&track.place, structure))
+            .map(|structure| format!("{} {}", bend(&structure.direction).unwrap_or(""), extent(structure)))
+            .collect();
+        let bends = if bends.is_empty() {
+            "does not run straight".to_owned()
+        } else {
+            listed(&bends)
+        };
+        let change = track.heldout_drop_um;
+        format!(
+            "Track {} {bends}. No effect of the catalogue explains it, so the model follows the measured points of \
+             the track instead, which {} the mean error at the tool by {} µm. Noise alone would bend a straight track \
+             so much with probability {}.",
+            track.place,
+            if change < 0.0 { "raises" } else { "lowers" },
+            general(change.abs(), 2),
+            probability(track.p_value),
+        )
+    });
+    let others = found.unnamed.iter().filter(|structure| {
+        let mut tracks = found.piecewise_tracks.iter();
+        !tracks.any(|track| is_of(&track.place, structure))
+    });
+    let others = others.map(|structure| {
+        format!(
+            "{} {} {}. No effect of the catalogue explains it, and it is not in the model.",
+            capital(&words.part(&structure.place)),
+            movement(&structure.direction),
+            extent(structure)
+        )
+    });
+    tracks.chain(others).collect()
+}
+
+/// How far something goes, where most, and over all samples.
+fn extent(structure: &Unnamed) -> String {
+    let curve = || {
+        let finite = |point: &&[f64; 2]| point.iter().all(|value| value.is_finite());
+        structure.curve.iter().filter(finite)
+    };
+    let most = curve().max_by(|a, b| a[1].abs().total_cmp(&b[1].abs()));
+    let unit = unnamed_unit(structure);
+    let Unnamed { against, .. } = structure;
+    let place = most.map_or_else(
+        || format!("as a function of {against}"),
+        |[at, _]| {
+            let range = largest(curve().map(|point| point[0]));
+            let (factor, name) = match super::unit_of(against) {
+                // One unit along a track, whatever the place.
+                "m" => (1.0, "m".to_owned()),
+                unit => readable(unit, range),
+            };
+            let at = typographic(&general(factor * at, 2));
+            format!("near {against} = {at} {name}")
+                .trim_end()
+                .to_owned()
+        },
+    );
+    let most = general(1e6 * largest(curve().map(|point| point[1])), 2);
+    let rms = general(structure.rms_um, 2);
+    format!("by up to {most} {unit} {place} ({rms} {unit} rms)")
+}
+
+/// What a track does that runs off a straight line with even scale.
+fn bend(direction: &str) -> Option<&'static str> {
+    match direction {
+        "along" => Some("runs unevenly along itself"),
+        "horizontal" => Some("bends sideways"),
+        "vertical" => Some("bends up and down"),
+        _ => None,
+    }
+}
+
+/// What a part of the machine does in a direction.
+fn movement(direction: &str) -> String {
+    match direction {
+        "along" => "moves along its track".to_owned(),
+        "horizontal" => "moves sideways".to_owned(),
+        "vertical" => "moves up and down".to_owned(),
+        "length" => "changes its length".to_owned(),
+        "in one stretch" => "lies off in one stretch of its track".to_owned(),
+        turn @ ("roll" | "pitch" | "yaw") => format!("turns in {turn}"),
+        other => format!("moves in {other}"),
+    }
+}
+
+/// Micrometres, or microradians where it is a rotation.
+pub(crate) fn unnamed_unit(structure: &Unnamed) -> &'static str {
+    let is_rotation = ["roll", "pitch", "yaw", "rotation"]
+        .iter()
+        .any(|turn| structure.direction.contains(turn));
+    if is_rotation { "µrad" } else { "µm" }
+}
+
+/// What was left out as an outlier, set by set.
+pub(crate) fn outliers(left_out: &[LeftOut]) -> Option<String> {
+    if left_out.is_empty() {
+        return None;
+    }
+    let mut groups: Vec<(String, Vec<String>)> = Vec::new();
+    for sample in left_out {
+        let group = match &sample.cart {
+            Some(cart) => format!("set {}, cart {cart}", sample.set),
+            None => format!("set {}", sample.set),
+        };
+        let number = sample.number.to_string();
+        match groups.iter_mut().find(|(name, _)| *name == group) {
+            Some((_, numbers)) => numbers.push(number),
+            None => groups.push((group, vec![number])),
+        }
+    }
+    let groups: Vec<String> = groups
+        .into_iter()
+        .map(|(name, numbers)| format!("{name}: {}", numbers.join(", ")))
+        .collect();
+    Some(format!("Left out as outliers: {}.", groups.join("; ")))
+}
+
+/// Names of effects, each with its places.
+type Places<'a> = Vec<(&'a str, Vec<&'a str>)>;
+
+/// Effects that could not be seen with their places, those with one reason together.
+pub(crate) fn unseen(found: &Discovery) -> Vec<(String, String)> {
+    let mut reasons: Vec<(&str, Places<'_>)> = Vec::new();
+    for unseen in &found.cannot_see {
+        let why = reason(&unseen.why);
+        let index = reasons.iter().position(|group| group.0 == why);
+        let index = index.unwrap_or_else(|| {
+            reasons.push((why, vec![]));
+            reasons.len() - 1
+        });
+        let effects = &mut reasons[index].1;
+        match effects.iter_mut().find(|group| group.0 == unseen.name) {
+            Some((_, places)) => places.push(&unseen.place),
+            None => effects.push((&unseen.name, vec![&unseen.place])),
+        }
+    }
+    reasons
+        .into_iter()
+        .map(|(why, effects)| {
+            let effects: Vec<String> = effects
+                .into_iter()
+                .map(|(name, places)| at(name, &places.join(", ")))
+                .collect();
+            (listed(&effects), why.to_owned())
+        })
+        .collect()
+}
+
+/// A reason; the base absorbs all of a signal or all but less than a percent.
+fn reason(why: &str) -> &str {
+    if why.starts_with("the base absorbs") {
+        "the base absorbs all but at most 1 % of the signal"
+    } else {
+        why
+    }
+}
+
+fn count_word(count: usize) -> String {
+    const WORDS: [&str; 10] = [
+        "no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine",
+    ];
+    WORDS
+        .get(count)
+        .map_or_else(|| count.to_string(), |word| (*word).to_owned())
+}

@@ -1,0 +1,81 @@
+//! How the figures of a discovery were obtained, in words.
+
+use maud::{Markup, html};
+use tau::discovery::{Discovery, Options};
+use tau::measurements::PoseCounts;
+use tau::study::results::Study;
+
+use super::words::Words;
+use crate::findings;
+use crate::number::general;
+
+/// What a search was given: the reader needs it to judge what was found.
+#[derive(Debug, Clone, Copy)]
+pub struct Setting {
+    /// How many poses took which part.
+    pub poses: PoseCounts,
+    /// Whether there is a set 2, whose range decides on the poses.
+    pub has_cart_poses: bool,
+    /// Stated noise: position (m) and rotation (rad), one standard deviation per axis.
+    pub noise: (f64, f64),
+    /// Number of random sign flips.
+    pub flips: usize,
+}
+
+impl From<&Study> for Setting {
+    fn from(study: &Study) -> Self {
+        Self {
+            poses: study.poses,
+            has_cart_poses: findings::has_cart_poses(study),
+            noise: study.noise,
+            flips: 199,
+        }
+    }
+}
+
+/// From the measurements to the verdict, step by step.
+pub(crate) fn obtained(found: &Discovery, setting: &Setting) -> Markup {
+    let base = &found.base;
+    html! {
+        p {
+            (findings::poses(setting.poses, setting.has_cart_poses)) " " (findings::noise(setting.noise))
+            " Poses that calibrate take part in the search; those that validate take part in nothing and show the error \
+             at the tool."
+        }
+        ol.steps {
+            li {
+                b { "Fit. " }
+                (Words::of(found).variant(base)) " is fitted to all sets that there are at once: set 1 through the closure of its links, \
+                 sets 2 and 3 through the motion of the carts, with the frames of the tracker and the places of the \
+                 targets unknown and the tolerances of the robot file as priors. Table I of a study fits set 1 alone, so \
+                 that the error of " (base) " there is another one (here " (general(found.validation.before.mean_um, 3))
+                " µm in the mean). Outliers are left out first."
+            }
+            li {
+                b { "Weigh. " }
+                "All closures of a pose share the noise of its position and rotation: they are whitened together. The size \
+                 of the noise is estimated for each set; what is called the stated noise is that of the robot file."
+            }
+            li {
+                b { "Score. " }
+                "Every effect of the catalogue at every place, and unnamed functions beside them, are scored by what the \
+                 model leaves of their signal in the residuals (F test, where a parameter is searched over its whole \
+                 range). What counts as significant holds over all candidates together: 5 % for the first name, 0.5 % for \
+                 every further one."
+            }
+            li {
+                b { "Confirm. " }
+                "In " (setting.flips) " random flips, each of which turns the signs of all residuals of a pose together by \
+                 lot, hardly ever may any candidate score as high; noise that follows itself in time must not do as well; \
+                 and blocks of neighbouring poses and points that are held out have to be predicted better with the effect \
+                 than without."
+            }
+            li {
+                b { "Add. " }
+                "One effect at a time joins the model, which is then fitted anew, until nothing passes. What an effect \
+                 brings depends on what is in the model already, so it is said for the order in which they joined. In the \
+                 end each is tested again beside all others."
+            }
+        }
+    }
+}

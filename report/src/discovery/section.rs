@@ -1,0 +1,253 @@
+//! A discovery as parts of an HTML document: the sentences, then the evidence.
+
+use maud::{Markup, html};
+use tau::discovery::Discovery;
+
+use super::method::{self, Setting};
+use super::words::Words;
+use super::{at, findings, tables};
+use crate::elements::{figure, table};
+use crate::figures::Figure;
+use crate::number::general;
+
+/// A part of the evidence.
+pub(crate) struct Part {
+    pub(crate) id: &'static str,
+    pub(crate) title: &'static str,
+    pub(crate) body: Markup,
+}
+
+/// The figures that matter most.
+pub(crate) fn keys(found: &Discovery) -> Markup {
+    let um = |value: f64| general(value, 3) + " µm";
+    html! {
+        dl.keys {
+            div { dt { "Errors found" } dd { (count(found)) } }
+            div { dt { "Mean error before" } dd { (um(found.validation.before.mean_um)) } }
+            div { dt { "Mean error after" } dd { (um(found.validation.after.mean_um)) } }
+            div { dt { "Stated noise alone" } dd { (um(found.noise_floor_um)) } }
+        }
+    }
+}
+
+/// How many errors were found, with and without a name.
+fn count(found: &Discovery) -> String {
+    let unnamed = findings::unnamed(&Words::of(found), found).len();
+    match (found.effects.len(), unnamed) {
+        (0, 0) => "none".to_owned(),
+        (named, 0) => named.to_string(),
+        (0, unnamed) => format!("{unnamed} without a name"),
+        (named, unnamed) => format!("{named} and {unnamed} without a name"),
+    }
+}
+
+/// The verdict, what was found in a few words, and what that brings: for a summary.
+pub(crate) fn summary(found: &Discovery) -> Markup {
+    let words = Words::of(found);
+    let names: Vec<String> = found
+        .effects
+        .iter()
+        .map(|effect| findings::headline(&words, effect))
+        .chain(findings::unnamed(&words, found))
+        .collect();
+    html! {
+        p { (findings::verdict(found)) }
+        @if !names.is_empty() { ol { @for name in &names { li { (name) } } } }
+        p { (findings::gap(found)) }
+    }
+}
+
+/// What is wrong with the machine, how sure, how much it matters, what else could explain it, and what
+/// remains.
+pub(crate) fn sentences(found: &Discovery) -> Markup {
+    let rivals: Vec<String> = found
+        .effects
+        .iter()
+        .flat_map(findings::rivals)
+        .chain(findings::undisputed(found))
+        .collect();
+    let words = Words::of(found);
+    let unnamed = findings::unnamed(&words, found);
+    html! {
+        p { (findings::verdict(found)) }
+        p { (findings::gap(found)) }
+        @if !found.effects.is_empty() || !unnamed.is_empty() {
+            h3 { "What is wrong with the machine" }
+            ol.found {
+                @for effect in &found.effects {
+                    li {
+                        b { (findings::headline(&words, effect)) } " "
+                        code { (at(&effect.name, &effect.place)) }
+                        @for sentence in findings::effect(&words, effect) { div { (sentence) } }
+                    }
+                }
+                @for structure in &unnamed { li { b { "Without a name" } div { (structure) } } }
+            }
+        }
+        @if !rivals.is_empty() {
+            h3 { "What else could explain it" }
+            ul { @for rival in &rivals { li { (rival) } } }
+        }
+        h3 { "What remains" }
+        ul {
+            @for sentence in findings::remains(found) { li { (sentence) } }
+            @if let Some(outliers) = findings::outliers(&found.left_out) { li { (outliers) } }
+            @for blind in findings::blind(found) { li { (blind) } }
+        }
+        @if !found.remarks.is_empty() {
+            aside.remarks {
+                h3 { "Remarks" }
+                ul { @for remark in &found.remarks { li { (remark) } } }
+            }
+        }
+    }
+}
+
+/// The evidence, in the order in which it convinces.
+pub(crate) fn evidence(found: &Discovery, setting: &Setting, figures: &[Figure]) -> Vec<Part> {
+    let mut parts = vec![Part {
+        id: "gap",
+        title: "How the error shrinks",
+        body: gap(found, figures),
+    }];
+    if !found.effects.is_empty() {
+        parts.push(Part {
+            id: "effects",
+            title: "What the residuals show of each effect",
+            body: effects(found, figures),
+        });
+    }
+    parts.extend([
+        Part {
+            id: "obtained",
+            title: "How the figures of the search were obtained",
+            body: method::obtained(found, setting),
+        },
+        Part {
+            id: "where",
+            title: "Where model and measurement disagree",
+            body: disagreement(found, figures),
+        },
+        Part {
+            id: "considered",
+            title: "What was considered",
+            body: candidates(found),
+        },
+        Part {
+            id: "sight",
+            title: "What could be found",
+            body: sight(found),
+        },
+        Part {
+            id: "model",
+            title: "The description with what was found",
+            body: html! { pre { code { (found.model_text) } } },
+        },
+    ]);
+    parts
+}
+
+/// The gap step by step.
+fn gap(found: &Discovery, figures: &[Figure]) -> Markup {
+    html! {
+        p {
+            "After each step the model is fitted to all sets at once and predicts "
+            @if found.validation.held_out {
+                "the validation poses, which take no part in the search."
+            } @else {
+                "the same poses again: none was kept apart, so part of what the model follows is their noise."
+            }
+            " The stated noise alone is what a perfect model would show in the mean."
+        }
+        (table(&tables::steps(found), ""))
+        (figure(figures, "discovery_gap_by_step.svg"))
+        @if let Some(effects) = tables::effects(found) {
+            (table(&effects, "wide compact long"))
+            p {
+                "χ² is the sum of the squared residuals of all sets, each over its noise as estimated when the effect \
+                 joined; p is the chance of such a fall from noise alone. The mean error at the tool falls by so much \
+                 when the effect joins the model, in the order of the table: another order divides the sum otherwise."
+            }
+        }
+    }
+}
+
+/// Residuals and spectra, effect by effect.
+fn effects(found: &Discovery, figures: &[Figure]) -> Markup {
+    html! {
+        p {
+            "Every sample's residuals are turned into the one motion that would explain them: of the cart along its track, \
+             say, or of a link's length. Plotted against what the effect depends on, they show its curve while it is \
+             missing from the model, as far as the model does not absorb it, and means that scatter about zero once it is \
+             there. All other effects that were found are in the model throughout. Samples that tell little of a motion are \
+             in the means, not among the dots."
+        }
+        @if found.evidence.iter().any(|evidence| evidence.spectrum.is_some()) {
+            p {
+                "Where a parameter was searched, the root of the score is the size of the signal in standard deviations. \
+                 The highest peak is significant where it is beyond the line, over the whole search and all candidates. \
+                 Smaller peaks beside it are its echoes: they vanish once the effect is in the model (pale)."
+            }
+        }
+        @for index in 1..=found.effects.len() {
+            (figure(figures, &format!("discovery_residuals_{index}.svg")))
+            (figure(figures, &format!("discovery_spectrum_{index}.svg")))
+        }
+    }
+}
+
+/// Where model and measurement disagree, and what no name explains.
+fn disagreement(found: &Discovery, figures: &[Figure]) -> Markup {
+    html! {
+        p {
+            "Residuals of " (found.base) ", before anything was found. Excess is the root of what the mean squared residual \
+             exceeds that expected from the stated noise by, given what the fit absorbs of it; it is left out where the \
+             p-value, the chance of so much from the stated noise alone, is above 0.05."
+        }
+        @if let Some(misfit) = tables::misfit(found) { (table(&misfit, "wide compact long")) }
+        @if let Some(noise) = tables::noise(found) { (table(&noise, "compact")) }
+        @if let Some(whiteness) = tables::whiteness(found) {
+            p {
+                "Noise that drifts imitates effects of time and temperature. White noise leaves residuals that do not \
+                 follow each other; the correlation that the fit itself brings in is taken off. A missing effect makes \
+                 neighbouring poses alike, too, so that what counts is what is left in the end."
+            }
+            (table(&whiteness, "compact"))
+        }
+        (figure(figures, "discovery_unnamed_structure.svg"))
+    }
+}
+
+/// Every candidate that was tried.
+fn candidates(found: &Discovery) -> Markup {
+    html! {
+        p {
+            "Every effect of the catalogue at every place is scored by what " (tables::scored(found)) " leaves of its signal in the \
+             residuals. The p-values are of one candidate each beside " (tables::scored(found)) " alone; what is called significant holds \
+             over all of them together, against unnamed rivals, under sign flips, and on blocks that were held out. A weak \
+             effect may stand out only once stronger ones are in the model."
+        }
+        @if let Some(considered) = tables::considered(found) { (table(&considered, "wide compact long")) }
+    }
+}
+
+/// What could and what could not be found, whatever the residuals.
+fn sight(found: &Discovery) -> Markup {
+    html! {
+        p {
+            "This follows from where was measured and from the noise; of the residuals, only how much larger than \
+             stated they leave it is used."
+        }
+        @if let Some(unseen) = tables::unseen(found) { (table(&unseen, "wide compact long reasons")) }
+        @if let Some(ambiguous) = tables::ambiguous(found) {
+            p {
+                "κ is the share of what " (tables::scored(found)) " leaves of an effect's signal that another effect explains, in \
+                 the mean over amplitudes of the size of their tolerances. Its root is the correlation of the two scores: \
+                 at κ = 0.64, from where on pairs are listed, it is 0.8, so that noise may well make the wrong one the \
+                 better one; above 0.99 these measurements cannot tell the two apart."
+            }
+            (table(&ambiguous, "wide compact long"))
+        }
+        @if let Some(detectable) = tables::detectable(found) { (table(&detectable, "wide compact long")) }
+    }
+}

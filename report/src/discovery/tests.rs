@@ -1,0 +1,459 @@
+use roxmltree::Document;
+use tau::discovery::results::{
+    Ambiguous, Bin, Discovery, Estimate, Evidence, FoundEffect, Gap, LeftOut, NoiseScale, Pattern,
+    PiecewiseTrack, Rival, SerialCorrelation, Spectrum, Status, Step, Unnamed, Unseen, Validation,
+    Whiteness,
+};
+use tau::measurements::PoseCounts;
+
+use super::method::Setting;
+use super::words::Words;
+use super::{chance, findings, readable, tables};
+use crate::{figures, html, json, terminal};
+
+fn gap(mean_um: f64) -> Gap {
+    Gap {
+        mean_um,
+        max_um: 3.0 * mean_um,
+        rms_um: 1.1 * mean_um,
+    }
+}
+
+fn step(model: &str, mean_um: f64) -> Step {
+    let Gap {
+        mean_um,
+        max_um,
+        rms_um,
+    } = gap(mean_um);
+    Step {
+        model: format!("variant Discovered = {model};"),
+        mean_um,
+        max_um,
+        rms_um,
+    }
+}
+
+fn serial(lag1: f64, p_value: f64) -> SerialCorrelation {
+    SerialCorrelation {
+        lag1,
+        p_value,
+        portmanteau: 41.0,
+        portmanteau_p_value: p_value,
+    }
+}
+
+/// Of an effect that was searched, with a sample that is not finite.
+fn evidence() -> Evidence {
+    Evidence {
+        name: "backlash".to_owned(),
+        place: "one".to_owned(),
+        residuals: vec![Pattern {
+            place: "one".to_owned(),
+            target: "along".to_owned(),
+            unit: "um",
+            against: "direction".to_owned(),
+            against_unit: "",
+            period: None,
+            bins: [-1.0, 1.0]
+                .map(|at| Bin {
+                    at,
+                    before: 20.0 * at,
+                    after: 0.4 * at,
+                    sigma: 1.0,
+                    samples: 40,
+                })
+                .into(),
+            points: vec![[-1.0, -22.0, -2.0], [1.0, f64::NAN, 1.0]],
+        }],
+        spectrum: Some(Spectrum {
+            parameter: "gap".to_owned(),
+            unit: "m".to_owned(),
+            threshold: 25.0,
+            points: vec![[4e-5, 900.0, 3.0]],
+            curve: vec![[1e-4, 2.0, 1.0], [4e-5, 900.0, 3.0], [2e-5, 4.0, 4.0]],
+        }),
+    }
+}
+
+/// A made discovery with something of everything, and a folder's worst names.
+fn found() -> Discovery {
+    let estimate = Estimate {
+        value: 4.123e-5,
+        sigma: 1.3e-6,
+        unit: "m".to_owned(),
+    };
+    let unseen = |place: &str| Unseen {
+        name: "link_thermal".to_owned(),
+        place: place.to_owned(),
+        why: "the column <temperature_c> is missing".to_owned(),
+    };
+    Discovery {
+        base: "Full".to_owned(),
+        status: Status::PartlyExplained,
+        noise_floor_um: 20.0,
+        ceiling_um: 108.0,
+        remaining_um: 18.0,
+        validation: Validation {
+            before: gap(100.0),
+            after: gap(25.0),
+            held_out: true,
+        },
+        misfit: vec![],
+        noise: vec![],
+        effects: vec![FoundEffect {
+            name: "backlash".to_owned(),
+            place: "one".to_owned(),
+            parameters: [("gap".to_owned(), estimate)].into(),
+            p_value: 0.0,
+            flip_p_value: 0.005,
+            chi2_drop: 812.0,
+            heldout_drop_um: 75.0,
+            rivals: vec![Rival {
+                name: "positioning_error".to_owned(),
+                place: "one".to_owned(),
+                cosine: 0.93,
+                separate_by: "approach the same poses from both sides".to_owned(),
+            }],
+            searched: Some("gap".to_owned()),
+            aliases: vec![8.4e-5],
+        }],
+        piecewise_tracks: vec![],
+        considered: vec![],
+        cannot_see: vec![unseen("l1"), unseen("l2a")],
+        detectable: vec![],
+        ambiguous: vec![Ambiguous {
+            name: "link_thermal".to_owned(),
+            place: "l1".to_owned(),
+            with_name: "track_thermal".to_owned(),
+            with_place: "one".to_owned(),
+            kappa: 0.995,
+            kappa_reverse: 0.7,
+        }],
+        whiteness: Some(Whiteness {
+            order: "time",
+            poses: 61,
+            lags: 10,
+            before: serial(0.4, 1e-9),
+            after: serial(0.3, 2e-4),
+        }),
+        evidence: vec![evidence()],
+        unnamed: vec![Unnamed {
+            place: "two".to_owned(),
+            direction: "along".to_owned(),
+            against: "q".to_owned(),
+            rms_um: 12.0,
+            curve: vec![[-0.5, 1e-5], [0.0, -1e-5], [0.5, f64::NAN]],
+        }],
+        outliers: vec![7, 9],
+        left_out: vec![
+            LeftOut {
+                set: 1,
+                cart: None,
+                number: 7,
+            },
+            LeftOut {
+                set: 3,
+                cart: Some("two".to_owned()),
+                number: 9,
+            },
+        ],
+        steps: vec![
+            step("Full", 100.0),
+            step("Full + straightness(two)", 60.0),
+            step("Full + backlash(one)", 25.0),
+            step("Full + backlash(one)", 24.0),
+        ],
+        model_text: "/// Slack <of> the drive.\neffect backlash on cart { }".to_owned(),
+        remarks: vec!["set 2 & set 3 disagree".to_owned()],
+        seconds: 0.5,
+    }
+}
+
+fn setting() -> Setting {
+    Setting {
+        poses: PoseCounts {
+            total: 10,
+            in_range: 9,
+            calibration: 5,
+            validation: 4,
+        },
+        has_cart_poses: false,
+        noise: (1e-5, 4e-5),
+        flips: 199,
+    }
+}
+
+/// A description with effects of its own, and one that ships.
+const MACHINE: &str = "
+pub robot Machine {
+    track one, two;
+    cluster arm1 on one { link l1; }
+    cluster arm2 on two { link l2a, l2b; }
+    variant Full { arm full; tracks linear per link; }
+    variant Bent { arm full; tracks linear per link; track two piecewise per link; }
+
+    /// Hum of the drive. It grows with age.
+    effect hum on cart from source {
+        param in_phase, out_of_phase: length tol 50 um;
+        param lean: angle tol 100 urad;
+        param twist: angle tol 1 mrad;
+        search pitch: length in 10 mm ..= 100 mm;
+        along += cos(2*pi*q(source)/pitch) * in_phase + out_of_phase * sin(2*pi*q(source)/pitch);
+        roll += (lean + twist) * q / (1 m);
+    }
+    effect own_stretch on link {
+        param strain: ratio tol 10 ppm;
+        length += strain * length;
+    }
+}
+";
+
+#[test]
+fn effects_of_a_user_are_told_in_words() {
+    let estimate = |value: f64, sigma: f64, unit: &str| Estimate {
+        value,
+        sigma,
+        unit: unit.to_owned(),
+    };
+    let mut found = found();
+    MACHINE.clone_into(&mut found.model_text);
+    let effect = FoundEffect {
+        name: "hum".to_owned(),
+        place: "two,one".to_owned(),
+        parameters: [
+            ("in_phase", estimate(-3e-5, 1e-6, "m")),
+            ("out_of_phase", estimate(4e-5, 1e-6, "m")),
+            ("pitch", estimate(0.05, 1e-4, "m")),
+            ("lean", estimate(1e-5, 3e-4, "rad")),
+            ("twist", estimate(1.5e-3, 1e-4, "rad")),
+        ]
+        .map(|(name, estimate)| (name.to_owned(), estimate))
+        .into(),
+        searched: Some("pitch".to_owned()),
+        ..found.effects[0].clone()
+    };
+    let words = Words::of(&found);
+    assert_eq!(
+        findings::headline(&words, &effect),
+        "Hum of the drive – cart two, from cart one"
+    );
+    let told = findings::effect(&words, &effect);
+    assert_eq!(
+        told[..3],
+        [
+            "It grows with age.",
+            "It swings by ±50.0 µm (σ about 1.0 µm) along the track, once every 50.00 mm of q(source), and is highest \
+             near q(source) = 18 mm.",
+            "in_phase = −30.0 ± 1.0 µm, out_of_phase = 40.0 ± 1.0 µm, twist = 1.50 ± 0.10 mrad, pitch = 50.00 ± 0.10 \
+             mm. Not determined by the data (σ above the tolerance): lean.",
+        ]
+    );
+    assert_eq!(words.title("own_stretch"), "Own stretch");
+    assert_eq!(words.place("own_stretch", "all"), "all links");
+    assert_eq!(words.place("own_stretch", "l2a"), "link l2a");
+    assert_eq!(words.variant("Full"), "Full (all links, straight tracks)");
+    assert_eq!(
+        words.variant("Bent"),
+        "Bent (all links, track two through measured points, the rest straight)"
+    );
+}
+
+#[test]
+fn a_track_that_follows_its_points_is_an_error_of_the_machine() {
+    let mut found = found();
+    found.effects.clear();
+    found.status = Status::UnnamedStructure;
+    found.steps = ["Full", "Bent"].map(|model| step(model, 1.0)).to_vec();
+    found.unnamed[0].direction = "horizontal".to_owned();
+    found.piecewise_tracks = vec![PiecewiseTrack {
+        place: "two".to_owned(),
+        p_value: 0.0,
+        chi2_drop: 90.0,
+        heldout_drop_um: 10.0,
+    }];
+    let told = findings::unnamed(&Words::of(&found), &found);
+    assert_eq!(told.len(), 1);
+    assert!(
+        told[0].starts_with("Track two bends sideways by up to 10 µm near q = "),
+        "{told:?}"
+    );
+    assert!(terminal::discovery(&found).contains("What is wrong with the machine"));
+    assert_eq!(tables::scored(&found), "Bent");
+}
+
+/// Nothing is said to be described below that is not.
+#[test]
+fn noise_beyond_the_stated_one_is_no_structure() {
+    let mut found = found();
+    found.effects.clear();
+    found.unnamed.clear();
+    found.status = Status::UnnamedStructure;
+    let told = findings::verdict(&found);
+    assert!(told.contains("times the stated one"), "{told}");
+    assert!(!told.contains("described below"), "{told}");
+}
+
+#[test]
+fn units_fit_the_size() {
+    let shown = |unit: &str, value: f64| {
+        let (factor, name) = readable(unit, value);
+        (format!("{:.3}", factor * value), name)
+    };
+    assert_eq!(shown("m", -4.1e-5), ("-41.000".into(), "µm".into()));
+    assert_eq!(shown("m", 0.0133), ("13.300".into(), "mm".into()));
+    assert_eq!(shown("m/N", 1.2e-6), ("1.200".into(), "µm/N".into()));
+    assert_eq!(shown("rad", 2e-5), ("20.000".into(), "µrad".into()));
+    assert_eq!(shown("1/K", 1.2e-5), ("12.000".into(), "ppm/K".into()));
+    assert_eq!(shown("s", 3.0), ("3.000".into(), "s".into()));
+    assert_eq!(chance(0.0), "<1e-99");
+    assert_eq!(chance(0.005), "0.0050");
+}
+
+#[test]
+fn steps_are_named_by_what_they_change() {
+    let expected = [
+        "Full",
+        "+ straightness(two)",
+        "+ backlash(one) − straightness(two)",
+        "refitted",
+    ];
+    assert_eq!(tables::labels(&found()), expected);
+    let mut extended = found();
+    extended.steps = [
+        "Full",
+        "Full + rack_pitch(two)",
+        "Full + rack_pitch(two) with a, b",
+        "Full",
+    ]
+    .map(|model| step(model, 1.0))
+    .to_vec();
+    let expected = [
+        "Full",
+        "+ rack_pitch(two)",
+        "+ a, b of rack_pitch(two)",
+        "− rack_pitch(two) with a, b",
+    ];
+    assert_eq!(tables::labels(&extended), expected);
+    extended.steps = ["Full", "BestPerLink", "BestPerLink + backlash(one)"]
+        .map(|model| step(model, 1.0))
+        .to_vec();
+    let expected = ["Full", "BestPerLink for Full", "+ backlash(one)"];
+    assert_eq!(tables::labels(&extended), expected);
+}
+
+#[test]
+fn the_terminal_tells_everything_in_a_hundred_columns() {
+    let text = terminal::discovery(&found());
+    for expected in [
+        "falls from 100 to 25.0 µm",
+        "gap = 41.2 ± 1.3 µm",
+        "lowers the mean error at the tool by 75 µm",
+        "positioning_error(one) instead",
+        "approach the same poses from both sides",
+        "What is wrong with the machine",
+        "Without a name: Two moves along its track by up to 10 µm near q = 0 m (12 µm rms). No effect",
+        "link_thermal(l1, l2a): the column",
+        "probability below 10⁻⁹⁹, random flips of the residuals' signs in at most 0.5 % of all cases",
+        "can hardly tell link_thermal(l1) from track_thermal(one)",
+        "set 1: 7; set 3, cart two: 9",
+        "set 2 & set 3 disagree",
+        "stated noise alone",
+        "another gap: 84.00 µm",
+        "Any method could still remove 18.0 µm rms",
+        "correlate by 0.30 (p = 0.00020); lags 1 to 10 together p = 0.00020: more than chance",
+    ] {
+        let words = |text: &str| text.split_whitespace().collect::<Vec<_>>().join(" ");
+        assert!(words(&text).contains(expected), "{expected} in {text}");
+    }
+    assert!(
+        text.lines().all(|line| line.chars().count() <= 100),
+        "{text}"
+    );
+}
+
+#[test]
+fn a_verdict_claims_no_more_than_was_found() {
+    let mut found = found();
+    assert!(findings::verdict(&found).contains("is left that has none"));
+    found.status = Status::Explained;
+    assert!(
+        findings::verdict(&found).contains("shows one error that the model Full does not contain")
+    );
+    found.effects.clear();
+    found.status = Status::NothingMissing;
+    assert!(findings::verdict(&found).contains("nothing significant is missing"));
+    assert!(!findings::gap(&found).contains("falls"));
+    let noise = |factor| NoiseScale {
+        set: 1,
+        of: "closure",
+        factor,
+    };
+    found.noise = vec![noise(0.9), noise(4.02)];
+    found.status = Status::UnnamedStructure;
+    found.unnamed.clear();
+    let verdict = findings::verdict(&found);
+    assert!(verdict.contains("4.0 times the stated one"), "{verdict}");
+    assert!(!verdict.contains("explains the measurements"), "{verdict}");
+}
+
+#[test]
+fn poses_that_were_searched_are_not_said_to_be_kept_apart() {
+    let mut found = found();
+    let claims = |found: &Discovery| {
+        let page = html::discovery_page(found, &setting(), "Robot", "folder");
+        let (page, text) = (page.to_lowercase(), terminal::discovery(found));
+        let of = |text: &str| text.contains("took no part") || text.contains("take no part");
+        (of(&page), of(&text))
+    };
+    assert_eq!(claims(&found), (true, true));
+    found.validation.held_out = false;
+    assert_eq!(claims(&found), (false, false));
+}
+
+#[test]
+fn the_page_is_well_formed_and_escapes_what_it_is_given() {
+    let found = found();
+    let page = html::discovery_page(&found, &setting(), "<Robot>", "a & b");
+    let page = page.replacen("<!DOCTYPE html>", "", 1);
+    let (_, body) = page.split_once("<body>").expect("a body");
+    let body = format!("<body>{}", body.replace("</html>", ""));
+    let document = Document::parse(&body).unwrap();
+    let headings: Vec<_> = document
+        .descendants()
+        .filter(|node| node.has_tag_name("h2"))
+        .collect();
+    assert_eq!(headings.len(), 7);
+    assert_eq!(figures::discovery(&found).len(), 4);
+    for figure in figures::discovery(&found) {
+        Document::parse(&figure.svg).unwrap();
+        assert!(page.contains(&figure.svg));
+    }
+}
+
+#[test]
+fn numbers_that_are_not_finite_are_null_in_json() {
+    let value = json::discovery(&found());
+    assert_eq!(value["status"], "partly_explained");
+    assert!(value["unnamed"][0]["curve"][2][1].is_null());
+    assert!(value["where"].is_array());
+}
+
+#[test]
+fn a_name_that_does_not_help_is_not_praised() {
+    let mut found = found();
+    found.validation.after = gap(120.0);
+    let text = findings::gap(&found);
+    assert!(text.contains("rises from 100 to 120 µm"), "{text}");
+    assert!(text.contains("speaks against what was found"), "{text}");
+}
+
+#[test]
+fn many_look_alikes_are_counted() {
+    let mut found = found();
+    let listed = findings::ambiguous(&found).unwrap();
+    assert!(listed.contains("hardly tell link_thermal(l1) from track_thermal(one)."));
+    found.ambiguous = vec![found.ambiguous[0].clone(); 7];
+    let counted = findings::ambiguous(&found).unwrap();
+    assert!(counted.contains("hardly tell 7 pairs"), "{counted}");
+    assert_eq!(counted.matches("track_thermal").count(), 3);
+}

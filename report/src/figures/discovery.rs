@@ -1,0 +1,89 @@
+//! What discovery found: the gap step by step, and structure without a name.
+
+use tau::discovery::Discovery;
+
+use super::axis::Axis;
+use super::chart::{self, Grid, Show, series};
+use super::{Figure, bars, evidence};
+use crate::discovery::words::Words;
+use crate::discovery::{findings, tables, unit_of};
+
+/// All figures of a discovery.
+pub fn discovery(found: &Discovery) -> Vec<Figure> {
+    gap_by_step(found)
+        .into_iter()
+        .chain(evidence(found))
+        .chain(unnamed_structure(found))
+        .collect()
+}
+
+/// Mean and largest error on the validation poses after each step.
+pub fn gap_by_step(found: &Discovery) -> Option<Figure> {
+    let steps = &found.steps;
+    if steps.is_empty() {
+        return None;
+    }
+    let title = "Position error by step";
+    let subtitle = "Mean and largest error at the validation poses; the line marks the mean of the stated noise alone";
+    let errors = steps.iter().map(|step| [step.mean_um, step.max_um]);
+    let rows: Vec<_> = tables::labels(found).into_iter().zip(errors).collect();
+    let svg = bars::draw((title, subtitle), &rows, Some(found.noise_floor_um));
+    Some(Figure {
+        file_name: "discovery_gap_by_step.svg".to_owned(),
+        number: None,
+        title: title.to_owned(),
+        caption: format!(
+            "How the error at the tool shrinks as effects are added to the model, in this order, on {}.",
+            if found.validation.held_out {
+                "poses that took no part in the search"
+            } else {
+                "the poses that were searched"
+            }
+        ),
+        svg,
+    })
+}
+
+/// The curves of what no effect of the catalogue explains.
+pub fn unnamed_structure(found: &Discovery) -> Option<Figure> {
+    if found.unnamed.is_empty() {
+        return None;
+    }
+    let words = Words::of(found);
+    let title = "Structure without a name";
+    let subtitle =
+        "Its size at each sample or measured point, against the quantity that it follows best";
+    let grid = Grid {
+        rows: found.unnamed.len(),
+        columns: 1,
+        margin: [62.0, 82.0, 14.0, 44.0],
+        column_gap: 0.0,
+        row_gap: 66.0,
+        row_height: 120.0,
+    };
+    let svg = chart::draw(title, subtitle, grid.height(), |sheet| {
+        for (row, structure) in found.unnamed.iter().enumerate() {
+            let points = || structure.curve.iter().map(|[x, y]| (*x, 1e6 * y));
+            let against = match unit_of(&structure.against) {
+                "" => structure.against.clone(),
+                unit => format!("{} ({unit})", structure.against),
+            };
+            let x = Axis::linear(&against, points().map(|point| point.0), 8.0);
+            let unit = findings::unnamed_unit(structure);
+            let label = format!("{} ({unit})", structure.direction);
+            let y = Axis::symmetric(&label, points().map(|point| point.1), 4.0);
+            let panel = sheet.panel(grid.cell(row, 0), &x, &y, Show::BOTH);
+            panel.title(&words.part(&structure.place));
+            panel.marks(points(), series(0), 2.2);
+        }
+    });
+    Some(Figure {
+        file_name: "discovery_unnamed_structure.svg".to_owned(),
+        number: None,
+        title: title.to_owned(),
+        caption: "What no effect of the catalogue explains. A function of several quantities scatters about a curve of \
+                  one."
+            .to_owned(),
+        svg,
+    })
+}

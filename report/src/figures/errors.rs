@@ -1,0 +1,208 @@
+//! Errors of the calibrated variants at the validation poses: Table I as bars, error by pose, Figure 8.
+
+use tau::evaluation::{PoseError, VariantResult};
+use tau::study::results::Study;
+
+use super::axis::Axis;
+use super::chart::{self, ACCENT, Grid, PALE, STRONG, Show, series};
+use super::{Figure, bars, length_unit};
+use crate::findings::held_out;
+use crate::number::{fixed, largest, shared_decimals};
+
+/// Table I as bars: mean and largest position error of each variant.
+pub fn error_by_variant(study: &Study) -> Option<Figure> {
+    let variants = &study.variants;
+    if variants.is_empty() {
+        return None;
+    }
+    let title = "Position error by variant";
+    let division = if held_out(study.poses) {
+        ", which took no part in calibration"
+    } else {
+        ""
+    };
+    let subtitle = format!(
+        "Mean and largest error at {} validation poses{division}",
+        study.poses.validation
+    );
+    let errors = |variant: &VariantResult| [variant.position_um.mean, variant.position_um.max];
+    let rows = variants
+        .iter()
+        .map(|variant| (variant.name.clone(), errors(variant)));
+    let svg = bars::draw((title, &subtitle), &rows.collect::<Vec<_>>(), None);
+    Some(Figure {
+        file_name: "position_error_by_variant.svg".to_owned(),
+        number: None,
+        title: title.to_owned(),
+        caption: "The figures of Table I. The error of a pose is the distance between the TCP position that the \
+                  calibrated model predicts from the commands and the measured one."
+            .to_owned(),
+        svg,
+    })
+}
+
+/// Position error of each validation pose, one panel a variant.
+pub fn error_by_pose(study: &Study) -> Option<Figure> {
+    let variants: Vec<_> = study
+        .variants
+        .iter()
+        .filter(|variant| !variant.pose_errors.is_empty())
+        .collect();
+    if variants.is_empty() {
+        return None;
+    }
+    let title = "Position error by pose";
+    let subtitle = "Each bar is a validation pose; the line marks the mean";
+    let errors = || variants.iter().flat_map(|variant| &variant.pose_errors);
+    let (factor, unit) = length_unit(largest(errors().map(PoseError::length_um)));
+    let grid = Grid {
+        rows: variants.len(),
+        columns: 1,
+        margin: [62.0, 70.0, 14.0, 44.0],
+        column_gap: 0.0,
+        row_gap: 28.0,
+        row_height: 70.0,
+    };
+    let svg = chart::draw(title, subtitle, grid.height(), |sheet| {
+        let x = Axis::linear(
+            "pose number in the file",
+            errors().map(|error| f64::from(error.pose)),
+            10.0,
+        );
+        let lengths = errors().map(|error| factor * error.length_um());
+        let y = Axis::from_zero(&format!("error ({unit})"), lengths, 3.0);
+        // Bars fill their share of the panel, at most a third of a pose number apart from touching.
+        let half = (0.3 * (x.range.1 - x.range.0) / variants[0].pose_errors.len() as f64).min(0.8);
+        let means = variants
+            .iter()
+            .map(|variant| factor * variant.position_um.mean);
+        let decimals = shared_decimals(means);
+        for (row, variant) in variants.iter().enumerate() {
+            let show = Show {
+                x: row + 1 == variants.len(),
+                y: true,
+            };
+            let panel = sheet.panel(grid.cell(row, 0), &x, &y, show);
+            let worst = variant
+                .pose_errors
+                .iter()
+                .max_by(|a, b| a.length_um().total_cmp(&b.length_um()))
+                .filter(|worst| worst.length_um().is_finite());
+            for error in &variant.pose_errors {
+                let at = f64::from(error.pose);
+                let is_worst = worst.is_some_and(|worst| worst.pose == error.pose);
+                let color = if is_worst { ACCENT } else { STRONG };
+                panel.bar(
+                    (at - half, 0.0),
+                    (at + half, factor * error.length_um()),
+                    color,
+                );
+            }
+            let mean = factor * variant.position_um.mean;
+            let line = [(x.range.0, mean), (x.range.1, mean)];
+            // A pale seam keeps the line apart from the bars in print without colour.
+            panel.line(line, PALE, 3.0);
+            panel.line(line, chart::INK, 1.2);
+            panel.title(&variant.name);
+            if let Some(worst) = worst {
+                let max = factor * worst.length_um();
+                panel.remark(&format!(
+                    "mean {} {unit}, largest {} {unit} at pose {}",
+                    fixed(mean, decimals),
+                    fixed(max, decimals),
+                    worst.pose
+                ));
+            }
+        }
+    });
+    Some(Figure {
+        file_name: "position_error_by_pose.svg".to_owned(),
+        number: None,
+        title: title.to_owned(),
+        caption: "All panels share one scale. The largest error of each variant is drawn in orange. Errors that \
+                  come back at neighbouring poses point to something that the model lacks rather than to noise."
+            .to_owned(),
+        svg,
+    })
+}
+
+/// Figure 8: orientation errors at the validation poses, for the variants that predict orientation.
+pub fn orientation_errors(study: &Study) -> Option<Figure> {
+    let variants: Vec<_> = study
+        .variants
+        .iter()
+        .filter(|variant| {
+            variant
+                .pose_errors
+                .iter()
+                .any(|error| error.orientation_rad.is_some())
+        })
+        .collect();
+    if variants.is_empty() {
+        return None;
+    }
+    let errors = || {
+        variants
+            .iter()
+            .flat_map(|variant| &variant.pose_errors)
+            .filter_map(|error| {
+                error
+                    .orientation_rad
+                    .map(|angles| (f64::from(error.pose), angles))
+            })
+    };
+    // As in Table I.
+    let (factor, unit) = (1e3, "mrad");
+    let title = "Orientation errors at the validation poses";
+    let subtitle = "Predicted minus measured ZYZ Euler angles, for the variants with all links";
+    let grid = Grid {
+        rows: 3,
+        columns: 1,
+        margin: [66.0, 78.0, 14.0, 44.0],
+        column_gap: 0.0,
+        row_gap: 14.0,
+        row_height: 106.0,
+    };
+    let svg = chart::draw(title, subtitle, grid.height(), |sheet| {
+        let legend: Vec<_> = variants
+            .iter()
+            .enumerate()
+            .map(|(index, variant)| (variant.name.as_str(), series(index)))
+            .collect();
+        sheet.legend(&legend, 58.0);
+        let x = Axis::linear(
+            "pose number in the file",
+            errors().map(|(pose, _)| pose),
+            10.0,
+        );
+        for (row, angle) in ["α", "β", "γ"].iter().enumerate() {
+            let values = errors().map(|(_, angles)| factor * angles[row]);
+            let y = Axis::symmetric(&format!("{angle} ({unit})"), values, 4.0);
+            let panel = sheet.panel(
+                grid.cell(row, 0),
+                &x,
+                &y,
+                Show {
+                    x: row == 2,
+                    y: true,
+                },
+            );
+            for (index, variant) in variants.iter().enumerate() {
+                let marks = variant.pose_errors.iter().filter_map(|error| {
+                    let angles = error.orientation_rad?;
+                    Some((f64::from(error.pose), factor * angles[row]))
+                });
+                panel.marks(marks, series(index), 2.8);
+            }
+        }
+    });
+    Some(Figure {
+        file_name: "figure_8_orientation_errors.svg".to_owned(),
+        number: Some(8),
+        title: title.to_owned(),
+        caption: "A reduced arm predicts no orientation and is not drawn. The largest magnitudes stand in Table I. \
+                  Errors that keep their sign over many poses are the model's, not the noise's."
+            .to_owned(),
+        svg,
+    })
+}

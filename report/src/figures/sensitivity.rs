@@ -1,0 +1,140 @@
+//! Sensitivity of the pose to each parameter: Figures 9 and 10.
+
+use tau::sensitivity::{ParameterSensitivity, Sensitivity};
+use tau::study::results::Study;
+
+use super::axis::{Axis, typographic};
+use super::chart::{self, Grid, STRONG, Show, Style, series};
+use super::{Figure, angle_unit, length_unit};
+use crate::number::{general, largest};
+
+/// Figure 9: change of the TCP position for a step in each parameter of each link.
+pub fn position_sensitivity(study: &Study) -> Option<Figure> {
+    let sensitivity = study.sensitivity.as_ref()?;
+    let values: fn(&ParameterSensitivity) -> &[f64] = |parameter| &parameter.by_pose_um;
+    let (factor, unit) = length_unit(largest_of(sensitivity, values));
+    draw(
+        sensitivity,
+        "figure_9_sensitivity_position.svg",
+        9,
+        "Sensitivity of the position",
+        values,
+        (factor, &format!("‖ΔT‖ ({unit})")),
+    )
+}
+
+/// Figure 10: change of the orientation for a step in each parameter of each link.
+pub fn orientation_sensitivity(study: &Study) -> Option<Figure> {
+    let sensitivity = study.sensitivity.as_ref()?;
+    let values: fn(&ParameterSensitivity) -> &[f64] = |parameter| &parameter.by_pose_rad;
+    let (factor, unit) = angle_unit(largest_of(sensitivity, values));
+    draw(
+        sensitivity,
+        "figure_10_sensitivity_orientation.svg",
+        10,
+        "Sensitivity of the orientation",
+        values,
+        (factor, &format!("|Δα|+|Δβ|+|Δγ| ({unit})")),
+    )
+}
+
+fn largest_of(sensitivity: &Sensitivity, values: fn(&ParameterSensitivity) -> &[f64]) -> f64 {
+    let parameters = sensitivity.links.iter().flat_map(|link| &link.parameters);
+    largest(parameters.flat_map(|parameter| values(parameter).iter().copied()))
+}
+
+/// Short form of a parameter's name, for ticks.
+fn short(parameter: &str) -> String {
+    parameter.replace("Offset_", "C").replace("Orient_", "O")
+}
+
+fn draw(
+    sensitivity: &Sensitivity,
+    file_name: &str,
+    number: u32,
+    title: &str,
+    values: fn(&ParameterSensitivity) -> &[f64],
+    (factor, quantity): (f64, &str),
+) -> Option<Figure> {
+    let links = &sensitivity.links;
+    let any = links
+        .iter()
+        .flat_map(|link| &link.parameters)
+        .any(|parameter| !values(parameter).is_empty());
+    if !any {
+        return None;
+    }
+    let step = typographic(&general(sensitivity.step, 1));
+    let subtitle = format!(
+        "Effect of a step of +{step} (SI units) in each parameter at {} validation poses: mean (disc) and range (bar)",
+        sensitivity.poses
+    );
+    let columns = links.len().clamp(1, 3);
+    let grid = Grid {
+        rows: links.len().div_ceil(columns),
+        columns,
+        margin: [62.0, 74.0, 14.0, 32.0],
+        column_gap: 14.0,
+        row_gap: 48.0,
+        row_height: 150.0,
+    };
+    let svg = chart::draw(title, &subtitle, grid.height(), |sheet| {
+        let all = links.iter().flat_map(|link| &link.parameters);
+        let y = Axis::from_zero(
+            quantity,
+            all.flat_map(|p| values(p).iter().map(|value| factor * value)),
+            6.0,
+        );
+        for (index, link) in links.iter().enumerate() {
+            let (row, column) = (index / columns, index % columns);
+            let x = Axis::names("", link.parameters.iter().map(|p| short(&p.parameter)));
+            let panel = sheet.panel(
+                grid.cell(row, column),
+                &x,
+                &y,
+                Show {
+                    x: true,
+                    y: column == 0,
+                },
+            );
+            panel.title(&format!("link {}", link.link));
+            for (parameter, (centre, _)) in link.parameters.iter().zip(&x.ticks) {
+                let finite = || {
+                    values(parameter)
+                        .iter()
+                        .map(|value| factor * value)
+                        .filter(|v| v.is_finite())
+                };
+                let count = finite().count();
+                if count == 0 {
+                    continue;
+                }
+                let low = finite().fold(f64::INFINITY, f64::min);
+                let high = finite().fold(0.0, f64::max);
+                let mean = finite().sum::<f64>() / count as f64;
+                panel.bar((centre - 0.16, low), (centre + 0.16, high), chart::PALE);
+                panel.marks(
+                    [(*centre, mean)],
+                    Style {
+                        color: STRONG,
+                        ..series(0)
+                    },
+                    3.2,
+                );
+            }
+        }
+    });
+    Some(Figure {
+        file_name: file_name.to_owned(),
+        number: Some(number),
+        title: title.to_owned(),
+        caption: format!(
+            "Variant {}; one panel a link, all on one scale. L is the length, Px, Py, Pz the plate joint, Cx, Cy, \
+             Cz the track offset (each +{step} m), O1, O2, O3 the direction of a linear track or the rotation of a \
+             piecewise one (+{step}, in rad for the rotation). Table III sums these effects over the poses, with \
+             steps both ways.",
+            sensitivity.variant
+        ),
+        svg,
+    })
+}

@@ -1,0 +1,242 @@
+//! What the study found, in plain sentences.
+
+use tau::assumptions::TrackLinearity;
+use tau::evaluation::VariantResult;
+use tau::measurements::PoseCounts;
+use tau::study::results::Study;
+
+use super::number::{fixed, general, largest, shared_decimals};
+
+/// The variant with the smallest mean position error.
+pub(super) fn best(study: &Study) -> Option<&VariantResult> {
+    study
+        .variants
+        .iter()
+        .filter(|variant| variant.position_um.mean.is_finite())
+        .min_by(|a, b| a.position_um.mean.total_cmp(&b.position_um.mean))
+}
+
+/// Which poses took part, and why: set 2 decides on the range, or without it the robot file.
+pub(super) fn poses(poses: PoseCounts, has_cart_poses: bool) -> String {
+    let dropped = poses.total.saturating_sub(poses.in_range);
+    let range = if has_cart_poses {
+        "the range that the cart measurements (set 2) cover"
+    } else {
+        "[range] of the robot file, which decides where there is no set 2"
+    };
+    let selection = match dropped {
+        0 => format!("All {} measured poses take part", poses.total),
+        1 => format!(
+            "Of {} measured poses {} take part; the commands of the other one leave {range}, so it is left out of \
+             every comparison",
+            poses.total, poses.in_range
+        ),
+        _ => format!(
+            "Of {} measured poses {} take part; the commands of the other {dropped} leave {range}, so they are left \
+             out of every comparison",
+            poses.total, poses.in_range
+        ),
+    };
+    let division = if held_out(poses) {
+        "no pose does both"
+    } else {
+        "some do both, so the errors below are partly those of the fit"
+    };
+    format!(
+        "{selection}. {} calibrate and {} validate; {division}.",
+        poses.calibration, poses.validation
+    )
+}
+
+/// Whether a study's folder has a set 2.
+pub(super) fn has_cart_poses(study: &Study) -> bool {
+    let mut tracks = study.assumptions.linearity.iter();
+    tracks.any(|track| !track.points.is_empty())
+}
+
+/// Whether the validation poses took no part in calibration.
+pub(super) fn held_out(poses: PoseCounts) -> bool {
+    poses.calibration + poses.validation <= poses.in_range
+}
+
+/// The stated noise.
+pub(super) fn noise((position, rotation): (f64, f64)) -> String {
+    format!(
+        "The stated noise is {} µm in position and {} µrad in rotation (one standard deviation per axis).",
+        general(1e6 * position, 2),
+        general(1e6 * rotation, 2)
+    )
+}
+
+/// Which variant is best, and against the first one.
+pub(super) fn comparison(study: &Study) -> Option<String> {
+    let best = best(study)?;
+    let first = study.variants.first()?;
+    let decimals = shared_decimals(
+        study
+            .variants
+            .iter()
+            .flat_map(|variant| [variant.position_um.mean, variant.position_um.max]),
+    );
+    let number = |value: f64| fixed(value, decimals);
+    let gain = match first.position_um.mean {
+        mean if first.name != best.name && mean > 0.0 => format!(
+            " {} has {} and {} µm, so the mean falls by {} %.",
+            first.name,
+            number(mean),
+            number(first.position_um.max),
+            fixed(100.0 * (1.0 - best.position_um.mean / mean), 0)
+        ),
+        _ => String::new(),
+    };
+    let smallest_max = study
+        .variants
+        .iter()
+        .filter(|variant| variant.position_um.max.is_finite())
+        .min_by(|a, b| a.position_um.max.total_cmp(&b.position_um.max))
+        .filter(|other| other.name != best.name)
+        .map_or_else(String::new, |other| {
+            let max = number(other.position_um.max);
+            format!(
+                " The smallest error of a worst pose is that of {}, {max} µm.",
+                other.name
+            )
+        });
+    Some(format!(
+        "{} has the smallest position error: mean {} µm, largest {} µm.{gain}{smallest_max}",
+        best.name,
+        number(best.position_um.mean),
+        number(best.position_um.max)
+    ))
+}
+
+/// Mean and largest position error of every variant.
+pub(super) fn errors(study: &Study) -> Option<String> {
+    let decimals = shared_decimals(
+        study
+            .variants
+            .iter()
+            .flat_map(|variant| [variant.position_um.mean, variant.position_um.max]),
+    );
+    let errors: Vec<_> = study
+        .variants
+        .iter()
+        .map(|variant| {
+            let position = variant.position_um;
+            format!(
+                "{} {} and {}",
+                variant.name,
+                fixed(position.mean, decimals),
+                fixed(position.max, decimals)
+            )
+        })
+        .collect();
+    (!errors.is_empty()).then(|| {
+        format!(
+            "Mean and largest position error at the validation poses, in µm: {}.",
+            errors.join(", ")
+        )
+    })
+}
+
+/// What the checks of the assumptions say, one sentence each.
+pub(super) fn assumptions(study: &Study) -> Vec<String> {
+    let mut sentences = Vec::new();
+    let found = &study.assumptions;
+    if !found.orientation.is_empty() {
+        let [a, b, c] = [0, 1, 2].map(|axis| {
+            1e3 * largest(
+                found
+                    .orientation
+                    .iter()
+                    .map(|point| point.deviation_rad[axis]),
+            )
+        });
+        let top = a.max(b).max(c);
+        let ratio = top / (1e3 * study.noise.1);
+        let meaning = if !ratio.is_finite() {
+            String::new()
+        } else if ratio > 5.0 {
+            format!(
+                ": {} times the stated noise, so the plate's orientation is not constant and a reduced arm, which \
+                 assumes that it is, cannot be exact",
+                fixed(ratio, 0)
+            )
+        } else {
+            ": about the stated noise, so the plate's orientation is constant as a reduced arm assumes".to_owned()
+        };
+        sentences.push(format!(
+            "The orientation departs from its mean by up to {}, {} and {} mrad in α, β and γ{meaning}.",
+            general(a, 2),
+            general(b, 2),
+            general(c, 2)
+        ));
+    }
+    let linearity = || {
+        found
+            .linearity
+            .iter()
+            .filter(|track| !track.points.is_empty())
+    };
+    if linearity().next().is_some() {
+        let points = || linearity().flat_map(|track| &track.points);
+        sentences.push(format!(
+            "The carts depart from straight lines with even scale by up to {} µm along, {} µm horizontally and {} µm \
+             vertically.",
+            fixed(largest(points().map(|point| point.parallel_um)), 0),
+            fixed(largest(points().map(|point| point.horizontal_um)), 0),
+            fixed(largest(points().map(|point| point.vertical_um)), 0)
+        ));
+    } else {
+        sentences.push(
+            "There are no cart poses (set 2), so the linearity of the tracks is not known."
+                .to_owned(),
+        );
+    }
+    let sets = || found.sets.iter().filter(|track| !track.points.is_empty());
+    if sets().next().is_some() {
+        let top = |axis: usize| fixed(largest(sets().map(|track| track.rms_um[axis])), 0);
+        sentences.push(format!(
+            "At random poses (set 3) the carts differ from their paths in set 2 by {} µm rms along, {} µm horizontally \
+             and {} µm vertically on the worst track.",
+            top(0),
+            top(1),
+            top(2)
+        ));
+    } else {
+        sentences
+            .push("Set 3 cannot be compared with set 2, since one of them is missing.".to_owned());
+    }
+    sentences
+}
+
+/// Distance between neighbouring points of set 2 (mm), where there are any: the median over the tracks' gaps.
+pub(super) fn spacing_mm(tracks: &[TrackLinearity]) -> Option<f64> {
+    let mut gaps: Vec<f64> = tracks
+        .iter()
+        .flat_map(|track| {
+            let mut commands: Vec<f64> = track.points.iter().map(|point| point.q_m).collect();
+            commands.sort_by(f64::total_cmp);
+            commands.dedup();
+            let gaps = commands.windows(2).map(|pair| 1e3 * (pair[1] - pair[0]));
+            gaps.collect::<Vec<f64>>()
+        })
+        .collect();
+    gaps.sort_by(f64::total_cmp);
+    gaps.get(gaps.len() / 2).copied()
+}
+
+/// How many combinations only the prior determines.
+pub(super) fn undetermined(variant: &VariantResult) -> String {
+    match variant.undetermined.len() {
+        0 => format!("{}: the data determine every parameter.", variant.name),
+        1 => format!(
+            "{}: only the prior determines one combination of parameters.",
+            variant.name
+        ),
+        count => format!(
+            "{}: only the prior determines {count} combinations of parameters.",
+            variant.name
+        ),
+    }
+}

@@ -1,0 +1,208 @@
+//! Results as JSON, with the field names that other programs read.
+//!
+//! What does not apply is `null`: the orientation of a reduced arm, the direction of a piecewise track. So
+//! is a number that is not finite.
+
+use serde_json::{Map, Value, json};
+use tau::assumptions::{PathDeviation, TrackComparison, TrackLinearity};
+use tau::calibration::{Combination, LinkResult, ParameterEstimate};
+use tau::discovery::Discovery;
+use tau::evaluation::Evaluation;
+use tau::evaluation::{PoseError, VariantResult};
+use tau::measurements::PoseCounts;
+use tau::sensitivity::{LinkSensitivity, ParameterSensitivity, Sensitivity};
+use tau::study::results::Study;
+
+/// The result of `tau study`.
+///
+/// `discovery` is `null` where the search for effects was left out, or failed; then a remark says why.
+pub fn study(study: &Study) -> Value {
+    let variants: Map<_, _> = study
+        .variants
+        .iter()
+        .map(|result| (result.name.clone(), variant(result)))
+        .collect();
+    let order: Vec<_> = study
+        .variants
+        .iter()
+        .map(|result| result.name.as_str())
+        .collect();
+    json!({
+        "robot": study.robot,
+        "folder": study.folder,
+        "noise": { "position_m": study.noise.0, "rotation_rad": study.noise.1 },
+        "poses": poses(study.poses),
+        "variants": variants,
+        "variant_order": order,
+        "assumptions": assumptions(study),
+        "sensitivity": study.sensitivity.as_ref().map(sensitivity),
+        "discovery": study.discovery.as_ref().map(discovery),
+        "remarks": study.remarks,
+    })
+}
+
+/// The result of `tau discover`.
+pub fn discovery(discovery: &Discovery) -> Value {
+    json!(discovery)
+}
+
+/// How many poses took which part.
+pub fn poses(poses: PoseCounts) -> Value {
+    json!({
+        "total": poses.total,
+        "in_range": poses.in_range,
+        "calibration": poses.calibration,
+        "validation": poses.validation,
+    })
+}
+
+/// Errors of predicted poses, with the field names of [`variant`].
+pub fn evaluation(evaluation: &Evaluation) -> Value {
+    let position = evaluation.position_um;
+    json!({
+        "position_um": { "mean": position.mean, "max": position.max, "rms": position.rms },
+        "orientation_rad": evaluation.orientation_rad_max_abs.map(|max_abs| json!({ "max_abs": max_abs })),
+        "pose_errors": evaluation.errors.iter().map(pose_error).collect::<Vec<_>>(),
+    })
+}
+
+/// One variant, as it stands under its name in the result of [`study`].
+pub fn variant(variant: &VariantResult) -> Value {
+    let links: Map<_, _> = variant
+        .links
+        .iter()
+        .map(|result| (result.name.clone(), link(result)))
+        .collect();
+    let position = variant.position_um;
+    json!({
+        "position_um": { "mean": position.mean, "max": position.max, "rms": position.rms },
+        "orientation_rad": variant.orientation_rad_max_abs.map(|max_abs| json!({ "max_abs": max_abs })),
+        "links": links,
+        "iterations": variant.iterations,
+        "termination": variant.termination,
+        "parameters": variant.parameters.iter().map(parameter).collect::<Vec<_>>(),
+        "correlations": variant.correlations.iter()
+            .map(|(one, other, value)| json!({ "parameters": [one, other], "value": value }))
+            .collect::<Vec<_>>(),
+        "undetermined": variant.undetermined.iter().map(combination).collect::<Vec<_>>(),
+        "pose_errors": variant.pose_errors.iter().map(pose_error).collect::<Vec<_>>(),
+    })
+}
+
+fn link(link: &LinkResult) -> Value {
+    json!({
+        "length_m": link.length_m,
+        "plate_joint_m": link.plate_joint_m,
+        "track_offset_m": link.track_offset_m,
+        "track_direction": link.track_direction,
+        "track_rotation_rad": link.track_rotation_rad,
+        "cost": link.cost_m4,
+    })
+}
+
+fn parameter(parameter: &ParameterEstimate) -> Value {
+    json!({
+        "name": parameter.name,
+        "unit": parameter.unit,
+        "nominal": parameter.nominal,
+        "tolerance": parameter.tolerance,
+        "value": parameter.value,
+        "sigma": parameter.sigma,
+    })
+}
+
+fn combination(combination: &Combination) -> Value {
+    let terms: Vec<_> = combination
+        .terms
+        .iter()
+        .map(|(name, share)| json!({ "parameter": name, "share": share }))
+        .collect();
+    json!({ "terms": terms, "data_over_prior": combination.data_over_prior })
+}
+
+fn pose_error(error: &PoseError) -> Value {
+    json!({
+        "pose": error.pose,
+        "position_m": error.position_m,
+        "error_um": error.error_um,
+        "orientation_rad": error.orientation_rad,
+    })
+}
+
+fn assumptions(study: &Study) -> Value {
+    let found = &study.assumptions;
+    let orientation: Vec<_> = found
+        .orientation
+        .iter()
+        .map(|point| {
+            json!({
+                "pose": point.pose,
+                "position_m": point.position_m,
+                "deviation_rad": point.deviation_rad,
+            })
+        })
+        .collect();
+    let linearity: Vec<_> = found
+        .linearity
+        .iter()
+        .map(|TrackLinearity { track, points }| json!({ "track": track, "points": deviations(points) }))
+        .collect();
+    let sets: Vec<_> = found
+        .sets
+        .iter()
+        .map(
+            |TrackComparison {
+                 track,
+                 points,
+                 rms_um,
+             }| {
+                json!({ "track": track, "rms_um": rms_um, "points": deviations(points) })
+            },
+        )
+        .collect();
+    json!({ "orientation": orientation, "linearity": linearity, "set_3_against_set_2": sets })
+}
+
+fn deviations(points: &[PathDeviation]) -> Vec<Value> {
+    points
+        .iter()
+        .map(|point| {
+            json!({
+                "q_m": point.q_m,
+                "parallel_um": point.parallel_um,
+                "horizontal_um": point.horizontal_um,
+                "vertical_um": point.vertical_um,
+            })
+        })
+        .collect()
+}
+
+/// The result of `tau sensitivity`: Table III by steps, and by implicit differentiation under `analytic`.
+pub fn sensitivity(sensitivity: &Sensitivity) -> Value {
+    let table = |value: fn(&ParameterSensitivity) -> f64| -> Map<String, Value> {
+        let row = |link: &LinkSensitivity| -> Map<String, Value> {
+            link.parameters
+                .iter()
+                .map(|parameter| (parameter.parameter.clone(), json!(value(parameter))))
+                .collect()
+        };
+        sensitivity
+            .links
+            .iter()
+            .map(|link| (link.link.clone(), Value::Object(row(link))))
+            .collect()
+    };
+    json!({
+        "variant": sensitivity.variant,
+        "poses": sensitivity.poses,
+        "step": sensitivity.step,
+        "position_mm": table(|parameter| parameter.position_mm),
+        "orientation_rad": table(|parameter| parameter.orientation_rad),
+        "cost_m4": table(|parameter| parameter.cost_m4),
+        "analytic": {
+            "position_mm": table(|parameter| parameter.position_mm_analytic),
+            "orientation_rad": table(|parameter| parameter.orientation_rad_analytic),
+        },
+        "disagreement": sensitivity.disagreement,
+    })
+}

@@ -1,0 +1,25 @@
+//! What a study or a discovery found, for people and for programs: terminal tables, JSON, figures and an HTML report.
+//!
+//! All of it is written from [`Study`](tau::study::results::Study) or
+//! [`Discovery`](tau::discovery::Discovery) alone, and nothing here computes more than a mean or a largest
+//! value. [`write_study`] writes the output folder.
+
+mod discovery;
+mod elements;
+pub mod errors_in_variables;
+pub mod figures;
+mod findings;
+#[cfg(test)]
+mod fixture;
+pub mod html;
+pub mod json;
+mod number;
+mod tables;
+pub mod terminal;
+#[cfg(test)]
+mod tests;
+mod write;
+
+pub use discovery::method::Setting;
+pub use figures::Figure;
+pub use write::{folder_of, study_files, write_files, write_study};

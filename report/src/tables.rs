@@ -1,0 +1,475 @@
+//! The tables of the report, as text cells: terminal and HTML print the same digits from here.
+
+use tau::assumptions::{OrientationPoint, PathDeviation};
+use tau::calibration::{Combination, LinkResult, ParameterEstimate};
+use tau::evaluation::VariantResult;
+use tau::sensitivity::{ParameterSensitivity, Sensitivity};
+use tau::study::results::Study;
+
+use super::number::{
+    decimals, fixed, general, largest, rms, scientific, shared_decimals, with_sigma,
+};
+
+/// A column: its name, and the group and unit that it shares with its neighbours.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Column {
+    /// Common heading of neighbouring columns; empty for none.
+    pub(super) group: String,
+    pub(super) name: String,
+}
+
+/// A cell.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) enum Cell {
+    /// Words, aligned left.
+    Text(String),
+    /// A number in ASCII, aligned right.
+    Number(String),
+    /// Does not apply.
+    Empty,
+}
+
+/// A table; its first column names the row.
+#[derive(Debug, Clone)]
+pub(super) struct Table {
+    pub(super) title: String,
+    pub(super) columns: Vec<Column>,
+    pub(super) rows: Vec<Vec<Cell>>,
+}
+
+pub(super) fn columns(groups: &[(&str, &[&str])]) -> Vec<Column> {
+    groups
+        .iter()
+        .flat_map(|(group, names)| {
+            names.iter().map(|name| Column {
+                group: (*group).to_owned(),
+                name: (*name).to_owned(),
+            })
+        })
+        .collect()
+}
+
+pub(super) fn text(value: &str) -> Cell {
+    Cell::Text(value.to_owned())
+}
+
+pub(super) fn number(value: f64, decimals: usize) -> Cell {
+    Cell::Number(fixed(value, decimals))
+}
+
+fn three(value: Option<[f64; 3]>, decimals: usize) -> [Cell; 3] {
+    value.map_or_else(
+        || [Cell::Empty, Cell::Empty, Cell::Empty],
+        |v| v.map(|v| number(v, decimals)),
+    )
+}
+
+/// Table I: position and orientation errors of each variant at the validation poses.
+pub(super) fn errors(study: &Study) -> Table {
+    let positions = study.variants.iter().flat_map(|variant| {
+        let position = variant.position_um;
+        [position.mean, position.max, position.rms]
+    });
+    let angles = study
+        .variants
+        .iter()
+        .filter_map(|variant| variant.orientation_rad_max_abs)
+        .flatten();
+    let decimals = shared_decimals(positions);
+    let angle_decimals = shared_decimals(angles.map(|angle| 1e3 * angle));
+    let rows = study
+        .variants
+        .iter()
+        .map(|variant| {
+            let position = variant.position_um;
+            let mut row = vec![text(&variant.name)];
+            row.extend(
+                [position.mean, position.max, position.rms].map(|value| number(value, decimals)),
+            );
+            let angles = variant
+                .orientation_rad_max_abs
+                .map(|angles| angles.map(|angle| 1e3 * angle));
+            row.extend(three(angles, angle_decimals));
+            row
+        })
+        .collect();
+    Table {
+        title: "Table I. Errors at the validation poses".to_owned(),
+        columns: columns(&[
+            ("", &["Variant"]),
+            ("Position error (µm)", &["mean", "max", "rms"]),
+            ("Largest orientation error (mrad)", &["|α|", "|β|", "|γ|"]),
+        ]),
+        rows,
+    }
+}
+
+/// Table II for one variant: the calibrated geometry of each link or cluster.
+pub(super) fn geometry(variant: &VariantResult) -> Table {
+    let links = &variant.links;
+    let any = |present: fn(&LinkResult) -> bool| links.iter().any(present);
+    let plate = any(|link| link.plate_joint_m.is_some());
+    let direction = any(|link| link.track_direction.is_some());
+    let rotation = any(|link| link.track_rotation_rad.is_some());
+    let mut groups: Vec<(&str, &[&str])> = vec![
+        ("", if plate { &["Link"] } else { &["Cluster"] }),
+        ("Length (m)", &["L"]),
+    ];
+    if plate {
+        groups.push(("Plate joint P (m)", &["x", "y", "z"]));
+    }
+    groups.push(("Track offset C⁰ (m)", &["x", "y", "z"]));
+    match (direction, rotation) {
+        (true, true) => {
+            groups.push(("", &["Track"]));
+            groups.push(("Direction v or rotation (rad)", &["x", "y", "z"]));
+        }
+        (false, true) => groups.push(("Track rotation (rad)", &["x", "y", "z"])),
+        _ => groups.push(("Track direction v", &["x", "y", "z"])),
+    }
+    groups.push(("Cost (m⁴)", &["Σ r²"]));
+    let rows = links
+        .iter()
+        .map(|link| {
+            let mut row = vec![text(&link.name), number(link.length_m, 5)];
+            if plate {
+                row.extend(three(link.plate_joint_m, 5));
+            }
+            row.extend(three(Some(link.track_offset_m), 5));
+            if direction && rotation {
+                let linear = link.track_direction.is_some();
+                row.push(text(if linear { "linear" } else { "piecewise" }));
+            }
+            row.extend(three(link.track_direction.or(link.track_rotation_rad), 5));
+            row.push(Cell::Number(scientific(link.cost_m4, 3)));
+            row
+        })
+        .collect();
+    Table {
+        title: format!("Table II. Calibrated geometry, {}", variant.name),
+        columns: columns(&groups),
+        rows,
+    }
+}
+
+/// Table III: position, orientation and cost, one table each.
+pub(super) fn sensitivity(sensitivity: &Sensitivity) -> Vec<Table> {
+    type Quantity = fn(&ParameterSensitivity) -> f64;
+    let quantities: [(&str, Quantity); 3] = [
+        (
+            "position, Σ(‖ΔT⁺‖ + ‖ΔT⁻‖) in mm",
+            |parameter| parameter.position_mm,
+        ),
+        (
+            "orientation, Σ(|Δα| + |Δβ| + |Δγ|) in rad",
+            |parameter| parameter.orientation_rad,
+        ),
+        ("change of the cost in m⁴", |parameter| parameter.cost_m4),
+    ];
+    let Some(first) = sensitivity.links.first() else {
+        return Vec::new();
+    };
+    let names: Vec<&str> = first
+        .parameters
+        .iter()
+        .map(|parameter| parameter.parameter.as_str())
+        .collect();
+    let names: Vec<String> = names
+        .iter()
+        .map(|name| name.replace("Offset_", "C").replace("Orient_", "O"))
+        .collect();
+    let mut headings = columns(&[("", &["Link"])]);
+    headings.extend(names.into_iter().map(|name| Column {
+        group: String::new(),
+        name,
+    }));
+    quantities
+        .into_iter()
+        .map(|(quantity, value)| {
+            let entries = || {
+                sensitivity
+                    .links
+                    .iter()
+                    .flat_map(|link| &link.parameters)
+                    .map(value)
+            };
+            let top = largest(entries());
+            let cell = |value: f64| {
+                if top < 1e-2 {
+                    Cell::Number(scientific(value, 2))
+                } else {
+                    number(
+                        value,
+                        shared_decimals([top]).max(if top < 100.0 { 2 } else { 1 }),
+                    )
+                }
+            };
+            let rows = sensitivity
+                .links
+                .iter()
+                .map(|link| {
+                    let mut row = vec![text(&link.link)];
+                    row.extend(
+                        link.parameters
+                            .iter()
+                            .map(|parameter| cell(value(parameter))),
+                    );
+                    row
+                })
+                .collect();
+            Table {
+                title: format!("Table III. Sensitivity: {quantity}"),
+                columns: headings.clone(),
+                rows,
+            }
+        })
+        .collect()
+}
+
+/// How the solver ended for each variant.
+pub(super) fn solver(study: &Study) -> Table {
+    let count = |count: usize| Cell::Number(count.to_string());
+    let rows = study
+        .variants
+        .iter()
+        .map(|variant| {
+            vec![
+                text(&variant.name),
+                count(variant.parameters.len()),
+                count(variant.iterations),
+                text(&variant.termination),
+            ]
+        })
+        .collect();
+    Table {
+        title: "Solver".to_owned(),
+        columns: columns(&[(
+            "",
+            &["Variant", "Parameters", "Iterations", "Ended because"],
+        )]),
+        rows,
+    }
+}
+
+/// Deviation of the orientation over the grid: one row an angle.
+pub(super) fn orientation(points: &[OrientationPoint]) -> Option<Table> {
+    if points.is_empty() {
+        return None;
+    }
+    let rows = ["α", "β", "γ"]
+        .iter()
+        .enumerate()
+        .map(|(axis, name)| {
+            let values = || points.iter().map(|point| 1e3 * point.deviation_rad[axis]);
+            vec![
+                text(name),
+                number(rms(values()), 3),
+                number(largest(values()), 3),
+            ]
+        })
+        .collect();
+    Some(Table {
+        title: "Orientation over the grid, deviation from the mean".to_owned(),
+        columns: columns(&[("", &["Angle"]), ("Deviation (mrad)", &["rms", "largest"])]),
+        rows,
+    })
+}
+
+/// Deviations of cart paths: one row a track, rms and largest of each direction.
+pub(super) fn paths<'a>(
+    title: &str,
+    tracks: impl IntoIterator<Item = (&'a str, &'a [PathDeviation])>,
+) -> Option<Table> {
+    let rows: Vec<_> = tracks
+        .into_iter()
+        .filter(|(_, points)| !points.is_empty())
+        .map(|(track, points)| {
+            let mut row = vec![text(track)];
+            let directions: [fn(&PathDeviation) -> f64; 3] = [
+                |point| point.parallel_um,
+                |point| point.horizontal_um,
+                |point| point.vertical_um,
+            ];
+            for direction in directions {
+                let values = || points.iter().map(direction);
+                row.extend([number(rms(values()), 1), number(largest(values()), 1)]);
+            }
+            row
+        })
+        .collect();
+    (!rows.is_empty()).then(|| Table {
+        title: title.to_owned(),
+        columns: columns(&[
+            ("", &["Track"]),
+            ("Along (µm)", &["rms", "largest"]),
+            ("Horizontal (µm)", &["rms", "largest"]),
+            ("Vertical (µm)", &["rms", "largest"]),
+        ]),
+        rows,
+    })
+}
+
+/// The checks of what the models assume, as far as there are data.
+pub(super) fn assumptions(study: &Study) -> Vec<Table> {
+    let assumptions = &study.assumptions;
+    let linearity = assumptions
+        .linearity
+        .iter()
+        .map(|t| (t.track.as_str(), t.points.as_slice()));
+    let sets = assumptions
+        .sets
+        .iter()
+        .map(|t| (t.track.as_str(), t.points.as_slice()));
+    [
+        orientation(&assumptions.orientation),
+        paths(
+            "Linearity of the tracks, deviation from a straight line with even scale",
+            linearity,
+        ),
+        paths("Set 3 against the paths of set 2", sets),
+    ]
+    .into_iter()
+    .flatten()
+    .collect()
+}
+
+/// Every parameter of a variant with its standard deviation.
+pub(super) fn parameters(variant: &VariantResult) -> Table {
+    let ratio = |value: f64, tolerance: Option<f64>| match tolerance {
+        Some(tolerance) if tolerance > 0.0 => number(value / tolerance, 2),
+        _ => Cell::Empty,
+    };
+    let row = |parameter: &ParameterEstimate| {
+        let (value, sigma) = with_sigma(parameter.value, parameter.sigma);
+        let decimals = value.split_once('.').map_or(0, |(_, digits)| digits.len());
+        vec![
+            text(&parameter.name),
+            text(if parameter.unit.is_empty() {
+                "1"
+            } else {
+                &parameter.unit
+            }),
+            number(parameter.nominal, decimals.min(6)),
+            parameter
+                .tolerance
+                .map_or(Cell::Empty, |tolerance| Cell::Number(general(tolerance, 2))),
+            Cell::Number(value),
+            Cell::Number(sigma),
+            ratio(parameter.value - parameter.nominal, parameter.tolerance),
+            ratio(parameter.sigma, parameter.tolerance),
+        ]
+    };
+    Table {
+        title: variant.name.clone(),
+        columns: columns(&[
+            ("", &["Parameter", "Unit"]),
+            ("Before", &["nominal", "tolerance"]),
+            ("Calibrated", &["value", "σ"]),
+            ("In tolerances", &["change", "σ"]),
+        ]),
+        rows: variant.parameters.iter().map(row).collect(),
+    }
+}
+
+/// A combination as a sum of at most `count` terms, small shares left out; dots stand for what is more
+/// than a fiftieth of its square.
+pub(super) fn combination(combination: &Combination, count: usize) -> String {
+    let top = largest(combination.terms.iter().map(|(_, share)| *share));
+    let notable: Vec<_> = combination
+        .terms
+        .iter()
+        .filter(|(_, share)| share.abs() >= 0.1 * top)
+        .collect();
+    let mut sum = String::new();
+    for (index, (name, share)) in notable.iter().take(count).enumerate() {
+        let sign = match (index, *share < 0.0) {
+            (0, false) => "",
+            (0, true) => "−",
+            (_, false) => " + ",
+            (_, true) => " − ",
+        };
+        sum.extend([sign, &fixed(share.abs(), 2), " ", name]);
+    }
+    let square =
+        |terms: &mut dyn Iterator<Item = f64>| terms.map(|share| share * share).sum::<f64>();
+    let shown = square(&mut notable.iter().take(count).map(|(_, share)| *share));
+    let all = square(&mut combination.terms.iter().map(|(_, share)| *share));
+    if shown < 0.98 * all {
+        sum += " + …";
+    }
+    sum
+}
+
+/// Combinations that only the prior determines.
+pub(super) fn undetermined(variant: &VariantResult) -> Option<Table> {
+    let rows: Vec<_> = variant
+        .undetermined
+        .iter()
+        .map(|found| {
+            vec![
+                Cell::Text(combination(found, 6)),
+                Cell::Number(general(found.data_over_prior, 2)),
+            ]
+        })
+        .collect();
+    (!rows.is_empty()).then(|| Table {
+        title: variant.name.clone(),
+        columns: columns(&[(
+            "",
+            &["Combination (shares in tolerances)", "σ data / σ prior"],
+        )]),
+        rows,
+    })
+}
+
+/// A correlation, with enough digits to tell it from one.
+pub(super) fn correlation(value: f64) -> String {
+    fixed(value, decimals(1.0 - value.abs(), 1).clamp(3, 9))
+}
+
+/// The largest correlations of a variant, at most `count`.
+pub(super) fn correlations(variant: &VariantResult, count: usize) -> Option<Table> {
+    let rows: Vec<_> = variant
+        .correlations
+        .iter()
+        .take(count)
+        .map(|(one, other, value)| vec![text(one), text(other), Cell::Number(correlation(*value))])
+        .collect();
+    (!rows.is_empty()).then(|| Table {
+        title: variant.name.clone(),
+        columns: columns(&[("", &["Parameter", "and", "correlation"])]),
+        rows,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn correlations_are_told_from_one() {
+        assert_eq!(correlation(0.9771), "0.977");
+        assert_eq!(correlation(-0.999_83), "-0.9998");
+        assert_eq!(correlation(-0.999_999_6), "-0.9999996");
+    }
+
+    #[test]
+    fn combinations_say_when_something_is_left_out() {
+        let sum = |shares: &[f64], count| {
+            let terms = shares
+                .iter()
+                .zip('a'..)
+                .map(|(share, name)| (name.to_string(), *share));
+            combination(
+                &Combination {
+                    terms: terms.collect(),
+                    data_over_prior: 3.0,
+                },
+                count,
+            )
+        };
+        assert_eq!(sum(&[0.71, -0.70, 0.05], 6), "0.71 a − 0.70 b");
+        assert_eq!(sum(&[-0.58, 0.58, 0.57], 2), "−0.58 a + 0.58 b + …");
+        assert_eq!(sum(&[], 3), "");
+    }
+}

@@ -1,0 +1,214 @@
+//! Writing the output folder.
+
+use std::collections::BTreeSet;
+use std::ffi::OsString;
+use std::fs;
+use std::io::{self, Write as _};
+use std::path::{Path, PathBuf};
+
+use tau::study::results::Study;
+
+use super::{figures, html, json};
+
+/// Writes `report.html`, `study.json` and the figures into a folder, which is made if it is not there, and
+/// returns the paths written.
+///
+/// Everything is rendered before anything is written, and written under temporary names before anything
+/// is renamed: a full disk or a folder without permission leaves no half-written file and replaces none.
+///
+/// # Errors
+///
+/// What the file system says, with the path it says it of.
+pub fn write_study(folder: &Path, study: &Study) -> io::Result<Vec<PathBuf>> {
+    let files = study_files(folder, study);
+    write_files(&files)?;
+    Ok(files.into_iter().map(|(path, _)| path).collect())
+}
+
+/// What [`write_study`] writes: paths and contents.
+pub fn study_files(folder: &Path, study: &Study) -> Vec<(PathBuf, String)> {
+    let figures = figures::all(study);
+    let mut files = vec![
+        ("report.html", html::page(study, &figures)),
+        ("study.json", format!("{:#}\n", json::study(study))),
+    ];
+    files.extend(
+        figures
+            .iter()
+            .map(|figure| (figure.file_name.as_str(), figure.svg.clone())),
+    );
+    files
+        .into_iter()
+        .map(|(name, content)| (folder.join(name), content))
+        .collect()
+}
+
+/// Writes all files or none; folders are made if they are not there.
+pub fn write_files(files: &[(PathBuf, String)]) -> io::Result<()> {
+    // A device or a pipe, such as /dev/null, is written to, never replaced.
+    let is_special = |target: &Path| fs::metadata(target).is_ok_and(|found| !found.is_file());
+    let mut targets = BTreeSet::new();
+    for (path, _) in files {
+        let refused = |kind, why: &str| Err(at(&io::Error::new(kind, why), path));
+        if path.is_dir() {
+            let why = "a folder stands where a file is to be written";
+            return refused(io::ErrorKind::IsADirectory, why);
+        }
+        if !targets.insert(resolved(path)) && !is_special(path) {
+            let why = "two outputs are to be written to this file";
+            return refused(io::ErrorKind::InvalidInput, why);
+        }
+    }
+    for (path, _) in files {
+        let folder = folder_of(path);
+        fs::create_dir_all(folder).map_err(|error| at(&error, folder))?;
+    }
+    let mut partial = Partial(Vec::with_capacity(files.len()));
+    let mut renamed = Vec::with_capacity(files.len());
+    for (path, content) in files {
+        if is_special(path) {
+            fs::write(path, content).map_err(|error| at(&error, path))?;
+            continue;
+        }
+        let mut name = OsString::from(".");
+        name.push(path.file_name().unwrap_or_default());
+        name.push(format!(".{}.partial", std::process::id()));
+        let temporary = path.with_file_name(name);
+        renamed.push(path);
+        partial.0.push(temporary.clone());
+        let written =
+            fs::File::create(&temporary).and_then(|mut file| file.write_all(content.as_bytes()));
+        written.map_err(|error| at(&error, &temporary))?;
+    }
+    for (temporary, path) in partial.0.iter().zip(renamed) {
+        fs::rename(temporary, path).map_err(|error| at(&error, path))?;
+    }
+    Ok(())
+}
+
+/// A path without links and detours, as far as it exists.
+fn resolved(path: &Path) -> PathBuf {
+    let folder = folder_of(path);
+    let present = folder
+        .ancestors()
+        .find_map(|above| Some((above, fs::canonicalize(above).ok()?)));
+    let folder = match present {
+        Some((above, canonical)) => folder
+            .strip_prefix(above)
+            .map_or_else(|_| folder.to_owned(), |rest| canonical.join(rest)),
+        None => folder.to_owned(),
+    };
+    folder.join(path.file_name().unwrap_or_default())
+}
+
+/// The folder that a file is in.
+pub fn folder_of(path: &Path) -> &Path {
+    match path.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
+    }
+}
+
+fn at(error: &io::Error, path: &Path) -> io::Error {
+    io::Error::new(error.kind(), format!("{}: {error}", path.display()))
+}
+
+/// Temporary files, removed when this is dropped; those already renamed are no longer there.
+struct Partial(Vec<PathBuf>);
+
+impl Drop for Partial {
+    fn drop(&mut self) {
+        for path in &self.0 {
+            let _ = fs::remove_file(path);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn names(folder: &Path) -> Vec<String> {
+        let mut names: Vec<_> = fs::read_dir(folder)
+            .unwrap()
+            .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+            .collect();
+        names.sort();
+        names
+    }
+
+    fn texts(folder: &Path, names: &[&str]) -> Vec<(PathBuf, String)> {
+        let text = |name| (folder.join(name), "text".to_owned());
+        names.iter().map(text).collect()
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_device_is_written_to_and_stays() {
+        let folder = tempfile::tempdir().unwrap();
+        let link = folder.path().join("null");
+        std::os::unix::fs::symlink("/dev/null", &link).unwrap();
+        write_files(&texts(folder.path(), &["null", "plain"])).unwrap();
+        assert!(fs::symlink_metadata(&link).unwrap().is_symlink());
+        assert_eq!(names(folder.path()), ["null", "plain"]);
+    }
+
+    #[test]
+    fn writes_all_files_and_leaves_nothing_else() {
+        let folder = tempfile::tempdir().unwrap();
+        let study = crate::fixture::study();
+        let written = write_study(&folder.path().join("new/deep"), &study).unwrap();
+        assert!(
+            written
+                .iter()
+                .all(|path| path.metadata().unwrap().len() > 1000)
+        );
+        let mut expected: Vec<_> = written
+            .iter()
+            .map(|path| path.file_name().unwrap().to_str().unwrap().to_owned())
+            .collect();
+        expected.sort();
+        assert_eq!(names(&folder.path().join("new/deep")), expected);
+        assert!(expected.contains(&"figure_10_sensitivity_orientation.svg".to_owned()));
+    }
+
+    #[test]
+    fn overwrites_an_earlier_study() {
+        let folder = tempfile::tempdir().unwrap();
+        let target = folder.path().join("study.json");
+        fs::write(&target, "old").unwrap();
+        write_study(folder.path(), &crate::fixture::study()).unwrap();
+        assert!(fs::read_to_string(target).unwrap().starts_with('{'));
+    }
+
+    #[test]
+    fn a_failure_replaces_nothing() {
+        let folder = tempfile::tempdir().unwrap();
+        fs::write(folder.path().join("a"), "old").unwrap();
+        assert!(write_files(&texts(folder.path(), &["a", "a/b"])).is_err());
+        assert_eq!(fs::read_to_string(folder.path().join("a")).unwrap(), "old");
+        fs::create_dir(folder.path().join("c")).unwrap();
+        let error = write_files(&texts(folder.path(), &["a", "c"])).unwrap_err();
+        assert_eq!(error.kind(), io::ErrorKind::IsADirectory);
+        assert_eq!(fs::read_to_string(folder.path().join("a")).unwrap(), "old");
+        assert_eq!(names(folder.path()), ["a", "c"]);
+    }
+
+    #[test]
+    fn two_outputs_on_one_file_are_an_error() {
+        let folder = tempfile::tempdir().unwrap();
+        fs::create_dir(folder.path().join("c")).unwrap();
+        let error = write_files(&texts(folder.path(), &["a", "c/../a"])).unwrap_err();
+        assert!(error.to_string().contains("two outputs"), "{error}");
+        assert_eq!(names(folder.path()), ["c"]);
+    }
+
+    #[test]
+    fn a_file_in_place_of_the_folder_is_an_error() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("file");
+        fs::write(&file, "").unwrap();
+        let error = write_study(&file, &crate::fixture::study()).unwrap_err();
+        assert!(error.to_string().contains("file"), "{error}");
+    }
+}

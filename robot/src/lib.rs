@@ -1,0 +1,11 @@
+//! A robot as described, its instance (`robot.toml`), its measurements, and errors located in these files.
+
+pub mod effects;
+pub mod input_error;
+pub mod measurements;
+pub mod prototype;
+pub mod robot;
+pub mod robot_file;
+
+pub use input_error::InputError;
+pub use robot::Robot;

@@ -1,0 +1,88 @@
+//! Measurement folders: TCP poses (set 1), cart poses (set 2), cart positions (set 3).
+
+mod checks;
+pub mod plausible;
+mod read;
+mod selection;
+pub mod set;
+pub mod table;
+
+pub use read::{Shape, Texts};
+pub use selection::{Division, PoseCounts, Poses, Split};
+
+/// What a measurement folder holds, SI units.
+#[derive(Debug, Clone, Default)]
+pub struct Folder {
+    /// The folder, as the user named it.
+    pub name: String,
+    /// Set 1, `tcp_poses.csv`, in file order.
+    pub tcp_poses: Vec<TcpPose>,
+    /// Set 2, `cart_poses.csv`, in file order; empty where there is none.
+    pub cart_poses: Vec<CartPose>,
+    /// Set 3, `cart_positions.csv`, in file order; empty where there is none.
+    pub cart_positions: Vec<CartPosition>,
+    /// What the reader noticed: optional columns missing, unknown columns ignored, sets missing.
+    pub remarks: Vec<String>,
+}
+
+/// When and how warm, where the file says so.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Conditions {
+    /// Time since the first measurement of the folder (s).
+    pub time_s: Option<f64>,
+    /// Temperature (°C).
+    pub temperature_c: Option<f64>,
+}
+
+/// A measured pose of the TCP in the measurement frame.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TcpPose {
+    /// Number in the file.
+    pub pose: u32,
+    /// Commands (m), one per command of the robot.
+    pub commands_m: Vec<f64>,
+    /// Position T (m).
+    pub position_m: [f64; 3],
+    /// ZYZ Euler angles alpha, beta, gamma of R (rad).
+    pub angles_rad: [f64; 3],
+    /// Time and temperature.
+    pub conditions: Conditions,
+    /// Sign of the last move, one per command (±1), where the file has the columns.
+    pub directions: Option<Vec<f64>>,
+}
+
+/// A measured pose of a cart's target, in the tracker frame of set 2. All carts are moved equally.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CartPose {
+    /// Index of the track, from 0 (the file counts carts from 1).
+    pub track: usize,
+    /// Number of the point along the track.
+    pub point: u32,
+    /// Command of all carts (m).
+    pub command_m: f64,
+    /// Position (m).
+    pub position_m: [f64; 3],
+    /// ZYZ Euler angles (rad).
+    pub angles_rad: [f64; 3],
+    /// Time and temperature.
+    pub conditions: Conditions,
+    /// Sign of the cart's last move (±1), where the file has the column.
+    pub direction: Option<f64>,
+}
+
+/// A measured position of a cart's target at a random TCP pose, in the tracker frame of set 3.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CartPosition {
+    /// Number of the TCP pose.
+    pub pose: u32,
+    /// Index of the track, from 0.
+    pub track: usize,
+    /// Commands (m), one per command of the robot.
+    pub commands_m: Vec<f64>,
+    /// Position (m).
+    pub position_m: [f64; 3],
+    /// Time and temperature.
+    pub conditions: Conditions,
+    /// Sign of the cart's last move (±1), where the file has the column.
+    pub direction: Option<f64>,
+}

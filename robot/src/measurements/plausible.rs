@@ -1,0 +1,267 @@
+//! Whether numbers can be what their columns say: the right unit, in range, not all the same.
+
+use std::collections::BTreeMap;
+use std::f64::consts::TAU;
+
+use super::table::{Column, Table};
+use crate::input_error::Mistakes;
+
+/// A workspace or a track farther across than this (m) has been given in millimetres.
+const WIDEST_M: f64 = 20.0;
+/// A position farther from its frame's origin than a laser tracker reaches (m).
+const FARTHEST_M: f64 = 100.0;
+/// A command or a length beyond this (m) has been given in millimetres.
+const LONGEST_M: f64 = 50.0;
+/// Angles may be unwrapped once, and rounded.
+const LARGEST_ANGLE_RAD: f64 = 1.01 * TAU;
+/// Room temperature is 293 in kelvin, 68 in degrees Fahrenheit.
+pub const TEMPERATURES_C: std::ops::RangeInclusive<f64> = -50.0..=60.0;
+
+/// Positions are metres.
+pub fn positions(table: &Table<'_>, columns: &[Column; 3], mistakes: &mut Mistakes<'_>) {
+    let distances: Vec<f64> = (0..table.rows())
+        .map(|row| {
+            columns
+                .iter()
+                .map(|column| column.values[row].powi(2))
+                .sum::<f64>()
+                .sqrt()
+        })
+        .collect();
+    let far = Quantiles::of(&distances).median > FARTHEST_M;
+    if far
+        || columns
+            .iter()
+            .any(|column| Quantiles::of(&column.values).width() > WIDEST_M)
+    {
+        millimetres(table, columns, mistakes);
+        return;
+    }
+    strays(table, columns, mistakes);
+}
+
+/// Commands are metres.
+pub fn commands(table: &Table<'_>, columns: &[Column], mistakes: &mut Mistakes<'_>) {
+    let is_wide = |column: &Column| {
+        let magnitudes: Vec<f64> = column.values.iter().map(|value| value.abs()).collect();
+        Quantiles::of(&column.values).width() > WIDEST_M
+            || Quantiles::of(&magnitudes).median > LONGEST_M
+    };
+    if columns.iter().any(is_wide) {
+        millimetres(table, columns, mistakes);
+        return;
+    }
+    strays(table, columns, mistakes);
+}
+
+fn millimetres(table: &Table<'_>, columns: &[Column], mistakes: &mut Mistakes<'_>) {
+    let largest = columns
+        .iter()
+        .flat_map(|column| {
+            column
+                .values
+                .iter()
+                .enumerate()
+                .map(|(row, value)| (row, column.index, value.abs()))
+        })
+        .filter(|(.., magnitude)| !magnitude.is_nan())
+        .max_by(|a, b| a.2.total_cmp(&b.2));
+    if let Some((row, column, _)) = largest {
+        mistakes.push_with_help(
+            table.place(row, column),
+            format!(
+                "column `{}` reaches {}, expected metres",
+                table.name(column),
+                table.text(row, column)
+            ),
+            "these look like millimetres: divide by 1000",
+        );
+    }
+}
+
+/// Single values that lie impossibly far from the rest of their column.
+fn strays(table: &Table<'_>, columns: &[Column], mistakes: &mut Mistakes<'_>) {
+    for column in columns {
+        let median = Quantiles::of(&column.values).median;
+        for (row, value) in column.values.iter().enumerate() {
+            if (value - median).abs() > LONGEST_M {
+                mistakes.push(
+                    table.place(row, column.index),
+                    format!(
+                        "found {} in column `{}`, expected metres near {median:.3} as in the other rows",
+                        table.text(row, column.index),
+                        table.name(column.index)
+                    ),
+                );
+            }
+        }
+    }
+}
+
+/// Angles are radians.
+pub fn angles(table: &Table<'_>, columns: &[Column; 3], mistakes: &mut Mistakes<'_>) {
+    for column in columns {
+        let beyond: Vec<usize> = (0..table.rows())
+            .filter(|&row| column.values[row].abs() > LARGEST_ANGLE_RAD)
+            .collect();
+        let is_whole_column = 2 * beyond.len() > table.rows();
+        for &row in if is_whole_column {
+            &beyond[..1]
+        } else {
+            &beyond[..]
+        } {
+            mistakes.push_with_help(
+                table.place(row, column.index),
+                format!(
+                    "found {} in column `{}`, expected radians between -2*pi and 2*pi",
+                    table.text(row, column.index),
+                    table.name(column.index)
+                ),
+                if is_whole_column {
+                    "the column looks like degrees: multiply by pi/180"
+                } else {
+                    "are these degrees? multiply by pi/180"
+                },
+            );
+        }
+    }
+}
+
+/// Temperatures are degrees Celsius.
+pub(crate) fn temperatures(table: &Table<'_>, column: &Column, mistakes: &mut Mistakes<'_>) {
+    for (row, value) in column.values.iter().enumerate() {
+        if !value.is_nan() && !TEMPERATURES_C.contains(value) {
+            mistakes.push(
+                table.place(row, column.index),
+                format!(
+                    "found {} in column `{}`, expected degrees Celsius between {} and {}",
+                    table.text(row, column.index),
+                    table.name(column.index),
+                    TEMPERATURES_C.start(),
+                    TEMPERATURES_C.end()
+                ),
+            );
+            return;
+        }
+    }
+}
+
+/// Directions are the sign of the last move.
+pub fn directions(table: &Table<'_>, column: &Column, mistakes: &mut Mistakes<'_>) {
+    for (row, value) in column.values.iter().enumerate() {
+        if !value.is_nan() && ![-1.0, 1.0].contains(value) {
+            mistakes.push(
+                table.place(row, column.index),
+                format!(
+                    "found direction {}, expected 1 or -1, the sign of the cart's last move",
+                    table.text(row, column.index)
+                ),
+            );
+        }
+    }
+}
+
+/// Carts are counted from 1.
+pub fn carts(
+    table: &Table<'_>,
+    column: &Column<Option<u32>>,
+    tracks: usize,
+    mistakes: &mut Mistakes<'_>,
+) {
+    for (row, cart) in column.values.iter().enumerate() {
+        if cart.is_some_and(|cart| cart == 0 || cart as usize > tracks) {
+            mistakes.push(
+                table.place(row, column.index),
+                format!(
+                    "found cart {}, expected 1 to {tracks}: carts are counted from 1 in the order of \
+                     the tracks",
+                    table.text(row, column.index)
+                ),
+            );
+        }
+    }
+}
+
+/// No two rows have the same numbers.
+pub fn distinct_keys<const N: usize>(
+    table: &Table<'_>,
+    key: [&Column<Option<u32>>; N],
+    mistakes: &mut Mistakes<'_>,
+    describe: impl Fn([u32; N]) -> String,
+) {
+    let mut first_rows = BTreeMap::new();
+    for row in 0..table.rows() {
+        let numbers = key.map(|column| column.values[row]);
+        if numbers.contains(&None) {
+            continue;
+        }
+        let first = *first_rows.entry(numbers).or_insert(row);
+        if first != row {
+            mistakes.push(
+                table.place(row, key[0].index),
+                format!(
+                    "{} is given twice, first on line {}",
+                    describe(numbers.map(Option::unwrap_or_default)),
+                    table.line(first)
+                ),
+            );
+        }
+    }
+}
+
+/// The rows are not all the same.
+pub fn spread(table: &Table<'_>, what: &str, columns: &[Column], mistakes: &mut Mistakes<'_>) {
+    let is_constant = |column: &Column| {
+        column
+            .values
+            .windows(2)
+            .all(|pair| (pair[0] - pair[1]).abs() <= f64::EPSILON)
+    };
+    let [Some(first), Some(last)] = [columns.first(), columns.last()] else {
+        return;
+    };
+    if table.rows() > 1 && columns.iter().all(is_constant) {
+        let place = table.name_place(first.index).start..table.name_place(last.index).end;
+        mistakes.push(
+            place,
+            format!(
+                "all {} rows have the same {what}, expected them spread out",
+                table.rows()
+            ),
+        );
+    }
+}
+
+/// Order statistics that a few wrong rows don't move.
+struct Quantiles {
+    tenth: f64,
+    median: f64,
+    ninetieth: f64,
+}
+
+impl Quantiles {
+    /// Of the values that are numbers; NaN where there are none.
+    fn of(values: &[f64]) -> Self {
+        let mut sorted: Vec<f64> = values
+            .iter()
+            .copied()
+            .filter(|value| !value.is_nan())
+            .collect();
+        sorted.sort_by(f64::total_cmp);
+        let at = |tenths: usize| {
+            sorted
+                .get(sorted.len().saturating_sub(1) * tenths / 10)
+                .copied()
+                .unwrap_or(f64::NAN)
+        };
+        Self {
+            tenth: at(1),
+            median: at(5),
+            ninetieth: at(9),
+        }
+    }
+
+    fn width(&self) -> f64 {
+        self.ninetieth - self.tenth
+    }
+}

@@ -1,0 +1,420 @@
+//! From the texts of a measurement folder to its sets.
+
+use std::fs;
+use std::io::ErrorKind;
+use std::path::Path;
+
+use super::set::{
+    ANGLES, ConditionColumns, DIRECTION, POSITION, Set, TEMPERATURE, TIME, file_name,
+    read_directions, vector,
+};
+use super::table::Column;
+use super::{CartPose, CartPosition, Folder, TcpPose, plausible};
+use tau_model_dsl::nearest;
+
+use crate::input_error::{self, Errors, InputError, Source};
+use crate::robot::Robot;
+
+const TCP_POSES: &str = "tcp_poses.csv";
+const CART_POSES: &str = "cart_poses.csv";
+const CART_POSITIONS: &str = "cart_positions.csv";
+
+/// Optional columns of sets 2 and 3.
+const OPTIONAL: [&str; 3] = [TIME, TEMPERATURE, DIRECTION];
+
+/// What of a robot its measurements must fit.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Shape {
+    /// Number of commands `q1_m, q2_m, …`.
+    pub commands: usize,
+    /// Number of tracks, and so of carts.
+    pub tracks: usize,
+}
+
+impl From<&Robot> for Shape {
+    fn from(robot: &Robot) -> Self {
+        Self {
+            commands: robot.commands,
+            tracks: robot.tracks.len(),
+        }
+    }
+}
+
+/// The texts of a measurement folder.
+#[derive(Debug, Clone, Copy)]
+pub struct Texts<'a> {
+    /// Set 1.
+    pub tcp_poses: &'a str,
+    /// Set 2.
+    pub cart_poses: Option<&'a str>,
+    /// Set 3.
+    pub cart_positions: Option<&'a str>,
+}
+
+impl Folder {
+    /// Reads a folder. Set 1 must be there; without sets 2 and 3 a remark says what they would have
+    /// been needed for.
+    ///
+    /// # Errors
+    /// All mistakes of all files: files missing or unreadable, text that is no table of numbers,
+    /// quantities in the wrong unit, poses given twice.
+    pub fn read(path: &Path, shape: Shape) -> Result<Self, InputError> {
+        let name = path.display().to_string();
+        match fs::metadata(path) {
+            Ok(metadata) if metadata.is_dir() => {}
+            Ok(_) => {
+                return Err(InputError::whole(
+                    name,
+                    "this is a file, expected a measurement folder",
+                )
+                .help(format!("name the folder that holds `{TCP_POSES}`")));
+            }
+            Err(error) if error.kind() == ErrorKind::NotFound => {
+                return Err(InputError::whole(
+                    name,
+                    format!("the folder does not exist, expected one that holds `{TCP_POSES}`"),
+                ));
+            }
+            Err(error) => {
+                return Err(InputError::whole(
+                    name,
+                    format!("cannot open the folder: {error}"),
+                ));
+            }
+        }
+        let mut errors = Errors::default();
+        let tcp_poses = errors.keep(read_text(&path.join(TCP_POSES)));
+        let cart_poses = errors.keep(read_text(&path.join(CART_POSES)));
+        let cart_positions = errors.keep(read_text(&path.join(CART_POSITIONS)));
+        errors.finish()?;
+        let texts = Texts {
+            tcp_poses: tcp_poses
+                .as_deref()
+                .ok_or_else(|| missing_tcp_poses(path))?,
+            cart_poses: cart_poses.as_deref(),
+            cart_positions: cart_positions.as_deref(),
+        };
+        Self::from_texts(&name, texts, shape)
+    }
+
+    /// Counts time from the first measurement: from the origin of a calendar, what drifts would have drifted
+    /// for decades.
+    fn start_clock(&mut self) {
+        let times: Vec<&mut f64> = (self.tcp_poses.iter_mut().map(|pose| &mut pose.conditions))
+            .chain(self.cart_poses.iter_mut().map(|pose| &mut pose.conditions))
+            .chain(self.cart_positions.iter_mut().map(|at| &mut at.conditions))
+            .filter_map(|conditions| conditions.time_s.as_mut())
+            .collect();
+        let first = times
+            .iter()
+            .map(|time| **time)
+            .fold(f64::INFINITY, f64::min);
+        for time in times {
+            *time -= first;
+        }
+    }
+
+    /// Reads texts as if they were the files of a folder of that name.
+    ///
+    /// # Errors
+    /// As [`Folder::read`].
+    pub fn from_texts(name: &str, texts: Texts<'_>, shape: Shape) -> Result<Self, InputError> {
+        let path = |file: &str| Path::new(name).join(file).display().to_string();
+        let mut errors = Errors::default();
+        let mut remarks = Vec::new();
+        let tcp_poses = errors.keep(read_tcp_poses(
+            &path(TCP_POSES),
+            texts.tcp_poses,
+            shape,
+            &mut remarks,
+        ));
+        let cart_poses = if let Some(text) = texts.cart_poses {
+            errors.keep(read_cart_poses(
+                &path(CART_POSES),
+                text,
+                shape,
+                &mut remarks,
+            ))
+        } else {
+            remarks.push(format!(
+                "{CART_POSES} (set 2) is missing: piecewise tracks can't be calibrated, and the \
+                 measured range of the commands is not known"
+            ));
+            Vec::new()
+        };
+        let cart_positions = if let Some(text) = texts.cart_positions {
+            errors.keep(read_cart_positions(
+                &path(CART_POSITIONS),
+                text,
+                shape,
+                &mut remarks,
+            ))
+        } else {
+            remarks.push(format!(
+                "{CART_POSITIONS} (set 3) is missing: the motion of the carts can't be compared \
+                 between set 2 and the TCP poses"
+            ));
+            Vec::new()
+        };
+        errors.finish()?;
+        let mut folder = Self {
+            name: name.to_owned(),
+            tcp_poses,
+            cart_poses,
+            cart_positions,
+            remarks,
+        };
+        folder.start_clock();
+        Ok(folder)
+    }
+}
+
+/// The text of a file; `None` where there is no such file.
+fn read_text(path: &Path) -> Result<Option<String>, InputError> {
+    match fs::read(path) {
+        Ok(bytes) => input_error::utf8(&path.display().to_string(), bytes).map(Some),
+        Err(error) if error.kind() == ErrorKind::NotFound => Ok(None),
+        Err(error) => Err(InputError::whole(
+            path.display().to_string(),
+            format!("cannot read the file: {error}"),
+        )),
+    }
+}
+
+fn missing_tcp_poses(folder: &Path) -> InputError {
+    let mut names: Vec<String> = fs::read_dir(folder)
+        .into_iter()
+        .flatten()
+        .filter_map(|entry| entry.ok()?.file_name().into_string().ok())
+        .filter(|name| ![CART_POSES, CART_POSITIONS].contains(&name.as_str()))
+        .collect();
+    names.sort();
+    let error = InputError::whole(
+        folder.join(TCP_POSES).display().to_string(),
+        "the file does not exist, expected the TCP poses (set 1)",
+    );
+    match nearest(TCP_POSES, names.iter().map(String::as_str)) {
+        Some(found) => error.help(format!("found `{found}`, rename it to `{TCP_POSES}`")),
+        None => error,
+    }
+}
+
+fn read_tcp_poses(
+    name: &str,
+    text: &str,
+    shape: Shape,
+    remarks: &mut Vec<String>,
+) -> Result<Vec<TcpPose>, InputError> {
+    let [x, y, z] = POSITION;
+    let [alpha, beta, gamma] = ANGLES;
+    let directions: Vec<String> = (1..=shape.commands).map(|n| format!("dir{n}")).collect();
+    let optional = [&[TIME.to_owned(), TEMPERATURE.to_owned()], &directions[..]].concat();
+    let names = ["pose", x, y, z, alpha, beta, gamma];
+    let set = open(
+        Source::new(name, text),
+        names,
+        &shape.command_names(),
+        &optional,
+        remarks,
+    )?;
+    let Set {
+        table,
+        mut mistakes,
+        columns: [pose, x, y, z, alpha, beta, gamma],
+        commands,
+        ..
+    } = set;
+
+    let pose = table.whole_numbers(pose, &mut mistakes);
+    let commands = table.numbers_of(&commands, &mut mistakes);
+    let position = [x, y, z].map(|index| table.numbers(index, &mut mistakes));
+    let angles = [alpha, beta, gamma].map(|index| table.numbers(index, &mut mistakes));
+    let conditions = ConditionColumns::read(&table, &mut mistakes);
+    let directions: Option<Vec<Column>> = directions
+        .iter()
+        .map(|name| read_directions(&table, name, &mut mistakes))
+        .collect();
+
+    plausible::commands(&table, &commands, &mut mistakes);
+    plausible::positions(&table, &position, &mut mistakes);
+    plausible::angles(&table, &angles, &mut mistakes);
+    plausible::distinct_keys(&table, [&pose], &mut mistakes, |[pose]| {
+        format!("pose {pose}")
+    });
+    plausible::spread(&table, "commands", &commands, &mut mistakes);
+    plausible::spread(&table, "position", &position, &mut mistakes);
+    mistakes.finish()?;
+
+    Ok((0..table.rows())
+        .map(|row| TcpPose {
+            pose: pose.values[row].unwrap_or_default(),
+            commands_m: commands.iter().map(|column| column.values[row]).collect(),
+            position_m: vector(&position, row),
+            angles_rad: vector(&angles, row),
+            conditions: conditions.at(row),
+            directions: directions
+                .as_ref()
+                .map(|columns| columns.iter().map(|column| column.values[row]).collect()),
+        })
+        .collect())
+}
+
+fn read_cart_poses(
+    name: &str,
+    text: &str,
+    shape: Shape,
+    remarks: &mut Vec<String>,
+) -> Result<Vec<CartPose>, InputError> {
+    let [x, y, z] = POSITION;
+    let [alpha, beta, gamma] = ANGLES;
+    let names = ["cart", "point", "q_m", x, y, z, alpha, beta, gamma];
+    let set = open(
+        Source::new(name, text),
+        names,
+        &[],
+        &OPTIONAL.map(str::to_owned),
+        remarks,
+    )?;
+    let Set {
+        table,
+        mut mistakes,
+        columns,
+        ..
+    } = set;
+    let [cart, point, q, x, y, z, alpha, beta, gamma] = columns;
+
+    let cart = table.whole_numbers(cart, &mut mistakes);
+    let point = table.whole_numbers(point, &mut mistakes);
+    let command = [table.numbers(q, &mut mistakes)];
+    let position = [x, y, z].map(|index| table.numbers(index, &mut mistakes));
+    let angles = [alpha, beta, gamma].map(|index| table.numbers(index, &mut mistakes));
+    let conditions = ConditionColumns::read(&table, &mut mistakes);
+    let direction = read_directions(&table, DIRECTION, &mut mistakes);
+
+    plausible::carts(&table, &cart, shape.tracks, &mut mistakes);
+    plausible::commands(&table, &command, &mut mistakes);
+    plausible::positions(&table, &position, &mut mistakes);
+    plausible::angles(&table, &angles, &mut mistakes);
+    // A track measured both ways visits each point twice.
+    let side = Column {
+        index: cart.index,
+        values: match &direction {
+            Some(column) => column
+                .values
+                .iter()
+                .map(|&sign| Some(u32::from(sign > 0.0)))
+                .collect(),
+            None => vec![Some(0); table.rows()],
+        },
+    };
+    plausible::distinct_keys(
+        &table,
+        [&point, &cart, &side],
+        &mut mistakes,
+        |[point, cart, _]| format!("point {point} of cart {cart}"),
+    );
+    plausible::spread(&table, "command", &command, &mut mistakes);
+    plausible::spread(&table, "position", &position, &mut mistakes);
+    mistakes.finish()?;
+
+    let poses: Vec<CartPose> = (0..table.rows())
+        .map(|row| CartPose {
+            track: track(&cart, row),
+            point: point.values[row].unwrap_or_default(),
+            command_m: command[0].values[row],
+            position_m: vector(&position, row),
+            angles_rad: vector(&angles, row),
+            conditions: conditions.at(row),
+            direction: direction.as_ref().map(|column| column.values[row]),
+        })
+        .collect();
+    for unmeasured in (0..shape.tracks).filter(|&track| poses.iter().all(|p| p.track != track)) {
+        remarks.push(format!(
+            "{CART_POSES} (set 2) has no points of cart {}: its track can't be piecewise",
+            unmeasured + 1
+        ));
+    }
+    Ok(poses)
+}
+
+fn read_cart_positions(
+    name: &str,
+    text: &str,
+    shape: Shape,
+    remarks: &mut Vec<String>,
+) -> Result<Vec<CartPosition>, InputError> {
+    let [x, y, z] = POSITION;
+    let names = ["pose", "cart", x, y, z];
+    let optional = OPTIONAL.map(str::to_owned);
+    let set = open(
+        Source::new(name, text),
+        names,
+        &shape.command_names(),
+        &optional,
+        remarks,
+    )?;
+    let Set {
+        table,
+        mut mistakes,
+        columns: [pose, cart, x, y, z],
+        commands,
+        ..
+    } = set;
+
+    let pose = table.whole_numbers(pose, &mut mistakes);
+    let cart = table.whole_numbers(cart, &mut mistakes);
+    let commands = table.numbers_of(&commands, &mut mistakes);
+    let position = [x, y, z].map(|index| table.numbers(index, &mut mistakes));
+    let conditions = ConditionColumns::read(&table, &mut mistakes);
+    let direction = read_directions(&table, DIRECTION, &mut mistakes);
+
+    plausible::carts(&table, &cart, shape.tracks, &mut mistakes);
+    plausible::commands(&table, &commands, &mut mistakes);
+    plausible::positions(&table, &position, &mut mistakes);
+    plausible::distinct_keys(&table, [&pose, &cart], &mut mistakes, |[pose, cart]| {
+        format!("pose {pose} of cart {cart}")
+    });
+    plausible::spread(&table, "commands", &commands, &mut mistakes);
+    plausible::spread(&table, "position", &position, &mut mistakes);
+    mistakes.finish()?;
+
+    Ok((0..table.rows())
+        .map(|row| CartPosition {
+            pose: pose.values[row].unwrap_or_default(),
+            track: track(&cart, row),
+            commands_m: commands.iter().map(|column| column.values[row]).collect(),
+            position_m: vector(&position, row),
+            conditions: conditions.at(row),
+            direction: direction.as_ref().map(|column| column.values[row]),
+        })
+        .collect())
+}
+
+/// Finds the columns; remarks on optional columns that are missing and on unknown ones.
+fn open<'a, const N: usize>(
+    source: Source<'a>,
+    names: [&str; N],
+    commands: &[String],
+    optional: &[String],
+    remarks: &mut Vec<String>,
+) -> Result<Set<'a, N>, InputError> {
+    let set = Set::open(source, names, commands, optional)?;
+    let absent = set.absent(optional).map(|columns| {
+        let file = file_name(source.name);
+        format!("{file} has no {columns}: effects that need them can't be seen in this set")
+    });
+    remarks.extend(absent.into_iter().chain(set.unknown.clone()));
+    Ok(set)
+}
+
+impl Shape {
+    /// Names of the columns of commands: `q1_m`, `q2_m`, …
+    pub fn command_names(self) -> Vec<String> {
+        (1..=self.commands).map(|n| format!("q{n}_m")).collect()
+    }
+}
+
+/// Index of the track whose cart has the number, from 1, that the file gives.
+fn track(cart: &Column<Option<u32>>, row: usize) -> usize {
+    cart.values[row].map_or(0, |cart| cart as usize - 1)
+}

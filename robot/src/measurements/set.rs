@@ -1,0 +1,132 @@
+//! What the files of a folder, and tables that are asked about, have in common.
+
+use std::path::Path;
+
+use super::table::{Column, Table};
+use super::{Conditions, plausible};
+use crate::input_error::{InputError, Mistakes, Source, quoted};
+
+/// Columns of a position.
+pub const POSITION: [&str; 3] = ["x_m", "y_m", "z_m"];
+/// Columns of angles.
+pub const ANGLES: [&str; 3] = ["alpha_rad", "beta_rad", "gamma_rad"];
+/// Column of the time since the start.
+pub const TIME: &str = "time_s";
+/// Column of the temperature.
+pub const TEMPERATURE: &str = "temperature_c";
+/// Column of the side of approach.
+pub const DIRECTION: &str = "dir";
+
+/// A table with its columns found.
+pub struct Set<'a, const N: usize> {
+    /// The table.
+    pub table: Table<'a>,
+    /// Its mistakes so far.
+    pub mistakes: Mistakes<'a>,
+    /// Index of each required column.
+    pub columns: [usize; N],
+    /// Index of each column of commands.
+    pub commands: Vec<usize>,
+    /// A remark on the columns that nobody knows.
+    pub unknown: Option<String>,
+}
+
+impl<'a, const N: usize> Set<'a, N> {
+    /// Finds the columns; those required are there, or it is an error.
+    pub fn open(
+        source: Source<'a>,
+        names: [&str; N],
+        commands: &[String],
+        optional: &[String],
+    ) -> Result<Self, InputError> {
+        let mut mistakes = Mistakes::new(source);
+        let table = Table::parse(&mut mistakes);
+        let columns = table
+            .as_ref()
+            .and_then(|table| table.require(names, commands, optional, &mut mistakes));
+        let (Some(table), Some((columns, commands_at))) = (table, columns) else {
+            return Err(mistakes.into_error());
+        };
+        let is_known = |name: &str| {
+            names.contains(&name) || commands.iter().chain(optional).any(|known| known == name)
+        };
+        let unknown: Vec<&str> = table.names().filter(|name| !is_known(name)).collect();
+        let unknown = (!unknown.is_empty()).then(|| {
+            let file = file_name(source.name);
+            format!("{file}: unknown columns {} are ignored", quoted(unknown))
+        });
+        Ok(Self {
+            table,
+            mistakes,
+            columns,
+            commands: commands_at,
+            unknown,
+        })
+    }
+
+    /// Optional columns that are missing, where there are any.
+    pub(crate) fn absent(&self, optional: &[String]) -> Option<String> {
+        let missing: Vec<&str> = optional
+            .iter()
+            .map(String::as_str)
+            .filter(|name| self.table.column(name).is_none())
+            .collect();
+        (!missing.is_empty()).then(|| quoted(missing))
+    }
+}
+
+/// Name of a file without its folder.
+pub fn file_name(path: &str) -> &str {
+    let name = Path::new(path).file_name().and_then(|name| name.to_str());
+    name.unwrap_or(path)
+}
+
+/// The optional columns of time and temperature.
+pub struct ConditionColumns {
+    time_s: Option<Column>,
+    temperature_c: Option<Column>,
+}
+
+impl ConditionColumns {
+    /// The columns that the table has, checked.
+    pub fn read(table: &Table<'_>, mistakes: &mut Mistakes<'_>) -> Self {
+        let time_s = table
+            .column(TIME)
+            .map(|index| table.numbers(index, mistakes));
+        let temperature_c = table
+            .column(TEMPERATURE)
+            .map(|index| table.numbers(index, mistakes));
+        if let Some(column) = &temperature_c {
+            plausible::temperatures(table, column, mistakes);
+        }
+        Self {
+            time_s,
+            temperature_c,
+        }
+    }
+
+    /// Time and temperature of a row, where known.
+    pub fn at(&self, row: usize) -> Conditions {
+        let value = |column: &Option<Column>| column.as_ref().map(|column| column.values[row]);
+        Conditions {
+            time_s: value(&self.time_s),
+            temperature_c: value(&self.temperature_c),
+        }
+    }
+}
+
+/// A column of directions, where the table has it.
+pub fn read_directions(
+    table: &Table<'_>,
+    name: &str,
+    mistakes: &mut Mistakes<'_>,
+) -> Option<Column> {
+    let column = table.numbers(table.column(name)?, mistakes);
+    plausible::directions(table, &column, mistakes);
+    Some(column)
+}
+
+/// The row of three columns.
+pub fn vector(columns: &[Column; 3], row: usize) -> [f64; 3] {
+    [0, 1, 2].map(|axis| columns[axis].values[row])
+}

@@ -1,0 +1,307 @@
+//! A robot and its variants at run time, whether compiled in or read from a `.tau` file.
+
+use std::sync::Arc;
+
+use tau_codegen::CompiledRobot;
+use tau_codegen::compile::CompiledVariant;
+pub use tau_codegen::equations::Parameter;
+use tau_codegen::language::{self, Errors};
+use tau_runtime as runtime;
+pub use tau_runtime::{Arm, Input, Owner, ResidualFamily, ResidualKind, TrackModel, TrackShape};
+
+/// A robot: its structure and its variants.
+#[derive(Clone)]
+pub struct Robot {
+    /// Name in the description.
+    pub name: String,
+    /// The whole description, in the language.
+    pub description: String,
+    /// Names of the tracks; carts carry the same numbers, from 1.
+    pub tracks: Vec<String>,
+    /// Clusters in order of declaration.
+    pub clusters: Vec<Cluster>,
+    /// Links in order of declaration.
+    pub links: Vec<Link>,
+    /// Number of commands `q1_m, q2_m, …`.
+    pub commands: usize,
+    /// Variants in order of declaration.
+    pub variants: Vec<Variant>,
+}
+
+/// Links between one cart (or the fixed base) and the plate.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Cluster {
+    /// Name in the description.
+    pub name: String,
+    /// Index of the track whose cart carries it; `None` on the fixed base.
+    pub track: Option<usize>,
+}
+
+/// A rod between two spherical joints.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Link {
+    /// Name in the description.
+    pub name: String,
+    /// Index of its cluster.
+    pub cluster: usize,
+    /// Index of the command that drives its length, where the length is actuated.
+    pub actuated_by: Option<usize>,
+}
+
+/// A choice of arm, tracks and effects, with its functions.
+#[derive(Clone)]
+pub struct Variant {
+    /// Name in the description.
+    pub name: String,
+    /// Closure per link or per cluster.
+    pub arm: Arm,
+    /// One model per track.
+    pub tracks: Vec<TrackModel>,
+    /// Effects with their places, such as `("rack_pitch", ["two"])`.
+    pub effects: Vec<(String, Vec<String>)>,
+    /// All parameters.
+    pub parameters: Vec<Parameter>,
+    /// All residuals; see [`Variant::instances_of`].
+    pub instances: Vec<Instance>,
+}
+
+/// A residual family applied to a link, a cluster or a cart.
+#[derive(Clone)]
+pub struct Instance {
+    /// Which residual.
+    pub kind: ResidualKind,
+    /// Index of the link (full arm), the cluster (reduced arm) or the track (sets 2 and 3).
+    pub of: usize,
+    /// The function.
+    pub family: Arc<dyn ResidualFamily>,
+    /// For each parameter of the family, its index in [`Variant::parameters`] (see
+    /// [`ResidualKind::ClosureByPose`] for the exception).
+    pub parameters: Vec<usize>,
+    /// For each datum of the family, what to fill in.
+    pub inputs: Vec<Input>,
+}
+
+impl Robot {
+    /// A robot from its description, compiled at run time: its functions are interpreted.
+    ///
+    /// They give the same numbers, bit for bit, as the code that `tau_model!` or `tau generate` makes of
+    /// the same text. All mistakes of the description are returned at once.
+    pub fn from_text(description: &str) -> Result<Self, Errors> {
+        let model = language::check_text(description)?;
+        Ok(Self::from(&tau_codegen::compile(&model, description)))
+    }
+
+    /// The variant of a name.
+    pub fn variant(&self, name: &str) -> Option<&Variant> {
+        self.variants.iter().find(|variant| variant.name == name)
+    }
+
+    /// Indices of the links of a cluster.
+    pub fn links_of_cluster(&self, cluster: usize) -> Vec<usize> {
+        (0..self.links.len())
+            .filter(|&link| self.links[link].cluster == cluster)
+            .collect()
+    }
+
+    /// Indices of the links whose cluster rides on a track's cart.
+    pub fn links_of_track(&self, track: usize) -> Vec<usize> {
+        (0..self.links.len())
+            .filter(|&link| self.clusters[self.links[link].cluster].track == Some(track))
+            .collect()
+    }
+}
+
+impl Variant {
+    /// The instances of one kind, in order of link, cluster or track.
+    pub fn instances_of(&self, kind: ResidualKind) -> impl Iterator<Item = &Instance> {
+        self.instances
+            .iter()
+            .filter(move |instance| instance.kind == kind)
+    }
+
+    /// Index of a parameter by its owner, quantity and component.
+    pub fn parameter(
+        &self,
+        owner: Owner,
+        quantity: &str,
+        component: Option<usize>,
+    ) -> Option<usize> {
+        self.parameters.iter().position(|parameter| {
+            parameter.owner == owner
+                && parameter.quantity == quantity
+                && parameter.component == component
+        })
+    }
+
+    /// Index of a parameter that is the variant's.
+    pub fn index_of(&self, name: &str) -> usize {
+        let index = self.parameters.iter().position(|own| own.name == name);
+        index.unwrap_or_else(|| unreachable!("`{name}` is a parameter of `{}`", self.name))
+    }
+}
+
+/// A family that is compiled in, behind the same pointer as one that is interpreted.
+struct Static(&'static dyn ResidualFamily);
+
+impl ResidualFamily for Static {
+    fn shape(&self) -> runtime::Shape {
+        self.0.shape()
+    }
+    fn pattern(&self) -> runtime::Pattern<'_> {
+        self.0.pattern()
+    }
+    fn prepare(&self, data: &[f64], prepared: &mut [f64]) {
+        self.0.prepare(data, prepared);
+    }
+    fn value(&self, prepared: &[f64], parameters: &[f64], residuals: &mut [f64]) {
+        self.0.value(prepared, parameters, residuals);
+    }
+    fn linearize(
+        &self,
+        prepared: &[f64],
+        parameters: &[f64],
+        residuals: &mut [f64],
+        jacobian: &mut [f64],
+    ) {
+        self.0.linearize(prepared, parameters, residuals, jacobian);
+    }
+    fn blocks(&self) -> Option<&dyn runtime::BlockFamily> {
+        self.0.blocks()
+    }
+}
+
+impl From<&runtime::Robot> for Robot {
+    fn from(robot: &runtime::Robot) -> Self {
+        Self {
+            name: robot.name.into(),
+            description: robot.description.into(),
+            tracks: robot.tracks.iter().map(|&name| name.into()).collect(),
+            clusters: robot
+                .clusters
+                .iter()
+                .map(|c| Cluster {
+                    name: c.name.into(),
+                    track: c.track,
+                })
+                .collect(),
+            links: robot
+                .links
+                .iter()
+                .map(|l| Link {
+                    name: l.name.into(),
+                    cluster: l.cluster,
+                    actuated_by: l.actuated_by,
+                })
+                .collect(),
+            commands: robot.commands,
+            variants: robot.variants.iter().map(Variant::from).collect(),
+        }
+    }
+}
+
+impl From<&runtime::Variant> for Variant {
+    fn from(variant: &runtime::Variant) -> Self {
+        Self {
+            name: variant.name.into(),
+            arm: variant.arm,
+            tracks: variant.tracks.to_vec(),
+            effects: variant
+                .effects
+                .iter()
+                .map(|e| {
+                    (
+                        e.name.into(),
+                        e.places.iter().map(|&place| place.into()).collect(),
+                    )
+                })
+                .collect(),
+            parameters: variant
+                .parameters
+                .iter()
+                .map(|p| Parameter {
+                    name: p.name.into(),
+                    owner: p.owner,
+                    quantity: p.quantity.into(),
+                    component: p.component,
+                    unit: p.unit.into(),
+                    nominal: p.nominal,
+                    tolerance: p.tolerance,
+                    search: p.search,
+                })
+                .collect(),
+            instances: variant
+                .instances
+                .iter()
+                .map(|i| Instance {
+                    kind: i.kind,
+                    of: i.of,
+                    family: Arc::new(Static(i.family)),
+                    parameters: i.parameters.iter().map(|&index| index as usize).collect(),
+                    inputs: i.inputs.to_vec(),
+                })
+                .collect(),
+        }
+    }
+}
+
+impl From<&CompiledRobot> for Robot {
+    fn from(robot: &CompiledRobot) -> Self {
+        let model = &robot.model;
+        Self {
+            name: model.name.clone(),
+            description: robot.description.clone(),
+            tracks: model
+                .tracks
+                .iter()
+                .map(|track| track.name.clone())
+                .collect(),
+            clusters: model
+                .clusters
+                .iter()
+                .map(|c| Cluster {
+                    name: c.name.clone(),
+                    track: c.track,
+                })
+                .collect(),
+            links: model
+                .links
+                .iter()
+                .map(|l| Link {
+                    name: l.name.clone(),
+                    cluster: l.cluster,
+                    actuated_by: l.actuated_by,
+                })
+                .collect(),
+            commands: model.commands(),
+            variants: robot.variants.iter().map(Variant::from).collect(),
+        }
+    }
+}
+
+impl From<&CompiledVariant> for Variant {
+    fn from(variant: &CompiledVariant) -> Self {
+        let families: Vec<Arc<dyn ResidualFamily>> = variant
+            .families
+            .iter()
+            .map(tau_codegen::Family::interpreted)
+            .collect();
+        Self {
+            name: variant.name.clone(),
+            arm: variant.arm,
+            tracks: variant.tracks.clone(),
+            effects: variant.effects.clone(),
+            parameters: variant.parameters.clone(),
+            instances: variant
+                .instances
+                .iter()
+                .map(|i| Instance {
+                    kind: i.kind,
+                    of: i.of,
+                    family: Arc::clone(&families[i.family]),
+                    parameters: i.parameters.clone(),
+                    inputs: i.inputs.clone(),
+                })
+                .collect(),
+        }
+    }
+}

@@ -1,0 +1,211 @@
+//! Whether a `robot.toml` fits its robot: names that exist, values for every link.
+
+use std::collections::BTreeMap;
+
+use tau_model_dsl::nearest;
+use toml::Spanned;
+use toml::de::{DeString, DeTable};
+
+use super::keys::{described_links, effect_key, key_place, quantity_of};
+use super::{LinkValues, RobotFile};
+use crate::input_error::{Mistakes, quoted, suggestion};
+use crate::robot::{Owner, Robot};
+
+/// Names in the file are names of the robot. Returns those that misspelt ones probably mean.
+pub(super) fn names<'r>(
+    mistakes: &mut Mistakes<'_>,
+    root: &DeTable<'_>,
+    file: &RobotFile,
+    robot: &'r Robot,
+) -> Vec<&'r str> {
+    let mut meant = Vec::new();
+    let links: Vec<&str> = robot.links.iter().map(|link| link.name.as_str()).collect();
+    let clusters: Vec<&str> = robot.clusters.iter().map(|c| c.name.as_str()).collect();
+    let tracks: Vec<&str> = robot.tracks.iter().map(String::as_str).collect();
+    for (section, what, known) in [
+        ("links", "link", &links),
+        ("clusters", "cluster", &clusters),
+        ("tracks", "track", &tracks),
+    ] {
+        for key in keys_of(root, section) {
+            let name = key.get_ref().as_ref();
+            if known.contains(&name) {
+                continue;
+            }
+            let nearest = nearest(name, known.iter().copied());
+            meant.extend(nearest);
+            let help = if nearest.is_none() && file.robot != robot.name {
+                format!(
+                    "the file is for robot `{}`, the description is of `{}`",
+                    file.robot, robot.name
+                )
+            } else {
+                suggestion(name, known.iter().copied())
+            };
+            let message = format!("robot `{}` has no {what} `{name}`", robot.name);
+            mistakes.push_with_help(key.span(), message, help);
+        }
+    }
+    let places = [&["all", "tcp"], &tracks[..], &links[..]].concat();
+    for key in keys_of(root, "effects") {
+        let form = key
+            .get_ref()
+            .strip_suffix(')')
+            .and_then(|form| form.split_once('('));
+        let Some((name, at)) = form else {
+            mistakes.push_with_help(
+                key.span(),
+                format!(
+                    "found effect `{}`, expected its name and place",
+                    key.get_ref()
+                ),
+                "such as \"rack_pitch(two)\"",
+            );
+            continue;
+        };
+        for place in at
+            .split(',')
+            .map(str::trim)
+            .filter(|place| !places.contains(place))
+        {
+            mistakes.push_with_help(
+                key.span(),
+                format!("robot `{}` has no place `{place}`", robot.name),
+                format!("expected one of {}", quoted(places.iter().copied())),
+            );
+        }
+        effect_values(mistakes, root, key, name.trim(), robot);
+    }
+    meant
+}
+
+/// An effect that the robot has anywhere has the parameters that the file gives it, in as many components.
+///
+/// One that it has nowhere may be that of another description, which is no mistake.
+fn effect_values(
+    mistakes: &mut Mistakes<'_>,
+    root: &DeTable<'_>,
+    key: &Spanned<DeString<'_>>,
+    name: &str,
+    robot: &Robot,
+) {
+    let mut components: BTreeMap<&str, usize> = BTreeMap::new();
+    for parameter in robot.variants.iter().flat_map(|v| &v.parameters) {
+        let of_effect = effect_key(parameter).and_then(|key| key.split('(').next());
+        if matches!(parameter.owner, Owner::Effect(_)) && of_effect == Some(name) {
+            let count = components.entry(&parameter.quantity).or_default();
+            *count = parameter.component.map_or(1, |c| (c + 1).max(*count));
+        }
+    }
+    let values = root
+        .get("effects")
+        .and_then(|effects| effects.get_ref().get(key.get_ref().as_ref()))
+        .and_then(|values| values.get_ref().as_table());
+    if components.is_empty() {
+        return;
+    }
+    for (parameter, value) in values.into_iter().flatten() {
+        let quantity = parameter.get_ref().as_ref();
+        let Some(&expected) = components.get(quantity) else {
+            mistakes.push_with_help(
+                parameter.span(),
+                format!("effect `{name}` has no parameter `{quantity}`"),
+                suggestion(quantity, components.keys().copied()),
+            );
+            continue;
+        };
+        let found = value.get_ref().get("value");
+        let count = found.map(|value| value.get_ref().as_array().map_or(1, |array| array.len()));
+        if count.is_some_and(|count| count != expected) {
+            let expected = if expected == 1 {
+                "a number"
+            } else {
+                "three numbers"
+            };
+            let message = format!("expected {expected} as the value of `{quantity}`");
+            mistakes.push(value.span(), message);
+        }
+    }
+}
+
+/// Every link has its values, from the file or from the description, unless its cluster has been
+/// calibrated as a reduced arm.
+pub(super) fn complete(
+    mistakes: &mut Mistakes<'_>,
+    root: &DeTable<'_>,
+    file: &RobotFile,
+    robot: &Robot,
+    misspelt: &[&str],
+) {
+    let described = described_links(robot);
+    for (index, link) in robot.links.iter().enumerate() {
+        let cluster = &robot.clusters[link.cluster];
+        if file.clusters.contains_key(&cluster.name) || misspelt.contains(&link.name.as_str()) {
+            continue;
+        }
+        let described = |quantity: &str| {
+            let values = described.get(index);
+            values.is_some_and(|values| quantity_of(values, quantity).is_some())
+        };
+        let shared = cluster
+            .track
+            .and_then(|track| file.tracks.get(&robot.tracks[track]));
+        let oriented = |values: &LinkValues| {
+            values.track_direction.is_some() || values.track_rotation.is_some()
+        };
+        // A value that was there but wrong has been reported already.
+        let given = |quantity: &str| {
+            let table = root
+                .get("links")
+                .and_then(|links| links.get_ref().get(link.name.as_str()));
+            table.is_some_and(|table| table.get_ref().get(quantity).is_some())
+        };
+        let oriented_here = given("track_direction") || given("track_rotation_rad");
+        let missing: Vec<&str> = [
+            ("length_m", "length"),
+            ("plate_joint_m", "plate_joint"),
+            ("track_offset_m", "track_offset"),
+            ("track_direction", "track_direction"),
+        ]
+        .into_iter()
+        .filter(|&(key, quantity)| {
+            let is_direction = quantity == "track_direction";
+            let is_given = if is_direction {
+                oriented_here || cluster.track.is_none() || shared.is_some_and(oriented)
+            } else {
+                given(key)
+            };
+            !is_given && !described(quantity)
+        })
+        .map(|(key, _)| key)
+        .collect();
+        if missing.is_empty() {
+            continue;
+        }
+        let key = keys_of(root, "links").find(|key| key.get_ref().as_ref() == link.name);
+        match key {
+            Some(key) => mistakes.push(
+                key.span(),
+                format!("link `{}` lacks {}", link.name, quoted(missing)),
+            ),
+            None => mistakes.push(
+                key_place(root, "links"),
+                format!(
+                    "`[links.{}]` is missing, expected {}",
+                    link.name,
+                    quoted(missing)
+                ),
+            ),
+        }
+    }
+}
+
+fn keys_of<'t, 'i>(
+    root: &'t DeTable<'i>,
+    section: &str,
+) -> impl Iterator<Item = &'t Spanned<DeString<'i>>> + use<'t, 'i> {
+    let table = root
+        .get(section)
+        .and_then(|value| value.get_ref().as_table());
+    table.into_iter().flat_map(|table| table.keys())
+}

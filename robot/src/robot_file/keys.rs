@@ -1,0 +1,102 @@
+//! Keys of a `robot.toml`: which parameter of a robot each value is, and what the robot's description gives.
+
+use std::ops::Range;
+
+use tau_codegen::language;
+use toml::de::DeTable;
+
+use super::{LinkValues, RobotFile, Value};
+use crate::robot::{Parameter, Robot};
+
+/// Tolerance that stands for none, relative to the value: wide enough to say nothing.
+pub const WIDE: f64 = 1e3;
+
+impl RobotFile {
+    /// The file with what it lacks taken from the robot's description: values of links.
+    #[must_use]
+    pub fn completed(&self, robot: &Robot) -> Self {
+        let mut completed = self.clone();
+        for (link, described) in robot.links.iter().zip(described_links(robot)) {
+            let values = completed.links.entry(link.name.clone()).or_default();
+            for quantity in ["length", "plate_joint", "track_offset", "track_direction"] {
+                if let Some(slot) = quantity_slot(values, quantity)
+                    && slot.is_none()
+                {
+                    *slot = quantity_of(&described, quantity).cloned();
+                }
+            }
+            if *values == LinkValues::default() {
+                completed.links.remove(&link.name);
+            }
+        }
+        completed
+    }
+}
+
+/// Values that the description itself gives, by link.
+pub(crate) fn described_links(robot: &Robot) -> Vec<LinkValues> {
+    // Without a text, as for a robot made by hand, nothing is described.
+    let links = language::check_text(&robot.description).map_or_else(|_| vec![], |m| m.links);
+    let value = |value: Option<&[f64]>, tolerance: Option<f64>| {
+        let value = value?.to_vec();
+        let size = value.iter().fold(1.0, |size: f64, v| size.max(v.abs()));
+        Some(Value {
+            tol: tolerance.unwrap_or(WIDE * size),
+            value,
+            sigma: None,
+        })
+    };
+    let of_link = |link: &language::model::Link| {
+        let given = &link.defaults;
+        let length = given.length.value.as_ref().map(<[f64; 1]>::as_slice);
+        let vector = |quantity: &language::model::Quantity<3>| {
+            value(
+                quantity.value.as_ref().map(<[f64; 3]>::as_slice),
+                quantity.tolerance,
+            )
+        };
+        LinkValues {
+            length: value(length, given.length.tolerance),
+            plate_joint: vector(&given.plate_joint),
+            track_offset: vector(&given.track_offset),
+            track_direction: vector(&given.track_direction),
+            track_rotation: None,
+        }
+    };
+    links.iter().map(of_link).collect()
+}
+
+/// Key of an effect at its place in the file, such as `rack_pitch(two)`.
+pub fn effect_key(parameter: &Parameter) -> Option<&str> {
+    Some(&parameter.name[..=parameter.name.rfind(')')?])
+}
+
+/// What a file gives for a quantity.
+pub fn quantity_of<'a>(values: &'a LinkValues, quantity: &str) -> Option<&'a Value> {
+    match quantity {
+        "length" => values.length.as_ref(),
+        "plate_joint" => values.plate_joint.as_ref(),
+        "track_offset" => values.track_offset.as_ref(),
+        "track_direction" => values.track_direction.as_ref(),
+        _ => None,
+    }
+}
+
+/// The place of a quantity in a file.
+pub fn quantity_slot<'a>(
+    values: &'a mut LinkValues,
+    quantity: &str,
+) -> Option<&'a mut Option<Value>> {
+    match quantity {
+        "length" => Some(&mut values.length),
+        "plate_joint" => Some(&mut values.plate_joint),
+        "track_offset" => Some(&mut values.track_offset),
+        "track_direction" => Some(&mut values.track_direction),
+        "track_rotation" => Some(&mut values.track_rotation),
+        _ => None,
+    }
+}
+
+pub(super) fn key_place(table: &DeTable<'_>, key: &str) -> Range<usize> {
+    table.get_key_value(key).map_or(0..0, |(key, _)| key.span())
+}

@@ -1,0 +1,89 @@
+//! The instance of a robot: nominal or calibrated parameters with tolerances, noise and loads (`robot.toml`).
+
+mod check;
+pub mod keys;
+mod read;
+mod write;
+
+use std::collections::BTreeMap;
+
+use crate::robot::Robot;
+
+/// Contents of a `robot.toml`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RobotFile {
+    /// Name of the robot in its description.
+    pub robot: String,
+    /// Measurement noise.
+    pub noise: Noise,
+    /// Plate, tool and half of the links, where stated.
+    pub payload: Option<Payload>,
+    /// Commands that the measurements cover, where stated: lowest and highest (m).
+    pub range_m: Option<(f64, f64)>,
+    /// `[links.NAME]`, by name.
+    pub links: BTreeMap<String, LinkValues>,
+    /// `[clusters.NAME]`, by name: calibrated reduced arms.
+    pub clusters: BTreeMap<String, LinkValues>,
+    /// `[tracks.NAME]`, by name: directions or rotations that the links of a cart share.
+    pub tracks: BTreeMap<String, LinkValues>,
+    /// `[effects."rack_pitch(two)"]`, by name and place: parameter values by name.
+    pub effects: BTreeMap<String, BTreeMap<String, Value>>,
+}
+
+impl RobotFile {
+    /// A remark where the file is for another robot than a description.
+    pub fn other_robot(&self, robot: &Robot) -> Option<String> {
+        (self.robot != robot.name).then(|| {
+            format!(
+                "robot.toml is for robot `{}`, the description is of `{}`",
+                self.robot, robot.name
+            )
+        })
+    }
+}
+
+/// Noise of the measurement, tracker and repeatability together, one standard deviation per axis.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Noise {
+    /// Position (m).
+    pub position_m: f64,
+    /// Rotation (rad).
+    pub rotation_rad: f64,
+}
+
+/// The load that the arm carries.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Payload {
+    /// Mass (kg).
+    pub mass_kg: f64,
+    /// Centre of mass in TCP coordinates (m).
+    pub centre_m: [f64; 3],
+    /// Gravity in the measurement frame (m/s²).
+    pub gravity_m_s2: [f64; 3],
+}
+
+/// Values with one tolerance: one component for a scalar, three for a vector.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Value {
+    /// Nominal or calibrated value, SI.
+    pub value: Vec<f64>,
+    /// One standard deviation of the prior, SI.
+    pub tol: f64,
+    /// Standard deviations of calibrated values, SI, one per component.
+    pub sigma: Option<Vec<f64>>,
+}
+
+/// Values of a link, a cluster or a track; keys that do not apply are absent.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct LinkValues {
+    /// `length_m`.
+    pub length: Option<Value>,
+    /// `plate_joint_m`.
+    pub plate_joint: Option<Value>,
+    /// `track_offset_m`.
+    pub track_offset: Option<Value>,
+    /// `track_direction`.
+    pub track_direction: Option<Value>,
+    /// `track_rotation_rad`: angles about x, y, z that carry the measured path into the measurement frame.
+    pub track_rotation: Option<Value>,
+}

@@ -1,0 +1,483 @@
+//! From the text of a `robot.toml` to its values, every mistake with its place.
+
+use std::collections::BTreeMap;
+use std::f64::consts::TAU;
+use std::fs;
+use std::io::ErrorKind;
+use std::ops::Range;
+use std::path::Path;
+
+use toml::Spanned;
+use toml::de::{DeTable, DeValue};
+
+use super::keys::key_place;
+use super::{LinkValues, Noise, Payload, RobotFile, Value, check};
+use crate::input_error::{self, InputError, Mistakes, Source, suggestion};
+use crate::robot::Robot;
+
+/// A link or a track longer than this (m) has been given in millimetres.
+const LONGEST_M: f64 = 50.0;
+/// A point of the base farther from the measurement frame's origin than a laser tracker reaches (m).
+const FARTHEST_M: f64 = 100.0;
+/// A plate or a tool larger than this (m) has been given in millimetres.
+const LARGEST_PLATE_M: f64 = 10.0;
+/// Noise beyond this (m or rad) is no noise.
+const LARGEST_NOISE: f64 = 1.0;
+
+impl RobotFile {
+    /// Reads a file for a robot.
+    ///
+    /// # Errors
+    /// As [`RobotFile::parse_for`]; the file is missing or can't be read.
+    pub fn read(path: &Path, robot: &Robot) -> Result<Self, InputError> {
+        let name = path.display().to_string();
+        let bytes = fs::read(path).map_err(|error| match error.kind() {
+            ErrorKind::NotFound => InputError::whole(
+                &name,
+                "the file does not exist, expected the parameters of the robot (robot.toml)",
+            ),
+            _ => InputError::whole(&name, format!("cannot read the file: {error}")),
+        })?;
+        Self::parse_for(&input_error::utf8(&name, bytes)?, &name, robot)
+    }
+
+    /// Reads a text under the name of its file, whatever the robot.
+    ///
+    /// # Errors
+    /// All mistakes of the text: syntax, unknown and missing keys, wrong types, wrong numbers of
+    /// components, values that are not finite or in the wrong unit, tolerances that are not positive.
+    pub fn parse(text: &str, name: &str) -> Result<Self, InputError> {
+        Document::parse(Source::new(name, text), None)
+    }
+
+    /// Reads a text that must fit a robot.
+    ///
+    /// # Errors
+    /// As [`RobotFile::parse`]; also links, clusters, tracks and places of effects that the robot
+    /// does not have, and values that neither the file nor the robot's description gives.
+    pub fn parse_for(text: &str, name: &str, robot: &Robot) -> Result<Self, InputError> {
+        Document::parse(Source::new(name, text), Some(robot))
+    }
+}
+
+/// A text being read.
+struct Document<'a> {
+    mistakes: Mistakes<'a>,
+}
+
+/// What the components of a value are.
+#[derive(Clone, Copy)]
+enum Kind {
+    /// One number above zero, at most a length of a link.
+    Length,
+    /// Three coordinates, each at most this (m).
+    Point(f64),
+    /// Three numbers, not all zero.
+    Direction,
+    /// Three angles.
+    Angles,
+    /// One number or three.
+    Any,
+}
+
+impl<'a> Document<'a> {
+    fn parse(source: Source<'a>, robot: Option<&Robot>) -> Result<RobotFile, InputError> {
+        let mut document = Self {
+            mistakes: Mistakes::new(source),
+        };
+        let (root, errors) = DeTable::parse_recoverable(source.text);
+        // What follows a mistake of syntax is mostly its consequence.
+        let start = |error: &toml::de::Error| error.span().map_or(0, |span| span.start);
+        if let Some(error) = errors.into_iter().min_by_key(start) {
+            let place = error.span().unwrap_or(0..0);
+            let message = match error.message() {
+                "duplicate key" => format!("key `{}` is given twice", &source.text[place.clone()]),
+                message => message.to_owned(),
+            };
+            return Err(InputError::at(source, place, message));
+        }
+        let file = document.file(root.get_ref());
+        if let Some(robot) = robot {
+            let meant = check::names(&mut document.mistakes, root.get_ref(), &file, robot);
+            check::complete(&mut document.mistakes, root.get_ref(), &file, robot, &meant);
+        }
+        document.mistakes.finish()?;
+        Ok(file)
+    }
+
+    fn file(&mut self, root: &DeTable<'_>) -> RobotFile {
+        let start = 0..0;
+        self.known_keys(
+            root,
+            &[
+                "robot", "noise", "payload", "range", "links", "clusters", "tracks", "effects",
+            ],
+        );
+        let robot = match self
+            .required(root, "robot", &start)
+            .map(|v| (v.get_ref(), v.span()))
+        {
+            Some((DeValue::String(name), _)) => name.to_string(),
+            Some((other, place)) => {
+                self.wrong_type(place, other, "the name of the robot in its description");
+                String::new()
+            }
+            None => String::new(),
+        };
+        RobotFile {
+            robot,
+            noise: self.noise(root),
+            payload: self.payload(root),
+            range_m: self.range(root),
+            links: self.section(root, "links", Self::link_values),
+            clusters: self.section(root, "clusters", Self::link_values),
+            tracks: self.section(root, "tracks", Self::link_values),
+            effects: self
+                .section(root, "effects", Self::effect_values)
+                .into_iter()
+                .map(|(key, values)| (canonical(&key), values))
+                .collect(),
+        }
+    }
+
+    fn noise(&mut self, root: &DeTable<'_>) -> Noise {
+        let none = Noise {
+            position_m: f64::NAN,
+            rotation_rad: f64::NAN,
+        };
+        let Some(value) = self.required(root, "noise", &(0..0)) else {
+            return none;
+        };
+        let place = key_place(root, "noise");
+        let Some(table) = self.table(value) else {
+            return none;
+        };
+        self.known_keys(table, &["position_m", "rotation_rad"]);
+        let mut deviation = |key: &str| {
+            let Some(value) = self.required(table, key, &place) else {
+                return f64::NAN;
+            };
+            let Some(deviation) = self.positive(value, "standard deviation") else {
+                return f64::NAN;
+            };
+            if deviation > LARGEST_NOISE {
+                let unit = if key == "position_m" {
+                    "metres"
+                } else {
+                    "radians"
+                };
+                self.mistakes.push(
+                    value.span(),
+                    format!(
+                        "found a noise of {deviation}, expected {unit}, at most {LARGEST_NOISE}"
+                    ),
+                );
+            }
+            deviation
+        };
+        Noise {
+            position_m: deviation("position_m"),
+            rotation_rad: deviation("rotation_rad"),
+        }
+    }
+
+    fn payload(&mut self, root: &DeTable<'_>) -> Option<Payload> {
+        let table = self.table(root.get("payload")?)?;
+        let place = key_place(root, "payload");
+        self.known_keys(table, &["mass_kg", "centre_m", "gravity_m_s2"]);
+        let mass = self.required(table, "mass_kg", &place);
+        let mass_kg = mass.and_then(|mass| {
+            let number = self.number(mass)?;
+            if number < 0.0 {
+                self.mistakes.push(
+                    mass.span(),
+                    format!("found a mass of {number}, expected kg, at least 0"),
+                );
+            }
+            Some(number)
+        });
+        let centre = self.required(table, "centre_m", &place);
+        let centre_m = centre.and_then(|value| {
+            let numbers = self.numbers::<3>(value)?;
+            self.metres(value.span(), &numbers, LARGEST_PLATE_M);
+            Some(numbers)
+        });
+        let gravity = self.required(table, "gravity_m_s2", &place);
+        let gravity_m_s2 = gravity.and_then(|value| self.numbers::<3>(value));
+        Some(Payload {
+            mass_kg: mass_kg?,
+            centre_m: centre_m?,
+            gravity_m_s2: gravity_m_s2?,
+        })
+    }
+
+    fn range(&mut self, root: &DeTable<'_>) -> Option<(f64, f64)> {
+        let table = self.table(root.get("range")?)?;
+        let place = key_place(root, "range");
+        self.known_keys(table, &["q_m"]);
+        let value = self.required(table, "q_m", &place)?;
+        let [low, high] = self.numbers::<2>(value)?;
+        if low >= high {
+            self.mistakes.push(
+                value.span(),
+                format!("found the range {low} to {high}, expected the lower end first"),
+            );
+        }
+        self.metres(value.span(), &[low, high], LONGEST_M);
+        Some((low, high))
+    }
+
+    /// The named tables of a section such as `[links.NAME]`.
+    fn section<T>(
+        &mut self,
+        root: &DeTable<'_>,
+        section: &str,
+        read: impl Fn(&mut Self, &DeTable<'_>) -> T,
+    ) -> BTreeMap<String, T> {
+        let tables = root.get(section).and_then(|value| self.table(value));
+        tables
+            .into_iter()
+            .flatten()
+            .filter_map(|(name, value)| {
+                let table = self.table(value)?;
+                Some((name.get_ref().to_string(), read(self, table)))
+            })
+            .collect()
+    }
+
+    fn link_values(&mut self, table: &DeTable<'_>) -> LinkValues {
+        self.known_keys(
+            table,
+            &[
+                "length_m",
+                "plate_joint_m",
+                "track_offset_m",
+                "track_direction",
+                "track_rotation_rad",
+            ],
+        );
+        let mut value = |key: &str, kind| table.get(key).and_then(|value| self.value(value, kind));
+        LinkValues {
+            length: value("length_m", Kind::Length),
+            plate_joint: value("plate_joint_m", Kind::Point(LARGEST_PLATE_M)),
+            track_offset: value("track_offset_m", Kind::Point(FARTHEST_M)),
+            track_direction: value("track_direction", Kind::Direction),
+            track_rotation: value("track_rotation_rad", Kind::Angles),
+        }
+    }
+
+    fn effect_values(&mut self, table: &DeTable<'_>) -> BTreeMap<String, Value> {
+        table
+            .iter()
+            .filter_map(|(name, value)| {
+                Some((name.get_ref().to_string(), self.value(value, Kind::Any)?))
+            })
+            .collect()
+    }
+
+    /// `{ value = …, tol = … }`, with `sigma = …` where it has been calibrated.
+    fn value(&mut self, value: &Spanned<DeValue<'_>>, kind: Kind) -> Option<Value> {
+        let place = value.span();
+        let DeValue::Table(table) = value.get_ref() else {
+            let example = if matches!(kind, Kind::Length | Kind::Any) {
+                "{ value = 2.0, tol = 3e-4 }"
+            } else {
+                "{ value = [0.1, 0.2, 0.3], tol = 3e-4 }"
+            };
+            self.wrong_type(
+                place,
+                value.get_ref(),
+                &format!("a value with a tolerance, such as `{example}`"),
+            );
+            return None;
+        };
+        self.known_keys(table, &["value", "tol", "sigma"]);
+        let found = self.required(table, "value", &place);
+        let components = found.and_then(|found| {
+            let components = self.components(found, kind)?;
+            self.check_value(found.span(), &components, kind);
+            Some(components)
+        });
+        let tol = self
+            .required(table, "tol", &place)
+            .and_then(|tol| self.positive(tol, "tolerance"));
+        let sigma = table
+            .get("sigma")
+            .and_then(|sigma| self.components(sigma, kind).map(|s| (sigma, s)));
+        if let (Some((place, sigma)), Some(components)) = (&sigma, &components)
+            && (sigma.len() != components.len() || sigma.iter().any(|&sigma| sigma < 0.0))
+        {
+            self.mistakes.push(
+                place.span(),
+                "expected one standard deviation, at least 0, per component of the value",
+            );
+        }
+        Some(Value {
+            value: components?,
+            tol: tol?,
+            sigma: sigma.map(|(_, sigma)| sigma),
+        })
+    }
+
+    fn components(&mut self, value: &Spanned<DeValue<'_>>, kind: Kind) -> Option<Vec<f64>> {
+        let is_scalar = match kind {
+            Kind::Length => true,
+            Kind::Any => !value.get_ref().is_array(),
+            Kind::Point(_) | Kind::Direction | Kind::Angles => false,
+        };
+        if is_scalar {
+            Some(vec![self.number(value)?])
+        } else {
+            Some(self.numbers::<3>(value)?.to_vec())
+        }
+    }
+
+    fn check_value(&mut self, place: Range<usize>, components: &[f64], kind: Kind) {
+        match kind {
+            Kind::Length if components[0] <= 0.0 => self.mistakes.push(
+                place,
+                format!(
+                    "found a length of {}, expected metres above 0",
+                    components[0]
+                ),
+            ),
+            Kind::Length => self.metres(place, components, LONGEST_M),
+            Kind::Point(largest) => self.metres(place, components, largest),
+            Kind::Direction if components.iter().all(|&component| component == 0.0) => {
+                self.mistakes
+                    .push(place, "found a direction of length 0, expected about 1");
+            }
+            Kind::Angles if components.iter().any(|angle| angle.abs() > 1.01 * TAU) => {
+                self.mistakes.push_with_help(
+                    place,
+                    "found an angle beyond 2*pi, expected radians",
+                    "this looks like degrees: multiply by pi/180",
+                );
+            }
+            Kind::Direction | Kind::Angles | Kind::Any => {}
+        }
+    }
+
+    fn metres(&mut self, place: Range<usize>, values: &[f64], largest: f64) {
+        if let Some(value) = values.iter().find(|value| value.abs() > largest) {
+            self.mistakes.push_with_help(
+                place,
+                format!("found {value}, expected metres, at most {largest}"),
+                "this looks like millimetres: divide by 1000",
+            );
+        }
+    }
+
+    fn positive(&mut self, value: &Spanned<DeValue<'_>>, what: &str) -> Option<f64> {
+        let number = self.number(value)?;
+        if number > 0.0 {
+            return Some(number);
+        }
+        self.mistakes.push(
+            value.span(),
+            format!("found a {what} of {number}, expected more than 0"),
+        );
+        None
+    }
+
+    fn numbers<const N: usize>(&mut self, value: &Spanned<DeValue<'_>>) -> Option<[f64; N]> {
+        let DeValue::Array(array) = value.get_ref() else {
+            self.wrong_type(
+                value.span(),
+                value.get_ref(),
+                &format!("an array of {N} numbers"),
+            );
+            return None;
+        };
+        let numbers: Vec<Option<f64>> = array.iter().map(|element| self.number(element)).collect();
+        if numbers.len() != N {
+            self.mistakes.push(
+                value.span(),
+                format!("found {} components, expected {N}", numbers.len()),
+            );
+        }
+        numbers
+            .into_iter()
+            .collect::<Option<Vec<f64>>>()?
+            .try_into()
+            .ok()
+    }
+
+    fn number(&mut self, value: &Spanned<DeValue<'_>>) -> Option<f64> {
+        let number = match value.get_ref() {
+            DeValue::Float(float) => float.as_str().parse().ok(),
+            DeValue::Integer(integer) if integer.radix() == 10 => integer.as_str().parse().ok(),
+            other => {
+                self.wrong_type(value.span(), other, "a number");
+                return None;
+            }
+        };
+        let number = number.filter(|number: &f64| number.is_finite());
+        if number.is_none() {
+            let found = &self.mistakes.source.text[value.span()];
+            self.mistakes.push(
+                value.span(),
+                format!("found `{found}`, expected a finite number"),
+            );
+        }
+        number
+    }
+
+    fn table<'t, 'i>(&mut self, value: &'t Spanned<DeValue<'i>>) -> Option<&'t DeTable<'i>> {
+        match value.get_ref() {
+            DeValue::Table(table) => Some(table),
+            other => {
+                self.wrong_type(value.span(), other, "a table");
+                None
+            }
+        }
+    }
+
+    fn required<'t, 'i>(
+        &mut self,
+        table: &'t DeTable<'i>,
+        key: &str,
+        place: &Range<usize>,
+    ) -> Option<&'t Spanned<DeValue<'i>>> {
+        let value = table.get(key);
+        if value.is_none() {
+            self.mistakes
+                .push(place.clone(), format!("key `{key}` is missing"));
+        }
+        value
+    }
+
+    fn known_keys(&mut self, table: &DeTable<'_>, known: &[&str]) {
+        for key in table
+            .keys()
+            .filter(|key| !known.contains(&key.get_ref().as_ref()))
+        {
+            let name = key.get_ref().as_ref();
+            let help = suggestion(name, known.iter().copied());
+            self.mistakes
+                .push_with_help(key.span(), format!("unknown key `{name}`"), help);
+        }
+    }
+
+    fn wrong_type(&mut self, place: Range<usize>, found: &DeValue<'_>, expected: &str) {
+        let found = match found {
+            DeValue::String(_) => "a string",
+            DeValue::Integer(_) | DeValue::Float(_) => "a number",
+            DeValue::Boolean(_) => "a boolean",
+            DeValue::Datetime(_) => "a date",
+            DeValue::Array(_) => "an array",
+            DeValue::Table(_) => "a table",
+        };
+        self.mistakes
+            .push(place, format!("found {found}, expected {expected}"));
+    }
+}
+
+/// Name and places of an effect as all other places write them, `cart_crosstalk(one, two)`.
+fn canonical(key: &str) -> String {
+    let Some((name, places)) = key.strip_suffix(')').and_then(|key| key.split_once('(')) else {
+        return key.to_owned();
+    };
+    let places: Vec<&str> = places.split(',').map(str::trim).collect();
+    format!("{}({})", name.trim(), places.join(", "))
+}

@@ -1,0 +1,433 @@
+//! The machine that a robot file describes, and the one that was built instead.
+
+use nalgebra::{Matrix3, Rotation3, Vector3};
+use tau_robot::input_error::{Errors, InputError};
+use tau_robot::robot::{Arm, Owner, Robot, Variant};
+use tau_robot::robot_file::{LinkValues, RobotFile, Value};
+
+use super::effect::Conditions;
+use super::machine::{Machine, Pose, Rod, least_norm};
+use super::random::Random;
+
+/// How the true machine differs from its drawings.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Build {
+    /// Exactly as the robot file says.
+    Exact,
+    /// Drawn at random from the tolerances.
+    ///
+    /// Carts are rigid: what the joints of a cart have in common is drawn from the tolerances of the
+    /// tracks, each joint's own error on its cart from that of the plate joints, and the cart turns by
+    /// some 100 µrad a metre.
+    Drawn {
+        /// Share of the tolerance of lengths and joints.
+        links: f64,
+        /// Share of the tolerance of the tracks' offsets and directions: tracks stand in place far
+        /// better than a first guess of the tracker's frame says.
+        tracks: f64,
+    },
+}
+
+impl Default for Build {
+    fn default() -> Self {
+        Self::Drawn {
+            links: 1.0,
+            tracks: 0.1,
+        }
+    }
+}
+
+/// Rotation of a drawn machine's carts along their track (rad/m), one standard deviation.
+const CART_TURN: f64 = 1e-4;
+
+/// One standard deviation of each quantity of a link, SI.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Tolerances {
+    length: f64,
+    plate_joint: f64,
+    track_offset: f64,
+    track_direction: f64,
+}
+
+/// The machine of the drawings, with the tolerances of its links.
+pub(super) fn nominal(
+    robot: &Robot,
+    file: &RobotFile,
+) -> Result<(Machine, Vec<Tolerances>), InputError> {
+    let mut errors = Errors::default();
+    let mut tolerances = Vec::new();
+    let mut rods = Vec::new();
+    for (index, link) in robot.links.iter().enumerate() {
+        let track = robot.clusters[link.cluster].track;
+        let mut tolerance = Tolerances::default();
+        let mut find = |quantity: &str, of: fn(&LinkValues) -> &Option<Value>, tol: &mut f64| {
+            let shared = track.and_then(|track| file.tracks.get(&robot.tracks[track]));
+            let stated = [file.links.get(&link.name), shared]
+                .into_iter()
+                .flatten()
+                .find_map(|values| of(values).as_ref());
+            let found = match stated {
+                Some(value) => Some((value.value.clone(), value.tol)),
+                None => described(robot, index, quantity),
+            };
+            if let Some((values, own)) = found {
+                *tol = own;
+                values
+            } else {
+                errors.add(InputError::whole(
+                    "robot.toml",
+                    format!(
+                        "the virtual robot needs the {quantity} of link `{}`",
+                        link.name
+                    ),
+                ));
+                vec![0.0; 3]
+            }
+        };
+        let length = find("length", |v| &v.length, &mut tolerance.length);
+        let plate_joint = find(
+            "plate_joint",
+            |v| &v.plate_joint,
+            &mut tolerance.plate_joint,
+        );
+        let offset = find(
+            "track_offset",
+            |v| &v.track_offset,
+            &mut tolerance.track_offset,
+        );
+        let direction = match track {
+            Some(_) => find(
+                "track_direction",
+                |v| &v.track_direction,
+                &mut tolerance.track_direction,
+            ),
+            None => vec![0.0; 3],
+        };
+        let vector =
+            |values: &[f64]| Vector3::from_fn(|i, _| values.get(i).copied().unwrap_or(0.0));
+        rods.push(Rod {
+            length_m: length.first().copied().unwrap_or(0.0),
+            plate_joint_m: vector(&plate_joint),
+            track_offset_m: vector(&offset),
+            track_direction: vector(&direction),
+            track,
+            actuated_by: link.actuated_by,
+        });
+        tolerances.push(tolerance);
+    }
+    errors.finish()?;
+    let machine = Machine {
+        rods,
+        tracks: robot.tracks.len(),
+        commands: robot.commands,
+        payload: file.payload,
+        effects: Vec::new(),
+    };
+    Ok((machine, tolerances))
+}
+
+/// Values and tolerance of a link's quantity that the description itself gives.
+fn described(robot: &Robot, link: usize, quantity: &str) -> Option<(Vec<f64>, f64)> {
+    robot
+        .variants
+        .iter()
+        .filter(|variant| variant.arm == Arm::Full)
+        .find_map(|variant| {
+            let own: Vec<_> = variant
+                .parameters
+                .iter()
+                .filter(|p| p.owner == Owner::Link(link) && p.quantity == quantity)
+                .collect();
+            let values: Option<Vec<f64>> = own.iter().map(|parameter| parameter.nominal).collect();
+            let tolerance = own.first()?.tolerance.unwrap_or(0.0);
+            values.map(|values| (values, tolerance))
+        })
+}
+
+/// A machine drawn from the tolerances.
+pub(super) fn drawn(
+    nominal: &Machine,
+    tolerances: &[Tolerances],
+    (links, tracks): (f64, f64),
+    random: &mut Random,
+) -> Machine {
+    let mut machine = nominal.clone();
+    for (rod, tolerance) in machine.rods.iter_mut().zip(tolerances) {
+        rod.length_m += links * tolerance.length * random.normal();
+        rod.plate_joint_m += random.normals() * (links * tolerance.plate_joint);
+        // A joint on a cart is made like one on the plate.
+        rod.track_offset_m += random.normals() * (links * tolerance.plate_joint);
+    }
+    for track in 0..machine.tracks {
+        let on_cart: Vec<usize> = (0..machine.rods.len())
+            .filter(|&k| machine.rods[k].track == Some(track))
+            .collect();
+        let Some(&first) = on_cart.first() else {
+            continue;
+        };
+        let shift = random.normals() * (tracks * tolerances[first].track_offset);
+        let swing = random.normals() * (tracks * tolerances[first].track_direction);
+        let turn = random.normals() * (links * CART_TURN);
+        let direction = nominal.direction(track) + swing;
+        let centre = on_cart
+            .iter()
+            .map(|&k| machine.rods[k].track_offset_m)
+            .sum::<Vector3<f64>>()
+            / on_cart.len() as f64;
+        for &k in &on_cart {
+            let rod = &mut machine.rods[k];
+            rod.track_direction = direction + turn.cross(&(rod.track_offset_m - centre));
+            rod.track_offset_m += shift;
+        }
+    }
+    machine
+}
+
+/// Makes the machine as simple as a variant takes it: with a reduced arm, the links of a cluster
+/// parallel and of one length at the given orientation; without paths per link, one direction a cart.
+pub(super) fn simplify(machine: &mut Machine, robot: &Robot, variant: &Variant, home: Pose) {
+    for (track, model) in variant.tracks.iter().enumerate() {
+        if !model.per_link {
+            let direction = machine.direction(track);
+            for rod in machine
+                .rods
+                .iter_mut()
+                .filter(|rod| rod.track == Some(track))
+            {
+                rod.track_direction = direction;
+            }
+        }
+    }
+    if variant.arm != Arm::Reduced {
+        return;
+    }
+    for cluster in 0..robot.clusters.len() {
+        let links = robot.links_of_cluster(cluster);
+        let Some(&first) = links.first() else {
+            continue;
+        };
+        let count = links.len() as f64;
+        let arm = |rod: &Rod| rod.track_offset_m - home.rotation * rod.plate_joint_m;
+        let mean = links
+            .iter()
+            .map(|&k| arm(&machine.rods[k]))
+            .sum::<Vector3<f64>>()
+            / count;
+        let length = links.iter().map(|&k| machine.rods[k].length_m).sum::<f64>() / count;
+        let direction = machine.rods[first]
+            .track
+            .map(|track| machine.direction(track));
+        for &k in &links {
+            let rod = &mut machine.rods[k];
+            rod.track_offset_m = mean + home.rotation * rod.plate_joint_m;
+            rod.length_m = length;
+            rod.track_direction = direction.unwrap_or_else(Vector3::zeros);
+        }
+    }
+}
+
+/// The pose at all commands zero: of the ways of assembling the arm, the most firmly held.
+///
+/// The search starts on a sphere about the carts, first in the orientation in which the plate joints of
+/// each cluster lie like its cart joints.
+pub(super) fn home(machine: &Machine) -> Option<Pose> {
+    let bare = Machine {
+        payload: None,
+        effects: Vec::new(),
+        ..machine.clone()
+    };
+    let commands = vec![0.0; machine.commands];
+    let count = machine.rods.len() as f64;
+    let centre = machine
+        .rods
+        .iter()
+        .map(|rod| rod.track_offset_m)
+        .sum::<Vector3<f64>>()
+        / count;
+    for rotation in std::iter::once(parallel_orientation(machine)).chain(cube_rotations()) {
+        let mut best: Option<(f64, Pose)> = None;
+        for k in 0..27_i32 {
+            let away = Vector3::new(
+                f64::from(k % 3 - 1),
+                f64::from(k / 3 % 3 - 1),
+                f64::from(k / 9 - 1),
+            );
+            let Some(away) = away.try_normalize(0.5) else {
+                continue;
+            };
+            let start = Pose {
+                position_m: centre + away * machine.mean_length_m(),
+                rotation,
+            };
+            let Some(state) = bare.solve(&commands, &Conditions::default(), start) else {
+                continue;
+            };
+            let firmness = firmness(&bare, state.pose);
+            if firmness > 1e-4 && best.is_none_or(|(other, _)| firmness > other * (1.0 + 1e-6)) {
+                best = Some((firmness, state.pose));
+            }
+        }
+        if let Some((_, pose)) = best {
+            return Some(pose);
+        }
+    }
+    None
+}
+
+/// Smallest singular value of the change of the rods' lengths with the plate's motion, rotation counted
+/// at the plate joints.
+fn firmness(machine: &Machine, pose: Pose) -> f64 {
+    let levers: Vec<Vector3<f64>> = machine
+        .rods
+        .iter()
+        .map(|rod| pose.rotation * rod.plate_joint_m)
+        .collect();
+    let lever =
+        (levers.iter().map(Vector3::norm_squared).sum::<f64>() / levers.len() as f64).sqrt();
+    let matrix = nalgebra::DMatrix::from_fn(levers.len(), 6, |k, column| {
+        let along = (pose.position_m + levers[k] - machine.rods[k].track_offset_m).normalize();
+        if column < 3 {
+            along[column]
+        } else {
+            levers[k].cross(&along)[column - 3] / lever.max(1e-9)
+        }
+    });
+    if matrix.nrows() < 6 {
+        0.0
+    } else {
+        matrix.singular_values().min()
+    }
+}
+
+/// The orientation that best carries the plate joints of each cluster onto its cart joints (Kabsch).
+fn parallel_orientation(machine: &Machine) -> Rotation3<f64> {
+    let mut covariance = Matrix3::zeros();
+    for track in 0..machine.tracks {
+        let rods: Vec<&Rod> = machine
+            .rods
+            .iter()
+            .filter(|rod| rod.track == Some(track))
+            .collect();
+        let count = rods.len().max(1) as f64;
+        let cart = rods
+            .iter()
+            .map(|rod| rod.track_offset_m)
+            .sum::<Vector3<f64>>()
+            / count;
+        let plate = rods
+            .iter()
+            .map(|rod| rod.plate_joint_m)
+            .sum::<Vector3<f64>>()
+            / count;
+        for rod in rods {
+            covariance += (rod.track_offset_m - cart) * (rod.plate_joint_m - plate).transpose();
+        }
+    }
+    let svd = covariance.svd(true, true);
+    // Fewer than two directions leave the orientation open.
+    if svd.singular_values[1] < 1e-9 {
+        return Rotation3::identity();
+    }
+    let (Some(u), Some(v_t)) = (svd.u, svd.v_t) else {
+        return Rotation3::identity();
+    };
+    let mut proper = Matrix3::identity();
+    let smallest = svd.singular_values.imin();
+    proper[(smallest, smallest)] = (u * v_t).determinant().signum();
+    Rotation3::from_matrix_unchecked(u * proper * v_t)
+}
+
+/// The 24 rotations of a cube, the identity first.
+fn cube_rotations() -> impl Iterator<Item = Rotation3<f64>> {
+    use std::f64::consts::FRAC_PI_2;
+    (0..64).filter_map(|k| {
+        let [a, b, c] = [k % 4, k / 4 % 4, k / 16].map(|turns| f64::from(turns) * FRAC_PI_2);
+        // Of the Euler angles in quarter turns those with the middle one at most a half turn, and the
+        // first one zero where the middle one leaves only their sum or difference.
+        let degenerate = k / 4 % 2 == 0;
+        (k / 4 % 4 != 3 && !(degenerate && k % 4 != 0)).then(|| {
+            Rotation3::from_axis_angle(&Vector3::z_axis(), a)
+                * Rotation3::from_axis_angle(&Vector3::y_axis(), b)
+                * Rotation3::from_axis_angle(&Vector3::z_axis(), c)
+        })
+    })
+}
+
+/// Pose and commands (m) of the machine of the drawings, as a controller computes them.
+#[derive(Debug, Clone)]
+pub(super) struct Commanded {
+    pub(super) pose: Pose,
+    pub(super) commands_m: Vec<f64>,
+}
+
+/// Length of the steps on the way to a target, as a share of the mean link length: long ones would
+/// jump from one side of a cart to the other.
+const WAY: f64 = 0.05;
+
+impl Commanded {
+    /// Commands that bring the TCP of the machine, without load and errors, to a position (m); `None`
+    /// where it is out of reach. The orientation is what the arm leaves it, nearest to the one before.
+    pub(super) fn towards(&self, machine: &Machine, target_m: Vector3<f64>) -> Option<Self> {
+        let way = target_m - self.pose.position_m;
+        let steps = (way.norm() / (WAY * machine.mean_length_m()))
+            .ceil()
+            .max(1.0);
+        let mut here = self.clone();
+        let mut step = 0.0;
+        while step < steps {
+            step += 1.0;
+            let position = self.pose.position_m + way * (step / steps);
+            here = here.near(machine, position)?;
+        }
+        Some(here)
+    }
+
+    fn near(&self, machine: &Machine, position_m: Vector3<f64>) -> Option<Self> {
+        let mut here = Self {
+            pose: Pose {
+                position_m,
+                ..self.pose
+            },
+            ..self.clone()
+        };
+        for _ in 0..30 {
+            let unknowns = 3 + machine.commands;
+            let mut matrix = nalgebra::DMatrix::zeros(machine.rods.len(), unknowns);
+            let mut gap = nalgebra::DVector::zeros(machine.rods.len());
+            for (k, rod) in machine.rods.iter().enumerate() {
+                let lever = here.pose.rotation * rod.plate_joint_m;
+                let travel = rod.track.map_or(0.0, |track| here.commands_m[track]);
+                let driven = rod
+                    .actuated_by
+                    .map_or(0.0, |command| here.commands_m[command]);
+                let way = position_m + lever - rod.track_offset_m - rod.track_direction * travel;
+                let along = way.normalize();
+                gap[k] = rod.length_m + driven - way.norm();
+                let moment = lever.cross(&along);
+                for axis in 0..3 {
+                    matrix[(k, axis)] = moment[axis];
+                }
+                if let Some(track) = rod.track {
+                    matrix[(k, 3 + track)] = -along.dot(&rod.track_direction);
+                }
+                if let Some(command) = rod.actuated_by {
+                    matrix[(k, 3 + command)] = -1.0;
+                }
+            }
+            let step = least_norm(matrix, &gap)?;
+            here.pose.rotation =
+                Rotation3::new(Vector3::new(step[0], step[1], step[2])) * here.pose.rotation;
+            for (command, change) in here.commands_m.iter_mut().zip(step.iter().skip(3)) {
+                *command += change;
+            }
+            if step.amax() > 1.0 {
+                return None;
+            }
+            if step.amax() < 1e-11 {
+                here.pose.rotation.renormalize();
+                return Some(here);
+            }
+        }
+        None
+    }
+}

@@ -1,0 +1,331 @@
+//! Effects as they are typed: `rack_pitch(two): sine=8e-5, period=0.0133`.
+
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::ops::Range;
+
+use tau_codegen::language::model::Place;
+use tau_robot::input_error::{InputError, Source, suggestion};
+use tau_robot::robot::Robot;
+use tau_robot::robot_file::Value;
+
+use super::effect::{Effect, LISTED, Listed, Parameter, Subject};
+
+impl Effect {
+    /// An effect of the catalogue from text: its name, its place in parentheses, and after a colon its
+    /// parameters in SI units, a vector as `(x, y, z)`. Amplitudes that are not named are zero.
+    ///
+    /// # Errors
+    /// A mistake at its place in the text, which is reported under the name of `source`: an unknown
+    /// effect, place or parameter with the one probably meant; a number that is none; no amplitude.
+    pub fn parse(text: &str, robot: &Robot, source: &str) -> Result<Self, InputError> {
+        Text {
+            source: Source { name: source, text },
+        }
+        .effect(robot)
+    }
+
+    /// An effect whose parameters a robot file holds, such as a calibrated one.
+    ///
+    /// # Errors
+    /// As [`Effect::parse`], under the name of the robot file.
+    pub(crate) fn of_file(
+        key: &str,
+        values: &BTreeMap<String, Value>,
+        robot: &Robot,
+    ) -> Result<Self, InputError> {
+        let mut text = format!("{key}:");
+        for (index, (name, value)) in values.iter().enumerate() {
+            let numbers: Vec<String> = value.value.iter().map(|v| format!("{v:?}")).collect();
+            let separator = if index == 0 { " " } else { ", " };
+            let value = match numbers.as_slice() {
+                [scalar] => scalar.clone(),
+                several => format!("({})", several.join(", ")),
+            };
+            // Writing into a string can't fail.
+            let _ = write!(text, "{separator}{name}={value}");
+        }
+        Self::parse(&text, robot, "robot.toml [effects]")
+    }
+}
+
+struct Text<'a> {
+    source: Source<'a>,
+}
+
+/// A part of the text with its place.
+#[derive(Debug, Clone, Copy)]
+struct Part<'a> {
+    text: &'a str,
+    start: usize,
+}
+
+impl Part<'_> {
+    fn range(self) -> Range<usize> {
+        self.start..self.start + self.text.len()
+    }
+
+    fn trim(self) -> Self {
+        let start = self.start + (self.text.len() - self.text.trim_start().len());
+        Self {
+            text: self.text.trim(),
+            start,
+        }
+    }
+
+    fn split_at(self, index: usize, skip: usize) -> (Self, Self) {
+        let rest = Self {
+            text: &self.text[index + skip..],
+            start: self.start + index + skip,
+        };
+        (
+            Self {
+                text: &self.text[..index],
+                ..self
+            }
+            .trim(),
+            rest.trim(),
+        )
+    }
+
+    fn split_once(self, separator: char) -> Option<(Self, Self)> {
+        let index = self.text.find(separator)?;
+        Some(self.split_at(index, separator.len_utf8()))
+    }
+
+    /// Parts between commas that stand outside parentheses and brackets.
+    fn list(self) -> Vec<Self> {
+        let mut depth = 0_i32;
+        let mut start = 0;
+        let mut parts = Vec::new();
+        for (index, c) in self.text.char_indices() {
+            match c {
+                '(' | '[' => depth += 1,
+                ')' | ']' => depth -= 1,
+                ',' if depth == 0 => {
+                    parts.push(Self {
+                        text: &self.text[start..index],
+                        start: self.start + start,
+                    });
+                    start = index + 1;
+                }
+                _ => {}
+            }
+        }
+        parts.push(Self {
+            text: &self.text[start..],
+            start: self.start + start,
+        });
+        parts.into_iter().map(Self::trim).collect()
+    }
+}
+
+impl Text<'_> {
+    fn error(&self, part: Part<'_>, message: impl Into<String>) -> InputError {
+        InputError::at(self.source, part.range(), message)
+    }
+
+    fn effect(&self, robot: &Robot) -> Result<Effect, InputError> {
+        const EXAMPLE: &str = "write it as `rack_pitch(two): sine=8e-5, period=0.0133`";
+        let whole = Part {
+            text: self.source.text,
+            start: 0,
+        }
+        .trim();
+        let (head, tail) = match whole.split_once(':') {
+            Some((head, tail)) => (head, Some(tail)),
+            None => (whole, None),
+        };
+        let Some((name, rest)) = head.split_once('(') else {
+            let message = "expected an effect with its place and parameters";
+            return Err(self.error(head, message).help(EXAMPLE));
+        };
+        let Some(listed) = LISTED.iter().find(|listed| listed.name == name.text) else {
+            let known = LISTED.iter().map(|listed| listed.name);
+            return Err(self
+                .error(name, format!("unknown effect `{}`", name.text))
+                .help(suggestion(name.text, known)));
+        };
+        let Some(places) = rest.text.strip_suffix(')') else {
+            return Err(self
+                .error(head, "the parenthesis about the place is not closed")
+                .help(EXAMPLE));
+        };
+        let places = Part {
+            text: places,
+            ..rest
+        }
+        .trim();
+        let place = self.place(listed, places, robot)?;
+        let Some(tail) = tail.filter(|tail| !tail.text.is_empty()) else {
+            let names: Vec<String> = listed.parameters.iter().map(in_units).collect();
+            return Err(self
+                .error(whole, format!("`{}` has no parameters here", listed.name))
+                .help(format!("add them after a colon: {}", names.join(", "))));
+        };
+        let parameters = self.parameters(listed, tail)?;
+        let flat = parameters
+            .iter()
+            .flat_map(|(_, values)| values.iter().copied())
+            .collect();
+        Ok(Effect {
+            name: listed.name.to_owned(),
+            place,
+            listed: true,
+            parameters,
+            physics: (listed.physics)(flat),
+        })
+    }
+
+    fn place(&self, listed: &Listed, part: Part<'_>, robot: &Robot) -> Result<Place, InputError> {
+        let places = part.list();
+        let expected = match listed.subject {
+            Subject::CartFromSource => 2,
+            _ => 1,
+        };
+        if places.len() != expected {
+            let message = format!(
+                "`{}` acts at {expected} place{}",
+                listed.name,
+                plural(expected)
+            );
+            let help = match listed.subject {
+                Subject::CartFromSource => {
+                    "name the cart that moves and the one it follows: `(one, two)`"
+                }
+                _ => "name one place for each `--effect`",
+            };
+            return Err(self.error(part, message).help(help));
+        }
+        let tracks = || robot.tracks.iter().map(String::as_str);
+        let links = || robot.links.iter().map(|link| link.name.as_str());
+        let unknown = |part: Part<'_>, what: &str, known: Vec<&str>| {
+            let message = format!(
+                "`{}` acts on a {what}, and `{}` is none",
+                listed.name, part.text
+            );
+            self.error(part, message).help(suggestion(part.text, known))
+        };
+        let track = |part: Part<'_>| {
+            tracks()
+                .position(|name| name == part.text)
+                .ok_or_else(|| unknown(part, "track's cart", tracks().collect()))
+        };
+        Ok(match (listed.subject, places[0].text) {
+            (Subject::Cart, "all") => Place::AllCarts,
+            (Subject::Cart, _) => Place::Cart {
+                track: track(places[0])?,
+                source: None,
+            },
+            (Subject::CartFromSource, _) => {
+                let (moved, source) = (track(places[0])?, track(places[1])?);
+                if moved == source {
+                    return Err(self.error(places[1], "a cart is not its own source"));
+                }
+                Place::Cart {
+                    track: moved,
+                    source: Some(source),
+                }
+            }
+            (Subject::Link, "all") => Place::AllLinks,
+            (Subject::Link, name) => match links().position(|link| link == name) {
+                Some(link) => Place::Link(link),
+                None => return Err(unknown(places[0], "link", links().collect())),
+            },
+            (Subject::Tcp, "tcp") => Place::Tcp,
+            (Subject::Tcp, _) => {
+                let message = format!("`{}` acts on the tracker's target", listed.name);
+                return Err(self.error(places[0], message).help("its place is `tcp`"));
+            }
+        })
+    }
+
+    fn parameters(
+        &self,
+        listed: &Listed,
+        tail: Part<'_>,
+    ) -> Result<Vec<(String, Vec<f64>)>, InputError> {
+        let mut given: Vec<Option<Vec<f64>>> = vec![None; listed.parameters.len()];
+        for part in tail.list() {
+            let Some((name, value)) = part.split_once('=') else {
+                return Err(self.error(part, "expected `parameter=value`"));
+            };
+            let Some(index) = listed.parameters.iter().position(|p| p.name == name.text) else {
+                let known = listed.parameters.iter().map(|p| p.name);
+                let message = format!("`{}` has no parameter `{}`", listed.name, name.text);
+                return Err(self.error(name, message).help(suggestion(name.text, known)));
+            };
+            if given[index].is_some() {
+                return Err(self.error(name, format!("`{}` is given twice", name.text)));
+            }
+            given[index] = Some(self.value(&listed.parameters[index], value)?);
+        }
+        let mut amplitude = false;
+        let mut parameters = Vec::new();
+        for (parameter, given) in listed.parameters.iter().zip(given) {
+            if parameter.required && !given.as_ref().is_some_and(|v| v.iter().all(|&v| v > 0.0)) {
+                let message = format!("`{}` needs a {} above zero", listed.name, parameter.name);
+                return Err(self
+                    .error(tail, message)
+                    .help(format!("add `{}=…`", parameter.name)));
+            }
+            let values = given.unwrap_or_else(|| vec![0.0; parameter.components]);
+            amplitude |= !parameter.required && values.iter().any(|&value| value != 0.0);
+            parameters.push((parameter.name.to_owned(), values));
+        }
+        if !amplitude {
+            let message = format!(
+                "all amplitudes of `{}` are zero, so that it does nothing",
+                listed.name
+            );
+            return Err(self.error(tail, message));
+        }
+        Ok(parameters)
+    }
+
+    fn value(&self, parameter: &Parameter, part: Part<'_>) -> Result<Vec<f64>, InputError> {
+        let inner = [('(', ')'), ('[', ']')].iter().find_map(|&(open, close)| {
+            let text = part.text.strip_prefix(open)?.strip_suffix(close)?;
+            Some(Part {
+                text,
+                start: part.start + 1,
+            })
+        });
+        let numbers = inner.map_or_else(|| vec![part], Part::list);
+        if numbers.len() != parameter.components {
+            let message = format!(
+                "`{}` has {} component{}, found {}",
+                parameter.name,
+                parameter.components,
+                plural(parameter.components),
+                numbers.len()
+            );
+            return Err(self
+                .error(part, message)
+                .help(format!("write {}", in_units(parameter))));
+        }
+        numbers
+            .into_iter()
+            .map(|number| match number.text.parse::<f64>() {
+                Ok(value) if value.is_finite() => Ok(value),
+                _ => Err(self
+                    .error(number, format!("`{}` is not a number", number.text))
+                    .help(format!("write {}", in_units(parameter)))),
+            })
+            .collect()
+    }
+}
+
+fn plural(count: usize) -> &'static str {
+    if count == 1 { "" } else { "s" }
+}
+
+/// A parameter as it is written, with its unit.
+fn in_units(parameter: &Parameter) -> String {
+    let Parameter { name, unit, .. } = parameter;
+    match (parameter.components, *unit) {
+        (1, "1") => format!("`{name}=…` as a number"),
+        (1, unit) => format!("`{name}=…` in {unit}"),
+        (_, unit) => format!("`{name}=(…, …, …)` in {unit}"),
+    }
+}

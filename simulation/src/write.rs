@@ -1,0 +1,228 @@
+//! Writing a simulated measurement folder.
+
+use std::ffi::OsString;
+use std::fmt::Write as _;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use serde_json::{Map, Value, json};
+use tau_codegen::language::model::Place;
+use tau_robot::input_error::InputError;
+use tau_robot::measurements::{CartPose, CartPosition, Conditions, Folder, TcpPose, Texts};
+use tau_robot::robot::Robot;
+use tau_robot::robot_file::RobotFile;
+
+use super::{Effect, SimulatedFolder, Truth};
+
+impl SimulatedFolder {
+    /// Names and texts of the folder's files. Numbers are written so that they read back bit for bit;
+    /// a set without measurements has no file.
+    pub fn texts(&self) -> Vec<(&'static str, String)> {
+        let folder = &self.folder;
+        let mut files = vec![
+            ("robot.toml", self.file.to_toml()),
+            ("truth.json", self.truth.to_json()),
+            ("tcp_poses.csv", tcp_poses(&folder.tcp_poses)),
+        ];
+        if !folder.cart_poses.is_empty() {
+            files.push(("cart_poses.csv", cart_poses(&folder.cart_poses)));
+        }
+        if !folder.cart_positions.is_empty() {
+            files.push(("cart_positions.csv", cart_positions(&folder.cart_positions)));
+        }
+        files
+    }
+
+    /// Checks that the folder will be taken for measurements of the robot.
+    ///
+    /// # Errors
+    /// What reading it would answer, by the names that its files would have.
+    pub(super) fn check(&self, folder: &Path, robot: &Robot) -> Result<(), InputError> {
+        let texts = self.texts();
+        let text = |name: &str| {
+            let mut files = texts.iter();
+            files
+                .find(|(file, _)| *file == name)
+                .map(|(_, text)| text.as_str())
+        };
+        let read = Texts {
+            tcp_poses: text("tcp_poses.csv").unwrap_or_default(),
+            cart_poses: text("cart_poses.csv"),
+            cart_positions: text("cart_positions.csv"),
+        };
+        let file = folder.join("robot.toml").display().to_string();
+        let file = RobotFile::parse_for(text("robot.toml").unwrap_or_default(), &file, robot);
+        Folder::from_texts(&folder.display().to_string(), read, robot.into())
+            .map(|_| ())
+            .and(file.map(|_| ()))
+            .map_err(|error| {
+                error.help("nothing was written: ask for less noise or smaller errors")
+            })
+    }
+
+    /// Writes the measurement folder: all of it under another name first, so that none is ever there
+    /// in part.
+    ///
+    /// # Errors
+    /// There is a file or a folder of that name that is not empty: measurements are never overwritten.
+    /// What the file system says otherwise.
+    pub fn write(&self, folder: &Path) -> Result<(), InputError> {
+        let shown = folder.display().to_string();
+        let failed = |error: &std::io::Error| {
+            InputError::whole(&shown, format!("cannot write the folder: {error}"))
+        };
+        let occupied = match fs::read_dir(folder) {
+            Ok(mut entries) => entries.next().is_some(),
+            Err(_) => folder.symlink_metadata().is_ok(),
+        };
+        if occupied {
+            return Err(InputError::whole(&shown, "something is there already")
+                .help("name a folder that does not exist or is empty"));
+        }
+        let Some(name) = folder.file_name() else {
+            return Err(InputError::whole(&shown, "this does not name a folder"));
+        };
+        let mut partial_name = OsString::from(".");
+        partial_name.push(name);
+        partial_name.push(format!(".{}.partial", std::process::id()));
+        let partial = Partial(folder.with_file_name(partial_name));
+        fs::create_dir_all(&partial.0).map_err(|error| failed(&error))?;
+        for (name, text) in self.texts() {
+            fs::write(partial.0.join(name), text).map_err(|error| failed(&error))?;
+        }
+        fs::rename(&partial.0, folder).map_err(|error| failed(&error))
+    }
+}
+
+/// A folder under its temporary name, removed when this is dropped; once renamed it is no longer there.
+struct Partial(PathBuf);
+
+impl Drop for Partial {
+    fn drop(&mut self) {
+        let _ = fs::remove_dir_all(&self.0);
+    }
+}
+
+impl Truth {
+    /// `{"effects": [{"name", "place", "parameters"}], "status": […], "outliers": […]}`.
+    pub fn to_json(&self) -> String {
+        let effects: Vec<Value> = self
+            .effects
+            .iter()
+            .zip(&self.machine.effects)
+            .map(|((name, place), effect)| {
+                let parameters: Map<String, Value> = effect
+                    .parameters
+                    .iter()
+                    .map(|(name, values)| match values.as_slice() {
+                        [value] => (name.clone(), json!(value)),
+                        values => (name.clone(), json!(values)),
+                    })
+                    .collect();
+                json!({ "name": name, "place": place, "parameters": parameters })
+            })
+            .collect();
+        let truth = json!({ "effects": effects, "status": self.status, "outliers": self.outliers });
+        format!("{truth:#}\n")
+    }
+}
+
+/// A place as the description and discovery's results write it.
+pub(super) fn place(effect: &Effect, robot: &Robot) -> String {
+    match effect.place {
+        Place::Cart {
+            track,
+            source: None,
+        } => robot.tracks[track].clone(),
+        Place::Cart {
+            track,
+            source: Some(source),
+        } => {
+            format!("{},{}", robot.tracks[track], robot.tracks[source])
+        }
+        Place::Link(link) => robot.links[link].name.clone(),
+        Place::AllCarts | Place::AllLinks => "all".to_owned(),
+        Place::Tcp => "tcp".to_owned(),
+    }
+}
+
+const POSITION: &str = "x_m,y_m,z_m";
+const ANGLES: &str = "alpha_rad,beta_rad,gamma_rad";
+const CONDITIONS: &str = "time_s,temperature_c";
+
+fn tcp_poses(rows: &[TcpPose]) -> String {
+    let commands = rows.first().map_or(0, |row| row.commands_m.len());
+    let directions: Vec<String> = (1..=commands).map(|n| format!("dir{n}")).collect();
+    let (commands, directions) = (command_names(commands), directions.join(","));
+    let mut text = format!("pose,{CONDITIONS},{commands},{directions},{POSITION},{ANGLES}\n");
+    for row in rows {
+        line(&mut text, &[row.pose], |cells| {
+            conditions(cells, &row.conditions);
+            cells.extend(row.commands_m.iter().map(f64::to_string));
+            cells.extend(row.directions.iter().flatten().map(f64::to_string));
+            cells.extend(
+                row.position_m
+                    .iter()
+                    .chain(&row.angles_rad)
+                    .map(f64::to_string),
+            );
+        });
+    }
+    text
+}
+
+fn cart_poses(rows: &[CartPose]) -> String {
+    let mut text = format!("cart,point,{CONDITIONS},q_m,dir,{POSITION},{ANGLES}\n");
+    for row in rows {
+        line(&mut text, &[cart(row.track), row.point], |cells| {
+            conditions(cells, &row.conditions);
+            cells.push(row.command_m.to_string());
+            cells.extend(row.direction.iter().map(f64::to_string));
+            cells.extend(
+                row.position_m
+                    .iter()
+                    .chain(&row.angles_rad)
+                    .map(f64::to_string),
+            );
+        });
+    }
+    text
+}
+
+fn cart_positions(rows: &[CartPosition]) -> String {
+    let commands = command_names(rows.first().map_or(0, |row| row.commands_m.len()));
+    let mut text = format!("pose,cart,{CONDITIONS},{commands},dir,{POSITION}\n");
+    for row in rows {
+        line(&mut text, &[row.pose, cart(row.track)], |cells| {
+            conditions(cells, &row.conditions);
+            cells.extend(row.commands_m.iter().map(f64::to_string));
+            cells.extend(row.direction.iter().map(f64::to_string));
+            cells.extend(row.position_m.iter().map(f64::to_string));
+        });
+    }
+    text
+}
+
+fn command_names(count: usize) -> String {
+    (1..=count)
+        .map(|n| format!("q{n}_m"))
+        .collect::<Vec<_>>()
+        .join(",")
+}
+
+/// Number of a cart in the file, from 1.
+fn cart(track: usize) -> u32 {
+    u32::try_from(track + 1).unwrap_or(u32::MAX)
+}
+
+fn conditions(cells: &mut Vec<String>, conditions: &Conditions) {
+    let both = [conditions.time_s, conditions.temperature_c];
+    cells.extend(both.iter().flatten().map(f64::to_string));
+}
+
+fn line(text: &mut String, keys: &[u32], fill: impl FnOnce(&mut Vec<String>)) {
+    let mut cells: Vec<String> = keys.iter().map(u32::to_string).collect();
+    fill(&mut cells);
+    // Writing into a string can't fail.
+    let _ = writeln!(text, "{}", cells.join(","));
+}
