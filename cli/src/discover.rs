@@ -64,7 +64,7 @@ pub(super) fn run(
         || compiled(robot),
     );
     let (found, compiled) = (found?, compiled?);
-    spinner.show("calibrating what was found");
+    spinner.show("writing what was found");
     let discovery = &found.discovery;
     let setting = report::Setting {
         poses: poses.counts,
@@ -76,7 +76,7 @@ pub(super) fn run(
         || generated(compiled, &discovery.model_text),
         || {
             let of_found = found.robot();
-            let calibrated = of_found.and_then(|robot| found.calibrate(&robot, file, folder));
+            let calibrated = of_found.and_then(|robot| found.calibration(&robot, file, folder));
             let page = report::html::discovery_page(discovery, &setting, &robot.name, &folder.name);
             (calibrated, page)
         },

@@ -1,6 +1,6 @@
 //! Everything that candidates are scored with: samples, probes, columns, scans.
 
-mod flips;
+mod nulls;
 mod searched;
 
 use std::collections::BTreeSet;
@@ -413,7 +413,7 @@ impl Bench {
             }
             Some(place) => {
                 let known = known.map(|known| &*known.bands[place]);
-                Scored::Band(self.scans.bands[place].scored(&responses, known, nulls.as_ref()))
+                Scored::Band(self.scans.bands[place].scored(&responses, known, &nulls))
             }
         };
         for result in parallel::map(&tasks, of_task) {
@@ -451,7 +451,7 @@ impl Bench {
         let responses = &table.responses;
         let nulls = self.nulls(view, families);
         let scored = parallel::map(&families.bands, |band| {
-            Arc::new(band.scored(responses, None, nulls.as_ref()))
+            Arc::new(band.scored(responses, None, &nulls))
         });
         table.bands.extend(scored);
         table.has_families = true;

@@ -122,12 +122,20 @@ pub(super) fn finish(
         seconds: 0.0,
     };
     let parameters = &fit.joint.machine.variant.parameters;
-    let values = fit.joint.used.iter().zip(&fit.fitted);
+    let mut fitted: Vec<(&str, usize)> = (fit.joint.used.iter().enumerate())
+        .map(|(column, &index)| (parameters[index].name.as_str(), column))
+        .collect();
+    fitted.sort_unstable();
+    let columns: Vec<usize> = fitted.iter().map(|fitted| fitted.1).collect();
+    let b = fit.basis.b.select_rows(&columns);
     Ok(Outcome {
         discovery,
-        values: values
-            .map(|(&index, &value)| (parameters[index].name.clone(), value))
+        values: fitted
+            .into_iter()
+            .map(|(name, column)| (name.to_owned(), fit.fitted[column]))
             .collect(),
+        covariance: &b * b.transpose(),
+        cost: 0.5 * fit.residuals.norm_squared(),
         poses,
     })
 }

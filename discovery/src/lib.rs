@@ -28,7 +28,6 @@ mod separation;
 mod serial;
 mod sight;
 mod significance;
-mod signs;
 mod structural;
 mod structure;
 mod text;
@@ -37,8 +36,9 @@ mod view;
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Instant;
 
+use nalgebra::DMatrix;
 use tau_codegen::language::{self, Model, effects_from_text};
-use tau_estimation::calibration::{Calibration, Prepared, calibrate, check_poses};
+use tau_estimation::calibration::{Calibration, Prepared, Stated, check_poses};
 use tau_estimation::evaluation::evaluate;
 use tau_estimation::joint::fit::Fit;
 use tau_estimation::numerics::parallel;
@@ -134,13 +134,17 @@ struct Input<'a> {
     options: &'a Options,
 }
 
-/// What was found, ready to be calibrated.
+/// What was found, with the model as fitted.
 #[derive(Debug, Clone)]
 pub struct Outcome {
     /// What was found.
     pub discovery: Discovery,
     /// Fitted value of each parameter of the discovered variant, by name, SI.
-    pub values: BTreeMap<String, f64>,
+    values: BTreeMap<String, f64>,
+    /// Their covariance, in the order of their names.
+    covariance: DMatrix<f64>,
+    /// Half the sum of squared whitened residuals and priors.
+    cost: f64,
     /// Poses of set 1 that took part, without outliers: indices in the folder.
     pub poses: Vec<usize>,
 }
@@ -158,11 +162,12 @@ impl Outcome {
         Ok(Robot::from(&tau_codegen::compile(&model, text)))
     }
 
-    /// The discovered variant calibrated on the poses of set 1, from where the joint fit stands.
+    /// The discovered variant as the joint fit of all sets left it: values and standard deviations are those that
+    /// [`Self::discovery`] reports.
     ///
     /// # Errors
-    /// As [`calibrate`].
-    pub fn calibrate(
+    /// The robot lacks the variant; a pose lacks what its closures read.
+    pub fn calibration(
         &self,
         robot: &Robot,
         file: &RobotFile,
@@ -172,23 +177,28 @@ impl Outcome {
             InputError::whole(&robot.name, format!("there is no variant `{DISCOVERED}`"))
         })?;
         let completed = file.completed(robot);
-        let nominal = Prepared::new(robot, variant, &completed, Some(folder), &self.poses)?;
-        let start = variant
-            .parameters
-            .iter()
-            .zip(&nominal.nominal)
+        let prepared = Prepared::new(robot, variant, &completed, Some(folder), &self.poses)?;
+        let parameters = variant.parameters.iter().zip(&prepared.nominal);
+        let values = parameters
             .map(|(parameter, nominal)| {
-                self.values
-                    .get(&parameter.name)
-                    .copied()
-                    .unwrap_or(nominal.value)
+                let fitted = self.values.get(&parameter.name).copied();
+                fitted.unwrap_or(nominal.value)
             })
             .collect();
-        let options = tau_estimation::calibration::Options {
-            start: Some(start),
-            ..Default::default()
+        let places: BTreeMap<&str, usize> = (self.values.keys().enumerate())
+            .map(|(place, name)| (name.as_str(), place))
+            .collect();
+        let place = |index: usize| places.get(variant.parameters[index].name.as_str()).copied();
+        let covariance = |a: usize, b: usize| match (place(a), place(b)) {
+            (Some(a), Some(b)) => self.covariance[(a, b)],
+            _ => 0.0,
         };
-        calibrate(robot, variant, file, folder, &self.poses, &options)
+        let stated = Stated {
+            values,
+            covariance: &covariance,
+            cost: self.cost,
+        };
+        prepared.stated(&completed, folder, &self.poses, stated)
     }
 }
 

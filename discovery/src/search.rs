@@ -34,6 +34,8 @@ pub(crate) struct Search<'a> {
     variant: usize,
     own_effects: usize,
     base: State,
+    /// Whether a family beats every name beside the base.
+    starts_with_family: bool,
     pub(crate) state: State,
     /// Score of the model as it stands: −2 ln L and what its effects cost.
     pub(crate) score: f64,
@@ -81,6 +83,7 @@ impl<'a> Search<'a> {
             degrees: base.fit.degrees(),
             state: base.clone(),
             base,
+            starts_with_family: false,
             score: 0.0,
             bench,
             variant,
@@ -109,7 +112,7 @@ impl<'a> Search<'a> {
     /// stones to nowhere. The better end counts.
     pub(crate) fn run(&mut self, progress: &mut dyn FnMut(&str)) -> Result<(), Error> {
         self.climb(true, progress)?;
-        if !self.is_without(Rule::SecondStart) && self.starts_otherwise() {
+        if self.starts_with_family && !self.is_without(Rule::SecondStart) {
             let first = (self.state.clone(), self.score);
             let notes = (self.steps.clone(), self.gaps.clone(), self.drops_um.clone());
             self.go_to(self.base.clone(), self.score_of_state(&self.base));
@@ -131,16 +134,6 @@ impl<'a> Search<'a> {
             self.left = self.left_where_found();
         }
         Ok(())
-    }
-
-    /// Whether a family beats every name beside the base.
-    fn starts_otherwise(&mut self) -> bool {
-        let current = std::mem::replace(&mut self.state, self.base.clone());
-        let known = std::mem::take(&mut self.known);
-        let moves = self.moves(true);
-        self.state = current;
-        self.known = known;
-        moves.first().is_some_and(|best| !best.unnamed.is_empty())
     }
 
     fn climb(&mut self, names_first: bool, progress: &mut dyn FnMut(&str)) -> Result<(), Error> {

@@ -111,7 +111,8 @@ impl Significance {
 
 #[cfg(test)]
 mod tests {
-    use super::super::distribution::f_survival;
+    use tau_estimation::numerics::distribution::f_survival;
+
     use super::*;
 
     fn significance() -> Significance {

@@ -78,10 +78,10 @@ impl Search<'_> {
         let (total, count) = (view.total(), self.state.count());
         let dearer = self.number(count + 1) - self.number(count);
         let mut best: Option<(f64, Score)> = None;
+        let mut best_family = 0.0_f64;
         let mut moves: Vec<Move> = Vec::new();
         for score in &table.scores {
-            let is_named = self.bench.candidates[score.candidate].is_named();
-            if self.is_in_model(score.candidate) || !(is_named || with_families) {
+            if self.is_in_model(score.candidate) {
                 continue;
             }
             let predicted =
@@ -89,10 +89,19 @@ impl Search<'_> {
             if predicted >= 0.0 {
                 continue;
             }
-            if is_named && best.as_ref().is_none_or(|(least, _)| predicted < *least) {
+            let is_named = self.bench.candidates[score.candidate].is_named();
+            if !is_named {
+                best_family = best_family.min(predicted);
+            } else if best.as_ref().is_none_or(|(least, _)| predicted < *least) {
                 best = Some((predicted, score.clone()));
             }
-            moves.push(self.with(score, predicted, view));
+            if is_named || with_families {
+                moves.push(self.with(score, predicted, view));
+            }
+        }
+        if count == 0 {
+            let of_name = best.as_ref().map_or(0.0, |(predicted, _)| *predicted);
+            self.starts_with_family = best_family < of_name;
         }
         // Where the effect that fits best can act at several places, these may all be in one move: the first step
         // alone would often be the amplitude that all places have in common.
