@@ -4,6 +4,7 @@
 //! tables in Markdown; how to read them is said in `docs/discovery-benchmark.md`. The same seed gives the
 //! same trials, whichever of them are run.
 
+mod answer;
 mod hidden;
 mod noncentrality;
 mod plan;

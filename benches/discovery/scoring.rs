@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use serde::{Deserialize, Serialize};
 use statrs::distribution::{Beta, ChiSquared, ContinuousCDF};
 
-use crate::trials::{Found, Named, True};
+use crate::answer::{Found, Named, True};
 
 /// Family-wise level of the search.
 const LEVEL: f64 = 0.05;

@@ -2,9 +2,10 @@
 
 use std::collections::BTreeMap;
 
+use crate::answer::Found;
 use crate::plan::Section;
 use crate::scoring::{Share, Verdict, micro_f1, quartile};
-use crate::trials::{Found, Record};
+use crate::trials::Record;
 
 /// All tables of what was run.
 pub(crate) fn markdown(records: &[Record]) -> String {

@@ -1,7 +1,7 @@
 // The closure equation with ten derivatives by Ceres Solver's automatic differentiation, and fits with it.
 //
 // Usage: closure samples DATA, closure fit DATA or closure variant DATA. The formats of the data are those of
-// `samples::text`, `fits::text` and `variants::text`; the protocol is that of `Program` in `program.rs`: a line in, a line per contender and an empty
+// `samples::text`, `one_link::text` and `variants::text`; the protocol is that of `Program` in `program.rs`: a line in, a line per contender and an empty
 // line out.
 
 #include <ceres/ceres.h>

@@ -9,7 +9,7 @@ use tau_runtime::{Lanes, NormalEquations, block_count};
 use tau_solver::{Options, solve};
 
 use crate::samples::{PARAMETERS, closure, data};
-use crate::{fits, least_seconds};
+use crate::{least_seconds, one_link};
 
 /// What grows, what is measured, and the sizes. Every size is measured in a process of its own.
 const SERIES: [(&str, &str, &[usize]); 7] = [
@@ -180,9 +180,9 @@ fn normal_equations(samples: usize) -> f64 {
 }
 
 fn fit(samples: usize) -> f64 {
-    let data = fits::measured(samples);
+    let data = one_link::measured(samples);
     least_seconds((400_000 / samples).clamp(5, 200), || {
-        black_box(solve(&fits::problem(&data), &Options::default()).expect("a solution"));
+        black_box(solve(&one_link::problem(&data), &Options::default()).expect("a solution"));
     })
 }
 

@@ -15,10 +15,12 @@
 )]
 
 mod by_hand;
+mod comparison;
 mod evaluation;
 mod fits;
 mod generation;
 mod growth;
+mod one_link;
 mod program;
 mod samples;
 mod setup;

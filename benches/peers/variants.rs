@@ -13,7 +13,7 @@ use tau_generated::gantry_tau::ROBOT;
 use tau_runtime::{Pattern, ResidualFamily, ResidualKind, Shape};
 use tau_solver::{Block, Options, Parameter, Problem, solve};
 
-use crate::fits::{AGREEMENT, SIGMA, TOLERANCE, line};
+use crate::comparison::{AGREEMENT, SIGMA, TOLERANCE, line};
 use crate::program::Program;
 use crate::{least_seconds, setup};
 

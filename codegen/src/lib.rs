@@ -32,34 +32,62 @@ use quote::quote;
 pub fn expand(description: &TokenStream, paths: &emit::Paths) -> TokenStream {
     match language::check_tokens(description.clone()) {
         Ok(model) => {
-            let name = robot_name(description, &model.name);
+            let name = declared(description.clone(), "robot", &model.name);
             let compiled = compile(&model, &description.to_string());
-            emit::expansion(&compiled, &name, paths)
+            let clashes = emit::clashes(&compiled);
+            if clashes.is_empty() {
+                return emit::expansion(&compiled, &name, paths);
+            }
+            let messages = clashes.iter().map(|clash| {
+                let keyword = if clash.of == model.name {
+                    "robot"
+                } else {
+                    "variant"
+                };
+                let place = declared(description.clone(), keyword, &clash.of).span();
+                syn::Error::new(place, clash).into_compile_error()
+            });
+            bare(&messages.collect(), model.public, &name)
         }
         Err(errors) => {
             let messages = errors
                 .diagnostics
                 .iter()
-                .map(|diagnostic| syn::Error::from(diagnostic).into_compile_error());
-            let bare = errors.robot.as_ref().map(|(public, name)| {
-                let visibility = if *public { quote!(pub) } else { quote!() };
-                quote!(#[allow(missing_docs)] #visibility struct #name;)
-            });
-            quote!(#(#messages)* #bare)
+                .map(|diagnostic| syn::Error::from(diagnostic).into_compile_error())
+                .collect();
+            match &errors.robot {
+                Some((public, name)) => bare(&messages, *public, name),
+                None => messages,
+            }
         }
     }
 }
 
-/// The robot's name with the span that it has in the description.
-fn robot_name(description: &TokenStream, name: &str) -> Ident {
-    let mut previous_is_robot = false;
-    for token in description.clone() {
-        if let TokenTree::Ident(ident) = &token {
-            if previous_is_robot && *ident == name {
-                return ident.clone();
+/// Errors, and the robot's bare type.
+fn bare(messages: &TokenStream, public: bool, name: &Ident) -> TokenStream {
+    let visibility = if public { quote!(pub) } else { quote!() };
+    quote!(#messages #[allow(missing_docs)] #visibility struct #name;)
+}
+
+/// A name with the span that it has where the description declares it: after `robot` or `variant`.
+fn declared(description: TokenStream, keyword: &str, name: &str) -> Ident {
+    find(description, keyword, name).unwrap_or_else(|| Ident::new(name, Span::call_site()))
+}
+
+fn find(tokens: TokenStream, keyword: &str, name: &str) -> Option<Ident> {
+    let mut follows_keyword = false;
+    for token in tokens {
+        match token {
+            TokenTree::Ident(ident) if follows_keyword && ident == name => return Some(ident),
+            TokenTree::Ident(ident) => follows_keyword = ident == keyword,
+            TokenTree::Group(group) => {
+                if let Some(found) = find(group.stream(), keyword, name) {
+                    return Some(found);
+                }
+                follows_keyword = false;
             }
-            previous_is_robot = *ident == "robot";
+            _ => follows_keyword = false,
         }
     }
-    Ident::new(name, Span::call_site())
+    None
 }

@@ -1,4 +1,4 @@
-//! The base fitted to all sets, and where its plate stands.
+//! The base fitted to all sets.
 
 use tau_codegen::language::Model;
 use tau_estimation::calibration::Prepared;

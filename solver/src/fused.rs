@@ -48,8 +48,14 @@ pub(crate) struct Fused<'p> {
     part: Part,
     pieces: Vec<Piece<'p>>,
     priors: Vec<(usize, Prior)>,
+    /// All parameters of the problem; those of other parts do not matter here.
+    all: Vec<f64>,
     /// Number of residuals.
     pub(crate) rows: usize,
+    /// The factor's rows `R`, and last a row without entries.
+    pub(crate) triangle: Jacobian,
+    /// `c`, and last ρ, what no step removes.
+    pub(crate) residuals: Vec<f64>,
     /// Upper triangle of `[J r]ᵀ[J r]`, row by row; then its factor.
     matrix: Vec<f64>,
     /// The whole Jacobian, once the normal equations have turned out ill-conditioned.
@@ -59,7 +65,13 @@ pub(crate) struct Fused<'p> {
 impl<'p> Fused<'p> {
     /// The normal equations of a part; `None` where a family does not offer them, where a robust loss
     /// needs each residual's own weight, or where a dense factor is not what `method` asks for or pays.
-    pub(crate) fn new(problem: &'p Problem<'p>, part: &Part, method: Method) -> Option<Self> {
+    /// `all` gives the fixed parameters.
+    pub(crate) fn new(
+        problem: &'p Problem<'p>,
+        part: &Part,
+        all: &[f64],
+        method: Method,
+    ) -> Option<Self> {
         let n = part.parameters.len();
         let asked_for = method == Method::NormalEquations;
         if n == 0 || !(asked_for || method == Method::Auto && n <= DENSE_COLUMNS) {
@@ -103,7 +115,10 @@ impl<'p> Fused<'p> {
             part: part.clone(),
             pieces,
             priors,
+            all: all.to_vec(),
             rows,
+            triangle: triangle(n),
+            residuals: vec![0.0; n + 1],
             matrix: vec![0.0; (n + 1) * (n + 1)],
             stored: None,
         })
@@ -114,32 +129,22 @@ impl<'p> Fused<'p> {
         self.stored.is_some()
     }
 
-    /// The pattern of the triangle, and of the row of what no step removes.
-    pub(crate) fn pattern(&self) -> JacobianPattern {
-        let n = self.part.parameters.len();
-        let mut pattern = JacobianPattern::new(n);
-        for row in 0..=n {
-            let columns: Vec<usize> = (row..n).collect();
-            pattern.push_rows(&columns, &[columns.len()]);
-        }
-        pattern
-    }
-
     /// Number of costs: a block of samples that is partly filled has zeros past the last.
     pub(crate) fn cost_count(&self) -> usize {
         let blocks: usize = self.pieces.iter().map(|piece| piece.weights.len()).sum();
         blocks * LANES + self.priors.len()
     }
 
-    /// As [`System::costs`], block by block; `all` are the problem's parameters, `x` the part's.
-    pub(crate) fn costs(&self, all: &[f64], x: &[f64], costs: &mut [f64]) -> Result<(), NonFinite> {
+    /// As [`System::costs`], block by block.
+    pub(crate) fn costs(&mut self, x: &[f64], costs: &mut [f64]) -> Result<(), NonFinite> {
+        self.scatter(x);
         let mut rest = costs;
         for piece in &self.pieces {
             let (own, others) = rest.split_at_mut(piece.weights.len() * LANES);
             rest = others;
             let range = RANGE * piece.family.shape().residuals;
             let samples = self.problem.blocks[piece.block].samples;
-            let parameters = piece.parameters(self.problem, all);
+            let parameters = piece.parameters(self.problem, &self.all);
             let mut values = vec![Lanes::ZERO; piece.weights.len().min(range)];
             for (index, costs) in own.as_chunks_mut().0.chunks_mut(range).enumerate() {
                 let values = &mut values[..costs.len()];
@@ -154,40 +159,41 @@ impl<'p> Fused<'p> {
         Ok(())
     }
 
-    /// Writes the triangle and its residuals at `x`.
-    pub(crate) fn linearize(
-        &mut self,
-        all: &[f64],
-        x: &[f64],
-        triangle: &mut Jacobian,
-        residuals: &mut [f64],
-    ) -> Result<(), NonFinite> {
+    /// Fills [`Self::triangle`] and [`Self::residuals`] at the free parameters `x`.
+    pub(crate) fn linearize(&mut self, x: &[f64]) -> Result<(), NonFinite> {
+        self.scatter(x);
         let n = x.len();
         if self.stored.is_none() {
-            self.accumulate(all, x);
+            self.accumulate(x);
             if factor(&mut self.matrix, n) {
                 let matrix = &self.matrix;
-                write_triangle(triangle, residuals, |row, column| {
-                    matrix[row * (n + 1) + column]
-                });
+                let entry = |row, column| matrix[row * (n + 1) + column];
+                write_triangle(&mut self.triangle, &mut self.residuals, entry);
                 return Ok(());
             }
         }
-        let stored = self
-            .stored
-            .get_or_insert_with(|| System::new(self.problem, &self.part, all, Content::Minimize));
+        let stored = self.stored.get_or_insert_with(|| {
+            System::new(self.problem, &self.part, &self.all, Content::Minimize)
+        });
         stored.linearize(x)?;
         let factor = qr::augmented_triangle(&stored.jacobian, &stored.residuals);
-        write_triangle(triangle, residuals, |row, column| factor[(row, column)]);
+        let entry = |row, column| factor[(row, column)];
+        write_triangle(&mut self.triangle, &mut self.residuals, entry);
         Ok(())
     }
 
+    fn scatter(&mut self, x: &[f64]) {
+        for (&p, &x) in self.part.parameters.iter().zip(x) {
+            self.all[p] = x;
+        }
+    }
+
     /// Fills [`Self::matrix`].
-    fn accumulate(&mut self, all: &[f64], x: &[f64]) {
+    fn accumulate(&mut self, x: &[f64]) {
         let width = x.len() + 1;
         self.matrix.fill(0.0);
         for piece in &self.pieces {
-            let parameters = piece.parameters(self.problem, all);
+            let parameters = piece.parameters(self.problem, &self.all);
             let residuals = piece.family.shape().residuals;
             let ranges = piece.weights.chunks(RANGE * residuals);
             let range = |(index, weights)| piece.sums(index, weights, &parameters);
@@ -287,6 +293,16 @@ impl Piece<'_> {
             parameter: None,
         }
     }
+}
+
+/// An upper triangle of n columns, and a row without entries.
+fn triangle(n: usize) -> Jacobian {
+    let mut pattern = JacobianPattern::new(n);
+    for row in 0..=n {
+        let columns: Vec<usize> = (row..n).collect();
+        pattern.push_rows(&columns, &[columns.len()]);
+    }
+    pattern.into_jacobian()
 }
 
 /// Writes the rows of an upper triangle `[R c]`.

@@ -2,9 +2,10 @@
 
 use crate::jacobian::{dot, norm, sum, sum_of_differences};
 use crate::linear::{LinearSolver, Method, new_solver};
+use crate::linearization::Linearization;
 use crate::partition::{Part, partition};
 use crate::subproblem::Subproblem;
-use crate::system::{NonFinite, System, constant_cost, require_finite};
+use crate::system::{NonFinite, constant_cost, require_finite};
 use crate::{Error, Iteration, Options, PartSummary, Problem, Solution, Termination};
 
 /// Share of the predicted decrease from which on a step is taken.
@@ -63,7 +64,7 @@ pub fn solve_observed(
         cost += minimizer.cost;
         parts.push(PartSummary {
             parameters: part.parameters.clone(),
-            residuals: minimizer.system.residual_count(),
+            residuals: minimizer.linearization.residual_count(),
             initial_cost: minimizer.initial_cost,
             cost: minimizer.cost,
             iterations: minimizer.iterations,
@@ -89,7 +90,7 @@ pub fn solve_observed(
 
 /// The state of the iteration on one part.
 struct Minimizer<'p> {
-    system: System<'p>,
+    linearization: Linearization<'p>,
     method: Method,
     linear: Box<dyn LinearSolver>,
     subproblem: Subproblem,
@@ -145,7 +146,7 @@ impl<'p> Minimizer<'p> {
         all: &[f64],
         options: &Options,
     ) -> Result<Self, Error> {
-        let mut system = System::minimized(problem, part, all, options.method);
+        let mut linearization = Linearization::new(problem, part, all, options.method);
         let pick = |value: fn(&crate::Parameter) -> f64| -> Vec<f64> {
             part.parameters
                 .iter()
@@ -154,18 +155,18 @@ impl<'p> Minimizer<'p> {
         };
         let (lower, upper) = (pick(|p| p.lower), pick(|p| p.upper));
         let x: Vec<f64> = part.parameters.iter().map(|&p| all[p]).collect();
-        let (rows, columns) = (system.residuals.len(), x.len());
+        let (rows, columns) = (linearization.residuals().len(), x.len());
         let bounded = lower.iter().any(|l| l.is_finite()) || upper.iter().any(|u| u.is_finite());
-        let (method, linear) = new_solver(options.method, &system.jacobian)?;
-        let mut costs = vec![0.0; system.cost_count()];
-        system
+        let (method, linear) = new_solver(options.method, linearization.jacobian())?;
+        let mut costs = vec![0.0; linearization.cost_count()];
+        linearization
             .costs(&x, &mut costs)
             .map_err(|fault| fault.into_error(problem))?;
         let cost = sum(&costs);
         require_finite(cost, problem, part, all)?;
         Ok(Self {
             subproblem: Subproblem::new(rows, columns, bounded),
-            system,
+            linearization,
             method,
             linear,
             lower,
@@ -190,7 +191,7 @@ impl<'p> Minimizer<'p> {
         options: &Options,
         observer: &mut dyn FnMut(Iteration),
     ) -> Result<Termination, NonFinite> {
-        self.system.linearize(&self.x)?;
+        self.linearization.linearize(&self.x)?;
         let mut model = self.load();
         self.radius = options.initial_radius * if model.size > 0.0 { model.size } else { 1.0 };
         let mut damping = 0.0;
@@ -208,8 +209,8 @@ impl<'p> Minimizer<'p> {
             self.subproblem.solve(
                 self.radius,
                 damping,
-                &self.system.jacobian,
-                &self.system.residuals,
+                self.linearization.jacobian(),
+                self.linearization.residuals(),
                 &mut *self.linear,
             );
             damping = self.subproblem.damping;
@@ -266,7 +267,7 @@ impl<'p> Minimizer<'p> {
                 if promise <= floor || retreats > MAX_RETREATS {
                     return Ok(Termination::Cost);
                 }
-                self.system.linearize(&self.x)?;
+                self.linearization.linearize(&self.x)?;
                 model = self.load();
                 self.radius = 0.25 * step_norm;
                 continue;
@@ -287,7 +288,7 @@ impl<'p> Minimizer<'p> {
     fn evaluate(&mut self, model: &Model) -> Result<Trial, NonFinite> {
         self.trials += 1;
         let predicted = self.subproblem.predicted;
-        if let Err(fault) = self.system.costs(&self.trial, &mut self.trial_costs) {
+        if let Err(fault) = self.linearization.costs(&self.trial, &mut self.trial_costs) {
             return Ok(Trial::failed(Some(fault)));
         }
         let decrease = sum_of_differences(&self.costs, &self.trial_costs);
@@ -297,9 +298,9 @@ impl<'p> Minimizer<'p> {
         let rounding = ROUNDINGS * model.rounding;
         let polishing = predicted <= rounding && decrease >= -rounding;
         let accepted = polishing || (predicted > 0.0 && decrease >= ACCEPT * predicted);
-        if accepted && let Err(fault) = self.system.linearize(&self.trial) {
+        if accepted && let Err(fault) = self.linearization.linearize(&self.trial) {
             // the derivatives at the point where we stay were overwritten
-            self.system.linearize(&self.x)?;
+            self.linearization.linearize(&self.x)?;
             self.rescale();
             return Ok(Trial::failed(Some(fault)));
         }
@@ -321,8 +322,8 @@ impl<'p> Minimizer<'p> {
 
     /// Scales the new Jacobian and solves for the undamped step.
     fn load(&mut self) -> Model {
-        self.system.jacobian.column_norms(&mut self.norms);
-        let residual_norm = norm(&self.system.residuals);
+        self.linearization.jacobian().column_norms(&mut self.norms);
+        let residual_norm = norm(self.linearization.residuals());
         let mut residual_scale = residual_norm;
         let mut size = 0.0;
         for j in 0..self.x.len() {
@@ -335,8 +336,8 @@ impl<'p> Minimizer<'p> {
         }
         self.rescale();
         self.subproblem.load(
-            &self.system.jacobian,
-            &self.system.residuals,
+            self.linearization.jacobian(),
+            self.linearization.residuals(),
             &mut *self.linear,
         );
         Model {
@@ -357,12 +358,14 @@ impl<'p> Minimizer<'p> {
         self.divisors.clear();
         self.divisors
             .extend(self.scale.iter().map(|&norm| column_scale(norm)));
-        self.system.jacobian.divide_columns(&self.divisors);
+        self.linearization
+            .jacobian_mut()
+            .divide_columns(&self.divisors);
     }
 
     /// The linear algebra that was used.
     fn method(&self) -> Method {
-        if self.system.is_fused() {
+        if self.linearization.is_fused() {
             Method::NormalEquations
         } else {
             self.method

@@ -65,6 +65,7 @@ mod identifiability;
 mod jacobian;
 mod levenberg_marquardt;
 mod linear;
+mod linearization;
 mod loss;
 mod partition;
 mod problem;

@@ -4,9 +4,7 @@ use rayon::prelude::*;
 use tau_runtime::Lanes;
 
 use crate::Error;
-use crate::fused::Fused;
 use crate::jacobian::{Jacobian, JacobianPattern};
-use crate::linear::Method;
 use crate::partition::Part;
 use crate::problem::{Block, Prepared, Prior, Problem};
 
@@ -102,53 +100,9 @@ pub(crate) struct System<'p> {
     all: Vec<f64>,
     pub(crate) jacobian: Jacobian,
     pub(crate) residuals: Vec<f64>,
-    /// Where [`Self::jacobian`] is the triangular factor of the normal equations.
-    fused: Option<Box<Fused<'p>>>,
 }
 
 impl<'p> System<'p> {
-    /// Lays out a part for its minimisation, by way of the normal equations where `method` and the
-    /// residual families allow it.
-    pub(crate) fn minimized(
-        problem: &'p Problem<'p>,
-        part: &Part,
-        all: &[f64],
-        method: Method,
-    ) -> Self {
-        let Some(fused) = Fused::new(problem, part, method) else {
-            return Self::new(problem, part, all, Content::Minimize);
-        };
-        let jacobian = fused.pattern().into_jacobian();
-        Self {
-            problem,
-            parameters: part.parameters.clone(),
-            content: Content::Minimize,
-            pieces: Vec::new(),
-            priors: Vec::new(),
-            all: all.to_vec(),
-            residuals: vec![0.0; jacobian.row_count()],
-            jacobian,
-            fused: Some(Box::new(fused)),
-        }
-    }
-
-    /// Whether [`Self::jacobian`] comes from the normal equations.
-    pub(crate) fn is_fused(&self) -> bool {
-        self.fused.as_ref().is_some_and(|fused| !fused.is_stored())
-    }
-
-    /// Number of residuals, priors included.
-    pub(crate) fn residual_count(&self) -> usize {
-        let fused = self.fused.as_ref();
-        fused.map_or(self.residuals.len(), |fused| fused.rows)
-    }
-
-    /// Number of costs: one for each residual, and perhaps some that are always zero.
-    pub(crate) fn cost_count(&self) -> usize {
-        let fused = self.fused.as_ref();
-        fused.map_or(self.residuals.len(), |fused| fused.cost_count())
-    }
-
     /// Lays out a part of a checked problem. `all` gives the fixed parameters.
     pub(crate) fn new(
         problem: &'p Problem<'p>,
@@ -211,16 +165,12 @@ impl<'p> System<'p> {
             priors,
             all: all.to_vec(),
             jacobian,
-            fused: None,
         }
     }
 
     /// Writes the cost of each residual, `½ρ`, at the free parameters `x`.
     pub(crate) fn costs(&mut self, x: &[f64], costs: &mut [f64]) -> Result<(), NonFinite> {
         self.scatter(x);
-        if let Some(fused) = &self.fused {
-            return fused.costs(&self.all, x, costs);
-        }
         for piece in &self.pieces {
             let block = &self.problem.blocks[piece.block];
             let shape = block.family.shape();
@@ -255,9 +205,6 @@ impl<'p> System<'p> {
     /// Fills [`Self::residuals`] and [`Self::jacobian`] at the free parameters `x`, weighted.
     pub(crate) fn linearize(&mut self, x: &[f64]) -> Result<(), NonFinite> {
         self.scatter(x);
-        if let Some(fused) = &mut self.fused {
-            return fused.linearize(&self.all, x, &mut self.jacobian, &mut self.residuals);
-        }
         for piece in &self.pieces {
             let block = &self.problem.blocks[piece.block];
             let rows = piece.samples * block.family.shape().residuals;

@@ -1,4 +1,5 @@
-//! Compile errors of `tau_model!`, case by case: what rustc shows, and that a `.tau` file gives the same.
+//! Compile errors of `tau_model!` and of uses of what it declares, case by case: what rustc shows, and that a
+//! `.tau` file gives the same.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -19,6 +20,14 @@ struct Message {
 #[test]
 fn the_macro_reports() {
     trybuild::TestCases::new().compile_fail("cases/*/*.rs");
+}
+
+/// Use and misuse of what the macro declares; the type checker's words are part of these cases.
+#[test]
+fn handles_are_checked() {
+    let cases = trybuild::TestCases::new();
+    cases.pass("pass/*.rs");
+    cases.compile_fail("handles/*.rs");
 }
 
 #[test]

@@ -5,6 +5,7 @@
 //! file and read as tokens in an expansion.
 
 mod family;
+mod handles;
 mod layout;
 mod tables;
 
@@ -14,6 +15,8 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use proc_macro2::{Ident, Span, TokenStream};
 use quote::quote;
+
+pub use handles::{Clash, clashes};
 
 use crate::compile::{CompiledRobot, Family};
 
@@ -40,7 +43,7 @@ impl Paths {
     }
 }
 
-/// All items of a robot: `ROBOT` and a module per variant.
+/// All items of a robot: its type, `ROBOT`, and a module per variant.
 pub fn robot(robot: &CompiledRobot, paths: &Paths) -> TokenStream {
     let table = table(robot, paths);
     let homes = homes(robot);
@@ -77,10 +80,10 @@ fn homes(robot: &CompiledRobot) -> Vec<Vec<(usize, usize)>> {
 }
 
 fn table(robot: &CompiledRobot, paths: &Paths) -> TokenStream {
-    let imports = imports(paths);
-    let table = tables::robot(robot);
+    let handles = handles::robot(robot, paths);
+    let table = tables::robot(robot, &paths.runtime);
     quote! {
-        #imports
+        #handles
         #table
     }
 }
@@ -112,32 +115,35 @@ fn module(
     let docs = compiled.docs.iter().map(|line| quote!(#[doc = #line]));
     let summary = format!(" The variant `{}`.", compiled.name);
     let table = tables::variant(&robot.model, compiled, &names);
+    let handles = handles::parameters(robot, variant);
     quote! {
         #[doc = #summary]
         #(#docs)*
         pub mod #module {
             #imports
             #table
+            #handles
             #(#items)*
         }
     }
 }
 
-/// What generated code names of the runtime crate.
+/// What the module of a variant names of the runtime crate.
 fn imports(paths: &Paths) -> TokenStream {
     let runtime = &paths.runtime;
     quote! {
         #[allow(unused_imports, reason = "one list for all modules")]
         use #runtime::{
-            Arm, Cluster, EffectUse, Formulas, Input, Instance, Link, Owner, Parameter, Pattern,
-            ResidualKind, Robot, Samples, Shape, TrackModel, TrackShape, Variant, math,
+            Arm, EffectUse, Formulas, Input, Instance, Owner, Parameter, ParameterHandle, Pattern,
+            ResidualKind, Samples, Shape, TrackModel, TrackShape, Variant, math,
         };
     }
 }
 
 /// A robot's file: header, then its items, formatted.
 ///
-/// The text depends on the description alone: no paths, times or versions.
+/// The text depends on the description alone: no paths, times or versions. Where names clash, it says so
+/// when it is compiled.
 pub fn file(compiled: &CompiledRobot, source: &str, command: &str) -> String {
     let paths = Paths::runtime_crate;
     let formatted = |tokens: TokenStream| {
@@ -175,6 +181,9 @@ pub fn file(compiled: &CompiledRobot, source: &str, command: &str) -> String {
         }
     }
     text.push('\n');
+    for clash in clashes(compiled) {
+        let _ = writeln!(text, "compile_error!({:?});", clash.to_string());
+    }
     text.push_str(&items.concat());
     text
 }
@@ -233,7 +242,7 @@ fn pack_lists(text: &str) -> String {
     packed
 }
 
-/// What `tau_model!` expands to: a module of the robot's items, and a type of its name that holds them.
+/// What `tau_model!` expands to: a module of the robot's items, and beside it the type of its name.
 pub fn expansion(compiled: &CompiledRobot, name: &Ident, paths: &Paths) -> TokenStream {
     let items = robot(compiled, paths);
     let module = Ident::new(&snake_case(&compiled.model.name), Span::mixed_site());
@@ -242,22 +251,11 @@ pub fn expansion(compiled: &CompiledRobot, name: &Ident, paths: &Paths) -> Token
     } else {
         quote!()
     };
-    let docs = compiled
-        .model
-        .docs
-        .iter()
-        .map(|line| quote!(#[doc = #line]));
     let module_docs = format!(" Generated code of [`{name}`].");
-    let runtime = &paths.runtime;
     quote! {
-        #(#docs)*
-        #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-        #visibility struct #name;
-
-        impl #name {
-            /// The robot's structure and its variants, with their generated functions.
-            pub const ROBOT: &'static #runtime::Robot = &#module::ROBOT;
-        }
+        #[allow(unused_imports, reason = "a robot may be declared for its module alone")]
+        #[doc(inline)]
+        #visibility use #module::#name;
 
         #[doc = #module_docs]
         #[allow(clippy::all, clippy::pedantic, missing_docs, unreachable_pub)]

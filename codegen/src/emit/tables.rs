@@ -8,8 +8,8 @@ use tau_runtime::{Arm, Input, Owner, ResidualKind, TrackShape};
 use super::{ident, snake_case};
 use crate::compile::{CompiledRobot, CompiledVariant};
 
-/// `ROBOT`.
-pub(super) fn robot(robot: &CompiledRobot) -> TokenStream {
+/// `ROBOT`; its imports are its own, since a robot may have the name of one.
+pub(super) fn robot(robot: &CompiledRobot, runtime: &TokenStream) -> TokenStream {
     let model = &robot.model;
     let name = &model.name;
     let description = raw_string(&robot.description);
@@ -33,14 +33,17 @@ pub(super) fn robot(robot: &CompiledRobot) -> TokenStream {
     quote! {
         #[doc = #summary]
         #(#docs)*
-        pub static ROBOT: Robot = Robot {
-            name: #name,
-            description: #description,
-            tracks: &[#(#tracks),*],
-            clusters: &[#(#clusters),*],
-            links: &[#(#links),*],
-            commands: #commands,
-            variants: &[#(#variants),*],
+        pub static ROBOT: #runtime::Robot = {
+            use #runtime::{Cluster, Link, Robot};
+            Robot {
+                name: #name,
+                description: #description,
+                tracks: &[#(#tracks),*],
+                clusters: &[#(#clusters),*],
+                links: &[#(#links),*],
+                commands: #commands,
+                variants: &[#(#variants),*],
+            }
         };
     }
 }

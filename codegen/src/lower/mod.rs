@@ -6,11 +6,14 @@
 //! 3. Whatever depends on data alone and is read by parameter-dependent work becomes a *prepared*
 //!    value, computed once per sample.
 //! 4. Every sum may be stored with either sign; signs are chosen so that few negations remain, and the
-//!    rest becomes straight-line code (`signs`, `instructions`).
+//!    rest becomes straight-line code (`form`, `signs`, `instructions`).
 
+mod form;
 mod instructions;
 mod regroup;
 mod signs;
+
+use form::{Form, core};
 
 use crate::graph::{Expr, ExprMap, Graph, Node, Stage};
 use crate::program::{Program, RESERVED};
@@ -56,13 +59,13 @@ pub fn lower(
     }
     make_unique(&mut names);
 
-    let linear = instructions::Form::new(graph, &roots, &inputs);
+    let linear = Form::new(graph, &roots, &inputs);
     let signs = signs::choose(&linear, slots.len());
     let linearize = instructions::emit(graph, &linear, &signs, &inputs, names.clone());
 
     // The value program must read the prepared values with the signs that the Jacobian chose.
     let residual_roots = &roots[..residuals.len()];
-    let form = instructions::Form::new(graph, residual_roots, &inputs);
+    let form = Form::new(graph, residual_roots, &inputs);
     let value_signs = signs::choose_with_inputs(&form, &signs.inputs);
     let value = instructions::emit(graph, &form, &value_signs, &inputs, names);
 
@@ -79,7 +82,7 @@ pub fn lower(
         .zip(&signs.inputs)
         .map(|(&slot, &negative)| if negative { graph.negate(slot) } else { slot })
         .collect();
-    let form = instructions::Form::new(graph, &outputs, &data_inputs);
+    let form = Form::new(graph, &outputs, &data_inputs);
     let prepare_signs = signs::choose(&form, 0);
     let mut prepare = instructions::emit(graph, &form, &prepare_signs, &data_inputs, data_names);
     name_outputs(&mut prepare, &slot_names);
@@ -112,14 +115,6 @@ fn prepared(graph: &Graph, roots: &[Expr]) -> Vec<Expr> {
         }
     }
     slots.into_iter().collect()
-}
-
-/// An expression without its leading negation: whether there was one, and the rest.
-fn core(graph: &Graph, expr: Expr) -> (bool, Expr) {
-    match graph.node(expr) {
-        Node::Negate(inner) => (true, inner),
-        _ => (false, expr),
-    }
 }
 
 fn symbol_name(graph: &Graph, expr: Expr) -> String {

@@ -1,6 +1,6 @@
 //! Flattening of sums and products, grouping by stage, common factors.
 
-use super::core;
+use super::form::core;
 use crate::graph::{Expr, ExprMap, Graph, Node, Stage};
 
 /// Rebuilds expressions so that data-only parts of sums and products stand together and common

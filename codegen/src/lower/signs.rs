@@ -5,7 +5,7 @@
 //! search over single and paired flips finds, for the closure equation, the one negation that a careful
 //! programmer would leave.
 
-use super::instructions::{Form, Value};
+use super::form::{Form, Value};
 
 /// The chosen signs; true is negated.
 #[derive(Debug, Clone)]

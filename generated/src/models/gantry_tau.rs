@@ -56,16 +56,47 @@
 //   full_rack::cart_position_two: 1 / 115 / 497
 //   full_rack::cart_position_three: 0 / 227 / 1141
 
-#[allow(unused_imports, reason = "one list for all modules")]
-use ::tau_runtime::{
-    Arm, Cluster, EffectUse, Formulas, Input, Instance, Link, Owner, Parameter, Pattern,
-    ResidualKind, Robot, Samples, Shape, TrackModel, TrackShape, Variant, math,
-};
+///The full-size Gantry-Tau of Dressler et al. 2010.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct GantryTau;
+impl GantryTau {
+    /// The robot's structure and its variants, with their generated functions.
+    pub const ROBOT: &'static ::tau_runtime::Robot = &ROBOT;
+    /// The variant `Nominal`.
+    pub const NOMINAL: ::tau_runtime::VariantHandle<Self> = ::tau_runtime::VariantHandle::new(
+        0,
+    );
+    /// The variant `Piecewise`.
+    pub const PIECEWISE: ::tau_runtime::VariantHandle<Self> = ::tau_runtime::VariantHandle::new(
+        1,
+    );
+    /// The variant `Full`.
+    pub const FULL: ::tau_runtime::VariantHandle<Self> = ::tau_runtime::VariantHandle::new(
+        2,
+    );
+    /// The variant `FullPiecewise`.
+    pub const FULL_PIECEWISE: ::tau_runtime::VariantHandle<Self> = ::tau_runtime::VariantHandle::new(
+        3,
+    );
+    /// The variant `BestPerLink`.
+    pub const BEST_PER_LINK: ::tau_runtime::VariantHandle<Self> = ::tau_runtime::VariantHandle::new(
+        4,
+    );
+    /// The variant `FullRack`.
+    pub const FULL_RACK: ::tau_runtime::VariantHandle<Self> = ::tau_runtime::VariantHandle::new(
+        5,
+    );
+}
+impl ::tau_runtime::DeclaredRobot for GantryTau {
+    const ROBOT: &'static ::tau_runtime::Robot = &ROBOT;
+}
 /// The robot `GantryTau`.
 ///The full-size Gantry-Tau of Dressler et al. 2010.
-pub static ROBOT: Robot = Robot {
-    name: "GantryTau",
-    description: r#"/// The full-size Gantry-Tau of Dressler et al. 2010.
+pub static ROBOT: ::tau_runtime::Robot = {
+    use ::tau_runtime::{Cluster, Link, Robot};
+    Robot {
+        name: "GantryTau",
+        description: r#"/// The full-size Gantry-Tau of Dressler et al. 2010.
 pub robot GantryTau {
     track one, two, three;
     cluster arm1 on one   { link l1; }
@@ -95,67 +126,67 @@ pub robot GantryTau {
     variant FullRack = Full + rack_pitch(two);
 }
 "#,
-    tracks: &["one", "two", "three"],
-    clusters: &[
-        Cluster {
-            name: "arm1",
-            track: Some(0),
-        },
-        Cluster {
-            name: "arm2",
-            track: Some(1),
-        },
-        Cluster {
-            name: "arm3",
-            track: Some(2),
-        },
-    ],
-    links: &[
-        Link {
-            name: "l1",
-            cluster: 0,
-            actuated_by: None,
-        },
-        Link {
-            name: "l2a",
-            cluster: 1,
-            actuated_by: None,
-        },
-        Link {
-            name: "l2b",
-            cluster: 1,
-            actuated_by: None,
-        },
-        Link {
-            name: "l3a",
-            cluster: 2,
-            actuated_by: None,
-        },
-        Link {
-            name: "l3b",
-            cluster: 2,
-            actuated_by: None,
-        },
-        Link {
-            name: "l3c",
-            cluster: 2,
-            actuated_by: None,
-        },
-    ],
-    commands: 3,
-    variants: &[
-        nominal::VARIANT, piecewise::VARIANT, full::VARIANT, full_piecewise::VARIANT,
-        best_per_link::VARIANT, full_rack::VARIANT,
-    ],
+        tracks: &["one", "two", "three"],
+        clusters: &[
+            Cluster {
+                name: "arm1",
+                track: Some(0),
+            },
+            Cluster {
+                name: "arm2",
+                track: Some(1),
+            },
+            Cluster {
+                name: "arm3",
+                track: Some(2),
+            },
+        ],
+        links: &[
+            Link {
+                name: "l1",
+                cluster: 0,
+                actuated_by: None,
+            },
+            Link {
+                name: "l2a",
+                cluster: 1,
+                actuated_by: None,
+            },
+            Link {
+                name: "l2b",
+                cluster: 1,
+                actuated_by: None,
+            },
+            Link {
+                name: "l3a",
+                cluster: 2,
+                actuated_by: None,
+            },
+            Link {
+                name: "l3b",
+                cluster: 2,
+                actuated_by: None,
+            },
+            Link {
+                name: "l3c",
+                cluster: 2,
+                actuated_by: None,
+            },
+        ],
+        commands: 3,
+        variants: &[
+            nominal::VARIANT, piecewise::VARIANT, full::VARIANT, full_piecewise::VARIANT,
+            best_per_link::VARIANT, full_rack::VARIANT,
+        ],
+    }
 };
 /// The variant `Nominal`.
 ///Straight tracks, one closure equation per cluster: what a controller usually holds.
 pub mod nominal {
     #[allow(unused_imports, reason = "one list for all modules")]
     use ::tau_runtime::{
-        Arm, Cluster, EffectUse, Formulas, Input, Instance, Link, Owner, Parameter,
-        Pattern, ResidualKind, Robot, Samples, Shape, TrackModel, TrackShape, Variant,
-        math,
+        Arm, EffectUse, Formulas, Input, Instance, Owner, Parameter, ParameterHandle,
+        Pattern, ResidualKind, Samples, Shape, TrackModel, TrackShape, Variant, math,
     };
     /// Tables of the variant `Nominal` of `GantryTau`.
     pub const VARIANT: Variant = Variant {
@@ -697,6 +728,128 @@ pub mod nominal {
             },
         ],
     };
+    /// Handle of a parameter of `Nominal`.
+    pub type Handle = ParameterHandle<super::GantryTau>;
+    /// `arm1.length` (m)
+    pub const ARM1_LENGTH: Handle = Handle::new(0, 0);
+    /// `arm1.track_offset.x` (m)
+    pub const ARM1_TRACK_OFFSET_X: Handle = Handle::new(0, 1);
+    /// `arm1.track_offset.y` (m)
+    pub const ARM1_TRACK_OFFSET_Y: Handle = Handle::new(0, 2);
+    /// `arm1.track_offset.z` (m)
+    pub const ARM1_TRACK_OFFSET_Z: Handle = Handle::new(0, 3);
+    /// `arm1.track_direction.x` (1)
+    pub const ARM1_TRACK_DIRECTION_X: Handle = Handle::new(0, 4);
+    /// `arm1.track_direction.y` (1)
+    pub const ARM1_TRACK_DIRECTION_Y: Handle = Handle::new(0, 5);
+    /// `arm1.track_direction.z` (1)
+    pub const ARM1_TRACK_DIRECTION_Z: Handle = Handle::new(0, 6);
+    /// `arm2.length` (m)
+    pub const ARM2_LENGTH: Handle = Handle::new(0, 7);
+    /// `arm2.track_offset.x` (m)
+    pub const ARM2_TRACK_OFFSET_X: Handle = Handle::new(0, 8);
+    /// `arm2.track_offset.y` (m)
+    pub const ARM2_TRACK_OFFSET_Y: Handle = Handle::new(0, 9);
+    /// `arm2.track_offset.z` (m)
+    pub const ARM2_TRACK_OFFSET_Z: Handle = Handle::new(0, 10);
+    /// `arm2.track_direction.x` (1)
+    pub const ARM2_TRACK_DIRECTION_X: Handle = Handle::new(0, 11);
+    /// `arm2.track_direction.y` (1)
+    pub const ARM2_TRACK_DIRECTION_Y: Handle = Handle::new(0, 12);
+    /// `arm2.track_direction.z` (1)
+    pub const ARM2_TRACK_DIRECTION_Z: Handle = Handle::new(0, 13);
+    /// `arm3.length` (m)
+    pub const ARM3_LENGTH: Handle = Handle::new(0, 14);
+    /// `arm3.track_offset.x` (m)
+    pub const ARM3_TRACK_OFFSET_X: Handle = Handle::new(0, 15);
+    /// `arm3.track_offset.y` (m)
+    pub const ARM3_TRACK_OFFSET_Y: Handle = Handle::new(0, 16);
+    /// `arm3.track_offset.z` (m)
+    pub const ARM3_TRACK_OFFSET_Z: Handle = Handle::new(0, 17);
+    /// `arm3.track_direction.x` (1)
+    pub const ARM3_TRACK_DIRECTION_X: Handle = Handle::new(0, 18);
+    /// `arm3.track_direction.y` (1)
+    pub const ARM3_TRACK_DIRECTION_Y: Handle = Handle::new(0, 19);
+    /// `arm3.track_direction.z` (1)
+    pub const ARM3_TRACK_DIRECTION_Z: Handle = Handle::new(0, 20);
+    /// `set2.translation.x` (m)
+    pub const SET2_TRANSLATION_X: Handle = Handle::new(0, 21);
+    /// `set2.translation.y` (m)
+    pub const SET2_TRANSLATION_Y: Handle = Handle::new(0, 22);
+    /// `set2.translation.z` (m)
+    pub const SET2_TRANSLATION_Z: Handle = Handle::new(0, 23);
+    /// `set2.rotation.x` (rad)
+    pub const SET2_ROTATION_X: Handle = Handle::new(0, 24);
+    /// `set2.rotation.y` (rad)
+    pub const SET2_ROTATION_Y: Handle = Handle::new(0, 25);
+    /// `set2.rotation.z` (rad)
+    pub const SET2_ROTATION_Z: Handle = Handle::new(0, 26);
+    /// `set2.target(one).position.x` (m)
+    pub const SET2_TARGET_ONE_POSITION_X: Handle = Handle::new(0, 27);
+    /// `set2.target(one).position.y` (m)
+    pub const SET2_TARGET_ONE_POSITION_Y: Handle = Handle::new(0, 28);
+    /// `set2.target(one).position.z` (m)
+    pub const SET2_TARGET_ONE_POSITION_Z: Handle = Handle::new(0, 29);
+    /// `set2.target(one).rotation.x` (rad)
+    pub const SET2_TARGET_ONE_ROTATION_X: Handle = Handle::new(0, 30);
+    /// `set2.target(one).rotation.y` (rad)
+    pub const SET2_TARGET_ONE_ROTATION_Y: Handle = Handle::new(0, 31);
+    /// `set2.target(one).rotation.z` (rad)
+    pub const SET2_TARGET_ONE_ROTATION_Z: Handle = Handle::new(0, 32);
+    /// `set2.target(two).position.x` (m)
+    pub const SET2_TARGET_TWO_POSITION_X: Handle = Handle::new(0, 33);
+    /// `set2.target(two).position.y` (m)
+    pub const SET2_TARGET_TWO_POSITION_Y: Handle = Handle::new(0, 34);
+    /// `set2.target(two).position.z` (m)
+    pub const SET2_TARGET_TWO_POSITION_Z: Handle = Handle::new(0, 35);
+    /// `set2.target(two).rotation.x` (rad)
+    pub const SET2_TARGET_TWO_ROTATION_X: Handle = Handle::new(0, 36);
+    /// `set2.target(two).rotation.y` (rad)
+    pub const SET2_TARGET_TWO_ROTATION_Y: Handle = Handle::new(0, 37);
+    /// `set2.target(two).rotation.z` (rad)
+    pub const SET2_TARGET_TWO_ROTATION_Z: Handle = Handle::new(0, 38);
+    /// `set2.target(three).position.x` (m)
+    pub const SET2_TARGET_THREE_POSITION_X: Handle = Handle::new(0, 39);
+    /// `set2.target(three).position.y` (m)
+    pub const SET2_TARGET_THREE_POSITION_Y: Handle = Handle::new(0, 40);
+    /// `set2.target(three).position.z` (m)
+    pub const SET2_TARGET_THREE_POSITION_Z: Handle = Handle::new(0, 41);
+    /// `set2.target(three).rotation.x` (rad)
+    pub const SET2_TARGET_THREE_ROTATION_X: Handle = Handle::new(0, 42);
+    /// `set2.target(three).rotation.y` (rad)
+    pub const SET2_TARGET_THREE_ROTATION_Y: Handle = Handle::new(0, 43);
+    /// `set2.target(three).rotation.z` (rad)
+    pub const SET2_TARGET_THREE_ROTATION_Z: Handle = Handle::new(0, 44);
+    /// `set3.translation.x` (m)
+    pub const SET3_TRANSLATION_X: Handle = Handle::new(0, 45);
+    /// `set3.translation.y` (m)
+    pub const SET3_TRANSLATION_Y: Handle = Handle::new(0, 46);
+    /// `set3.translation.z` (m)
+    pub const SET3_TRANSLATION_Z: Handle = Handle::new(0, 47);
+    /// `set3.rotation.x` (rad)
+    pub const SET3_ROTATION_X: Handle = Handle::new(0, 48);
+    /// `set3.rotation.y` (rad)
+    pub const SET3_ROTATION_Y: Handle = Handle::new(0, 49);
+    /// `set3.rotation.z` (rad)
+    pub const SET3_ROTATION_Z: Handle = Handle::new(0, 50);
+    /// `set3.target(one).position.x` (m)
+    pub const SET3_TARGET_ONE_POSITION_X: Handle = Handle::new(0, 51);
+    /// `set3.target(one).position.y` (m)
+    pub const SET3_TARGET_ONE_POSITION_Y: Handle = Handle::new(0, 52);
+    /// `set3.target(one).position.z` (m)
+    pub const SET3_TARGET_ONE_POSITION_Z: Handle = Handle::new(0, 53);
+    /// `set3.target(two).position.x` (m)
+    pub const SET3_TARGET_TWO_POSITION_X: Handle = Handle::new(0, 54);
+    /// `set3.target(two).position.y` (m)
+    pub const SET3_TARGET_TWO_POSITION_Y: Handle = Handle::new(0, 55);
+    /// `set3.target(two).position.z` (m)
+    pub const SET3_TARGET_TWO_POSITION_Z: Handle = Handle::new(0, 56);
+    /// `set3.target(three).position.x` (m)
+    pub const SET3_TARGET_THREE_POSITION_X: Handle = Handle::new(0, 57);
+    /// `set3.target(three).position.y` (m)
+    pub const SET3_TARGET_THREE_POSITION_Y: Handle = Handle::new(0, 58);
+    /// `set3.target(three).position.z` (m)
+    pub const SET3_TARGET_THREE_POSITION_Z: Handle = Handle::new(0, 59);
     /// `L² − ‖T − C(q)‖²`
     ///
     /// Data: `q`, `x`, `y`, `z`.
@@ -1554,9 +1707,8 @@ pub mod nominal {
 pub mod piecewise {
     #[allow(unused_imports, reason = "one list for all modules")]
     use ::tau_runtime::{
-        Arm, Cluster, EffectUse, Formulas, Input, Instance, Link, Owner, Parameter,
-        Pattern, ResidualKind, Robot, Samples, Shape, TrackModel, TrackShape, Variant,
-        math,
+        Arm, EffectUse, Formulas, Input, Instance, Owner, Parameter, ParameterHandle,
+        Pattern, ResidualKind, Samples, Shape, TrackModel, TrackShape, Variant, math,
     };
     /// Tables of the variant `Piecewise` of `GantryTau`.
     pub const VARIANT: Variant = Variant {
@@ -2410,6 +2562,128 @@ pub mod piecewise {
             },
         ],
     };
+    /// Handle of a parameter of `Piecewise`.
+    pub type Handle = ParameterHandle<super::GantryTau>;
+    /// `arm1.length` (m)
+    pub const ARM1_LENGTH: Handle = Handle::new(1, 0);
+    /// `arm1.track_offset.x` (m)
+    pub const ARM1_TRACK_OFFSET_X: Handle = Handle::new(1, 1);
+    /// `arm1.track_offset.y` (m)
+    pub const ARM1_TRACK_OFFSET_Y: Handle = Handle::new(1, 2);
+    /// `arm1.track_offset.z` (m)
+    pub const ARM1_TRACK_OFFSET_Z: Handle = Handle::new(1, 3);
+    /// `arm1.track_rotation.x` (rad)
+    pub const ARM1_TRACK_ROTATION_X: Handle = Handle::new(1, 4);
+    /// `arm1.track_rotation.y` (rad)
+    pub const ARM1_TRACK_ROTATION_Y: Handle = Handle::new(1, 5);
+    /// `arm1.track_rotation.z` (rad)
+    pub const ARM1_TRACK_ROTATION_Z: Handle = Handle::new(1, 6);
+    /// `arm2.length` (m)
+    pub const ARM2_LENGTH: Handle = Handle::new(1, 7);
+    /// `arm2.track_offset.x` (m)
+    pub const ARM2_TRACK_OFFSET_X: Handle = Handle::new(1, 8);
+    /// `arm2.track_offset.y` (m)
+    pub const ARM2_TRACK_OFFSET_Y: Handle = Handle::new(1, 9);
+    /// `arm2.track_offset.z` (m)
+    pub const ARM2_TRACK_OFFSET_Z: Handle = Handle::new(1, 10);
+    /// `arm2.track_rotation.x` (rad)
+    pub const ARM2_TRACK_ROTATION_X: Handle = Handle::new(1, 11);
+    /// `arm2.track_rotation.y` (rad)
+    pub const ARM2_TRACK_ROTATION_Y: Handle = Handle::new(1, 12);
+    /// `arm2.track_rotation.z` (rad)
+    pub const ARM2_TRACK_ROTATION_Z: Handle = Handle::new(1, 13);
+    /// `arm3.length` (m)
+    pub const ARM3_LENGTH: Handle = Handle::new(1, 14);
+    /// `arm3.track_offset.x` (m)
+    pub const ARM3_TRACK_OFFSET_X: Handle = Handle::new(1, 15);
+    /// `arm3.track_offset.y` (m)
+    pub const ARM3_TRACK_OFFSET_Y: Handle = Handle::new(1, 16);
+    /// `arm3.track_offset.z` (m)
+    pub const ARM3_TRACK_OFFSET_Z: Handle = Handle::new(1, 17);
+    /// `arm3.track_rotation.x` (rad)
+    pub const ARM3_TRACK_ROTATION_X: Handle = Handle::new(1, 18);
+    /// `arm3.track_rotation.y` (rad)
+    pub const ARM3_TRACK_ROTATION_Y: Handle = Handle::new(1, 19);
+    /// `arm3.track_rotation.z` (rad)
+    pub const ARM3_TRACK_ROTATION_Z: Handle = Handle::new(1, 20);
+    /// `set2.translation.x` (m)
+    pub const SET2_TRANSLATION_X: Handle = Handle::new(1, 21);
+    /// `set2.translation.y` (m)
+    pub const SET2_TRANSLATION_Y: Handle = Handle::new(1, 22);
+    /// `set2.translation.z` (m)
+    pub const SET2_TRANSLATION_Z: Handle = Handle::new(1, 23);
+    /// `set2.rotation.x` (rad)
+    pub const SET2_ROTATION_X: Handle = Handle::new(1, 24);
+    /// `set2.rotation.y` (rad)
+    pub const SET2_ROTATION_Y: Handle = Handle::new(1, 25);
+    /// `set2.rotation.z` (rad)
+    pub const SET2_ROTATION_Z: Handle = Handle::new(1, 26);
+    /// `set2.target(one).position.x` (m)
+    pub const SET2_TARGET_ONE_POSITION_X: Handle = Handle::new(1, 27);
+    /// `set2.target(one).position.y` (m)
+    pub const SET2_TARGET_ONE_POSITION_Y: Handle = Handle::new(1, 28);
+    /// `set2.target(one).position.z` (m)
+    pub const SET2_TARGET_ONE_POSITION_Z: Handle = Handle::new(1, 29);
+    /// `set2.target(one).rotation.x` (rad)
+    pub const SET2_TARGET_ONE_ROTATION_X: Handle = Handle::new(1, 30);
+    /// `set2.target(one).rotation.y` (rad)
+    pub const SET2_TARGET_ONE_ROTATION_Y: Handle = Handle::new(1, 31);
+    /// `set2.target(one).rotation.z` (rad)
+    pub const SET2_TARGET_ONE_ROTATION_Z: Handle = Handle::new(1, 32);
+    /// `set2.target(two).position.x` (m)
+    pub const SET2_TARGET_TWO_POSITION_X: Handle = Handle::new(1, 33);
+    /// `set2.target(two).position.y` (m)
+    pub const SET2_TARGET_TWO_POSITION_Y: Handle = Handle::new(1, 34);
+    /// `set2.target(two).position.z` (m)
+    pub const SET2_TARGET_TWO_POSITION_Z: Handle = Handle::new(1, 35);
+    /// `set2.target(two).rotation.x` (rad)
+    pub const SET2_TARGET_TWO_ROTATION_X: Handle = Handle::new(1, 36);
+    /// `set2.target(two).rotation.y` (rad)
+    pub const SET2_TARGET_TWO_ROTATION_Y: Handle = Handle::new(1, 37);
+    /// `set2.target(two).rotation.z` (rad)
+    pub const SET2_TARGET_TWO_ROTATION_Z: Handle = Handle::new(1, 38);
+    /// `set2.target(three).position.x` (m)
+    pub const SET2_TARGET_THREE_POSITION_X: Handle = Handle::new(1, 39);
+    /// `set2.target(three).position.y` (m)
+    pub const SET2_TARGET_THREE_POSITION_Y: Handle = Handle::new(1, 40);
+    /// `set2.target(three).position.z` (m)
+    pub const SET2_TARGET_THREE_POSITION_Z: Handle = Handle::new(1, 41);
+    /// `set2.target(three).rotation.x` (rad)
+    pub const SET2_TARGET_THREE_ROTATION_X: Handle = Handle::new(1, 42);
+    /// `set2.target(three).rotation.y` (rad)
+    pub const SET2_TARGET_THREE_ROTATION_Y: Handle = Handle::new(1, 43);
+    /// `set2.target(three).rotation.z` (rad)
+    pub const SET2_TARGET_THREE_ROTATION_Z: Handle = Handle::new(1, 44);
+    /// `set3.translation.x` (m)
+    pub const SET3_TRANSLATION_X: Handle = Handle::new(1, 45);
+    /// `set3.translation.y` (m)
+    pub const SET3_TRANSLATION_Y: Handle = Handle::new(1, 46);
+    /// `set3.translation.z` (m)
+    pub const SET3_TRANSLATION_Z: Handle = Handle::new(1, 47);
+    /// `set3.rotation.x` (rad)
+    pub const SET3_ROTATION_X: Handle = Handle::new(1, 48);
+    /// `set3.rotation.y` (rad)
+    pub const SET3_ROTATION_Y: Handle = Handle::new(1, 49);
+    /// `set3.rotation.z` (rad)
+    pub const SET3_ROTATION_Z: Handle = Handle::new(1, 50);
+    /// `set3.target(one).position.x` (m)
+    pub const SET3_TARGET_ONE_POSITION_X: Handle = Handle::new(1, 51);
+    /// `set3.target(one).position.y` (m)
+    pub const SET3_TARGET_ONE_POSITION_Y: Handle = Handle::new(1, 52);
+    /// `set3.target(one).position.z` (m)
+    pub const SET3_TARGET_ONE_POSITION_Z: Handle = Handle::new(1, 53);
+    /// `set3.target(two).position.x` (m)
+    pub const SET3_TARGET_TWO_POSITION_X: Handle = Handle::new(1, 54);
+    /// `set3.target(two).position.y` (m)
+    pub const SET3_TARGET_TWO_POSITION_Y: Handle = Handle::new(1, 55);
+    /// `set3.target(two).position.z` (m)
+    pub const SET3_TARGET_TWO_POSITION_Z: Handle = Handle::new(1, 56);
+    /// `set3.target(three).position.x` (m)
+    pub const SET3_TARGET_THREE_POSITION_X: Handle = Handle::new(1, 57);
+    /// `set3.target(three).position.y` (m)
+    pub const SET3_TARGET_THREE_POSITION_Y: Handle = Handle::new(1, 58);
+    /// `set3.target(three).position.z` (m)
+    pub const SET3_TARGET_THREE_POSITION_Z: Handle = Handle::new(1, 59);
     /// `L² − ‖T − C(q)‖²`
     ///
     /// Data: `q`, `x`, `y`, `z`, `segment_start_x`, `segment_start_y`, `segment_start_z`, `segment_end_x`, `segment_end_y`, `segment_end_z`, `segment_start_q`, `segment_end_q`.
@@ -3544,9 +3818,8 @@ pub mod piecewise {
 pub mod full {
     #[allow(unused_imports, reason = "one list for all modules")]
     use ::tau_runtime::{
-        Arm, Cluster, EffectUse, Formulas, Input, Instance, Link, Owner, Parameter,
-        Pattern, ResidualKind, Robot, Samples, Shape, TrackModel, TrackShape, Variant,
-        math,
+        Arm, EffectUse, Formulas, Input, Instance, Owner, Parameter, ParameterHandle,
+        Pattern, ResidualKind, Samples, Shape, TrackModel, TrackShape, Variant, math,
     };
     /// Tables of the variant `Full` of `GantryTau`.
     pub const VARIANT: Variant = Variant {
@@ -4402,6 +4675,206 @@ pub mod full {
             },
         ],
     };
+    /// Handle of a parameter of `Full`.
+    pub type Handle = ParameterHandle<super::GantryTau>;
+    /// `l1.length` (m)
+    pub const L1_LENGTH: Handle = Handle::new(2, 0);
+    /// `l1.plate_joint.x` (m)
+    pub const L1_PLATE_JOINT_X: Handle = Handle::new(2, 1);
+    /// `l1.plate_joint.y` (m)
+    pub const L1_PLATE_JOINT_Y: Handle = Handle::new(2, 2);
+    /// `l1.plate_joint.z` (m)
+    pub const L1_PLATE_JOINT_Z: Handle = Handle::new(2, 3);
+    /// `l1.track_offset.x` (m)
+    pub const L1_TRACK_OFFSET_X: Handle = Handle::new(2, 4);
+    /// `l1.track_offset.y` (m)
+    pub const L1_TRACK_OFFSET_Y: Handle = Handle::new(2, 5);
+    /// `l1.track_offset.z` (m)
+    pub const L1_TRACK_OFFSET_Z: Handle = Handle::new(2, 6);
+    /// `l1.track_direction.x` (1)
+    pub const L1_TRACK_DIRECTION_X: Handle = Handle::new(2, 7);
+    /// `l1.track_direction.y` (1)
+    pub const L1_TRACK_DIRECTION_Y: Handle = Handle::new(2, 8);
+    /// `l1.track_direction.z` (1)
+    pub const L1_TRACK_DIRECTION_Z: Handle = Handle::new(2, 9);
+    /// `l2a.length` (m)
+    pub const L2A_LENGTH: Handle = Handle::new(2, 10);
+    /// `l2a.plate_joint.x` (m)
+    pub const L2A_PLATE_JOINT_X: Handle = Handle::new(2, 11);
+    /// `l2a.plate_joint.y` (m)
+    pub const L2A_PLATE_JOINT_Y: Handle = Handle::new(2, 12);
+    /// `l2a.plate_joint.z` (m)
+    pub const L2A_PLATE_JOINT_Z: Handle = Handle::new(2, 13);
+    /// `l2a.track_offset.x` (m)
+    pub const L2A_TRACK_OFFSET_X: Handle = Handle::new(2, 14);
+    /// `l2a.track_offset.y` (m)
+    pub const L2A_TRACK_OFFSET_Y: Handle = Handle::new(2, 15);
+    /// `l2a.track_offset.z` (m)
+    pub const L2A_TRACK_OFFSET_Z: Handle = Handle::new(2, 16);
+    /// `l2a.track_direction.x` (1)
+    pub const L2A_TRACK_DIRECTION_X: Handle = Handle::new(2, 17);
+    /// `l2a.track_direction.y` (1)
+    pub const L2A_TRACK_DIRECTION_Y: Handle = Handle::new(2, 18);
+    /// `l2a.track_direction.z` (1)
+    pub const L2A_TRACK_DIRECTION_Z: Handle = Handle::new(2, 19);
+    /// `l2b.length` (m)
+    pub const L2B_LENGTH: Handle = Handle::new(2, 20);
+    /// `l2b.plate_joint.x` (m)
+    pub const L2B_PLATE_JOINT_X: Handle = Handle::new(2, 21);
+    /// `l2b.plate_joint.y` (m)
+    pub const L2B_PLATE_JOINT_Y: Handle = Handle::new(2, 22);
+    /// `l2b.plate_joint.z` (m)
+    pub const L2B_PLATE_JOINT_Z: Handle = Handle::new(2, 23);
+    /// `l2b.track_offset.x` (m)
+    pub const L2B_TRACK_OFFSET_X: Handle = Handle::new(2, 24);
+    /// `l2b.track_offset.y` (m)
+    pub const L2B_TRACK_OFFSET_Y: Handle = Handle::new(2, 25);
+    /// `l2b.track_offset.z` (m)
+    pub const L2B_TRACK_OFFSET_Z: Handle = Handle::new(2, 26);
+    /// `l2b.track_direction.x` (1)
+    pub const L2B_TRACK_DIRECTION_X: Handle = Handle::new(2, 27);
+    /// `l2b.track_direction.y` (1)
+    pub const L2B_TRACK_DIRECTION_Y: Handle = Handle::new(2, 28);
+    /// `l2b.track_direction.z` (1)
+    pub const L2B_TRACK_DIRECTION_Z: Handle = Handle::new(2, 29);
+    /// `l3a.length` (m)
+    pub const L3A_LENGTH: Handle = Handle::new(2, 30);
+    /// `l3a.plate_joint.x` (m)
+    pub const L3A_PLATE_JOINT_X: Handle = Handle::new(2, 31);
+    /// `l3a.plate_joint.y` (m)
+    pub const L3A_PLATE_JOINT_Y: Handle = Handle::new(2, 32);
+    /// `l3a.plate_joint.z` (m)
+    pub const L3A_PLATE_JOINT_Z: Handle = Handle::new(2, 33);
+    /// `l3a.track_offset.x` (m)
+    pub const L3A_TRACK_OFFSET_X: Handle = Handle::new(2, 34);
+    /// `l3a.track_offset.y` (m)
+    pub const L3A_TRACK_OFFSET_Y: Handle = Handle::new(2, 35);
+    /// `l3a.track_offset.z` (m)
+    pub const L3A_TRACK_OFFSET_Z: Handle = Handle::new(2, 36);
+    /// `l3a.track_direction.x` (1)
+    pub const L3A_TRACK_DIRECTION_X: Handle = Handle::new(2, 37);
+    /// `l3a.track_direction.y` (1)
+    pub const L3A_TRACK_DIRECTION_Y: Handle = Handle::new(2, 38);
+    /// `l3a.track_direction.z` (1)
+    pub const L3A_TRACK_DIRECTION_Z: Handle = Handle::new(2, 39);
+    /// `l3b.length` (m)
+    pub const L3B_LENGTH: Handle = Handle::new(2, 40);
+    /// `l3b.plate_joint.x` (m)
+    pub const L3B_PLATE_JOINT_X: Handle = Handle::new(2, 41);
+    /// `l3b.plate_joint.y` (m)
+    pub const L3B_PLATE_JOINT_Y: Handle = Handle::new(2, 42);
+    /// `l3b.plate_joint.z` (m)
+    pub const L3B_PLATE_JOINT_Z: Handle = Handle::new(2, 43);
+    /// `l3b.track_offset.x` (m)
+    pub const L3B_TRACK_OFFSET_X: Handle = Handle::new(2, 44);
+    /// `l3b.track_offset.y` (m)
+    pub const L3B_TRACK_OFFSET_Y: Handle = Handle::new(2, 45);
+    /// `l3b.track_offset.z` (m)
+    pub const L3B_TRACK_OFFSET_Z: Handle = Handle::new(2, 46);
+    /// `l3b.track_direction.x` (1)
+    pub const L3B_TRACK_DIRECTION_X: Handle = Handle::new(2, 47);
+    /// `l3b.track_direction.y` (1)
+    pub const L3B_TRACK_DIRECTION_Y: Handle = Handle::new(2, 48);
+    /// `l3b.track_direction.z` (1)
+    pub const L3B_TRACK_DIRECTION_Z: Handle = Handle::new(2, 49);
+    /// `l3c.length` (m)
+    pub const L3C_LENGTH: Handle = Handle::new(2, 50);
+    /// `l3c.plate_joint.x` (m)
+    pub const L3C_PLATE_JOINT_X: Handle = Handle::new(2, 51);
+    /// `l3c.plate_joint.y` (m)
+    pub const L3C_PLATE_JOINT_Y: Handle = Handle::new(2, 52);
+    /// `l3c.plate_joint.z` (m)
+    pub const L3C_PLATE_JOINT_Z: Handle = Handle::new(2, 53);
+    /// `l3c.track_offset.x` (m)
+    pub const L3C_TRACK_OFFSET_X: Handle = Handle::new(2, 54);
+    /// `l3c.track_offset.y` (m)
+    pub const L3C_TRACK_OFFSET_Y: Handle = Handle::new(2, 55);
+    /// `l3c.track_offset.z` (m)
+    pub const L3C_TRACK_OFFSET_Z: Handle = Handle::new(2, 56);
+    /// `l3c.track_direction.x` (1)
+    pub const L3C_TRACK_DIRECTION_X: Handle = Handle::new(2, 57);
+    /// `l3c.track_direction.y` (1)
+    pub const L3C_TRACK_DIRECTION_Y: Handle = Handle::new(2, 58);
+    /// `l3c.track_direction.z` (1)
+    pub const L3C_TRACK_DIRECTION_Z: Handle = Handle::new(2, 59);
+    /// `set2.translation.x` (m)
+    pub const SET2_TRANSLATION_X: Handle = Handle::new(2, 60);
+    /// `set2.translation.y` (m)
+    pub const SET2_TRANSLATION_Y: Handle = Handle::new(2, 61);
+    /// `set2.translation.z` (m)
+    pub const SET2_TRANSLATION_Z: Handle = Handle::new(2, 62);
+    /// `set2.rotation.x` (rad)
+    pub const SET2_ROTATION_X: Handle = Handle::new(2, 63);
+    /// `set2.rotation.y` (rad)
+    pub const SET2_ROTATION_Y: Handle = Handle::new(2, 64);
+    /// `set2.rotation.z` (rad)
+    pub const SET2_ROTATION_Z: Handle = Handle::new(2, 65);
+    /// `set2.target(one).position.x` (m)
+    pub const SET2_TARGET_ONE_POSITION_X: Handle = Handle::new(2, 66);
+    /// `set2.target(one).position.y` (m)
+    pub const SET2_TARGET_ONE_POSITION_Y: Handle = Handle::new(2, 67);
+    /// `set2.target(one).position.z` (m)
+    pub const SET2_TARGET_ONE_POSITION_Z: Handle = Handle::new(2, 68);
+    /// `set2.target(one).rotation.x` (rad)
+    pub const SET2_TARGET_ONE_ROTATION_X: Handle = Handle::new(2, 69);
+    /// `set2.target(one).rotation.y` (rad)
+    pub const SET2_TARGET_ONE_ROTATION_Y: Handle = Handle::new(2, 70);
+    /// `set2.target(one).rotation.z` (rad)
+    pub const SET2_TARGET_ONE_ROTATION_Z: Handle = Handle::new(2, 71);
+    /// `set2.target(two).position.x` (m)
+    pub const SET2_TARGET_TWO_POSITION_X: Handle = Handle::new(2, 72);
+    /// `set2.target(two).position.y` (m)
+    pub const SET2_TARGET_TWO_POSITION_Y: Handle = Handle::new(2, 73);
+    /// `set2.target(two).position.z` (m)
+    pub const SET2_TARGET_TWO_POSITION_Z: Handle = Handle::new(2, 74);
+    /// `set2.target(two).rotation.x` (rad)
+    pub const SET2_TARGET_TWO_ROTATION_X: Handle = Handle::new(2, 75);
+    /// `set2.target(two).rotation.y` (rad)
+    pub const SET2_TARGET_TWO_ROTATION_Y: Handle = Handle::new(2, 76);
+    /// `set2.target(two).rotation.z` (rad)
+    pub const SET2_TARGET_TWO_ROTATION_Z: Handle = Handle::new(2, 77);
+    /// `set2.target(three).position.x` (m)
+    pub const SET2_TARGET_THREE_POSITION_X: Handle = Handle::new(2, 78);
+    /// `set2.target(three).position.y` (m)
+    pub const SET2_TARGET_THREE_POSITION_Y: Handle = Handle::new(2, 79);
+    /// `set2.target(three).position.z` (m)
+    pub const SET2_TARGET_THREE_POSITION_Z: Handle = Handle::new(2, 80);
+    /// `set2.target(three).rotation.x` (rad)
+    pub const SET2_TARGET_THREE_ROTATION_X: Handle = Handle::new(2, 81);
+    /// `set2.target(three).rotation.y` (rad)
+    pub const SET2_TARGET_THREE_ROTATION_Y: Handle = Handle::new(2, 82);
+    /// `set2.target(three).rotation.z` (rad)
+    pub const SET2_TARGET_THREE_ROTATION_Z: Handle = Handle::new(2, 83);
+    /// `set3.translation.x` (m)
+    pub const SET3_TRANSLATION_X: Handle = Handle::new(2, 84);
+    /// `set3.translation.y` (m)
+    pub const SET3_TRANSLATION_Y: Handle = Handle::new(2, 85);
+    /// `set3.translation.z` (m)
+    pub const SET3_TRANSLATION_Z: Handle = Handle::new(2, 86);
+    /// `set3.rotation.x` (rad)
+    pub const SET3_ROTATION_X: Handle = Handle::new(2, 87);
+    /// `set3.rotation.y` (rad)
+    pub const SET3_ROTATION_Y: Handle = Handle::new(2, 88);
+    /// `set3.rotation.z` (rad)
+    pub const SET3_ROTATION_Z: Handle = Handle::new(2, 89);
+    /// `set3.target(one).position.x` (m)
+    pub const SET3_TARGET_ONE_POSITION_X: Handle = Handle::new(2, 90);
+    /// `set3.target(one).position.y` (m)
+    pub const SET3_TARGET_ONE_POSITION_Y: Handle = Handle::new(2, 91);
+    /// `set3.target(one).position.z` (m)
+    pub const SET3_TARGET_ONE_POSITION_Z: Handle = Handle::new(2, 92);
+    /// `set3.target(two).position.x` (m)
+    pub const SET3_TARGET_TWO_POSITION_X: Handle = Handle::new(2, 93);
+    /// `set3.target(two).position.y` (m)
+    pub const SET3_TARGET_TWO_POSITION_Y: Handle = Handle::new(2, 94);
+    /// `set3.target(two).position.z` (m)
+    pub const SET3_TARGET_TWO_POSITION_Z: Handle = Handle::new(2, 95);
+    /// `set3.target(three).position.x` (m)
+    pub const SET3_TARGET_THREE_POSITION_X: Handle = Handle::new(2, 96);
+    /// `set3.target(three).position.y` (m)
+    pub const SET3_TARGET_THREE_POSITION_Y: Handle = Handle::new(2, 97);
+    /// `set3.target(three).position.z` (m)
+    pub const SET3_TARGET_THREE_POSITION_Z: Handle = Handle::new(2, 98);
     /// `L² − ‖T + R·P − C(q)‖², R = Rz(alpha)·Ry(beta)·Rz(gamma)`
     ///
     /// Data: `q`, `x`, `y`, `z`, `alpha`, `beta`, `gamma`.
@@ -7343,9 +7816,8 @@ pub mod full {
 pub mod full_piecewise {
     #[allow(unused_imports, reason = "one list for all modules")]
     use ::tau_runtime::{
-        Arm, Cluster, EffectUse, Formulas, Input, Instance, Link, Owner, Parameter,
-        Pattern, ResidualKind, Robot, Samples, Shape, TrackModel, TrackShape, Variant,
-        math,
+        Arm, EffectUse, Formulas, Input, Instance, Owner, Parameter, ParameterHandle,
+        Pattern, ResidualKind, Samples, Shape, TrackModel, TrackShape, Variant, math,
     };
     /// Tables of the variant `FullPiecewise` of `GantryTau`.
     pub const VARIANT: Variant = Variant {
@@ -8675,6 +9147,206 @@ pub mod full_piecewise {
             },
         ],
     };
+    /// Handle of a parameter of `FullPiecewise`.
+    pub type Handle = ParameterHandle<super::GantryTau>;
+    /// `l1.length` (m)
+    pub const L1_LENGTH: Handle = Handle::new(3, 0);
+    /// `l1.plate_joint.x` (m)
+    pub const L1_PLATE_JOINT_X: Handle = Handle::new(3, 1);
+    /// `l1.plate_joint.y` (m)
+    pub const L1_PLATE_JOINT_Y: Handle = Handle::new(3, 2);
+    /// `l1.plate_joint.z` (m)
+    pub const L1_PLATE_JOINT_Z: Handle = Handle::new(3, 3);
+    /// `l1.track_offset.x` (m)
+    pub const L1_TRACK_OFFSET_X: Handle = Handle::new(3, 4);
+    /// `l1.track_offset.y` (m)
+    pub const L1_TRACK_OFFSET_Y: Handle = Handle::new(3, 5);
+    /// `l1.track_offset.z` (m)
+    pub const L1_TRACK_OFFSET_Z: Handle = Handle::new(3, 6);
+    /// `l1.track_rotation.x` (rad)
+    pub const L1_TRACK_ROTATION_X: Handle = Handle::new(3, 7);
+    /// `l1.track_rotation.y` (rad)
+    pub const L1_TRACK_ROTATION_Y: Handle = Handle::new(3, 8);
+    /// `l1.track_rotation.z` (rad)
+    pub const L1_TRACK_ROTATION_Z: Handle = Handle::new(3, 9);
+    /// `l2a.length` (m)
+    pub const L2A_LENGTH: Handle = Handle::new(3, 10);
+    /// `l2a.plate_joint.x` (m)
+    pub const L2A_PLATE_JOINT_X: Handle = Handle::new(3, 11);
+    /// `l2a.plate_joint.y` (m)
+    pub const L2A_PLATE_JOINT_Y: Handle = Handle::new(3, 12);
+    /// `l2a.plate_joint.z` (m)
+    pub const L2A_PLATE_JOINT_Z: Handle = Handle::new(3, 13);
+    /// `l2a.track_offset.x` (m)
+    pub const L2A_TRACK_OFFSET_X: Handle = Handle::new(3, 14);
+    /// `l2a.track_offset.y` (m)
+    pub const L2A_TRACK_OFFSET_Y: Handle = Handle::new(3, 15);
+    /// `l2a.track_offset.z` (m)
+    pub const L2A_TRACK_OFFSET_Z: Handle = Handle::new(3, 16);
+    /// `l2a.track_rotation.x` (rad)
+    pub const L2A_TRACK_ROTATION_X: Handle = Handle::new(3, 17);
+    /// `l2a.track_rotation.y` (rad)
+    pub const L2A_TRACK_ROTATION_Y: Handle = Handle::new(3, 18);
+    /// `l2a.track_rotation.z` (rad)
+    pub const L2A_TRACK_ROTATION_Z: Handle = Handle::new(3, 19);
+    /// `l2b.length` (m)
+    pub const L2B_LENGTH: Handle = Handle::new(3, 20);
+    /// `l2b.plate_joint.x` (m)
+    pub const L2B_PLATE_JOINT_X: Handle = Handle::new(3, 21);
+    /// `l2b.plate_joint.y` (m)
+    pub const L2B_PLATE_JOINT_Y: Handle = Handle::new(3, 22);
+    /// `l2b.plate_joint.z` (m)
+    pub const L2B_PLATE_JOINT_Z: Handle = Handle::new(3, 23);
+    /// `l2b.track_offset.x` (m)
+    pub const L2B_TRACK_OFFSET_X: Handle = Handle::new(3, 24);
+    /// `l2b.track_offset.y` (m)
+    pub const L2B_TRACK_OFFSET_Y: Handle = Handle::new(3, 25);
+    /// `l2b.track_offset.z` (m)
+    pub const L2B_TRACK_OFFSET_Z: Handle = Handle::new(3, 26);
+    /// `l2b.track_rotation.x` (rad)
+    pub const L2B_TRACK_ROTATION_X: Handle = Handle::new(3, 27);
+    /// `l2b.track_rotation.y` (rad)
+    pub const L2B_TRACK_ROTATION_Y: Handle = Handle::new(3, 28);
+    /// `l2b.track_rotation.z` (rad)
+    pub const L2B_TRACK_ROTATION_Z: Handle = Handle::new(3, 29);
+    /// `l3a.length` (m)
+    pub const L3A_LENGTH: Handle = Handle::new(3, 30);
+    /// `l3a.plate_joint.x` (m)
+    pub const L3A_PLATE_JOINT_X: Handle = Handle::new(3, 31);
+    /// `l3a.plate_joint.y` (m)
+    pub const L3A_PLATE_JOINT_Y: Handle = Handle::new(3, 32);
+    /// `l3a.plate_joint.z` (m)
+    pub const L3A_PLATE_JOINT_Z: Handle = Handle::new(3, 33);
+    /// `l3a.track_offset.x` (m)
+    pub const L3A_TRACK_OFFSET_X: Handle = Handle::new(3, 34);
+    /// `l3a.track_offset.y` (m)
+    pub const L3A_TRACK_OFFSET_Y: Handle = Handle::new(3, 35);
+    /// `l3a.track_offset.z` (m)
+    pub const L3A_TRACK_OFFSET_Z: Handle = Handle::new(3, 36);
+    /// `l3a.track_rotation.x` (rad)
+    pub const L3A_TRACK_ROTATION_X: Handle = Handle::new(3, 37);
+    /// `l3a.track_rotation.y` (rad)
+    pub const L3A_TRACK_ROTATION_Y: Handle = Handle::new(3, 38);
+    /// `l3a.track_rotation.z` (rad)
+    pub const L3A_TRACK_ROTATION_Z: Handle = Handle::new(3, 39);
+    /// `l3b.length` (m)
+    pub const L3B_LENGTH: Handle = Handle::new(3, 40);
+    /// `l3b.plate_joint.x` (m)
+    pub const L3B_PLATE_JOINT_X: Handle = Handle::new(3, 41);
+    /// `l3b.plate_joint.y` (m)
+    pub const L3B_PLATE_JOINT_Y: Handle = Handle::new(3, 42);
+    /// `l3b.plate_joint.z` (m)
+    pub const L3B_PLATE_JOINT_Z: Handle = Handle::new(3, 43);
+    /// `l3b.track_offset.x` (m)
+    pub const L3B_TRACK_OFFSET_X: Handle = Handle::new(3, 44);
+    /// `l3b.track_offset.y` (m)
+    pub const L3B_TRACK_OFFSET_Y: Handle = Handle::new(3, 45);
+    /// `l3b.track_offset.z` (m)
+    pub const L3B_TRACK_OFFSET_Z: Handle = Handle::new(3, 46);
+    /// `l3b.track_rotation.x` (rad)
+    pub const L3B_TRACK_ROTATION_X: Handle = Handle::new(3, 47);
+    /// `l3b.track_rotation.y` (rad)
+    pub const L3B_TRACK_ROTATION_Y: Handle = Handle::new(3, 48);
+    /// `l3b.track_rotation.z` (rad)
+    pub const L3B_TRACK_ROTATION_Z: Handle = Handle::new(3, 49);
+    /// `l3c.length` (m)
+    pub const L3C_LENGTH: Handle = Handle::new(3, 50);
+    /// `l3c.plate_joint.x` (m)
+    pub const L3C_PLATE_JOINT_X: Handle = Handle::new(3, 51);
+    /// `l3c.plate_joint.y` (m)
+    pub const L3C_PLATE_JOINT_Y: Handle = Handle::new(3, 52);
+    /// `l3c.plate_joint.z` (m)
+    pub const L3C_PLATE_JOINT_Z: Handle = Handle::new(3, 53);
+    /// `l3c.track_offset.x` (m)
+    pub const L3C_TRACK_OFFSET_X: Handle = Handle::new(3, 54);
+    /// `l3c.track_offset.y` (m)
+    pub const L3C_TRACK_OFFSET_Y: Handle = Handle::new(3, 55);
+    /// `l3c.track_offset.z` (m)
+    pub const L3C_TRACK_OFFSET_Z: Handle = Handle::new(3, 56);
+    /// `l3c.track_rotation.x` (rad)
+    pub const L3C_TRACK_ROTATION_X: Handle = Handle::new(3, 57);
+    /// `l3c.track_rotation.y` (rad)
+    pub const L3C_TRACK_ROTATION_Y: Handle = Handle::new(3, 58);
+    /// `l3c.track_rotation.z` (rad)
+    pub const L3C_TRACK_ROTATION_Z: Handle = Handle::new(3, 59);
+    /// `set2.translation.x` (m)
+    pub const SET2_TRANSLATION_X: Handle = Handle::new(3, 60);
+    /// `set2.translation.y` (m)
+    pub const SET2_TRANSLATION_Y: Handle = Handle::new(3, 61);
+    /// `set2.translation.z` (m)
+    pub const SET2_TRANSLATION_Z: Handle = Handle::new(3, 62);
+    /// `set2.rotation.x` (rad)
+    pub const SET2_ROTATION_X: Handle = Handle::new(3, 63);
+    /// `set2.rotation.y` (rad)
+    pub const SET2_ROTATION_Y: Handle = Handle::new(3, 64);
+    /// `set2.rotation.z` (rad)
+    pub const SET2_ROTATION_Z: Handle = Handle::new(3, 65);
+    /// `set2.target(one).position.x` (m)
+    pub const SET2_TARGET_ONE_POSITION_X: Handle = Handle::new(3, 66);
+    /// `set2.target(one).position.y` (m)
+    pub const SET2_TARGET_ONE_POSITION_Y: Handle = Handle::new(3, 67);
+    /// `set2.target(one).position.z` (m)
+    pub const SET2_TARGET_ONE_POSITION_Z: Handle = Handle::new(3, 68);
+    /// `set2.target(one).rotation.x` (rad)
+    pub const SET2_TARGET_ONE_ROTATION_X: Handle = Handle::new(3, 69);
+    /// `set2.target(one).rotation.y` (rad)
+    pub const SET2_TARGET_ONE_ROTATION_Y: Handle = Handle::new(3, 70);
+    /// `set2.target(one).rotation.z` (rad)
+    pub const SET2_TARGET_ONE_ROTATION_Z: Handle = Handle::new(3, 71);
+    /// `set2.target(two).position.x` (m)
+    pub const SET2_TARGET_TWO_POSITION_X: Handle = Handle::new(3, 72);
+    /// `set2.target(two).position.y` (m)
+    pub const SET2_TARGET_TWO_POSITION_Y: Handle = Handle::new(3, 73);
+    /// `set2.target(two).position.z` (m)
+    pub const SET2_TARGET_TWO_POSITION_Z: Handle = Handle::new(3, 74);
+    /// `set2.target(two).rotation.x` (rad)
+    pub const SET2_TARGET_TWO_ROTATION_X: Handle = Handle::new(3, 75);
+    /// `set2.target(two).rotation.y` (rad)
+    pub const SET2_TARGET_TWO_ROTATION_Y: Handle = Handle::new(3, 76);
+    /// `set2.target(two).rotation.z` (rad)
+    pub const SET2_TARGET_TWO_ROTATION_Z: Handle = Handle::new(3, 77);
+    /// `set2.target(three).position.x` (m)
+    pub const SET2_TARGET_THREE_POSITION_X: Handle = Handle::new(3, 78);
+    /// `set2.target(three).position.y` (m)
+    pub const SET2_TARGET_THREE_POSITION_Y: Handle = Handle::new(3, 79);
+    /// `set2.target(three).position.z` (m)
+    pub const SET2_TARGET_THREE_POSITION_Z: Handle = Handle::new(3, 80);
+    /// `set2.target(three).rotation.x` (rad)
+    pub const SET2_TARGET_THREE_ROTATION_X: Handle = Handle::new(3, 81);
+    /// `set2.target(three).rotation.y` (rad)
+    pub const SET2_TARGET_THREE_ROTATION_Y: Handle = Handle::new(3, 82);
+    /// `set2.target(three).rotation.z` (rad)
+    pub const SET2_TARGET_THREE_ROTATION_Z: Handle = Handle::new(3, 83);
+    /// `set3.translation.x` (m)
+    pub const SET3_TRANSLATION_X: Handle = Handle::new(3, 84);
+    /// `set3.translation.y` (m)
+    pub const SET3_TRANSLATION_Y: Handle = Handle::new(3, 85);
+    /// `set3.translation.z` (m)
+    pub const SET3_TRANSLATION_Z: Handle = Handle::new(3, 86);
+    /// `set3.rotation.x` (rad)
+    pub const SET3_ROTATION_X: Handle = Handle::new(3, 87);
+    /// `set3.rotation.y` (rad)
+    pub const SET3_ROTATION_Y: Handle = Handle::new(3, 88);
+    /// `set3.rotation.z` (rad)
+    pub const SET3_ROTATION_Z: Handle = Handle::new(3, 89);
+    /// `set3.target(one).position.x` (m)
+    pub const SET3_TARGET_ONE_POSITION_X: Handle = Handle::new(3, 90);
+    /// `set3.target(one).position.y` (m)
+    pub const SET3_TARGET_ONE_POSITION_Y: Handle = Handle::new(3, 91);
+    /// `set3.target(one).position.z` (m)
+    pub const SET3_TARGET_ONE_POSITION_Z: Handle = Handle::new(3, 92);
+    /// `set3.target(two).position.x` (m)
+    pub const SET3_TARGET_TWO_POSITION_X: Handle = Handle::new(3, 93);
+    /// `set3.target(two).position.y` (m)
+    pub const SET3_TARGET_TWO_POSITION_Y: Handle = Handle::new(3, 94);
+    /// `set3.target(two).position.z` (m)
+    pub const SET3_TARGET_TWO_POSITION_Z: Handle = Handle::new(3, 95);
+    /// `set3.target(three).position.x` (m)
+    pub const SET3_TARGET_THREE_POSITION_X: Handle = Handle::new(3, 96);
+    /// `set3.target(three).position.y` (m)
+    pub const SET3_TARGET_THREE_POSITION_Y: Handle = Handle::new(3, 97);
+    /// `set3.target(three).position.z` (m)
+    pub const SET3_TARGET_THREE_POSITION_Z: Handle = Handle::new(3, 98);
     /// `L² − ‖T + R·P − C(q)‖², R = Rz(alpha)·Ry(beta)·Rz(gamma)`
     ///
     /// Data: `q`, `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `segment_start_x`, `segment_start_y`, `segment_start_z`, `segment_end_x`, `segment_end_y`, `segment_end_z`, `segment_start_q`, `segment_end_q`.
@@ -12335,9 +13007,8 @@ pub mod full_piecewise {
 pub mod best_per_link {
     #[allow(unused_imports, reason = "one list for all modules")]
     use ::tau_runtime::{
-        Arm, Cluster, EffectUse, Formulas, Input, Instance, Link, Owner, Parameter,
-        Pattern, ResidualKind, Robot, Samples, Shape, TrackModel, TrackShape, Variant,
-        math,
+        Arm, EffectUse, Formulas, Input, Instance, Owner, Parameter, ParameterHandle,
+        Pattern, ResidualKind, Samples, Shape, TrackModel, TrackShape, Variant, math,
     };
     /// Tables of the variant `BestPerLink` of `GantryTau`.
     pub const VARIANT: Variant = Variant {
@@ -13351,15 +14022,214 @@ pub mod best_per_link {
             },
         ],
     };
+    /// Handle of a parameter of `BestPerLink`.
+    pub type Handle = ParameterHandle<super::GantryTau>;
+    /// `l1.length` (m)
+    pub const L1_LENGTH: Handle = Handle::new(4, 0);
+    /// `l1.plate_joint.x` (m)
+    pub const L1_PLATE_JOINT_X: Handle = Handle::new(4, 1);
+    /// `l1.plate_joint.y` (m)
+    pub const L1_PLATE_JOINT_Y: Handle = Handle::new(4, 2);
+    /// `l1.plate_joint.z` (m)
+    pub const L1_PLATE_JOINT_Z: Handle = Handle::new(4, 3);
+    /// `l1.track_offset.x` (m)
+    pub const L1_TRACK_OFFSET_X: Handle = Handle::new(4, 4);
+    /// `l1.track_offset.y` (m)
+    pub const L1_TRACK_OFFSET_Y: Handle = Handle::new(4, 5);
+    /// `l1.track_offset.z` (m)
+    pub const L1_TRACK_OFFSET_Z: Handle = Handle::new(4, 6);
+    /// `l1.track_direction.x` (1)
+    pub const L1_TRACK_DIRECTION_X: Handle = Handle::new(4, 7);
+    /// `l1.track_direction.y` (1)
+    pub const L1_TRACK_DIRECTION_Y: Handle = Handle::new(4, 8);
+    /// `l1.track_direction.z` (1)
+    pub const L1_TRACK_DIRECTION_Z: Handle = Handle::new(4, 9);
+    /// `l2a.length` (m)
+    pub const L2A_LENGTH: Handle = Handle::new(4, 10);
+    /// `l2a.plate_joint.x` (m)
+    pub const L2A_PLATE_JOINT_X: Handle = Handle::new(4, 11);
+    /// `l2a.plate_joint.y` (m)
+    pub const L2A_PLATE_JOINT_Y: Handle = Handle::new(4, 12);
+    /// `l2a.plate_joint.z` (m)
+    pub const L2A_PLATE_JOINT_Z: Handle = Handle::new(4, 13);
+    /// `l2a.track_offset.x` (m)
+    pub const L2A_TRACK_OFFSET_X: Handle = Handle::new(4, 14);
+    /// `l2a.track_offset.y` (m)
+    pub const L2A_TRACK_OFFSET_Y: Handle = Handle::new(4, 15);
+    /// `l2a.track_offset.z` (m)
+    pub const L2A_TRACK_OFFSET_Z: Handle = Handle::new(4, 16);
+    /// `l2a.track_rotation.x` (rad)
+    pub const L2A_TRACK_ROTATION_X: Handle = Handle::new(4, 17);
+    /// `l2a.track_rotation.y` (rad)
+    pub const L2A_TRACK_ROTATION_Y: Handle = Handle::new(4, 18);
+    /// `l2a.track_rotation.z` (rad)
+    pub const L2A_TRACK_ROTATION_Z: Handle = Handle::new(4, 19);
+    /// `l2b.length` (m)
+    pub const L2B_LENGTH: Handle = Handle::new(4, 20);
+    /// `l2b.plate_joint.x` (m)
+    pub const L2B_PLATE_JOINT_X: Handle = Handle::new(4, 21);
+    /// `l2b.plate_joint.y` (m)
+    pub const L2B_PLATE_JOINT_Y: Handle = Handle::new(4, 22);
+    /// `l2b.plate_joint.z` (m)
+    pub const L2B_PLATE_JOINT_Z: Handle = Handle::new(4, 23);
+    /// `l2b.track_offset.x` (m)
+    pub const L2B_TRACK_OFFSET_X: Handle = Handle::new(4, 24);
+    /// `l2b.track_offset.y` (m)
+    pub const L2B_TRACK_OFFSET_Y: Handle = Handle::new(4, 25);
+    /// `l2b.track_offset.z` (m)
+    pub const L2B_TRACK_OFFSET_Z: Handle = Handle::new(4, 26);
+    /// `l2b.track_rotation.x` (rad)
+    pub const L2B_TRACK_ROTATION_X: Handle = Handle::new(4, 27);
+    /// `l2b.track_rotation.y` (rad)
+    pub const L2B_TRACK_ROTATION_Y: Handle = Handle::new(4, 28);
+    /// `l2b.track_rotation.z` (rad)
+    pub const L2B_TRACK_ROTATION_Z: Handle = Handle::new(4, 29);
+    /// `l3a.length` (m)
+    pub const L3A_LENGTH: Handle = Handle::new(4, 30);
+    /// `l3a.plate_joint.x` (m)
+    pub const L3A_PLATE_JOINT_X: Handle = Handle::new(4, 31);
+    /// `l3a.plate_joint.y` (m)
+    pub const L3A_PLATE_JOINT_Y: Handle = Handle::new(4, 32);
+    /// `l3a.plate_joint.z` (m)
+    pub const L3A_PLATE_JOINT_Z: Handle = Handle::new(4, 33);
+    /// `l3a.track_offset.x` (m)
+    pub const L3A_TRACK_OFFSET_X: Handle = Handle::new(4, 34);
+    /// `l3a.track_offset.y` (m)
+    pub const L3A_TRACK_OFFSET_Y: Handle = Handle::new(4, 35);
+    /// `l3a.track_offset.z` (m)
+    pub const L3A_TRACK_OFFSET_Z: Handle = Handle::new(4, 36);
+    /// `l3a.track_direction.x` (1)
+    pub const L3A_TRACK_DIRECTION_X: Handle = Handle::new(4, 37);
+    /// `l3a.track_direction.y` (1)
+    pub const L3A_TRACK_DIRECTION_Y: Handle = Handle::new(4, 38);
+    /// `l3a.track_direction.z` (1)
+    pub const L3A_TRACK_DIRECTION_Z: Handle = Handle::new(4, 39);
+    /// `l3b.length` (m)
+    pub const L3B_LENGTH: Handle = Handle::new(4, 40);
+    /// `l3b.plate_joint.x` (m)
+    pub const L3B_PLATE_JOINT_X: Handle = Handle::new(4, 41);
+    /// `l3b.plate_joint.y` (m)
+    pub const L3B_PLATE_JOINT_Y: Handle = Handle::new(4, 42);
+    /// `l3b.plate_joint.z` (m)
+    pub const L3B_PLATE_JOINT_Z: Handle = Handle::new(4, 43);
+    /// `l3b.track_offset.x` (m)
+    pub const L3B_TRACK_OFFSET_X: Handle = Handle::new(4, 44);
+    /// `l3b.track_offset.y` (m)
+    pub const L3B_TRACK_OFFSET_Y: Handle = Handle::new(4, 45);
+    /// `l3b.track_offset.z` (m)
+    pub const L3B_TRACK_OFFSET_Z: Handle = Handle::new(4, 46);
+    /// `l3b.track_direction.x` (1)
+    pub const L3B_TRACK_DIRECTION_X: Handle = Handle::new(4, 47);
+    /// `l3b.track_direction.y` (1)
+    pub const L3B_TRACK_DIRECTION_Y: Handle = Handle::new(4, 48);
+    /// `l3b.track_direction.z` (1)
+    pub const L3B_TRACK_DIRECTION_Z: Handle = Handle::new(4, 49);
+    /// `l3c.length` (m)
+    pub const L3C_LENGTH: Handle = Handle::new(4, 50);
+    /// `l3c.plate_joint.x` (m)
+    pub const L3C_PLATE_JOINT_X: Handle = Handle::new(4, 51);
+    /// `l3c.plate_joint.y` (m)
+    pub const L3C_PLATE_JOINT_Y: Handle = Handle::new(4, 52);
+    /// `l3c.plate_joint.z` (m)
+    pub const L3C_PLATE_JOINT_Z: Handle = Handle::new(4, 53);
+    /// `l3c.track_offset.x` (m)
+    pub const L3C_TRACK_OFFSET_X: Handle = Handle::new(4, 54);
+    /// `l3c.track_offset.y` (m)
+    pub const L3C_TRACK_OFFSET_Y: Handle = Handle::new(4, 55);
+    /// `l3c.track_offset.z` (m)
+    pub const L3C_TRACK_OFFSET_Z: Handle = Handle::new(4, 56);
+    /// `l3c.track_direction.x` (1)
+    pub const L3C_TRACK_DIRECTION_X: Handle = Handle::new(4, 57);
+    /// `l3c.track_direction.y` (1)
+    pub const L3C_TRACK_DIRECTION_Y: Handle = Handle::new(4, 58);
+    /// `l3c.track_direction.z` (1)
+    pub const L3C_TRACK_DIRECTION_Z: Handle = Handle::new(4, 59);
+    /// `set2.translation.x` (m)
+    pub const SET2_TRANSLATION_X: Handle = Handle::new(4, 60);
+    /// `set2.translation.y` (m)
+    pub const SET2_TRANSLATION_Y: Handle = Handle::new(4, 61);
+    /// `set2.translation.z` (m)
+    pub const SET2_TRANSLATION_Z: Handle = Handle::new(4, 62);
+    /// `set2.rotation.x` (rad)
+    pub const SET2_ROTATION_X: Handle = Handle::new(4, 63);
+    /// `set2.rotation.y` (rad)
+    pub const SET2_ROTATION_Y: Handle = Handle::new(4, 64);
+    /// `set2.rotation.z` (rad)
+    pub const SET2_ROTATION_Z: Handle = Handle::new(4, 65);
+    /// `set2.target(one).position.x` (m)
+    pub const SET2_TARGET_ONE_POSITION_X: Handle = Handle::new(4, 66);
+    /// `set2.target(one).position.y` (m)
+    pub const SET2_TARGET_ONE_POSITION_Y: Handle = Handle::new(4, 67);
+    /// `set2.target(one).position.z` (m)
+    pub const SET2_TARGET_ONE_POSITION_Z: Handle = Handle::new(4, 68);
+    /// `set2.target(one).rotation.x` (rad)
+    pub const SET2_TARGET_ONE_ROTATION_X: Handle = Handle::new(4, 69);
+    /// `set2.target(one).rotation.y` (rad)
+    pub const SET2_TARGET_ONE_ROTATION_Y: Handle = Handle::new(4, 70);
+    /// `set2.target(one).rotation.z` (rad)
+    pub const SET2_TARGET_ONE_ROTATION_Z: Handle = Handle::new(4, 71);
+    /// `set2.target(two).position.x` (m)
+    pub const SET2_TARGET_TWO_POSITION_X: Handle = Handle::new(4, 72);
+    /// `set2.target(two).position.y` (m)
+    pub const SET2_TARGET_TWO_POSITION_Y: Handle = Handle::new(4, 73);
+    /// `set2.target(two).position.z` (m)
+    pub const SET2_TARGET_TWO_POSITION_Z: Handle = Handle::new(4, 74);
+    /// `set2.target(two).rotation.x` (rad)
+    pub const SET2_TARGET_TWO_ROTATION_X: Handle = Handle::new(4, 75);
+    /// `set2.target(two).rotation.y` (rad)
+    pub const SET2_TARGET_TWO_ROTATION_Y: Handle = Handle::new(4, 76);
+    /// `set2.target(two).rotation.z` (rad)
+    pub const SET2_TARGET_TWO_ROTATION_Z: Handle = Handle::new(4, 77);
+    /// `set2.target(three).position.x` (m)
+    pub const SET2_TARGET_THREE_POSITION_X: Handle = Handle::new(4, 78);
+    /// `set2.target(three).position.y` (m)
+    pub const SET2_TARGET_THREE_POSITION_Y: Handle = Handle::new(4, 79);
+    /// `set2.target(three).position.z` (m)
+    pub const SET2_TARGET_THREE_POSITION_Z: Handle = Handle::new(4, 80);
+    /// `set2.target(three).rotation.x` (rad)
+    pub const SET2_TARGET_THREE_ROTATION_X: Handle = Handle::new(4, 81);
+    /// `set2.target(three).rotation.y` (rad)
+    pub const SET2_TARGET_THREE_ROTATION_Y: Handle = Handle::new(4, 82);
+    /// `set2.target(three).rotation.z` (rad)
+    pub const SET2_TARGET_THREE_ROTATION_Z: Handle = Handle::new(4, 83);
+    /// `set3.translation.x` (m)
+    pub const SET3_TRANSLATION_X: Handle = Handle::new(4, 84);
+    /// `set3.translation.y` (m)
+    pub const SET3_TRANSLATION_Y: Handle = Handle::new(4, 85);
+    /// `set3.translation.z` (m)
+    pub const SET3_TRANSLATION_Z: Handle = Handle::new(4, 86);
+    /// `set3.rotation.x` (rad)
+    pub const SET3_ROTATION_X: Handle = Handle::new(4, 87);
+    /// `set3.rotation.y` (rad)
+    pub const SET3_ROTATION_Y: Handle = Handle::new(4, 88);
+    /// `set3.rotation.z` (rad)
+    pub const SET3_ROTATION_Z: Handle = Handle::new(4, 89);
+    /// `set3.target(one).position.x` (m)
+    pub const SET3_TARGET_ONE_POSITION_X: Handle = Handle::new(4, 90);
+    /// `set3.target(one).position.y` (m)
+    pub const SET3_TARGET_ONE_POSITION_Y: Handle = Handle::new(4, 91);
+    /// `set3.target(one).position.z` (m)
+    pub const SET3_TARGET_ONE_POSITION_Z: Handle = Handle::new(4, 92);
+    /// `set3.target(two).position.x` (m)
+    pub const SET3_TARGET_TWO_POSITION_X: Handle = Handle::new(4, 93);
+    /// `set3.target(two).position.y` (m)
+    pub const SET3_TARGET_TWO_POSITION_Y: Handle = Handle::new(4, 94);
+    /// `set3.target(two).position.z` (m)
+    pub const SET3_TARGET_TWO_POSITION_Z: Handle = Handle::new(4, 95);
+    /// `set3.target(three).position.x` (m)
+    pub const SET3_TARGET_THREE_POSITION_X: Handle = Handle::new(4, 96);
+    /// `set3.target(three).position.y` (m)
+    pub const SET3_TARGET_THREE_POSITION_Y: Handle = Handle::new(4, 97);
+    /// `set3.target(three).position.z` (m)
+    pub const SET3_TARGET_THREE_POSITION_Z: Handle = Handle::new(4, 98);
 }
 /// The variant `FullRack`.
 ///`Full` with the pitch error of the rack on track two.
 pub mod full_rack {
     #[allow(unused_imports, reason = "one list for all modules")]
     use ::tau_runtime::{
-        Arm, Cluster, EffectUse, Formulas, Input, Instance, Link, Owner, Parameter,
-        Pattern, ResidualKind, Robot, Samples, Shape, TrackModel, TrackShape, Variant,
-        math,
+        Arm, EffectUse, Formulas, Input, Instance, Owner, Parameter, ParameterHandle,
+        Pattern, ResidualKind, Samples, Shape, TrackModel, TrackShape, Variant, math,
     };
     /// Tables of the variant `FullRack` of `GantryTau`.
     pub const VARIANT: Variant = Variant {
@@ -14239,6 +15109,212 @@ pub mod full_rack {
             },
         ],
     };
+    /// Handle of a parameter of `FullRack`.
+    pub type Handle = ParameterHandle<super::GantryTau>;
+    /// `l1.length` (m)
+    pub const L1_LENGTH: Handle = Handle::new(5, 0);
+    /// `l1.plate_joint.x` (m)
+    pub const L1_PLATE_JOINT_X: Handle = Handle::new(5, 1);
+    /// `l1.plate_joint.y` (m)
+    pub const L1_PLATE_JOINT_Y: Handle = Handle::new(5, 2);
+    /// `l1.plate_joint.z` (m)
+    pub const L1_PLATE_JOINT_Z: Handle = Handle::new(5, 3);
+    /// `l1.track_offset.x` (m)
+    pub const L1_TRACK_OFFSET_X: Handle = Handle::new(5, 4);
+    /// `l1.track_offset.y` (m)
+    pub const L1_TRACK_OFFSET_Y: Handle = Handle::new(5, 5);
+    /// `l1.track_offset.z` (m)
+    pub const L1_TRACK_OFFSET_Z: Handle = Handle::new(5, 6);
+    /// `l1.track_direction.x` (1)
+    pub const L1_TRACK_DIRECTION_X: Handle = Handle::new(5, 7);
+    /// `l1.track_direction.y` (1)
+    pub const L1_TRACK_DIRECTION_Y: Handle = Handle::new(5, 8);
+    /// `l1.track_direction.z` (1)
+    pub const L1_TRACK_DIRECTION_Z: Handle = Handle::new(5, 9);
+    /// `l2a.length` (m)
+    pub const L2A_LENGTH: Handle = Handle::new(5, 10);
+    /// `l2a.plate_joint.x` (m)
+    pub const L2A_PLATE_JOINT_X: Handle = Handle::new(5, 11);
+    /// `l2a.plate_joint.y` (m)
+    pub const L2A_PLATE_JOINT_Y: Handle = Handle::new(5, 12);
+    /// `l2a.plate_joint.z` (m)
+    pub const L2A_PLATE_JOINT_Z: Handle = Handle::new(5, 13);
+    /// `l2a.track_offset.x` (m)
+    pub const L2A_TRACK_OFFSET_X: Handle = Handle::new(5, 14);
+    /// `l2a.track_offset.y` (m)
+    pub const L2A_TRACK_OFFSET_Y: Handle = Handle::new(5, 15);
+    /// `l2a.track_offset.z` (m)
+    pub const L2A_TRACK_OFFSET_Z: Handle = Handle::new(5, 16);
+    /// `l2a.track_direction.x` (1)
+    pub const L2A_TRACK_DIRECTION_X: Handle = Handle::new(5, 17);
+    /// `l2a.track_direction.y` (1)
+    pub const L2A_TRACK_DIRECTION_Y: Handle = Handle::new(5, 18);
+    /// `l2a.track_direction.z` (1)
+    pub const L2A_TRACK_DIRECTION_Z: Handle = Handle::new(5, 19);
+    /// `l2b.length` (m)
+    pub const L2B_LENGTH: Handle = Handle::new(5, 20);
+    /// `l2b.plate_joint.x` (m)
+    pub const L2B_PLATE_JOINT_X: Handle = Handle::new(5, 21);
+    /// `l2b.plate_joint.y` (m)
+    pub const L2B_PLATE_JOINT_Y: Handle = Handle::new(5, 22);
+    /// `l2b.plate_joint.z` (m)
+    pub const L2B_PLATE_JOINT_Z: Handle = Handle::new(5, 23);
+    /// `l2b.track_offset.x` (m)
+    pub const L2B_TRACK_OFFSET_X: Handle = Handle::new(5, 24);
+    /// `l2b.track_offset.y` (m)
+    pub const L2B_TRACK_OFFSET_Y: Handle = Handle::new(5, 25);
+    /// `l2b.track_offset.z` (m)
+    pub const L2B_TRACK_OFFSET_Z: Handle = Handle::new(5, 26);
+    /// `l2b.track_direction.x` (1)
+    pub const L2B_TRACK_DIRECTION_X: Handle = Handle::new(5, 27);
+    /// `l2b.track_direction.y` (1)
+    pub const L2B_TRACK_DIRECTION_Y: Handle = Handle::new(5, 28);
+    /// `l2b.track_direction.z` (1)
+    pub const L2B_TRACK_DIRECTION_Z: Handle = Handle::new(5, 29);
+    /// `l3a.length` (m)
+    pub const L3A_LENGTH: Handle = Handle::new(5, 30);
+    /// `l3a.plate_joint.x` (m)
+    pub const L3A_PLATE_JOINT_X: Handle = Handle::new(5, 31);
+    /// `l3a.plate_joint.y` (m)
+    pub const L3A_PLATE_JOINT_Y: Handle = Handle::new(5, 32);
+    /// `l3a.plate_joint.z` (m)
+    pub const L3A_PLATE_JOINT_Z: Handle = Handle::new(5, 33);
+    /// `l3a.track_offset.x` (m)
+    pub const L3A_TRACK_OFFSET_X: Handle = Handle::new(5, 34);
+    /// `l3a.track_offset.y` (m)
+    pub const L3A_TRACK_OFFSET_Y: Handle = Handle::new(5, 35);
+    /// `l3a.track_offset.z` (m)
+    pub const L3A_TRACK_OFFSET_Z: Handle = Handle::new(5, 36);
+    /// `l3a.track_direction.x` (1)
+    pub const L3A_TRACK_DIRECTION_X: Handle = Handle::new(5, 37);
+    /// `l3a.track_direction.y` (1)
+    pub const L3A_TRACK_DIRECTION_Y: Handle = Handle::new(5, 38);
+    /// `l3a.track_direction.z` (1)
+    pub const L3A_TRACK_DIRECTION_Z: Handle = Handle::new(5, 39);
+    /// `l3b.length` (m)
+    pub const L3B_LENGTH: Handle = Handle::new(5, 40);
+    /// `l3b.plate_joint.x` (m)
+    pub const L3B_PLATE_JOINT_X: Handle = Handle::new(5, 41);
+    /// `l3b.plate_joint.y` (m)
+    pub const L3B_PLATE_JOINT_Y: Handle = Handle::new(5, 42);
+    /// `l3b.plate_joint.z` (m)
+    pub const L3B_PLATE_JOINT_Z: Handle = Handle::new(5, 43);
+    /// `l3b.track_offset.x` (m)
+    pub const L3B_TRACK_OFFSET_X: Handle = Handle::new(5, 44);
+    /// `l3b.track_offset.y` (m)
+    pub const L3B_TRACK_OFFSET_Y: Handle = Handle::new(5, 45);
+    /// `l3b.track_offset.z` (m)
+    pub const L3B_TRACK_OFFSET_Z: Handle = Handle::new(5, 46);
+    /// `l3b.track_direction.x` (1)
+    pub const L3B_TRACK_DIRECTION_X: Handle = Handle::new(5, 47);
+    /// `l3b.track_direction.y` (1)
+    pub const L3B_TRACK_DIRECTION_Y: Handle = Handle::new(5, 48);
+    /// `l3b.track_direction.z` (1)
+    pub const L3B_TRACK_DIRECTION_Z: Handle = Handle::new(5, 49);
+    /// `l3c.length` (m)
+    pub const L3C_LENGTH: Handle = Handle::new(5, 50);
+    /// `l3c.plate_joint.x` (m)
+    pub const L3C_PLATE_JOINT_X: Handle = Handle::new(5, 51);
+    /// `l3c.plate_joint.y` (m)
+    pub const L3C_PLATE_JOINT_Y: Handle = Handle::new(5, 52);
+    /// `l3c.plate_joint.z` (m)
+    pub const L3C_PLATE_JOINT_Z: Handle = Handle::new(5, 53);
+    /// `l3c.track_offset.x` (m)
+    pub const L3C_TRACK_OFFSET_X: Handle = Handle::new(5, 54);
+    /// `l3c.track_offset.y` (m)
+    pub const L3C_TRACK_OFFSET_Y: Handle = Handle::new(5, 55);
+    /// `l3c.track_offset.z` (m)
+    pub const L3C_TRACK_OFFSET_Z: Handle = Handle::new(5, 56);
+    /// `l3c.track_direction.x` (1)
+    pub const L3C_TRACK_DIRECTION_X: Handle = Handle::new(5, 57);
+    /// `l3c.track_direction.y` (1)
+    pub const L3C_TRACK_DIRECTION_Y: Handle = Handle::new(5, 58);
+    /// `l3c.track_direction.z` (1)
+    pub const L3C_TRACK_DIRECTION_Z: Handle = Handle::new(5, 59);
+    /// `rack_pitch(two).sine` (m)
+    pub const RACK_PITCH_TWO_SINE: Handle = Handle::new(5, 60);
+    /// `rack_pitch(two).cosine` (m)
+    pub const RACK_PITCH_TWO_COSINE: Handle = Handle::new(5, 61);
+    /// `rack_pitch(two).period` (m)
+    pub const RACK_PITCH_TWO_PERIOD: Handle = Handle::new(5, 62);
+    /// `set2.translation.x` (m)
+    pub const SET2_TRANSLATION_X: Handle = Handle::new(5, 63);
+    /// `set2.translation.y` (m)
+    pub const SET2_TRANSLATION_Y: Handle = Handle::new(5, 64);
+    /// `set2.translation.z` (m)
+    pub const SET2_TRANSLATION_Z: Handle = Handle::new(5, 65);
+    /// `set2.rotation.x` (rad)
+    pub const SET2_ROTATION_X: Handle = Handle::new(5, 66);
+    /// `set2.rotation.y` (rad)
+    pub const SET2_ROTATION_Y: Handle = Handle::new(5, 67);
+    /// `set2.rotation.z` (rad)
+    pub const SET2_ROTATION_Z: Handle = Handle::new(5, 68);
+    /// `set2.target(one).position.x` (m)
+    pub const SET2_TARGET_ONE_POSITION_X: Handle = Handle::new(5, 69);
+    /// `set2.target(one).position.y` (m)
+    pub const SET2_TARGET_ONE_POSITION_Y: Handle = Handle::new(5, 70);
+    /// `set2.target(one).position.z` (m)
+    pub const SET2_TARGET_ONE_POSITION_Z: Handle = Handle::new(5, 71);
+    /// `set2.target(one).rotation.x` (rad)
+    pub const SET2_TARGET_ONE_ROTATION_X: Handle = Handle::new(5, 72);
+    /// `set2.target(one).rotation.y` (rad)
+    pub const SET2_TARGET_ONE_ROTATION_Y: Handle = Handle::new(5, 73);
+    /// `set2.target(one).rotation.z` (rad)
+    pub const SET2_TARGET_ONE_ROTATION_Z: Handle = Handle::new(5, 74);
+    /// `set2.target(two).position.x` (m)
+    pub const SET2_TARGET_TWO_POSITION_X: Handle = Handle::new(5, 75);
+    /// `set2.target(two).position.y` (m)
+    pub const SET2_TARGET_TWO_POSITION_Y: Handle = Handle::new(5, 76);
+    /// `set2.target(two).position.z` (m)
+    pub const SET2_TARGET_TWO_POSITION_Z: Handle = Handle::new(5, 77);
+    /// `set2.target(two).rotation.x` (rad)
+    pub const SET2_TARGET_TWO_ROTATION_X: Handle = Handle::new(5, 78);
+    /// `set2.target(two).rotation.y` (rad)
+    pub const SET2_TARGET_TWO_ROTATION_Y: Handle = Handle::new(5, 79);
+    /// `set2.target(two).rotation.z` (rad)
+    pub const SET2_TARGET_TWO_ROTATION_Z: Handle = Handle::new(5, 80);
+    /// `set2.target(three).position.x` (m)
+    pub const SET2_TARGET_THREE_POSITION_X: Handle = Handle::new(5, 81);
+    /// `set2.target(three).position.y` (m)
+    pub const SET2_TARGET_THREE_POSITION_Y: Handle = Handle::new(5, 82);
+    /// `set2.target(three).position.z` (m)
+    pub const SET2_TARGET_THREE_POSITION_Z: Handle = Handle::new(5, 83);
+    /// `set2.target(three).rotation.x` (rad)
+    pub const SET2_TARGET_THREE_ROTATION_X: Handle = Handle::new(5, 84);
+    /// `set2.target(three).rotation.y` (rad)
+    pub const SET2_TARGET_THREE_ROTATION_Y: Handle = Handle::new(5, 85);
+    /// `set2.target(three).rotation.z` (rad)
+    pub const SET2_TARGET_THREE_ROTATION_Z: Handle = Handle::new(5, 86);
+    /// `set3.translation.x` (m)
+    pub const SET3_TRANSLATION_X: Handle = Handle::new(5, 87);
+    /// `set3.translation.y` (m)
+    pub const SET3_TRANSLATION_Y: Handle = Handle::new(5, 88);
+    /// `set3.translation.z` (m)
+    pub const SET3_TRANSLATION_Z: Handle = Handle::new(5, 89);
+    /// `set3.rotation.x` (rad)
+    pub const SET3_ROTATION_X: Handle = Handle::new(5, 90);
+    /// `set3.rotation.y` (rad)
+    pub const SET3_ROTATION_Y: Handle = Handle::new(5, 91);
+    /// `set3.rotation.z` (rad)
+    pub const SET3_ROTATION_Z: Handle = Handle::new(5, 92);
+    /// `set3.target(one).position.x` (m)
+    pub const SET3_TARGET_ONE_POSITION_X: Handle = Handle::new(5, 93);
+    /// `set3.target(one).position.y` (m)
+    pub const SET3_TARGET_ONE_POSITION_Y: Handle = Handle::new(5, 94);
+    /// `set3.target(one).position.z` (m)
+    pub const SET3_TARGET_ONE_POSITION_Z: Handle = Handle::new(5, 95);
+    /// `set3.target(two).position.x` (m)
+    pub const SET3_TARGET_TWO_POSITION_X: Handle = Handle::new(5, 96);
+    /// `set3.target(two).position.y` (m)
+    pub const SET3_TARGET_TWO_POSITION_Y: Handle = Handle::new(5, 97);
+    /// `set3.target(two).position.z` (m)
+    pub const SET3_TARGET_TWO_POSITION_Z: Handle = Handle::new(5, 98);
+    /// `set3.target(three).position.x` (m)
+    pub const SET3_TARGET_THREE_POSITION_X: Handle = Handle::new(5, 99);
+    /// `set3.target(three).position.y` (m)
+    pub const SET3_TARGET_THREE_POSITION_Y: Handle = Handle::new(5, 100);
+    /// `set3.target(three).position.z` (m)
+    pub const SET3_TARGET_THREE_POSITION_Z: Handle = Handle::new(5, 101);
     /// `L² − ‖T + R·P − C(q)‖², R = Rz(alpha)·Ry(beta)·Rz(gamma)`
     ///
     /// Data: `q`, `x`, `y`, `z`, `alpha`, `beta`, `gamma`.

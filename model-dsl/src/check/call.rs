@@ -2,8 +2,9 @@
 
 use proc_macro2::Ident;
 
-use super::formula::{Checked, Scope, Shape, common, different_help, formula};
 use super::robot::unknown_track;
+use super::scope::Scope;
+use super::value::{Checked, Shape, common, different_help};
 use super::vocabulary::{FUNCTIONS, meaning};
 use crate::diagnostics::{Diagnostics, Location};
 use crate::model::{Formula, Function, Readable, Subject};
@@ -11,21 +12,15 @@ use crate::names::suggest;
 use crate::syntax::{Expression, ExpressionKind};
 use crate::units::Dimension;
 
-/// Checks `sin(a)` or `q(two)`.
+/// Checks `sin(a)`, given the values of its arguments.
 pub(super) fn call(
     name: &Ident,
     arguments: &[Expression],
+    values: Vec<Option<Checked>>,
     location: Location,
-    scope: &mut Scope<'_>,
+    scope: &Scope<'_>,
     diagnostics: &mut Diagnostics,
 ) -> Option<Checked> {
-    if *name == "q" {
-        return command_of(arguments, location, scope, diagnostics);
-    }
-    let checked: Vec<_> = arguments
-        .iter()
-        .map(|one| formula(one, scope, diagnostics))
-        .collect();
     let Some((_, function, arity)) = FUNCTIONS.iter().find(|(own, ..)| *name == own) else {
         let text = name.to_string();
         let is_value = scope.parameter(name).is_some() || meaning(&text).is_some();
@@ -53,7 +48,7 @@ pub(super) fn call(
     }
     let mut scalars = Vec::new();
     let mut dimensions = Vec::new();
-    for (one, written) in checked.into_iter().zip(arguments) {
+    for (one, written) in values.into_iter().zip(arguments) {
         let one = one?;
         let Shape::Scalar(scalar) = one.shape else {
             let message = format!("`{name}` takes scalars, but this is a vector");
@@ -133,8 +128,8 @@ fn result(
     None
 }
 
-/// `q(track)`, `q(source)`
-fn command_of(
+/// Checks `q(track)` or `q(source)`.
+pub(super) fn command_of(
     arguments: &[Expression],
     location: Location,
     scope: &Scope<'_>,

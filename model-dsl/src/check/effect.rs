@@ -1,8 +1,10 @@
 //! Effects: subject, parameters, terms.
 
 use super::Declared;
-use super::formula::{self, Scope, Shape};
+use super::formula::formula;
 use super::quantity::{dimension, scalar, tolerance, unit_help};
+use super::scope::Scope;
+use super::value::Shape;
 use super::vocabulary::{TARGETS, meaning, subject_of, subject_word};
 use crate::diagnostics::Diagnostics;
 use crate::model::{Effect, EffectParameter, Subject, Term, Track};
@@ -243,7 +245,7 @@ fn term(
         }
         _ => {}
     }
-    let formula = formula::formula(&given.formula, scope, diagnostics)?;
+    let formula = formula(&given.formula, scope, diagnostics)?;
     let (_, target, expected, vector) = *target?;
     let location = given.formula.location;
     if vector != matches!(formula.shape, Shape::Vector(_)) {

@@ -8,6 +8,8 @@ mod formula;
 mod place;
 mod quantity;
 mod robot;
+mod scope;
+mod value;
 mod variant;
 mod vocabulary;
 

@@ -69,6 +69,7 @@ fn tables_name_all_units_and_dimensions() {
         );
     }
     // Rows read `name` | unit, and the unit must be that of the dimension.
+    let mut compared = 0;
     let cells: Vec<_> = tables.split('|').map(str::trim).collect();
     for pair in cells.windows(2) {
         let name = pair[0].split(',').next().unwrap_or("").trim_matches('`');
@@ -76,6 +77,8 @@ fn tables_name_all_units_and_dimensions() {
             let unit = dimension.si_unit();
             let shown = if pair[1] == "Pa" { "N/m^2" } else { pair[1] };
             assert_eq!(unit, shown, "`{name}`");
+            compared += 1;
         }
     }
+    assert!(compared >= 16, "{compared} rows of dimensions");
 }

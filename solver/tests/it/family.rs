@@ -118,6 +118,7 @@ pub(crate) fn finite_difference_error(family: &dyn ResidualFamily, data: &[f64],
             prepared
         })
         .collect();
+    assert!(shape.parameters > 0 && shape.residuals > 0 && !samples.is_empty());
     let mut worst = 0.0_f64;
     for j in 0..shape.parameters {
         let column = exact_column(family, &prepared, x, j);
@@ -131,6 +132,8 @@ pub(crate) fn finite_difference_error(family: &dyn ResidualFamily, data: &[f64],
                 .iter()
                 .zip(&difference)
                 .map(|(exact, approximate)| (exact - approximate).abs() / largest)
+                // The maximum of a number and NaN is the number.
+                .map(|error| if error.is_nan() { f64::INFINITY } else { error })
                 .fold(0.0, f64::max)
         });
         worst = worst.max(error.into_iter().fold(f64::INFINITY, f64::min));

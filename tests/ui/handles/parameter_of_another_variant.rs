@@ -1,0 +1,18 @@
+//! A parameter that another variant has.
+
+extern crate self as tau;
+pub use tau_runtime as runtime;
+
+tau_macro::tau_model! {
+    pub robot Slide {
+        track one;
+        cluster arm on one { link l1; }
+        variant Nominal { arm reduced; tracks linear; }
+        effect bend on cart { param rate: 1/length; vertical += rate * q^2; }
+        variant Bent = Nominal + bend(one);
+    }
+}
+
+fn main() {
+    let _ = (slide::bent::BEND_ONE_RATE, slide::nominal::BEND_ONE_RATE);
+}

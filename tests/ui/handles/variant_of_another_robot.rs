@@ -1,0 +1,33 @@
+//! A variant and a parameter of another robot.
+
+extern crate self as tau;
+pub use tau_runtime as runtime;
+
+tau_macro::tau_model! {
+    pub robot Slide {
+        track one;
+        cluster arm on one { link l1; }
+        variant Nominal { arm reduced; tracks linear; }
+        effect bend on cart { param rate: 1/length; vertical += rate * q^2; }
+        variant Bent = Nominal + bend(one);
+    }
+}
+
+tau_macro::tau_model! {
+    pub robot Other {
+        track one;
+        cluster arm on one { link l1; }
+        variant Nominal { arm reduced; tracks linear; }
+    }
+}
+
+fn calibrate<R: runtime::DeclaredRobot>(
+    _: runtime::VariantHandle<R>,
+    _: runtime::ParameterHandle<R>,
+) {
+}
+
+fn main() {
+    calibrate::<Slide>(Slide::BENT, slide::bent::BEND_ONE_RATE);
+    calibrate::<Slide>(Other::NOMINAL, other::nominal::ARM_LENGTH);
+}
