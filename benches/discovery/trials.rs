@@ -451,6 +451,7 @@ impl Found {
             base_um: discovery.validation.before.rms_um,
             tool_um: discovery.validation.after.rms_um,
             oracle_um: None,
+            steps_um: (discovery.steps.iter()).map(|step| step.rms_um).collect(),
             seconds: discovery.seconds,
         }
     }

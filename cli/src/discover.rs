@@ -70,7 +70,6 @@ pub(super) fn run(
         poses: poses.counts,
         has_cart_poses: !folder.cart_poses.is_empty(),
         noise: (file.noise.position_m, file.noise.rotation_rad),
-        flips: 199,
     };
     let (code, (calibrated, page)) = rayon::join(
         || generated(compiled, &discovery.model_text),

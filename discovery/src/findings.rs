@@ -14,7 +14,7 @@ use super::bench::Bench;
 use super::evidence::{self, whiteness::Series};
 use super::results::{
     Considered, Discovery, Estimate, FoundEffect, Gap, LeftOut, Rival, SerialCorrelation, Status,
-    Unseen, Validation, Whiteness,
+    Unseen, Validation, Verdict, Whiteness,
 };
 use super::search::{Found, Search};
 use super::view::View;
@@ -252,17 +252,17 @@ fn considered(search: &Search<'_>, found: &[Found]) -> Vec<Considered> {
         .map(|score| {
             let candidate = &bench.candidates[score.candidate];
             let verdict = if is_found(score.candidate) {
-                "found"
+                Verdict::Found
             } else if rivals.contains(&score.candidate) {
-                "could be meant instead"
+                Verdict::Rival
             } else if !search.is_significant(score) {
-                "not significant"
+                Verdict::NotSignificant
             } else if search.unconfirmed.contains(&score.candidate) {
-                "not confirmed"
+                Verdict::NotConfirmed
             } else if is_nothing_found || !search.state.unnamed.is_empty() {
-                "not the best explanation"
+                Verdict::NotTheBest
             } else {
-                "explained by what was found"
+                Verdict::Explained
             };
             Considered {
                 name: candidate.name.clone(),

@@ -140,7 +140,7 @@ pub struct Outcome {
     /// What was found.
     pub discovery: Discovery,
     /// Fitted value of each parameter of the discovered variant, by name, SI.
-    values: BTreeMap<String, f64>,
+    pub values: BTreeMap<String, f64>,
     /// Their covariance, in the order of their names.
     covariance: DMatrix<f64>,
     /// Half the sum of squared whitened residuals and priors.
@@ -265,7 +265,7 @@ fn discovered(
         ..input
     };
     let full_arm = match fitted(&with_full_arm) {
-        Ok((fit, samples)) => FullArm::of(&fit, &samples),
+        Ok((fit, samples)) => FullArm::of(&fit, &samples, &options.constants),
         Err(Error::NotConverged { .. }) => None,
         Err(error) => return Err(error),
     };

@@ -33,7 +33,7 @@ pub(super) fn sight(
     );
     let nulls: Vec<Option<Null>> = (0..bench.candidates.len())
         .map(|index| {
-            let (_, rank) = best_columns[index]?;
+            let (_, rank) = best_columns[index].filter(|_| bench.candidates[index].is_named())?;
             let mut scores = table.scores.iter();
             let scored = scores.find(|score| score.candidate == index);
             Some(scored.map_or(Null::plain(rank), |score| score.null))

@@ -52,7 +52,6 @@ impl Scans {
 /// A searched candidate at one value.
 pub(super) struct Point {
     pub(super) columns: Displacements,
-    pub(super) absorbed: DMatrix<f64>,
     pub(super) coefficients: DMatrix<f64>,
 }
 
@@ -190,7 +189,6 @@ impl Bench {
         let left = responses.left(&gram, absorbed.as_view());
         Some(Point {
             columns,
-            absorbed,
             coefficients: orthonormal(&lengths(&gram), &left),
         })
     }

@@ -45,7 +45,7 @@ pub(super) struct Places {
 
 impl Search<'_> {
     /// All neighbours that the linear model predicts to be better, the best first.
-    pub(crate) fn moves(&mut self, with_families: bool) -> Vec<Move> {
+    pub(super) fn moves(&mut self, with_families: bool) -> Vec<Move> {
         let view = Arc::new(self.state.view(&self.bench));
         let table = self.table(&view, with_families);
         let mut moves = self.additions(&view, &table, with_families);
@@ -59,7 +59,7 @@ impl Search<'_> {
     }
 
     /// The change of −2 ln L from a model that leaves `before` of the sum of squares to one that leaves `after`.
-    pub(crate) fn change(&self, before: f64, after: f64) -> f64 {
+    pub(super) fn change(&self, before: f64, after: f64) -> f64 {
         self.degrees * (after.max(1e-12) / before.max(1e-12)).ln()
     }
 
@@ -333,7 +333,7 @@ impl Search<'_> {
     }
 
     /// The model without one of its effects, and the scores there; `whole` are those beside the model with it.
-    pub(crate) fn without(
+    pub(super) fn without(
         &self,
         member: usize,
         whole: Option<&Table>,
@@ -358,7 +358,7 @@ impl Search<'_> {
     }
 
     /// The places of a candidate's effect that pay, one after the other, beside a model without any of them.
-    pub(crate) fn places(&mut self, view: &Arc<View>, candidate: usize) -> Option<Places> {
+    pub(super) fn places(&mut self, view: &Arc<View>, candidate: usize) -> Option<Places> {
         let effect = self.bench.candidates[candidate].effect;
         let mut places = Places {
             joining: vec![],
@@ -405,19 +405,19 @@ impl Search<'_> {
         Some(places)
     }
 
-    pub(crate) fn is_common(&self, candidate: usize) -> bool {
+    pub(super) fn is_common(&self, candidate: usize) -> bool {
         let place = self.bench.candidates[candidate].place;
         matches!(place, Place::AllCarts | Place::AllLinks)
     }
 
     /// The score of a candidate without a search from its subspace.
-    pub(crate) fn score_of(&self, view: &View, candidate: usize, subspace: &Subspace) -> Score {
+    pub(super) fn score_of(&self, view: &View, candidate: usize, subspace: &Subspace) -> Score {
         let statistic = subspace.statistic(&view.residuals);
         (self.bench).score_of(view, candidate, statistic, subspace.rank() as f64)
     }
 
     /// The cost of a candidate in a model, by the null distribution of its first score.
-    pub(crate) fn cost(&mut self, score: &Score) -> f64 {
+    pub(super) fn cost(&mut self, score: &Score) -> f64 {
         let is_named = self.bench.candidates[score.candidate].is_named();
         let significance = &self.bench.significance;
         let known = self.costs.entry(score.candidate);
@@ -425,7 +425,7 @@ impl Search<'_> {
     }
 
     /// The cost of an effect in the model.
-    pub(crate) fn cost_of(&self, member: Member) -> f64 {
+    pub(super) fn cost_of(&self, member: Member) -> f64 {
         let own = self.costs.get(&member.candidate).copied().unwrap_or(0.0);
         if !member.extended {
             return own;
@@ -435,7 +435,7 @@ impl Search<'_> {
     }
 
     /// The cost of all that the model has.
-    pub(crate) fn cost_of_state(&self, members: &[Member], unnamed: &[Unnamed]) -> f64 {
+    pub(super) fn cost_of_state(&self, members: &[Member], unnamed: &[Unnamed]) -> f64 {
         let named: f64 = members.iter().map(|&member| self.cost_of(member)).sum();
         let families = unnamed.iter().map(|&(family, _)| self.cost_of(Member::plain(family)));
         named + families.sum::<f64>() + self.number(members.len() + unnamed.len())

@@ -12,7 +12,7 @@ use nalgebra::Vector3;
 
 use super::super::bench::f_form;
 use super::super::candidates::{self, Entry};
-use super::super::results::{Considered, Discovery, PiecewiseTrack, Step, Unnamed};
+use super::super::results::{Considered, Discovery, PiecewiseTrack, Step, Unnamed, Verdict};
 use super::super::search::Search;
 use super::super::significance::Null;
 use super::super::score::Yardstick;
@@ -51,7 +51,7 @@ pub(in super::super) struct TrackTest {
     cost: f64,
     /// Whether the linear model predicts a better score.
     is_wanted: bool,
-    verdict: &'static str,
+    verdict: Verdict,
     /// How far its points lie off a straight line.
     unnamed: Vec<Unnamed>,
 }
@@ -102,7 +102,7 @@ fn bent(
             Err(error) => return Err(error),
         };
         if there.score >= found.score {
-            note.verdict = "not the best explanation";
+            note.verdict = Verdict::NotTheBest;
             continue;
         }
         let mut outcome = bent(&input_there, there, started, progress)?;
@@ -229,11 +229,11 @@ fn of_track(search: &Search<'_>, track: usize, knots: &[f64]) -> TrackTest {
         (families.with(&Subspace::of(&columns, &families.remainder(&columns))).total(), true),
     ]);
     let verdict = if is_wanted {
-        "not confirmed"
+        Verdict::NotConfirmed
     } else if p_value > bench.significance.level(true) {
-        "not significant"
+        Verdict::NotSignificant
     } else {
-        "not the best explanation"
+        Verdict::NotTheBest
     };
     let place = search.input.robot.tracks[track].clone();
     TrackTest {
@@ -301,7 +301,7 @@ impl TrackTest {
         found.considered.insert(
             0,
             Considered {
-                verdict: "in the model, without a name",
+                verdict: Verdict::WithoutName,
                 ..self.considered()
             },
         );
