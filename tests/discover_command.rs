@@ -15,7 +15,7 @@ fn discovered() -> &'static (TempDir, String) {
     static DISCOVERED: OnceLock<(TempDir, String)> = OnceLock::new();
     DISCOVERED.get_or_init(|| {
         let folder = tempfile::tempdir().unwrap();
-        let line = "tau discover --flips 99 --out DIR/out --json DIR/json/found.json";
+        let line = "tau discover --out DIR/out --json DIR/json/found.json";
         let out = tau_in(folder.path(), line).done();
         (folder, out)
     })

@@ -260,9 +260,19 @@ fn the_prototypes_error_falls_to_its_noise() {
             .all(|pair| pair[1].mean_um < pair[0].mean_um)
     );
 
-    // What was found is a robot like any other: it is calibrated on set 1 and predicts as well.
+    // What was found is a robot like any other, with the values that are reported.
     let written = outcome.robot().unwrap();
-    let calibrated = outcome.calibrate(&written, &file, &folder).unwrap();
+    let calibrated = outcome.calibration(&written, &file, &folder).unwrap();
+    for effect in &found.effects {
+        for (name, reported) in &effect.parameters {
+            let name = format!("{}({}).{name}", effect.name, effect.place);
+            let mut parameters = calibrated.parameters.iter();
+            let written = parameters.find(|own| own.name == name);
+            let written = written.unwrap_or_else(|| panic!("no parameter {name}"));
+            assert_eq!(written.value, reported.value, "{name}");
+            assert!((written.sigma / reported.sigma - 1.0).abs() < 1e-9, "{name}");
+        }
+    }
     let shape = Shape::from(&written);
     let poses = options.split.divide(&folder.in_range(&file, shape));
     let errors =

@@ -3,6 +3,7 @@
 use std::f64::consts::PI;
 use std::sync::Arc;
 
+use tau::discovery::results::Verdict;
 use tau::discovery::results::Unnamed;
 use tau::discovery::{Discovery, Options, Status, discover};
 use tau::simulation::{CartError, CartReading, Effect, Physics, Simulation, simulate};
@@ -128,7 +129,7 @@ fn a_track_with_a_single_bump_stays_straight() {
         .considered
         .iter()
         .find(|own| own.name == "piecewise_track");
-    assert_eq!(noted.unwrap().verdict, "its points are too noisy to follow");
+    assert_eq!(noted.unwrap().verdict, Verdict::NotTheBest);
 }
 
 /// Root mean square of how far a curve lies off a shape, less a straight line, which the track itself may have.

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
 use tau::calibration::machine_from_file;
-use tau::discovery::{DISCOVERED, LEAST_FLIPS, Options, discover};
+use tau::discovery::{DISCOVERED, Options, discover};
 use tau::kinematics::{Machine, Pose, Sample};
 use tau::measurements::{CartPosition, Folder};
 use tau::robot::{Input, Instance, Owner, ResidualKind, Robot};
@@ -219,7 +219,6 @@ fn bits(numbers: &[f64]) -> String {
 fn code_of_what_was_found_agrees_bit_for_bit_with_the_model_at_run_time() {
     let (folder, file) = prototype();
     let options = Options {
-        flips: LEAST_FLIPS as usize,
         ..Options::default()
     };
     let outcome = discover(&gantry_tau(), "Full", &file, &folder, &options, &mut |_| {}).unwrap();

@@ -33,6 +33,9 @@ pub(crate) struct Found {
     pub(crate) base_um: f64,
     pub(crate) tool_um: f64,
     pub(crate) oracle_um: Option<f64>,
+    /// The same error after each step of the search (µm, rms); the last is that of the tool.
+    #[serde(default)]
+    pub(crate) steps_um: Vec<f64>,
     pub(crate) seconds: f64,
 }
 
@@ -42,7 +45,6 @@ pub(crate) struct Named {
     pub(crate) name: String,
     pub(crate) place: String,
     pub(crate) p_value: f64,
-    pub(crate) flip_p_value: f64,
     pub(crate) chi2_drop: f64,
     pub(crate) period_m: Option<f64>,
     /// Names and places of rivals for which a separating measurement is given.

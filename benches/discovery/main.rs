@@ -19,6 +19,8 @@ use std::path::PathBuf;
 
 use clap::Parser;
 
+use tau::discovery::{Constants, Options, Rule};
+
 use plan::{Plan, Section};
 use trials::{Laboratory, Record};
 
@@ -40,6 +42,12 @@ struct Arguments {
     /// Seed of everything
     #[arg(long, default_value_t = 1)]
     seed: u64,
+    /// Leaves out a rule of the method
+    #[arg(long, value_parser = rule)]
+    without: Vec<Rule>,
+    /// Multiplies a constant of the method, as in `level=0.5`
+    #[arg(long, value_parser = scaling)]
+    scale: Vec<(String, f64)>,
     /// Writes each trial as a line of JSON
     #[arg(long)]
     json: Option<PathBuf>,
@@ -57,7 +65,16 @@ fn main() -> io::Result<()> {
         print!("{}", table::markdown(&read(&arguments.read)?));
         return Ok(());
     }
-    let laboratory = Laboratory::new(arguments.seed);
+    let mut method = Options {
+        without: arguments.without.into_iter().collect(),
+        ..Options::default()
+    };
+    for (name, factor) in arguments.scale {
+        if let Some(constant) = method.constants.by_name(&name) {
+            *constant *= factor;
+        }
+    }
+    let laboratory = Laboratory::new(arguments.seed, method);
     let plan = Plan {
         sections: if arguments.only.is_empty() {
             Section::ALL.to_vec()
@@ -90,6 +107,29 @@ fn main() -> io::Result<()> {
     eprintln!();
     print!("{}", table::markdown(&records));
     Ok(())
+}
+
+/// A rule by its name.
+fn rule(text: &str) -> Result<Rule, String> {
+    let mut rules = Rule::ALL.into_iter();
+    let names = || Rule::ALL.map(Rule::name).join(", ");
+    (rules.find(|rule| rule.name() == text))
+        .ok_or_else(|| format!("found `{text}`, expected one of {}", names()))
+}
+
+/// A constant and its factor.
+fn scaling(text: &str) -> Result<(String, f64), String> {
+    let expected = || format!("found `{text}`, expected a constant and its factor, as in `level=0.5`");
+    let (name, factor) = text.split_once('=').ok_or_else(expected)?;
+    let factor = factor.parse().map_err(|_| expected())?;
+    match Constants::default().by_name(name) {
+        Some(_) => Ok((name.to_owned(), factor)),
+        None => {
+            let known = Constants::default().table();
+            let known: Vec<&str> = known.iter().map(|constant| constant.0).collect();
+            Err(format!("there is no constant `{name}`, there are {}", known.join(", ")))
+        }
+    }
 }
 
 /// Trials as `--json` writes them.

@@ -70,6 +70,7 @@ pub(crate) struct Laboratory {
     pub(crate) model: Model,
     file: RobotFile,
     seed: u64,
+    method: Options,
 }
 
 /// Size found for a hidden effect.
@@ -80,7 +81,8 @@ struct Sized {
 }
 
 impl Laboratory {
-    pub(crate) fn new(seed: u64) -> Self {
+    /// `method` are the options of all searches, but for split and catalogue.
+    pub(crate) fn new(seed: u64, method: Options) -> Self {
         let robot = Robot::from_text(ROBOT).expect("a sound description");
         let bare = check_text(ROBOT).expect("a sound description");
         Self {
@@ -88,6 +90,7 @@ impl Laboratory {
             model: effects_from_text(CATALOGUE, &bare).expect("the catalogue that ships"),
             file: tau::prototype::robot_file().expect("the robot file that ships"),
             seed,
+            method,
         }
     }
 
@@ -197,7 +200,7 @@ impl Laboratory {
                 Subject::Withheld(name) => vec![CATALOGUE.replace(item(CATALOGUE, name), "")],
                 _ => vec![CATALOGUE.to_owned()],
             },
-            ..Options::default()
+            ..self.method.clone()
         };
         let outcome = discover(
             &self.robot,
@@ -360,7 +363,6 @@ impl Laboratory {
         let robot = Robot::from_text(&format!("{text}\n{body}{line};\n}}\n")).ok()?;
         // Only the fit of the base counts, which is now the truth; what follows may end early.
         let options = Options {
-            flips: 0,
             catalogues: Vec::new(),
             ..Options::default()
         };
@@ -421,8 +423,7 @@ impl Found {
                     name: effect.name.clone(),
                     place: effect.place.clone(),
                     p_value: effect.p_value,
-                    flip_p_value: effect.flip_p_value,
-                    chi2_drop: effect.chi2_drop,
+                                    chi2_drop: effect.chi2_drop,
                     period_m: effect.parameters.get("period").map(|period| period.value),
                     rivals: effect
                         .rivals
@@ -450,6 +451,7 @@ impl Found {
             base_um: discovery.validation.before.rms_um,
             tool_um: discovery.validation.after.rms_um,
             oracle_um: None,
+            steps_um: (discovery.steps.iter()).map(|step| step.rms_um).collect(),
             seconds: discovery.seconds,
         }
     }

@@ -5,7 +5,7 @@ use std::str::FromStr;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use clap_complete::Shell;
-use tau::discovery::LEAST_FLIPS;
+
 
 /// Calibrates parallel robots from a declarative description.
 #[derive(Debug, Parser)]
@@ -189,7 +189,7 @@ Examples:
   tau evaluate --variant Discovered --model tau-discovery/discovered.tau \\
       --robot tau-discovery/robot.toml
 
---seed is the seed of the sign flips too."
+--seed is the seed of the resamples too."
 )]
 pub(super) struct Discover {
     #[command(flatten)]
@@ -201,9 +201,6 @@ pub(super) struct Discover {
     /// catalogue's, and replace those of the same name
     #[arg(long = "effects", value_name = "F.tau")]
     pub(super) effects: Vec<PathBuf>,
-    /// Number of sign flips that every significance must survive
-    #[arg(long, value_name = "N", default_value_t = 199, value_parser = clap::value_parser!(u32).range(i64::from(LEAST_FLIPS)..=100_000))]
-    pub(super) flips: u32,
     /// Folder for the files
     #[arg(long, value_name = "DIR", default_value = "tau-discovery")]
     pub(super) out: PathBuf,

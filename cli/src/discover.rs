@@ -50,8 +50,8 @@ pub(super) fn run(
     let options = Options {
         split: *split,
         seed: arguments.input.seed.unwrap_or_default(),
-        flips: arguments.flips as usize,
         catalogues: own.into_iter().chain([CATALOGUE.to_owned()]).collect(),
+        ..Options::default()
     };
     let spinner = Spinner::new(console);
     // The variants that there are need not wait for what is found to be compiled.
@@ -64,19 +64,18 @@ pub(super) fn run(
         || compiled(robot),
     );
     let (found, compiled) = (found?, compiled?);
-    spinner.show("calibrating what was found");
+    spinner.show("writing what was found");
     let discovery = &found.discovery;
     let setting = report::Setting {
         poses: poses.counts,
         has_cart_poses: !folder.cart_poses.is_empty(),
         noise: (file.noise.position_m, file.noise.rotation_rad),
-        flips: options.flips,
     };
     let (code, (calibrated, page)) = rayon::join(
         || generated(compiled, &discovery.model_text),
         || {
             let of_found = found.robot();
-            let calibrated = of_found.and_then(|robot| found.calibrate(&robot, file, folder));
+            let calibrated = of_found.and_then(|robot| found.calibration(&robot, file, folder));
             let page = report::html::discovery_page(discovery, &setting, &robot.name, &folder.name);
             (calibrated, page)
         },

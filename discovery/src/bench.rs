@@ -1,7 +1,6 @@
 //! Everything that candidates are scored with: samples, probes, columns, scans.
 
-mod flips;
-mod overlaps;
+mod nulls;
 mod searched;
 
 use std::collections::BTreeSet;
@@ -19,10 +18,12 @@ use tau_kinematics::Surroundings;
 use tau_robot::robot::Variant;
 
 use super::candidates::{self, Candidate, Entry};
+use super::constants::Constants;
 use super::generic::Family;
 use super::probes::Probes;
 use super::response::{Displacements, Responses};
 use super::scan::{Band, Scores, lengths};
+use super::significance::{Null, Significance};
 use super::view::{Freed, View};
 use searched::{Scan, Scans, reach};
 
@@ -47,8 +48,12 @@ pub(super) struct Bench {
     pub(super) unseen: Vec<(usize, String)>,
     /// Candidates that take no part, because no plausible amplitude of them would show.
     pub(super) hidden: BTreeSet<usize>,
-    /// Number of units; BIC counts three effective rows in each.
+    /// Number of units.
     pub(super) units: usize,
+    pub(super) significance: Significance,
+    pub(super) constants: Constants,
+    /// Degrees of freedom of the base's residuals.
+    degrees: f64,
 }
 
 /// What a candidate adds to the Jacobian.
@@ -66,9 +71,8 @@ pub(super) struct Score {
     pub(super) statistic: f64,
     /// By the F form; over the whole search where there is one.
     pub(super) p_value: f64,
-    /// The same over the candidate's share of the family-wise level.
-    pub(super) adjusted: f64,
-    pub(super) bic: f64,
+    /// How it is distributed where the candidate does nothing.
+    pub(super) null: Null,
     /// Best value of the searched parameter.
     pub(super) searched: Option<f64>,
 }
@@ -86,7 +90,6 @@ pub(super) struct Column {
 #[derive(Clone)]
 pub(super) struct Table {
     pub(super) scores: Vec<Score>,
-    pub(super) weights: Weights,
     responses: Responses,
     plain: Arc<Plain>,
     /// Of each band that took part, by its place in the bench: those of unnamed families last.
@@ -109,36 +112,6 @@ impl Table {
     }
 }
 
-/// Shares of the family-wise level (a weighted Bonferroni procedure; Genovese, Roeder, Wasserman,
-/// Biometrika 93, 2006): unnamed families are many and keep names honest, so they get the smaller part.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Weights {
-    named: f64,
-    unnamed: f64,
-}
-
-/// Share of the level for all names together.
-const SHARE_OF_NAMES: f64 = 0.8;
-
-impl Weights {
-    fn new(named: usize, unnamed: usize) -> Self {
-        let share = match (named, unnamed) {
-            (_, 0) => 1.0,
-            (0, _) => 0.0,
-            _ => SHARE_OF_NAMES,
-        };
-        Self {
-            named: share / named.max(1) as f64,
-            unnamed: (1.0 - share) / unnamed.max(1) as f64,
-        }
-    }
-
-    /// Share of one candidate.
-    pub(super) fn of(&self, is_named: bool) -> f64 {
-        if is_named { self.named } else { self.unnamed }
-    }
-}
-
 /// The candidates without a search beside a model.
 struct Plain {
     /// What the model's basis absorbs of all columns.
@@ -156,7 +129,7 @@ impl Bench {
         families: &[Family],
         samples: Vec<Sample>,
         probes: Probes,
-        fit: &Fit,
+        (fit, constants): (&Fit, Constants),
     ) -> Self {
         let surroundings = fit.joint.machine.surroundings.clone();
         let candidates = candidates::all(&model, base, families);
@@ -204,7 +177,8 @@ impl Bench {
             }
         }
         let units = Sample::units(&samples);
-        Self {
+        let degrees = fit.degrees();
+        let mut bench = Self {
             model,
             candidates,
             samples,
@@ -219,7 +193,24 @@ impl Bench {
             unseen,
             hidden: BTreeSet::new(),
             units,
-        }
+            significance: Significance::new(constants, 0, 0, degrees),
+            constants,
+            degrees,
+        };
+        bench.weigh();
+        bench
+    }
+
+    /// Shares the level among the candidates that are not hidden.
+    pub(super) fn weigh(&mut self) {
+        let plain = self.places.iter().map(|place| place.0);
+        let searched = self.scans.scans.iter().map(|scan| scan.candidate);
+        let all = plain.chain(searched).chain(self.searched_families.iter().copied());
+        let (named, unnamed): (Vec<usize>, Vec<usize>) = all
+            .filter(|candidate| !self.hidden.contains(candidate))
+            .partition(|&candidate| self.candidates[candidate].is_named());
+        self.significance =
+            Significance::new(self.constants, named.len(), unnamed.len(), self.degrees);
     }
 
     /// Indices of the probes that a candidate displaces.
@@ -242,10 +233,6 @@ impl Bench {
         Responses::of(view, &self.probes, &self.pairs)
     }
 
-    /// Effective number of observations.
-    pub(super) fn observations(&self) -> f64 {
-        3.0 * self.units as f64
-    }
 
     /// For each candidate of a table its column that shows best for its tolerance, and its rank; of a
     /// searched one, in the middle of its range. `None` where the model absorbs all of them.
@@ -426,7 +413,7 @@ impl Bench {
             }
             Some(place) => {
                 let known = known.map(|known| &*known.bands[place]);
-                Scored::Band(self.scans.bands[place].scored(&responses, known, nulls.as_ref()))
+                Scored::Band(self.scans.bands[place].scored(&responses, known, &nulls))
             }
         };
         for result in parallel::map(&tasks, of_task) {
@@ -439,10 +426,9 @@ impl Bench {
             }
         }
         scores.extend(self.scan_scores(view, &responses, &self.scans, &bands));
-        let weights = self.weigh(&mut scores);
+        scores.sort_by_key(|score| score.candidate);
         let plain = plain.unwrap_or_else(|| self.plain(&responses, None));
         Table {
-            weights,
             scores,
             plain: Arc::new(plain),
             responses,
@@ -456,7 +442,6 @@ impl Bench {
         table
             .scores
             .retain(|score| !self.hidden.contains(&score.candidate));
-        table.weights = self.weigh(&mut table.scores);
         table
     }
 
@@ -466,26 +451,14 @@ impl Bench {
         let responses = &table.responses;
         let nulls = self.nulls(view, families);
         let scored = parallel::map(&families.bands, |band| {
-            Arc::new(band.scored(responses, None, nulls.as_ref()))
+            Arc::new(band.scored(responses, None, &nulls))
         });
         table.bands.extend(scored);
         table.has_families = true;
         let scores = self.scan_scores(view, responses, families, &table.bands);
         table.scores.extend(scores);
-        table.weights = self.weigh(&mut table.scores);
+        table.scores.sort_by_key(|score| score.candidate);
         table
-    }
-
-    /// Gives each score its share of the level.
-    fn weigh(&self, scores: &mut [Score]) -> Weights {
-        scores.sort_by_key(|score| score.candidate);
-        let named = |score: &Score| self.candidates[score.candidate].is_named();
-        let count = scores.iter().filter(|score| named(score)).count();
-        let weights = Weights::new(count, scores.len() - count);
-        for score in scores {
-            score.adjusted = score.p_value / weights.of(named(score));
-        }
-        weights
     }
 
     /// Scores of all candidates without a search.
@@ -520,8 +493,7 @@ impl Bench {
             candidate,
             statistic,
             p_value,
-            adjusted: p_value,
-            bic: statistic - rank * self.observations().ln(),
+            null: Null::plain(rank.max(1.0)),
             searched: None,
         }
     }

@@ -10,14 +10,10 @@ use tau_estimation::numerics::products::transposed_times;
 use tau_estimation::numerics::projection::{Subspace, inverse_factor};
 use tau_estimation::samples::Sample;
 
+use super::constants::Constants;
 use super::view::View;
 
-/// Blocks per set, and per cart in set 2: layers of the workspace, stretches of track.
-const FOLDS: usize = 8;
 const RESAMPLES: usize = 400;
-/// Share of the resamples below the lower bound: one standard deviation. That the effect is there at all
-/// has been tested before; this asks whether it holds everywhere, not at a few samples alone.
-const LOWER: f64 = 0.16;
 
 /// Lower bootstrap bound, over units, of what held-out units gain in likelihood when a candidate joins the
 /// model: twice the logarithm of the ratio.
@@ -30,13 +26,15 @@ pub(super) fn held_out_gain(
     subspace: &Subspace,
     samples: &[Sample],
     seed: u64,
+    constants: &Constants,
 ) -> f64 {
-    let folds = folds(samples);
+    let count = count_of(constants.folds).max(2);
+    let folds = folds(samples, count);
     let before = view.q.ncols();
     let with = before + subspace.rank();
     let mut fitted = view.q.tr_mul(&view.residuals).resize_vertically(with, 0.0);
     (fitted.rows_mut(before, subspace.rank())).copy_from(&subspace.u.tr_mul(&view.residuals));
-    let every: Vec<usize> = (0..FOLDS).collect();
+    let every: Vec<usize> = (0..count).collect();
     let gains_of_folds = parallel::map(&every, |&fold| {
         let rows: Vec<usize> = (0..view.rows.len())
             .filter(|&row| view.factors[row] > 0.0 && folds[view.rows[row].sample] == fold)
@@ -68,17 +66,20 @@ pub(super) fn held_out_gain(
         })
         .collect();
     sums.sort_by(f64::total_cmp);
-    #[allow(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "a small count"
-    )]
-    let lower = (LOWER * RESAMPLES as f64) as usize;
-    sums[lower]
+    sums[count_of(constants.lower * RESAMPLES as f64).min(RESAMPLES - 1)]
+}
+
+#[allow(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "a small count"
+)]
+fn count_of(number: f64) -> usize {
+    number as usize
 }
 
 /// Fold of each sample: neighbours in the order measured, set by set.
-fn folds(samples: &[Sample]) -> Vec<usize> {
+fn folds(samples: &[Sample], folds: usize) -> Vec<usize> {
     let mut counts: BTreeMap<(u8, Option<usize>), usize> = BTreeMap::new();
     let places: Vec<usize> = samples
         .iter()
@@ -91,7 +92,7 @@ fn folds(samples: &[Sample]) -> Vec<usize> {
     samples
         .iter()
         .zip(places)
-        .map(|(sample, place)| place * FOLDS / counts[&(sample.set, sample.track)])
+        .map(|(sample, place)| place * folds / counts[&(sample.set, sample.track)])
         .collect()
 }
 
@@ -173,7 +174,7 @@ mod tests {
                 degrees: rows.len() as f64 - 1.0,
             };
             let subspace = Subspace::of(&column, &view.remainder(&column));
-            held_out_gain(&view, &subspace, &samples, 0)
+            held_out_gain(&view, &subspace, &samples, 0, &Constants::default())
         };
         let wave = |row: Row| (row.sample as f64).sin();
         assert!(gain(&wave, 1.0) > 0.0);
@@ -190,11 +191,11 @@ mod tests {
     #[test]
     fn folds_hold_neighbours_together() {
         let (_, samples) = of_set_1();
-        let folds = folds(&samples);
+        let folds = folds(&samples, 8);
         assert!(folds.is_sorted());
-        for fold in 0..FOLDS {
+        for fold in 0..8 {
             let count = folds.iter().filter(|&&of| of == fold).count();
-            assert!(count.abs_diff(samples.len() / FOLDS) <= 1, "{count}");
+            assert!(count.abs_diff(samples.len() / 8) <= 1, "{count}");
         }
     }
 

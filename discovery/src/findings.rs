@@ -1,5 +1,7 @@
 //! What a search found, put together.
 
+use std::collections::BTreeSet;
+
 use tau_estimation::evaluation::evaluate;
 use tau_estimation::joint::fit::Fit;
 use tau_estimation::numerics::distribution::chi2_survival;
@@ -8,14 +10,13 @@ use tau_robot::robot::Robot;
 use tau_robot::robot_file::Noise;
 use tau_runtime::Owner;
 
-use super::bench::{Bench, Score};
+use super::bench::Bench;
 use super::evidence::{self, whiteness::Series};
 use super::results::{
     Considered, Discovery, Estimate, FoundEffect, Gap, LeftOut, Rival, SerialCorrelation, Status,
-    Unseen, Validation, Whiteness,
+    Unseen, Validation, Verdict, Whiteness,
 };
-use super::selection::Search;
-use super::significance::LEVEL;
+use super::search::{Found, Search};
 use super::view::View;
 use super::{Error, Input, Outcome, floor, misfit, results, structure, text};
 
@@ -23,8 +24,6 @@ use super::{Error, Input, Outcome, floor, misfit, results, structure, text};
 const SERIAL: f64 = 0.01;
 /// Chance below which one of all dimensions is said to lie far from the robot file.
 const UNLIKELY: f64 = 0.01;
-/// Residuals of a set that are so many times the stated noise leave something to explain.
-const FAR_BEYOND: f64 = 2.0;
 
 /// What was known before the search: of the experiment, and of the base.
 pub(super) struct Beforehand {
@@ -40,6 +39,7 @@ pub(super) struct Beforehand {
 pub(super) fn finish(
     input: &Input<'_>,
     search: &Search<'_>,
+    found: &[Found],
     beforehand: Beforehand,
 ) -> Result<Outcome, Error> {
     let Input {
@@ -50,7 +50,7 @@ pub(super) fn finish(
         division,
         options,
     } = *input;
-    let (fit, bench) = (&search.fit, &search.bench);
+    let (fit, bench) = (&search.state.fit, &search.bench);
     let machine = fit.joint.machine.with_values(fit.joint.values(&fit.fitted));
     let after = Gap::from(evaluate(&machine, folder, &division.validation)?.position_um);
     let before = search.gaps.first().copied().unwrap_or(after);
@@ -61,9 +61,10 @@ pub(super) fn finish(
     let floor = floor?;
     let line = text::line(base, &search.labels());
     let names: Vec<&str> = search
-        .accepted
+        .state
+        .members
         .iter()
-        .map(|a| bench.candidates[a.candidate].name.as_str())
+        .map(|member| bench.candidates[member.candidate].name.as_str())
         .collect();
     let catalogues: Vec<&str> = options.catalogues.iter().map(String::as_str).collect();
     let model_text = text::description(robot, &catalogues, &names, &line)?;
@@ -71,9 +72,9 @@ pub(super) fn finish(
     // Noise many times the stated one is something that no family follows, or stated wrongly by far.
     let is_noisy = misfit::noise_scales(fit)
         .iter()
-        .any(|scale| scale.factor > FAR_BEYOND);
-    let is_left = search.is_left || !unnamed.is_empty() || is_noisy;
-    let status = match (search.accepted.is_empty(), is_left) {
+        .any(|scale| scale.factor > options.constants.far_beyond);
+    let is_left = !unnamed.is_empty() || is_noisy;
+    let status = match (search.state.members.is_empty(), is_left) {
         (true, false) => Status::NothingMissing,
         (true, true) => Status::UnnamedStructure,
         (false, false) => Status::Explained,
@@ -104,9 +105,9 @@ pub(super) fn finish(
         },
         misfit: beforehand.misfit,
         noise: misfit::noise_scales(fit),
-        effects: effects(search),
+        effects: effects(search, found),
         piecewise_tracks: vec![],
-        considered: considered(search),
+        considered: considered(search, found),
         cannot_see: beforehand.cannot_see,
         detectable: beforehand.detectable,
         ambiguous: beforehand.ambiguous,
@@ -121,21 +122,29 @@ pub(super) fn finish(
         seconds: 0.0,
     };
     let parameters = &fit.joint.machine.variant.parameters;
-    let values = fit.joint.used.iter().zip(&fit.fitted);
+    let mut fitted: Vec<(&str, usize)> = (fit.joint.used.iter().enumerate())
+        .map(|(column, &index)| (parameters[index].name.as_str(), column))
+        .collect();
+    fitted.sort_unstable();
+    let columns: Vec<usize> = fitted.iter().map(|fitted| fitted.1).collect();
+    let b = fit.basis.b.select_rows(&columns);
     Ok(Outcome {
         discovery,
-        values: values
-            .map(|(&index, &value)| (parameters[index].name.clone(), value))
+        values: fitted
+            .into_iter()
+            .map(|(name, column)| (name.to_owned(), fit.fitted[column]))
             .collect(),
+        covariance: &b * b.transpose(),
+        cost: 0.5 * fit.residuals.norm_squared(),
         poses,
     })
 }
 
 /// Structure that has no name.
 fn unnamed(search: &Search<'_>, noise: Noise) -> Vec<results::Unnamed> {
-    let (fit, bench) = (&search.fit, &search.bench);
+    let (fit, bench) = (&search.state.fit, &search.bench);
     let view = View::of(fit);
-    let families = search.unnamed.iter();
+    let families = search.state.unnamed.iter().chain(&search.left);
     families
         .flat_map(|&(family, searched)| structure::unnamed(bench, &view, family, searched))
         .chain(structure::crowds(fit, bench, noise))
@@ -163,7 +172,7 @@ fn removable_um(gap: Gap, floor: &floor::Floor) -> f64 {
 
 /// Serial correlation of the residuals of the base and of what is left in the end.
 fn whiteness(search: &Search<'_>, before: Option<SerialCorrelation>) -> Option<Whiteness> {
-    let series = Series::of(&search.view(), &search.bench.samples)?;
+    let series = Series::of(&search.state.view(&search.bench), &search.bench.samples)?;
     Some(Whiteness {
         order: if series.is_by_time { "time" } else { "row" },
         poses: series.len(),
@@ -173,22 +182,22 @@ fn whiteness(search: &Search<'_>, before: Option<SerialCorrelation>) -> Option<W
     })
 }
 
-fn effects(search: &Search<'_>) -> Vec<FoundEffect> {
-    let (fit, bench) = (&search.fit, &search.bench);
+fn effects(search: &Search<'_>, found: &[Found]) -> Vec<FoundEffect> {
+    let (fit, bench) = (&search.state.fit, &search.bench);
     let places = |candidates: &[usize]| {
         let places = candidates
             .iter()
             .map(|&c| bench.candidates[c].places.as_str());
         places.collect::<Vec<_>>().join(", ")
     };
-    search
-        .accepted
-        .iter()
-        .enumerate()
-        .map(|(index, accepted)| {
-            let candidate = &bench.candidates[accepted.candidate];
+    let members = search.state.members.iter().enumerate();
+    members
+        .zip(found)
+        .map(|((index, member), found)| {
+            let candidate = &bench.candidates[member.candidate];
             let parameters = search
-                .places_of(index)
+                .state
+                .places_of(&search.context(), index)
                 .into_iter()
                 .map(|(place, column)| {
                     let described = &candidate.parameters[place];
@@ -204,11 +213,10 @@ fn effects(search: &Search<'_>) -> Vec<FoundEffect> {
                 name: candidate.name.clone(),
                 place: candidate.places.clone(),
                 parameters,
-                p_value: accepted.p_value,
-                flip_p_value: accepted.flip_p_value,
-                chi2_drop: accepted.chi2_drop,
-                heldout_drop_um: accepted.heldout_drop_um,
-                rivals: accepted
+                p_value: found.p_value,
+                chi2_drop: found.chi2_drop,
+                heldout_drop_um: found.heldout_drop_um,
+                rivals: found
                     .rivals
                     .iter()
                     .map(|rival| Rival {
@@ -221,46 +229,40 @@ fn effects(search: &Search<'_>) -> Vec<FoundEffect> {
                 searched: candidate
                     .search
                     .map(|(place, _)| candidate.parameters[place].name.clone()),
-                aliases: accepted.aliases.clone(),
+                aliases: found.aliases.clone(),
             }
         })
         .collect()
 }
 
-fn considered(search: &Search<'_>) -> Vec<Considered> {
+fn considered(search: &Search<'_>, found: &[Found]) -> Vec<Considered> {
     let bench = &search.bench;
-    let Some(table) = &search.first else {
-        return vec![];
+    let is_found = |candidate: usize| {
+        let mut members = search.state.members.iter();
+        members.any(|member| member.candidate == candidate)
     };
-    let tested = table.scores.len() as f64;
-    let is_significant = |score: &Score| score.p_value <= LEVEL / tested;
-    table
-        .scores
-        .iter()
+    let mut rivals = BTreeSet::new();
+    for rival in found.iter().flat_map(|found| &found.rivals) {
+        rivals.extend(rival.candidates.iter().copied());
+    }
+    let is_nothing_found = search.state.members.is_empty();
+    let scores = search.first.scores.iter();
+    scores
         .filter(|score| bench.candidates[score.candidate].is_named())
         .map(|score| {
             let candidate = &bench.candidates[score.candidate];
-            let is_rival = search.accepted.iter().any(|a| {
-                a.rivals
-                    .iter()
-                    .any(|rival| rival.candidates.contains(&score.candidate))
-            });
-            let verdict = if search
-                .accepted
-                .iter()
-                .any(|a| a.candidate == score.candidate)
-            {
-                "found"
-            } else if is_rival {
-                "could be meant instead"
-            } else if search.refused.contains(&score.candidate) {
-                "not confirmed"
-            } else if !is_significant(score) {
-                "not significant"
-            } else if search.accepted.is_empty() || !search.unnamed.is_empty() {
-                "not the best explanation"
+            let verdict = if is_found(score.candidate) {
+                Verdict::Found
+            } else if rivals.contains(&score.candidate) {
+                Verdict::Rival
+            } else if !search.is_significant(score) {
+                Verdict::NotSignificant
+            } else if search.unconfirmed.contains(&score.candidate) {
+                Verdict::NotConfirmed
+            } else if is_nothing_found || !search.state.unnamed.is_empty() {
+                Verdict::NotTheBest
             } else {
-                "explained by what was found"
+                Verdict::Explained
             };
             Considered {
                 name: candidate.name.clone(),
@@ -327,7 +329,7 @@ fn remarks(search: &Search<'_>, whiteness: Option<&Whiteness>) -> Vec<String> {
             remarks.push(what.to_owned());
         }
     }
-    for scale in misfit::noise_scales(&search.fit) {
+    for scale in misfit::noise_scales(&search.state.fit) {
         if !(0.85..1.15).contains(&scale.factor) {
             remarks.push(format!(
                 "the noise of set {} ({}) is {:.2} times the stated one",
@@ -335,7 +337,7 @@ fn remarks(search: &Search<'_>, whiteness: Option<&Whiteness>) -> Vec<String> {
             ));
         }
     }
-    remarks.extend(far_from_drawing(&search.fit));
+    remarks.extend(far_from_drawing(&search.state.fit));
     if let Some(found) = whiteness
         && found.after.p_value.min(found.after.portmanteau_p_value) < SERIAL
     {

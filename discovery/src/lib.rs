@@ -9,7 +9,7 @@ mod base;
 mod bench;
 mod candidates;
 mod confirmation;
-mod encompassing;
+pub mod constants;
 mod evidence;
 mod findings;
 #[cfg(test)]
@@ -22,22 +22,23 @@ mod probes;
 mod response;
 pub mod results;
 mod scan;
-mod selection;
+mod score;
+mod search;
 mod separation;
 mod serial;
 mod sight;
 mod significance;
-mod signs;
 mod structural;
 mod structure;
 mod text;
 mod view;
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::time::Instant;
 
+use nalgebra::DMatrix;
 use tau_codegen::language::{self, Model, effects_from_text};
-use tau_estimation::calibration::{Calibration, Prepared, calibrate, check_poses};
+use tau_estimation::calibration::{Calibration, Prepared, Stated, check_poses};
 use tau_estimation::evaluation::evaluate;
 use tau_estimation::joint::fit::Fit;
 use tau_estimation::numerics::parallel;
@@ -48,6 +49,7 @@ use tau_robot::measurements::{Division, Folder, Poses, Split};
 use tau_robot::robot::{Arm, Robot, Variant};
 use tau_robot::robot_file::RobotFile;
 
+pub use constants::Constants;
 pub use results::{Discovery, Status};
 pub use tau_estimation::calibration::Error;
 pub use text::DISCOVERED;
@@ -60,27 +62,53 @@ pub use generic::UNNAMED;
 use misfit::misfits;
 use probes::Probes;
 use results::{Gap, Misfit};
-use selection::Search;
+use score::Yardstick;
+use search::Search;
 use structural::FullArm;
 use structural::piecewise::Found;
 use view::View;
-
-/// Fewest sign flips that can show a level of 1 %: of so many and the measurements themselves, these are
-/// the strongest by chance once in a hundred.
-pub const LEAST_FLIPS: u32 = 99;
 
 /// How to search.
 #[derive(Debug, Clone)]
 pub struct Options {
     /// Which poses take part and which only show the gap.
     pub split: Split,
-    /// Seed of the sign flips and resamples.
+    /// Seed of the resamples.
     pub seed: u64,
-    /// Number of sign flips; fewer than [`LEAST_FLIPS`] can't show the levels that the search tests at, and let more
-    /// pass by chance.
-    pub flips: usize,
+    /// What verdicts depend on.
+    pub constants: Constants,
+    /// Rules that are left out, to see what they are worth.
+    pub without: BTreeSet<Rule>,
     /// Catalogues of effects in the language; of effects of one name, the first counts.
     pub catalogues: Vec<String>,
+}
+
+/// A part of the method that can be left out.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Rule {
+    /// What joins the model has to predict blocks that were held out.
+    HeldOut,
+    /// Serial noise inflates what it could imitate.
+    Serial,
+    /// A second climb from the base, with unnamed families from the start.
+    SecondStart,
+    /// Structure that is left where effects were found is looked for at a level of its own.
+    Left,
+}
+
+impl Rule {
+    /// All of them.
+    pub const ALL: [Self; 4] = [Self::HeldOut, Self::Serial, Self::SecondStart, Self::Left];
+
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::HeldOut => "held_out",
+            Self::Serial => "serial",
+            Self::SecondStart => "second_start",
+            Self::Left => "left",
+        }
+    }
 }
 
 impl Default for Options {
@@ -88,7 +116,8 @@ impl Default for Options {
         Self {
             split: Split::default(),
             seed: 0,
-            flips: 199,
+            constants: Constants::default(),
+            without: BTreeSet::new(),
             catalogues: vec![CATALOGUE.to_owned()],
         }
     }
@@ -105,13 +134,17 @@ struct Input<'a> {
     options: &'a Options,
 }
 
-/// What was found, ready to be calibrated.
+/// What was found, with the model as fitted.
 #[derive(Debug, Clone)]
 pub struct Outcome {
     /// What was found.
     pub discovery: Discovery,
     /// Fitted value of each parameter of the discovered variant, by name, SI.
     pub values: BTreeMap<String, f64>,
+    /// Their covariance, in the order of their names.
+    covariance: DMatrix<f64>,
+    /// Half the sum of squared whitened residuals and priors.
+    cost: f64,
     /// Poses of set 1 that took part, without outliers: indices in the folder.
     pub poses: Vec<usize>,
 }
@@ -129,11 +162,12 @@ impl Outcome {
         Ok(Robot::from(&tau_codegen::compile(&model, text)))
     }
 
-    /// The discovered variant calibrated on the poses of set 1, from where the joint fit stands.
+    /// The discovered variant as the joint fit of all sets left it: values and standard deviations are those that
+    /// [`Self::discovery`] reports.
     ///
     /// # Errors
-    /// As [`calibrate`].
-    pub fn calibrate(
+    /// The robot lacks the variant; a pose lacks what its closures read.
+    pub fn calibration(
         &self,
         robot: &Robot,
         file: &RobotFile,
@@ -143,23 +177,28 @@ impl Outcome {
             InputError::whole(&robot.name, format!("there is no variant `{DISCOVERED}`"))
         })?;
         let completed = file.completed(robot);
-        let nominal = Prepared::new(robot, variant, &completed, Some(folder), &self.poses)?;
-        let start = variant
-            .parameters
-            .iter()
-            .zip(&nominal.nominal)
+        let prepared = Prepared::new(robot, variant, &completed, Some(folder), &self.poses)?;
+        let parameters = variant.parameters.iter().zip(&prepared.nominal);
+        let values = parameters
             .map(|(parameter, nominal)| {
-                self.values
-                    .get(&parameter.name)
-                    .copied()
-                    .unwrap_or(nominal.value)
+                let fitted = self.values.get(&parameter.name).copied();
+                fitted.unwrap_or(nominal.value)
             })
             .collect();
-        let options = tau_estimation::calibration::Options {
-            start: Some(start),
-            ..Default::default()
+        let places: BTreeMap<&str, usize> = (self.values.keys().enumerate())
+            .map(|(place, name)| (name.as_str(), place))
+            .collect();
+        let place = |index: usize| places.get(variant.parameters[index].name.as_str()).copied();
+        let covariance = |a: usize, b: usize| match (place(a), place(b)) {
+            (Some(a), Some(b)) => self.covariance[(a, b)],
+            _ => 0.0,
         };
-        calibrate(robot, variant, file, folder, &self.poses, &options)
+        let stated = Stated {
+            values,
+            covariance: &covariance,
+            cost: self.cost,
+        };
+        prepared.stated(&completed, folder, &self.poses, stated)
     }
 }
 
@@ -226,7 +265,7 @@ fn discovered(
         ..input
     };
     let full_arm = match fitted(&with_full_arm) {
-        Ok((fit, samples)) => FullArm::of(&fit, &samples),
+        Ok((fit, samples)) => FullArm::of(&fit, &samples, &options.constants),
         Err(Error::NotConverged { .. }) => None,
         Err(error) => return Err(error),
     };
@@ -297,6 +336,7 @@ fn model_of(input: &Input<'_>) -> Result<(Model, usize, Vec<generic::Family>), E
 /// Searches from a base as it is.
 fn search_from(
     input: &Input<'_>,
+    yardstick: Option<Yardstick>,
     started: Instant,
     progress: &mut dyn FnMut(&str),
 ) -> Result<Found, Error> {
@@ -333,10 +373,12 @@ fn search_from(
         },
     );
     let (before_floor, probes) = (before_floor?, probes?);
-    let mut bench = Bench::new(model, variant, &families, samples, probes, &fit);
+    let constants = input.options.constants;
+    let mut bench = Bench::new(model, variant, &families, samples, probes, (&fit, constants));
     let view = View::of(&fit);
     let table = bench.table(&view);
     let (detectable, cannot_see) = sight::sight(&mut bench, &view, &table);
+    bench.weigh();
     let table = bench.in_sight(table);
     let (ambiguous, (misfit, serial)) = parallel::both(
         || evidence::ambiguity::ambiguous(&bench, &view),
@@ -357,34 +399,14 @@ fn search_from(
         floor: before_floor,
         view,
     };
-    let mut search = Search {
-        input,
-        bench,
-        variant: index,
-        own_effects,
-        fit,
-        accepted: vec![],
-        unnamed: vec![],
-        refused: std::collections::BTreeSet::new(),
-        idle: std::collections::BTreeSet::new(),
-        imitated: std::collections::BTreeSet::new(),
-        steps: vec![],
-        gaps: vec![],
-        first: None,
-        known: Some(table),
-        is_left: false,
-    };
+    let mut search = Search::new(input, bench, (index, own_effects), fit, table, yardstick)?;
     search.run(progress)?;
-    if !search.accepted.is_empty() {
-        progress("settling what was found");
-        search.fit = search.fit.settled()?;
-        search.restate()?;
-    }
+    let of_effects = search.found();
     let (outcome, bent) = parallel::both(
-        || finish(input, &search, beforehand),
+        || finish(input, &search, &of_effects, beforehand),
         || structural::piecewise::tracks(&search, variant),
     );
-    let mut found = Found::of(&search, bent, outcome?)?;
+    let mut found = Found::new(search, bent, outcome?);
     found.outcome.discovery.seconds = started.elapsed().as_secs_f64();
     Ok(found)
 }

@@ -13,7 +13,6 @@ use tau_estimation::numerics::parallel;
 
 use super::candidates::Entry;
 use super::probes::{Probe, Probes};
-use super::signs::{Flipped, Run, single};
 use super::view::View;
 
 /// Products of probes with a model.
@@ -262,63 +261,6 @@ impl Displacements {
         score
     }
 
-    /// `Gᵀe` of some columns under every flip, by rows, of what the model leaves; it absorbs `absorbed` of all.
-    pub(super) fn flipped(
-        &self,
-        responses: &Responses,
-        absorbed: &DMatrix<f64>,
-        flipped: &Flipped,
-        wanted: impl IntoIterator<Item = usize>,
-    ) -> DMatrix<f32> {
-        let wanted: Vec<usize> = wanted.into_iter().collect();
-        let units = flipped.signs.nrows();
-        // Of each column what its units have of the residuals, and what is absorbed of it.
-        let mut columns = DMatrix::zeros(flipped.single.ncols(), wanted.len());
-        for (mut target, &column) in columns.column_iter_mut().zip(&wanted) {
-            let target = target.as_mut_slice();
-            let (by_unit, of_basis) = target.split_at_mut(units);
-            for &(part, place) in &self.members[column] {
-                let part = &self.parts[part];
-                let slopes = part.column(place);
-                let residuals = responses.by_residual[part.probe].as_slice();
-                for Run { samples, unit } in &flipped.units[part.probe] {
-                    let own = slopes[samples.clone()]
-                        .iter()
-                        .zip(&residuals[samples.clone()]);
-                    for (target, (slope, residual)) in by_unit[*unit..].iter_mut().zip(own) {
-                        *target += single(slope * residual);
-                    }
-                }
-            }
-            for (target, value) in of_basis.iter_mut().zip(absorbed.column(column).iter()) {
-                *target = single(*value);
-            }
-        }
-        &flipped.single * columns
-    }
-
-    /// The same of all columns under one flip, in full precision.
-    pub(super) fn flipped_once(
-        &self,
-        responses: &Responses,
-        absorbed: &DMatrix<f64>,
-        flipped: &Flipped,
-        flip: usize,
-    ) -> DVector<f64> {
-        let signs = flipped.signs.column(flip);
-        let score = self.products(|probe| {
-            let mut signed = responses.by_residual[probe].as_slice().to_vec();
-            for Run { samples, unit } in &flipped.units[probe] {
-                let signs = signs.iter().skip(*unit);
-                for (residual, sign) in signed[samples.clone()].iter_mut().zip(signs) {
-                    *residual *= sign;
-                }
-            }
-            signed
-        });
-        score - absorbed.tr_mul(&flipped.absorbed.column(flip))
-    }
-
     /// `GᵀG` of some columns.
     pub(super) fn gram(&self, range: Range<usize>, responses: &Responses) -> DMatrix<f64> {
         let start = range.start;
@@ -378,12 +320,10 @@ pub(super) mod tests {
     use super::super::candidates;
     use super::super::view::Freed;
     use super::*;
-    use crate::fixture::of_set_1;
     use tau_estimation::joint::{Component, Row};
     use tau_estimation::numerics::distribution::Random;
     use tau_estimation::numerics::grouped::Grouped;
     use tau_estimation::numerics::projection::Basis;
-    use tau_estimation::samples::Sample;
 
     const ROWS: usize = 60;
     const COLUMNS: usize = 6;
@@ -509,42 +449,5 @@ pub(super) mod tests {
         assert!((left(&found) - left(&expected)).amax() < 1e-10);
         assert!((candidate.score(&found) - candidate.score(&expected)).amax() < 1e-10);
         assert!((left(&before) - left(&expected)).amax() > 1e-3);
-    }
-
-    /// Scores under random signs are those of residuals whose units have these signs, less what the model
-    /// absorbs of them.
-    #[test]
-    fn flipped_scores_are_those_of_flipped_residuals() {
-        let mut random = Random(22);
-        let (jacobian, measured, probes, candidate) = fixture(&mut random);
-        let (_, samples) = of_set_1();
-        let basis = Basis::of(&jacobian).unwrap();
-        let view = view(basis.q, &measured);
-        let responses = Responses::of(&view, &probes, &BTreeSet::new());
-        let signs = DMatrix::from_fn(Sample::units(&samples), 3, |_, _| random.sign());
-        let flipped = DMatrix::from_fn(ROWS + COLUMNS, 3, |row, flip| {
-            let sign = |row: usize| signs[(samples[row / 2].unit, flip)];
-            if row < ROWS {
-                view.residuals[row] * sign(row)
-            } else {
-                0.0
-            }
-        });
-        let absorbed = view.q.tr_mul(&flipped);
-        let of_columns = candidate.absorbed(&responses);
-        let signed = Flipped::of(&view, &probes, &samples, signs.clone());
-        assert!((&signed.absorbed - &absorbed).amax() < 1e-12);
-        let found = candidate.flipped(&responses, &of_columns, &signed, 0..2);
-        let left = &flipped - &*view.q * absorbed;
-        for flip in 0..3 {
-            let sums = Responses::sums(&view, &probes, left.column(flip).as_slice());
-            let expected = candidate.products(|probe| sums[probe].as_slice());
-            let once = candidate.flipped_once(&responses, &of_columns, &signed, flip);
-            assert!((once - &expected).amax() < 1e-11 * (1.0 + expected.amax()));
-            for (column, expected) in expected.iter().enumerate() {
-                let found = f64::from(found[(flip, column)]);
-                assert!((found - expected).abs() < 1e-5 * (1.0 + expected.abs()));
-            }
-        }
     }
 }

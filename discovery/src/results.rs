@@ -166,9 +166,6 @@ pub struct FoundEffect {
     pub parameters: BTreeMap<String, Estimate>,
     /// Chance of such a score anywhere in the candidate's search, without an effect.
     pub p_value: f64,
-    /// Chance that any candidate scores so high when the signs of the residuals are drawn by lot; not a number
-    /// (`null` in JSON) for the links that a reduced arm takes for one, which are tested before the search.
-    pub flip_p_value: f64,
     /// Fall of χ².
     pub chi2_drop: f64,
     /// Fall of the mean position error on the validation poses (µm).
@@ -228,8 +225,48 @@ pub struct Considered {
     pub place: String,
     /// Of its score beside the base.
     pub p_value: f64,
-    /// In words.
-    pub verdict: &'static str,
+    /// What became of it.
+    pub verdict: Verdict,
+}
+
+/// What became of a candidate; in JSON by its [`words`](Self::words).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Verdict {
+    /// It is in the model, under its name.
+    Found,
+    /// It explains what an effect in the model does as well.
+    Rival,
+    /// It is not significant beside the base.
+    NotSignificant,
+    /// It is significant, but does not predict blocks that were held out.
+    NotConfirmed,
+    /// Something else explains the same better, and that has no name.
+    NotTheBest,
+    /// Nothing of it is left beside what was found.
+    Explained,
+    /// The model has it, but it says nothing of the cause.
+    WithoutName,
+}
+
+impl Verdict {
+    /// The verdict in words.
+    pub fn words(self) -> &'static str {
+        match self {
+            Self::Found => "found",
+            Self::Rival => "could be meant instead",
+            Self::NotSignificant => "not significant",
+            Self::NotConfirmed => "not confirmed",
+            Self::NotTheBest => "not the best explanation",
+            Self::Explained => "explained by what was found",
+            Self::WithoutName => "in the model, without a name",
+        }
+    }
+}
+
+impl Serialize for Verdict {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_str(self.words())
+    }
 }
 
 /// An effect that the measurements cannot show.

@@ -14,7 +14,6 @@ use tau_kinematics::Surroundings;
 use super::candidates::Candidate;
 use super::probes::Probes;
 use super::response::{Displacements, Responses};
-use super::signs::{Flipped, single};
 
 /// Grid points per reciprocal of the range of the commands: at one, a peak is as wide as a step. Peaks
 /// are refined between the points.
@@ -22,11 +21,6 @@ const OVERSAMPLING: f64 = 2.5;
 /// Least share of a peak's height that a grid point next to it shows: sinc²(½ / [`OVERSAMPLING`]) is
 /// 0.87 where commands fill their range evenly.
 pub(super) const LEAST_SHOWN: f64 = 0.75;
-/// The same where every other point of the grid is left out, and wherever commands stand: sinc²(1 / [`OVERSAMPLING`])
-/// is 0.57 where they fill their range, cos²(π / [`OVERSAMPLING`]) is 0.095 where all are at its ends.
-pub(super) const LEAST_SHOWN_BY_HALF: f64 = 0.09;
-/// Peaks whose statistic falls short of the highest by less fit as well (odds of twenty to one).
-pub(super) const AS_GOOD: f64 = 6.0;
 /// Parts of a step of the grid at which peaks are refined.
 const WITHIN_STEP: [f64; 6] = [-0.75, -0.5, -0.25, 0.25, 0.5, 0.75];
 
@@ -151,74 +145,37 @@ impl Band {
         scores
     }
 
-    /// The same; upcrossings are counted in residuals under random signs, unless they have been.
+    /// The same; upcrossings are counted in null residuals, unless they have been.
     pub(super) fn scored(
         &self,
         responses: &Responses,
         known: Option<&Scores>,
-        nulls: Option<&Flipped>,
+        nulls: &[Vec<DVector<f64>>],
     ) -> Scores {
         let scores = self.scores(responses, known);
-        if let (None, Some(nulls)) = (self.crossings.get(), nulls) {
-            let null_scans = self.flipped(&scores, responses, nulls, 1);
-            let _ = (self.crossings).set(upcrossings(&null_scans, scores.rank().max(1) as f64));
+        if self.crossings.get().is_none() && !nulls.is_empty() {
+            let rank = scores.rank().max(1) as f64;
+            let scans = nulls.iter().map(|null| self.statistics_of(&scores, null));
+            let _ = self.crossings.set(upcrossings(scans, rank));
         }
         scores
-    }
-
-    /// The statistics under sign flips, one row per flip, at every point of the grid or every so many.
-    pub(super) fn flipped(
-        &self,
-        scores: &Scores,
-        responses: &Responses,
-        flipped: &Flipped,
-        every: usize,
-    ) -> DMatrix<f32> {
-        let points = (0..self.grid.len()).step_by(every);
-        let columns = points.flat_map(|point| point * self.width..(point + 1) * self.width);
-        let products = (self.columns).flipped(responses, &scores.absorbed, flipped, columns);
-        self.statistics(scores, &products, every)
     }
 
     /// The statistics over the grid for residuals of each probe's samples of which the model absorbs nothing.
     pub(super) fn statistics_of(&self, scores: &Scores, residuals: &[DVector<f64>]) -> Vec<f64> {
         let products = self.columns.products(|probe| residuals[probe].as_slice());
-        let products = DMatrix::from_row_slice(1, products.len(), products.as_slice());
-        let statistics = self.statistics(scores, &products.map(single), 1);
-        statistics.iter().copied().map(f64::from).collect()
-    }
-
-    /// The statistics at every so many points of the grid from products of their columns with residuals, row by row.
-    fn statistics(&self, scores: &Scores, products: &DMatrix<f32>, every: usize) -> DMatrix<f32> {
-        let (rows, width) = (products.nrows(), self.width);
-        let mut statistics = DMatrix::zeros(rows, products.ncols() / width);
-        if rows == 0 {
-            return statistics;
-        }
-        let mut component = vec![0.0; rows];
-        let points = (products.as_slice().chunks_exact(rows * width))
-            .zip(
-                scores
-                    .coefficients
-                    .chunks_exact(width * width)
-                    .step_by(every),
-            )
-            .zip(statistics.column_iter_mut());
-        for ((products, coefficients), mut statistic) in points {
-            for coefficients in coefficients.chunks_exact(width) {
-                component.fill(0.0);
-                for (products, &coefficient) in products.chunks_exact(rows).zip(coefficients) {
-                    let coefficient = single(coefficient);
-                    for (sum, product) in component.iter_mut().zip(products) {
-                        *sum += coefficient * product;
-                    }
-                }
-                for (statistic, component) in statistic.iter_mut().zip(&component) {
-                    *statistic += component * component;
-                }
-            }
-        }
-        statistics
+        let width = self.width;
+        let points = products.as_slice().chunks_exact(width);
+        let coefficients = scores.coefficients.chunks_exact(width * width);
+        let statistic = |(products, coefficients): (&[f64], &[f64])| {
+            let component = |coefficients: &[f64]| -> f64 {
+                let terms = products.iter().zip(coefficients);
+                terms.map(|(product, coefficient)| product * coefficient).sum()
+            };
+            let components = coefficients.chunks_exact(width).map(component);
+            components.map(|component| component * component).sum()
+        };
+        points.zip(coefficients).map(statistic).collect()
     }
 
     /// Mean number of upcrossings of a scan without an effect, once they have been counted.
@@ -301,21 +258,15 @@ pub(super) fn global_p(statistic: f64, rank: f64, upcrossings: f64) -> f64 {
     (chi2_survival(statistic, rank) + beyond).min(1.0)
 }
 
-/// Mean number of times that null scans, one in each row, cross the level `rank` upwards.
-fn upcrossings(null_scans: &DMatrix<f32>, rank: f64) -> f64 {
-    let is_below = |statistic: f32| f64::from(statistic) < rank;
-    let points = 1..null_scans.ncols();
-    let crossings: usize = points
-        .map(|point| {
-            let before = null_scans.column(point - 1);
-            let here = null_scans.column(point);
-            let pairs = before.iter().zip(here.iter());
-            pairs
-                .filter(|(a, b)| is_below(**a) && !is_below(**b))
-                .count()
-        })
-        .sum();
-    crossings as f64 / null_scans.nrows().max(1) as f64
+/// Mean number of times that null scans cross the level `rank` upwards.
+fn upcrossings(scans: impl Iterator<Item = Vec<f64>>, rank: f64) -> f64 {
+    let (mut count, mut crossings) = (0, 0);
+    for scan in scans {
+        let pairs = scan.windows(2);
+        crossings += pairs.filter(|pair| pair[0] < rank && pair[1] >= rank).count();
+        count += 1;
+    }
+    crossings as f64 / f64::from(count.max(1))
 }
 
 #[allow(
@@ -331,12 +282,9 @@ fn count(number: f64) -> usize {
 mod tests {
     use std::f64::consts::TAU;
 
-    use super::super::response::tests::{fixture, view};
     use super::*;
     use crate::fixture::normal;
-    use crate::fixture::of_set_1;
     use tau_estimation::numerics::distribution::Random;
-    use tau_estimation::numerics::projection::Basis;
 
     const RANGE_M: f64 = 1.4;
     const PERIODS_M: (f64, f64) = (0.02, 0.3);
@@ -355,39 +303,6 @@ mod tests {
     fn commands(count: usize) -> Vec<f64> {
         let place = |k: usize| (k as f64 + 0.5) / count as f64 - 0.5;
         (0..count).map(|k| RANGE_M * place(k)).collect()
-    }
-
-    /// Under signs that are all the same, a scan scores what it scores where priors pull at nothing.
-    #[test]
-    fn equal_signs_change_no_score() {
-        let (jacobian, mut measured, probes, columns) = fixture(&mut Random(23));
-        let basis = Basis::of(&jacobian).unwrap().q;
-        let whole = view(Arc::clone(&basis), &measured);
-        let rows = whole.rows.len();
-        measured.copy_from(&whole.residuals);
-        measured.rows_mut(rows, measured.len() - rows).fill(0.0);
-        let view = view(basis, &measured);
-        let mut pairs = BTreeSet::new();
-        columns.pairs(0..2, &mut pairs);
-        let responses = Responses::of(&view, &probes, &pairs);
-        let band = Band {
-            grid: vec![1.0],
-            width: 2,
-            columns,
-            crossings: OnceLock::new(),
-        };
-        let scores = band.scores(&responses, None);
-        assert_eq!(scores.rank(), 2);
-        let (_, samples) = of_set_1();
-        let signs = DMatrix::from_element(Sample::units(&samples), 1, -1.0);
-        let responses = Responses::of(&whole, &probes, &pairs);
-        let flipped = Flipped::of(&whole, &probes, &samples, signs);
-        let found = f64::from(band.flipped(&scores, &responses, &flipped, 1)[(0, 0)]);
-        let expected = scores.statistics[0];
-        assert!(
-            (found - expected).abs() < 1e-4 * expected,
-            "{found} {expected}"
-        );
     }
 
     /// The highest statistic of a wave at some points of a grid, and that at its own period, somewhere between them.
@@ -413,25 +328,6 @@ mod tests {
         }
     }
 
-    #[test]
-    fn no_peak_hides_between_every_other_point() {
-        let spread = commands(600);
-        let at_ends: Vec<f64> = spread.iter().map(|q| q.signum() * RANGE_M / 2.0).collect();
-        let grid = grid(PERIODS_M, RANGE_M);
-        for commands in [spread, at_ends] {
-            for first in 0..2 {
-                let points: Vec<f64> = grid.iter().copied().skip(first).step_by(2).collect();
-                for k in 0..50 {
-                    let [shown, height] = shown(&commands, &points, k);
-                    assert!(
-                        shown > LEAST_SHOWN_BY_HALF * height,
-                        "{k}: {shown} of {height}"
-                    );
-                }
-            }
-        }
-    }
-
     /// The highest of a whole scan of noise exceeds what the bound allows one scan in ten about as often.
     #[test]
     fn chance_of_the_highest_peak_is_that_of_noise() {
@@ -446,8 +342,7 @@ mod tests {
                     .collect()
             })
             .collect();
-        let nulls = DMatrix::from_fn(100, grid.len(), |scan, point| single(scans[scan][point]));
-        let upcrossings = upcrossings(&nulls, 2.0);
+        let upcrossings = upcrossings(scans[..100].iter().cloned(), 2.0);
         let chances = scans[100..].iter().map(|scan| {
             let highest = scan.iter().copied().fold(0.0, f64::max);
             global_p(highest, 2.0, upcrossings)

@@ -8,13 +8,11 @@ use tau_estimation::samples::{Sample, Treatment};
 
 use super::bench::Bench;
 use super::candidates::{self, Candidate};
-use super::significance::LEVEL;
 
 /// Further poses that are proposed.
 const POSES: usize = 30;
-const POWER: f64 = 0.8;
 /// A measurement that raises the separation by less than this factor is not worth proposing.
-const WORTHWHILE: f64 = 2.0;
+const MIN_SEPARATION_GAIN: f64 = 2.0;
 
 /// An effect with values of its parameters.
 pub(super) struct Signal<'a> {
@@ -40,7 +38,7 @@ pub(super) fn separate_by(
     };
     let present = now.all().separation();
     let parameters: usize = rivals.iter().map(|r| r.candidate.parameters.len()).sum();
-    let needed = detectable_noncentrality(parameters as f64, LEVEL, POWER);
+    let needed = detectable_noncentrality(parameters as f64, bench.constants.level, bench.constants.power);
     let treatments = [
         (Treatment::Same, "under the same conditions"),
         (Treatment::Load(3.0), "with three times the payload"),
@@ -63,7 +61,7 @@ pub(super) fn separate_by(
     let Some((separation, poses, words)) = best else {
         return "nothing on this machine can".to_owned();
     };
-    if separation < needed || separation < WORTHWHILE * present {
+    if separation < needed || separation < MIN_SEPARATION_GAIN * present {
         return format!(
             "nothing on this machine can: {POSES} further poses would raise the separation from \
              χ² = {present:.1} to {separation:.1} at most, {needed:.1} are needed"

@@ -10,8 +10,6 @@ use tau_estimation::samples::Sample;
 
 use super::view::View;
 
-/// A correlation counts if it exceeds so many standard deviations of that of independent residuals.
-const SIGNIFICANT: f64 = 2.0;
 const STRONGEST: f64 = 0.95;
 /// Rounds in which correlations are corrected for what the fit does to residuals.
 const ROUNDS: usize = 4;
@@ -27,14 +25,16 @@ const ROUNDS: usize = 4;
 ///
 /// With it a signal s has the variance `Σ sᵢ sⱼ ρ^|i−j|` in place of `Σ sᵢ²` (Bartlett, J. R. Stat. Soc. 98,
 /// 1935).
-pub(super) fn inflation(view: &View, subspace: &Subspace, samples: &[Sample]) -> f64 {
+///
+/// A correlation counts if it exceeds `least` standard deviations of that of independent residuals.
+pub(super) fn inflation(view: &View, subspace: &Subspace, samples: &[Sample], least: f64) -> f64 {
     let signal = &subspace.u * subspace.u.tr_mul(&view.residuals);
     let residuals = &view.residuals - &signal;
     let kinds: Vec<Kind> = chains(&view.rows, &view.factors, samples)
         .into_values()
         .map(|chains| Kind::of(chains, &residuals, |rows| view.rows_with(subspace, rows)))
         .collect();
-    let processes = processes(&kinds, view.q.ncols() + subspace.rank());
+    let processes = processes(&kinds, view.q.ncols() + subspace.rank(), least);
     let added: f64 = kinds
         .iter()
         .zip(&processes)
@@ -65,8 +65,8 @@ impl Process {
 }
 
 /// The processes that leave residuals with the correlations that they have; white where these could be chance.
-fn processes(kinds: &[Kind], absorbed: usize) -> Vec<Process> {
-    let is_serial: Vec<bool> = kinds.iter().map(Kind::is_serial).collect();
+fn processes(kinds: &[Kind], absorbed: usize, least: f64) -> Vec<Process> {
+    let is_serial: Vec<bool> = kinds.iter().map(|kind| kind.is_serial(least)).collect();
     let mut processes = vec![Process::WHITE; kinds.len()];
     if !is_serial.contains(&true) {
         return processes;
@@ -145,11 +145,11 @@ impl Kind {
     }
 
     /// Whether independent noise would hardly leave residuals that follow each other as these do.
-    fn is_serial(&self) -> bool {
+    fn is_serial(&self, least: f64) -> bool {
         let (products, squares) = self.differences(self.q.as_slice(), self.q.as_slice());
         let white = (-self.pairs - products) / (2.0 * self.pairs - squares);
         let excess = 2.0 * (self.ratio - white);
-        excess * (0.5 * self.pairs).sqrt() > SIGNIFICANT
+        excess * (0.5 * self.pairs).sqrt() > least
     }
 
     /// `R·Q`
@@ -263,7 +263,7 @@ mod tests {
             let share = 1.0 / f64::from(trials);
             naive += share * (1.0 + 2.0 * kind.ratio);
             naive_size += share * variance;
-            let process = processes(&[kind], 6 * CHAINS)[0];
+            let process = processes(&[kind], 6 * CHAINS, 2.0)[0];
             mean += share * process.correlation;
             size += share * process.variance * variance;
         }
@@ -325,7 +325,7 @@ mod tests {
                     rows: rows.clone(),
                     degrees,
                 };
-                inflation(&view, &subspace, &samples)
+                inflation(&view, &subspace, &samples, 2.0)
             })
             .collect();
         // In the mean it is larger, as a convex function of an estimate.
@@ -342,12 +342,12 @@ mod tests {
     fn independent_noise_is_not_serial_whatever_a_fit_absorbs() {
         let mut random = Random(8);
         let trials = 300;
-        let found = (0..trials).filter(|_| left_of(0.0, &mut random).0.is_serial());
+        let found = (0..trials).filter(|_| left_of(0.0, &mut random).0.is_serial(2.0));
         // One in 44 exceeds two standard deviations.
         let found = found.count();
         assert!((1..=14).contains(&found), "{found} of {trials}");
         let (serial, _) = left_of(0.3, &mut random);
-        assert!(serial.is_serial());
+        assert!(serial.is_serial(2.0));
     }
 
     /// The recursion gives the double sum.

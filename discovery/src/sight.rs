@@ -1,26 +1,17 @@
 //! What these measurements could show at all, before residuals are looked at.
 
-use std::collections::{BTreeMap, BTreeSet};
-
 use tau_codegen::language::Model;
 use tau_codegen::language::model::{Place, Readable};
-use tau_estimation::numerics::distribution::detectable_noncentrality;
 use tau_estimation::numerics::parallel;
 use tau_estimation::samples::Sample;
 
 use super::bench::{Bench, Table};
 use super::candidates::Candidate;
 use super::results::{Detectable, Unseen};
-use super::significance::LEVEL;
+use super::significance::Null;
 use super::view::View;
 
-const POWER: f64 = 0.8;
-/// An effect that would have to exceed its tolerance so many times to be seen is out of sight.
-pub(super) const IMPLAUSIBLE: f64 = 10.0;
-/// A signal of which the base leaves less than this share of its energy is absorbed: what is left of its size, three
-/// parts in a thousand, is less than how the closures bend over the whole of it.
-const ABSORBED: f64 = 1e-5;
-/// With less than this share left, it is the base that hides what could be seen only far beyond what is plausible.
+/// Below this fraction, report "absorbed by the base" rather than "implausibly large".
 const MOSTLY_ABSORBED: f64 = 0.01;
 
 /// The table of what can be detected beside a model, scored in `table`, and of what cannot; candidates out of
@@ -31,7 +22,7 @@ pub(super) fn sight(
     table: &Table,
 ) -> (Vec<Detectable>, Vec<Unseen>) {
     let (mut detectable, mut unseen) = (Vec::new(), Vec::new());
-    let tested = bench.candidates.len() as f64;
+    let limits = bench.constants;
     let (best_columns, constants) = parallel::both(
         || bench.best_columns(view, table),
         || {
@@ -40,15 +31,27 @@ pub(super) fn sight(
             })
         },
     );
-    let ranks = best_columns
-        .iter()
-        .flatten()
-        .map(|(_, rank)| rank.to_bits());
-    let ranks: Vec<u64> = ranks.collect::<BTreeSet<u64>>().into_iter().collect();
-    let lambdas = parallel::map(&ranks, |&rank| {
-        detectable_noncentrality(f64::from_bits(rank), LEVEL / tested, POWER)
+    let nulls: Vec<Option<Null>> = (0..bench.candidates.len())
+        .map(|index| {
+            let (_, rank) = best_columns[index].filter(|_| bench.candidates[index].is_named())?;
+            let mut scores = table.scores.iter();
+            let scored = scores.find(|score| score.candidate == index);
+            Some(scored.map_or(Null::plain(rank), |score| score.null))
+        })
+        .collect();
+    // Candidates of one rank share their threshold.
+    let mut lambdas: Vec<(Null, f64)> = Vec::new();
+    for null in nulls.iter().flatten() {
+        if !lambdas.iter().any(|known| known.0 == *null) {
+            lambdas.push((*null, 0.0));
+        }
+    }
+    let values = parallel::map(&lambdas, |(null, _)| {
+        bench.significance.detectable(*null, true)
     });
-    let thresholds: BTreeMap<u64, f64> = ranks.into_iter().zip(lambdas).collect();
+    for ((_, lambda), value) in lambdas.iter_mut().zip(values) {
+        *lambda = value;
+    }
     for ((index, candidate), constant) in bench.candidates.iter().enumerate().zip(constants) {
         if constant.is_some() {
             bench.hidden.insert(index);
@@ -70,19 +73,19 @@ pub(super) fn sight(
             unseen.push(out_of_sight(why));
             continue;
         }
-        let Some((best, rank)) = best_columns[index] else {
+        let Some(((best, _), null)) = best_columns[index].zip(nulls[index]) else {
             unseen.push(out_of_sight("the base absorbs it".to_owned()));
             bench.hidden.insert(index);
             continue;
         };
         let parameter = &candidate.parameters[best.parameter];
-        let lambda = thresholds[&rank.to_bits()];
+        let lambda = lambdas.iter().find(|known| known.0 == null).map_or(0.0, |known| known.1);
         let amplitude = lambda.sqrt() / best.left;
         let surviving = (best.left / best.whole).powi(2);
         let hopeless = parameter
             .tolerance
-            .is_some_and(|t| amplitude > IMPLAUSIBLE * t);
-        if surviving < ABSORBED || hopeless {
+            .is_some_and(|t| amplitude > limits.implausible * t);
+        if surviving < limits.absorbed || hopeless {
             let why = if surviving < MOSTLY_ABSORBED {
                 format!("the base absorbs {:.2} % of it", 100.0 * (1.0 - surviving))
             } else {

@@ -1,4 +1,165 @@
-//! The level at which a name is significant.
+//! Significance: how rare a score has to be among all candidates. Search, verdicts, spectra and detectability ask
+//! here, so that they cannot contradict each other.
 
-/// Family-wise level of the first name: the chance of any where nothing is missing.
-pub(crate) const LEVEL: f64 = 0.05;
+use super::constants::Constants;
+use tau_estimation::numerics::distribution::{bisect, chi2_quantile_above, f_quantile_above, noncentral_chi2_survival};
+use super::scan::global_p;
+
+/// The family-wise test over the candidates of one search.
+///
+/// Each candidate has a share of the level (a weighted Bonferroni procedure; Genovese, Roeder, Wasserman,
+/// Biometrika 93, 2006). The same shares are the price of an effect in the score of a whole model: its cost is the
+/// fall of −2 ln L at which it is just significant, so that a model's score rises with an effect exactly where the
+/// effect is significant beside the rest.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Significance {
+    constants: Constants,
+    /// Share of one candidate with a name, and of one unnamed family.
+    named: f64,
+    unnamed: f64,
+    /// Degrees of freedom of the base's residuals.
+    degrees: f64,
+}
+
+/// The null distribution of a candidate's score.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Null {
+    /// Number of amplitudes that can be told apart.
+    pub(crate) rank: f64,
+    /// Mean number of upcrossings of a search where nothing is there; `None` where nothing is searched.
+    pub(crate) crossings: Option<f64>,
+}
+
+impl Null {
+    /// Of amplitudes alone.
+    pub(crate) fn plain(rank: f64) -> Self {
+        Self {
+            rank,
+            crossings: None,
+        }
+    }
+}
+
+impl Significance {
+    /// Over so many candidates with a name and so many unnamed families.
+    pub(crate) fn new(constants: Constants, named: usize, unnamed: usize, degrees: f64) -> Self {
+        let share = match (named, unnamed) {
+            (_, 0) => 1.0,
+            (0, _) => 0.0,
+            _ => constants.share_of_names.min(1.0),
+        };
+        Self {
+            constants,
+            named: share / named.max(1) as f64,
+            unnamed: (1.0 - share) / unnamed.max(1) as f64,
+            degrees,
+        }
+    }
+
+    /// The chance that one candidate may have.
+    pub(crate) fn level(&self, is_named: bool) -> f64 {
+        self.constants.level * if is_named { self.named } else { self.unnamed }
+    }
+
+    /// The score, as χ² of known noise, that one candidate has with the chance of [`Self::level`].
+    pub(crate) fn threshold(&self, null: Null, is_named: bool) -> f64 {
+        self.threshold_at(self.level(is_named), null)
+    }
+
+    fn threshold_at(&self, level: f64, Null { rank, crossings }: Null) -> f64 {
+        match crossings {
+            Some(crossings) => bisect(rank, 10.0 * rank + 20.0, |statistic| {
+                global_p(statistic, rank, crossings) - level
+            }),
+            None => rank * f_quantile_above(level, rank, (self.degrees - rank).max(1.0)),
+        }
+    }
+
+    /// The cost of a candidate in the score of a model.
+    pub(crate) fn cost(&self, null: Null, is_named: bool) -> f64 {
+        self.fall(null.rank, self.threshold(null, is_named))
+    }
+
+    /// The cost of the optional parameters of an effect that the model has: one test, beside that of the effect.
+    pub(crate) fn cost_of_option(&self, rank: f64) -> f64 {
+        let level = self.constants.level * self.constants.further;
+        self.fall(rank, self.threshold_at(level, Null::plain(rank)))
+    }
+
+    /// What all effects and families of a model cost beside their own: odds that there is one more.
+    pub(crate) fn cost_of_number(&self, count: usize) -> f64 {
+        -2.0 * self.constants.further.ln() * count.saturating_sub(1) as f64
+    }
+
+    /// The fall of −2 ln L that a score is, the noise being estimated beside it.
+    fn fall(&self, rank: f64, statistic: f64) -> f64 {
+        self.degrees * (statistic / (self.degrees - rank).max(1.0)).ln_1p()
+    }
+
+    /// The non-centrality at which a candidate is found with the power that the method states.
+    pub(crate) fn detectable(&self, null: Null, is_named: bool) -> f64 {
+        let level = self.level(is_named);
+        let threshold = match null.crossings {
+            Some(_) => self.threshold(null, is_named),
+            None => chi2_quantile_above(level, null.rank),
+        };
+        bisect(1e-9, 20.0, |lambda| {
+            self.constants.power - noncentral_chi2_survival(threshold, null.rank, lambda)
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use tau_estimation::numerics::distribution::f_survival;
+
+    use super::*;
+
+    fn significance() -> Significance {
+        Significance::new(Constants::default(), 50, 200, 1000.0)
+    }
+
+    /// All shares together are the level.
+    #[test]
+    fn shares_add_up_to_the_level() {
+        let significance = significance();
+        let all = 50.0 * significance.level(true) + 200.0 * significance.level(false);
+        assert!((all - 0.05).abs() < 1e-15);
+    }
+
+    /// A model's score rises with an effect exactly where the effect's F test is significant.
+    #[test]
+    fn an_effect_pays_where_it_is_significant() {
+        let significance = significance();
+        for rank in [1.0, 2.0, 9.0, 27.0] {
+            let cost = significance.cost(Null::plain(rank), true);
+            for (share, pays) in [(0.99, false), (1.01, true)] {
+                // Residuals of 1000 degrees of which the candidate takes up `statistic`.
+                let gain = share * cost;
+                let statistic = 1000.0 * (1.0 - (-gain / 1000.0_f64).exp());
+                let f = statistic / rank / ((1000.0 - statistic) / (1000.0 - rank));
+                let p_value = f_survival(f, rank, 1000.0 - rank);
+                assert_eq!(p_value < significance.level(true), pays, "{rank} {share}");
+            }
+        }
+    }
+
+    /// A search costs more than a known value, and more the wider it is.
+    #[test]
+    fn a_search_is_paid_for() {
+        let significance = significance();
+        let cost = |crossings| {
+            significance.cost(
+                Null {
+                    rank: 2.0,
+                    crossings,
+                },
+                true,
+            )
+        };
+        assert!(cost(None) < cost(Some(5.0)) && cost(Some(5.0)) < cost(Some(50.0)));
+        // A tenfold search is paid with about 2 ln 10.
+        let tenfold = cost(Some(50.0)) - cost(Some(5.0));
+        assert!((tenfold - 2.0 * 10.0_f64.ln()).abs() < 1.0, "{tenfold}");
+    }
+}

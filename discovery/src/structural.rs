@@ -16,7 +16,8 @@ use tau_codegen::language::check_text;
 
 use super::Error;
 use super::bench::f_form;
-use super::results::{Considered, Discovery, FoundEffect, Gap, Misfit, Status, Step};
+use super::constants::Constants;
+use super::results::{Considered, Discovery, FoundEffect, Gap, Misfit, Status, Step, Verdict};
 use super::text;
 
 /// Name of the candidate by which all links get closures of their own, and its place.
@@ -135,20 +136,17 @@ fn of_effects(variant: &Variant) -> BTreeSet<(usize, &str)> {
         .collect()
 }
 
-/// Level of the full arm: where links differ, its chance is far less, and it should leave the first name its
-/// own.
-const LEVEL_OF_ARM: f64 = 0.005;
-
 /// Whether the links of a base's clusters differ, where the base takes them for one.
 pub(super) struct FullArm {
+    is_significant: bool,
     p_value: f64,
     chi2_drop: f64,
 }
 
 impl FullArm {
     /// By what χ² of the full arm would rise by if the links of each cluster were parallel and of one length:
-    /// on all of its closures, which a reduced arm has not.
-    pub(super) fn of(full: &Fit, samples: &[Sample]) -> Option<Self> {
+    /// on all of its closures, which a reduced arm has not. It is one test, with the price of one more effect.
+    pub(super) fn of(full: &Fit, samples: &[Sample], constants: &Constants) -> Option<Self> {
         let ties = ties(full, samples)?;
         let broken = &ties * DVector::from_column_slice(&full.fitted);
         let spread = &ties * &full.basis.b;
@@ -157,13 +155,14 @@ impl FullArm {
         let total = full.residuals.norm_squared() + statistic;
         let (_, p_value) = f_form(statistic, rank, total, full.degrees() + rank);
         Some(Self {
+            is_significant: p_value <= constants.level * constants.further,
             p_value,
             chi2_drop: statistic,
         })
     }
 
     pub(super) fn is_significant(&self) -> bool {
-        self.p_value <= LEVEL_OF_ARM
+        self.is_significant
     }
 
     fn considered(&self) -> Considered {
@@ -172,9 +171,9 @@ impl FullArm {
             place: FULL_ARM.1.into(),
             p_value: self.p_value,
             verdict: if self.is_significant() {
-                "found"
+                Verdict::Found
             } else {
-                "not significant"
+                Verdict::NotSignificant
             },
         }
     }
@@ -210,7 +209,6 @@ impl FullArm {
                 place: FULL_ARM.1.into(),
                 parameters: BTreeMap::new(),
                 p_value: self.p_value,
-                flip_p_value: f64::NAN,
                 chi2_drop: self.chi2_drop,
                 heldout_drop_um: gap.mean_um - before.mean_um,
                 rivals: vec![],

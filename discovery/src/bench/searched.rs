@@ -11,8 +11,8 @@ use tau_estimation::samples::Sample;
 
 use super::super::candidates::{self, Candidate};
 use super::super::response::{Displacements, Responses};
-use super::super::scan::{AS_GOOD, Band, LEAST_SHOWN, Scores, global_p, lengths, lobe, peaks};
-use super::super::significance::LEVEL;
+use super::super::scan::{Band, LEAST_SHOWN, Scores, global_p, lengths, lobe, peaks};
+use super::super::significance::Null;
 use super::super::view::View;
 use super::{Bench, Score, Table, f_form};
 
@@ -52,7 +52,6 @@ impl Scans {
 /// A searched candidate at one value.
 pub(super) struct Point {
     pub(super) columns: Displacements,
-    pub(super) absorbed: DMatrix<f64>,
     pub(super) coefficients: DMatrix<f64>,
 }
 
@@ -99,7 +98,7 @@ impl Bench {
         let highest = scanned.bands.iter().map(|(_, scores)| scores.highest());
         let highest = highest.fold(0.0, f64::max);
         let height = LEAST_SHOWN * highest;
-        let peaks = if p_value(highest / LEAST_SHOWN) > LEVEL {
+        let peaks = if p_value(highest / LEAST_SHOWN) > self.constants.level {
             // Nothing between the points of the grid could be significant, not even alone.
             let of_band = |(band, scores): &(&Band, &Scores)| -> Vec<(f64, f64)> {
                 let at = |k: usize| (band.grid[k], scores.statistics[k]);
@@ -119,8 +118,10 @@ impl Bench {
             candidate: scan.candidate,
             statistic,
             p_value,
-            adjusted: p_value,
-            bic: statistic - (rank + 1.0) * self.observations().ln(),
+            null: Null {
+                rank,
+                crossings: Some(crossings),
+            },
             searched: Some(value),
         })
     }
@@ -188,7 +189,6 @@ impl Bench {
         let left = responses.left(&gram, absorbed.as_view());
         Some(Point {
             columns,
-            absorbed,
             coefficients: orthonormal(&lengths(&gram), &left),
         })
     }
@@ -202,7 +202,7 @@ impl Bench {
         };
         let described = &self.candidates[score.candidate];
         let apart = lobe(reach(described, &self.model, &self.samples));
-        let least = score.statistic - AS_GOOD;
+        let least = score.statistic - self.constants.as_good;
         let scanned = self.scanned(scan, &table.bands);
         let height = LEAST_SHOWN * least;
         self.refined(&table.responses, score.candidate, &scanned, height)

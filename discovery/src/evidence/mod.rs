@@ -10,18 +10,18 @@ use nalgebra::{Cholesky, DVector};
 use tau_estimation::numerics::parallel;
 
 use super::results::Evidence;
-use super::selection::Search;
+use super::search::Search;
 use super::view::View;
 
 /// The evidence for each effect that was found; `base` is the model that the search started from.
 pub(super) fn of_effects(search: &Search<'_>, base: &View) -> Vec<Evidence> {
-    let (bench, fit) = (&search.bench, &search.fit);
+    let (bench, fit) = (&search.bench, &search.state.fit);
     let view = View::of(fit);
-    let effects: Vec<usize> = (0..search.accepted.len()).collect();
+    let effects: Vec<usize> = (0..search.state.members.len()).collect();
     parallel::map(&effects, |&effect| {
-        let accepted = &search.accepted[effect];
+        let accepted = search.state.members[effect];
         let described = &bench.candidates[accepted.candidate];
-        let values = search.values_of(effect);
+        let values = search.state.values_of(&search.context(), effect);
         let mut evidence = Evidence {
             name: described.name.clone(),
             place: described.places.clone(),
@@ -34,11 +34,10 @@ pub(super) fn of_effects(search: &Search<'_>, base: &View) -> Vec<Evidence> {
         };
         evidence.residuals =
             residuals::patterns(bench, &view, &before, accepted.candidate, &values);
-        evidence.spectrum = search.first.as_ref().and_then(|first| {
-            let residuals = [&before, &view.residuals];
-            let candidate = accepted.candidate;
-            spectrum::spectrum(bench, first, base, candidate, residuals, &view.factors)
-        });
+        let residuals = [&before, &view.residuals];
+        let (first, candidate) = (&search.first, accepted.candidate);
+        evidence.spectrum =
+            spectrum::spectrum(bench, first, base, candidate, residuals, &view.factors);
         evidence
     })
 }
@@ -49,9 +48,9 @@ pub(super) fn of_effects(search: &Search<'_>, base: &View) -> Vec<Evidence> {
 /// With `Q = J·B`, what the other columns leave of the effect's is `Q·B₂ᵀ·(B₂·B₂ᵀ)⁻¹`, where `B₂` are
 /// the effect's rows of `B`.
 fn without(search: &Search<'_>, effect: usize) -> Option<DVector<f64>> {
-    let fit = &search.fit;
-    let columns = search.columns_of(effect);
-    let (own, found) = search.amplitudes(effect);
+    let (fit, context) = (&search.state.fit, search.context());
+    let columns = search.state.columns_of(&context, effect);
+    let (own, found) = search.state.amplitudes(&context, effect);
     let amplitudes = DVector::from_iterator(
         columns.len(),
         columns.iter().map(|column| {

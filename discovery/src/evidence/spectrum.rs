@@ -1,13 +1,11 @@
 //! The score of a searched effect over its search, with and without the effect in the model.
 
 use nalgebra::DVector;
-use tau_estimation::numerics::distribution::bisect;
 
 use crate::bench::{Bench, Table, f_form};
 use crate::response::Responses;
 use crate::results::Spectrum;
-use crate::scan::global_p;
-use crate::significance::LEVEL;
+use crate::significance::Null;
 use crate::view::View;
 
 /// Stretches of the grid of which the highest point is kept: as data, and as a curve to draw.
@@ -44,10 +42,11 @@ pub(super) fn spectrum(
         }
         statistics
     });
-    let level = LEVEL / first.scores.len().max(1) as f64;
-    let threshold = bisect(rank, 10.0 * rank + 20.0, |statistic| {
-        global_p(statistic, rank, scanned.crossings) - level
-    });
+    let null = Null {
+        rank,
+        crossings: Some(scanned.crossings),
+    };
+    let threshold = bench.significance.threshold(null, described.is_named());
     let whole: Vec<[f64; 3]> = (scanned.bands)
         .iter()
         .flat_map(|(band, _)| &band.grid)

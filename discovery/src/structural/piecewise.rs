@@ -3,27 +3,25 @@
 //! That a track's points take up what is left says where the cart goes, not why. So it gets no name: what it
 //! takes up is reported as structure without one, and names come first.
 
-use std::collections::{BTreeMap, BTreeSet};
-use std::time::Instant;
-
-use nalgebra::{DMatrix, Vector3};
-use tau_estimation::calibration::Line;
-use tau_estimation::evaluation::evaluate;
 use tau_estimation::numerics::distribution::chi2_survival;
 use tau_estimation::numerics::parallel;
 use tau_estimation::numerics::projection::Subspace;
-use tau_kinematics::track_axes;
-use tau_robot::robot::{Arm, Robot, TrackModel, TrackShape, Variant};
+use std::time::Instant;
+
+use nalgebra::Vector3;
 
 use super::super::bench::f_form;
 use super::super::candidates::{self, Entry};
-use super::super::results::{Considered, Discovery, PiecewiseTrack, Step, Unnamed};
-use super::super::selection::{FURTHER, Search};
-use super::super::serial;
-use super::super::signs::{self, by_unit};
+use super::super::results::{Considered, Discovery, PiecewiseTrack, Step, Unnamed, Verdict};
+use super::super::search::Search;
+use super::super::significance::Null;
+use super::super::score::Yardstick;
 use super::super::view::View;
 use super::super::{Error, Input, Outcome, search_from, text};
 use super::{Structure, with_structure};
+use tau_estimation::calibration::Line;
+use tau_kinematics::track_axes;
+use tau_robot::robot::{Arm, Robot, TrackModel, TrackShape, Variant};
 
 /// Name of the candidate by which a track follows the measured points of its cart.
 const NAME: &str = "piecewise_track";
@@ -35,25 +33,25 @@ const MOST_KNOTS: usize = 64;
 /// What was found from a base, and what its straight tracks leave.
 pub(in super::super) struct Found {
     pub(in super::super) outcome: Outcome,
-    /// Number of unnamed families that hold the place of what has no name.
-    families: usize,
-    /// Names and places of the effects that leave no structure where they act.
-    firm: BTreeSet<(String, String)>,
-    /// Squares of the errors at the tool (µm²) on the poses that took part, by their numbers.
-    errors: BTreeMap<u32, f64>,
+    /// Score of the model that was found.
+    score: f64,
+    /// By which it compares with models of other bases.
+    yardstick: Yardstick,
     /// What points of each straight track would take up.
-    tracks: Vec<Bent>,
+    tracks: Vec<TrackTest>,
 }
 
 /// What the measured points of a straight track would take up of what a search left.
-pub(in super::super) struct Bent {
+pub(in super::super) struct TrackTest {
     track: usize,
     place: String,
     p_value: f64,
     statistic: f64,
-    /// Significant, and some of what has no name is nothing beside it.
+    /// What the points cost in the score of a model.
+    cost: f64,
+    /// Whether the linear model predicts a better score.
     is_wanted: bool,
-    verdict: &'static str,
+    verdict: Verdict,
     /// How far its points lie off a straight line.
     unnamed: Vec<Unnamed>,
 }
@@ -64,7 +62,7 @@ pub(in super::super) fn search(
     started: Instant,
     progress: &mut dyn FnMut(&str),
 ) -> Result<Outcome, Error> {
-    let found = search_from(input, started, progress)?;
+    let found = search_from(input, None, started, progress)?;
     let mut outcome = bent(input, found, started, progress)?;
     outcome.discovery.seconds = started.elapsed().as_secs_f64();
     Ok(outcome)
@@ -79,7 +77,7 @@ fn bent(
 ) -> Result<Outcome, Error> {
     let mut tracks = std::mem::take(&mut found.tracks);
     tracks.sort_by(|a, b| b.statistic.total_cmp(&a.statistic));
-    let mut notes: Vec<Considered> = tracks.iter().map(Bent::considered).collect();
+    let mut notes: Vec<Considered> = tracks.iter().map(TrackTest::considered).collect();
     for (track, note) in tracks.iter().zip(&mut notes) {
         if !track.is_wanted {
             continue;
@@ -94,13 +92,17 @@ fn bent(
             base: &base,
             ..*input
         };
-        let there = match search_from(&input_there, started, progress) {
-            Ok(there) => there,
+        let yardstick = Some(found.yardstick.clone());
+        let there = match search_from(&input_there, yardstick, started, progress) {
+            Ok(mut there) => {
+                there.score += track.cost;
+                there
+            }
             Err(Error::NotConverged { .. }) => continue,
             Err(error) => return Err(error),
         };
-        if let Some(objection) = found.objection(&there) {
-            note.verdict = objection;
+        if there.score >= found.score {
+            note.verdict = Verdict::NotTheBest;
             continue;
         }
         let mut outcome = bent(&input_there, there, started, progress)?;
@@ -121,59 +123,16 @@ fn bent(
 }
 
 impl Found {
-    pub(in super::super) fn of(
-        search: &Search<'_>,
-        tracks: Vec<Bent>,
+    pub(in super::super) fn new(
+        search: Search<'_>,
+        tracks: Vec<TrackTest>,
         outcome: Outcome,
-    ) -> Result<Self, Error> {
-        let Search { input, fit, .. } = search;
-        let machine = fit.joint.machine.with_values(fit.joint.values(&fit.fitted));
-        let errors = evaluate(&machine, input.folder, &outcome.poses)?.errors;
-        let bench = &search.bench;
-        let has_left = |acts_on: &BTreeSet<usize>| {
-            let mut left = search.unnamed.iter();
-            left.any(|&(family, _)| !bench.displaces(family).is_disjoint(acts_on))
-        };
-        let firm = search.accepted.iter().map(|accepted| accepted.candidate);
-        let firm = firm.filter(|&effect| !has_left(&bench.displaces(effect)));
-        let named = |effect: usize| {
-            let effect = &bench.candidates[effect];
-            (effect.name.clone(), effect.places.clone())
-        };
-        Ok(Self {
-            families: search.unnamed.len(),
-            firm: firm.map(named).collect(),
-            errors: errors
-                .iter()
-                .map(|error| (error.pose, error.length_um().powi(2)))
-                .collect(),
-            tracks,
+    ) -> Self {
+        Self {
             outcome,
-        })
-    }
-
-    /// What keeps a track straight, if not this was found with the track's points instead.
-    fn objection(&self, there: &Self) -> Option<&'static str> {
-        let is_there = |(name, place): &(String, String)| {
-            let mut effects = there.outcome.discovery.effects.iter();
-            effects.any(|effect| effect.name == *name && effect.place == *place)
-        };
-        // Points know nothing of set 1, so that it holds them out: where they bring in more noise than there is
-        // structure, a straight track is the better one.
-        let both = self
-            .errors
-            .iter()
-            .filter_map(|(pose, own)| Some((own, there.errors.get(pose)?)));
-        let (here_um2, there_um2) = both.fold((0.0, 0.0), |sum, of| (sum.0 + of.0, sum.1 + of.1));
-        if !self.firm.iter().all(is_there) {
-            Some("would take up what has a name")
-        } else if there.families >= self.families.max(1) {
-            // Where no family holds a place, the track itself is what is left.
-            Some("would leave as much without a name")
-        } else if there_um2 >= here_um2 {
-            Some("its points are too noisy to follow")
-        } else {
-            None
+            score: search.score,
+            yardstick: search.yardstick,
+            tracks,
         }
     }
 }
@@ -197,10 +156,8 @@ fn with_piecewise(robot: &Robot, base: &str, track: usize) -> Result<(Robot, Str
     with_structure(robot, variant, &structure, &format!("Piecewise{suffix}"))
 }
 
-/// Whether straight tracks leave what measured points of the carts' paths would take up: each track's
-/// points of set 2 free to move, beside everything that has a name.
-pub(in super::super) fn tracks(search: &Search<'_>, base: &Variant) -> Vec<Bent> {
-    let view = View::of(&search.fit);
+/// What the measured points of each straight track would take up, free to move, beside what was found.
+pub(in super::super) fn tracks(search: &Search<'_>, base: &Variant) -> Vec<TrackTest> {
     let straight: Vec<(usize, Vec<f64>)> = base
         .tracks
         .iter()
@@ -209,9 +166,8 @@ pub(in super::super) fn tracks(search: &Search<'_>, base: &Variant) -> Vec<Bent>
         .map(|(track, _)| (track, knots(search, track)))
         .filter(|(_, knots)| knots.len() > 2)
         .collect();
-    let level = FURTHER / straight.len() as f64;
     parallel::map(&straight, |(track, knots)| {
-        of_track(search, &view, *track, knots, level)
+        of_track(search, *track, knots)
     })
 }
 
@@ -238,8 +194,9 @@ fn thinned(knots: &[f64]) -> Vec<f64> {
         .collect()
 }
 
-fn of_track(search: &Search<'_>, view: &View, track: usize, knots: &[f64], level: f64) -> Bent {
+fn of_track(search: &Search<'_>, track: usize, knots: &[f64]) -> TrackTest {
     let bench = &search.bench;
+    let view = &View::of(&search.state.fit);
     let count = knots.len();
     let entries: Vec<Entry> = (0..3)
         .map(|axis| {
@@ -260,24 +217,26 @@ fn of_track(search: &Search<'_>, view: &View, track: usize, knots: &[f64], level
     let wanted: Vec<usize> = (0..3 * count).collect();
     let columns = view.weighted(&candidates::columns(&entries, &wanted, &bench.probes));
     let subspace = Subspace::of(&columns, &view.remainder(&columns));
-    let rank = subspace.rank() as f64;
+    let rank = (subspace.rank() as f64).max(1.0);
     let statistic = subspace.statistic(&view.residuals);
-    let inflation = serial::inflation(view, &subspace, &bench.samples);
-    let (_, p_value) = f_form(
-        statistic / inflation,
-        rank.max(1.0),
-        view.total(),
-        view.degrees,
-    );
-    let (is_wanted, verdict) = if p_value > level || !outdoes_flips(search, view, &subspace) {
-        (false, "not significant")
-    } else if !takes_up_unnamed(search, &view.with(&subspace)) {
-        (false, "not the best explanation")
+    let deflated = statistic / search.inflation(view, &subspace);
+    let (_, p_value) = f_form(deflated, rank, view.total(), view.degrees);
+    let cost = bench.significance.cost(Null::plain(rank), true);
+    // With what has no name, or in its stead.
+    let families = search.state.view(bench);
+    let is_wanted = search.is_better_with(cost, [
+        (view.total() - deflated, false),
+        (families.with(&Subspace::of(&columns, &families.remainder(&columns))).total(), true),
+    ]);
+    let verdict = if is_wanted {
+        Verdict::NotConfirmed
+    } else if p_value > bench.significance.level(true) {
+        Verdict::NotSignificant
     } else {
-        (true, "not confirmed")
+        Verdict::NotTheBest
     };
     let place = search.input.robot.tracks[track].clone();
-    Bent {
+    TrackTest {
         unnamed: if is_wanted {
             off_line(search, track)
         } else {
@@ -287,41 +246,10 @@ fn of_track(search: &Search<'_>, view: &View, track: usize, knots: &[f64], level
         place,
         p_value,
         statistic,
+        cost,
         is_wanted,
         verdict,
     }
-}
-
-/// Whether points take up more than where the signs of the residuals are drawn by lot, sample by sample: single
-/// samples far off are as far off with any sign, while structure is the same in all sets.
-fn outdoes_flips(search: &Search<'_>, view: &View, subspace: &Subspace) -> bool {
-    let bench = &search.bench;
-    let options = search.input.options;
-    let signs = signs::random(bench.units, options.flips, options.seed);
-    let flipped =
-        |columns: &DMatrix<f64>| by_unit(columns, view, &bench.samples, bench.units) * &signs;
-    let (own, absorbed) = (flipped(&subspace.u), flipped(&view.q));
-    let share = |statistic: f64, total: f64| statistic / (total - statistic).max(1e-12);
-    let total = view.total();
-    let reached = share(subspace.statistic(&view.residuals), total);
-    own.column_iter()
-        .zip(absorbed.column_iter())
-        .all(|(own, absorbed)| share(own.norm_squared(), total - absorbed.norm_squared()) < reached)
-}
-
-/// Whether some unnamed family, where there are any, is nothing beside a track's points: those that are not
-/// are something else.
-fn takes_up_unnamed(search: &Search<'_>, beside: &View) -> bool {
-    let is_nothing = |&(family, searched): &(usize, Option<f64>)| {
-        let Some((_, left)) = search.bench.subspace(beside, family, searched) else {
-            return true;
-        };
-        let statistic = left.statistic(&beside.residuals);
-        let rank = left.rank() as f64;
-        let (_, p_value) = f_form(statistic, rank, beside.total(), beside.degrees);
-        p_value > FURTHER
-    };
-    search.unnamed.is_empty() || search.unnamed.iter().any(is_nothing)
 }
 
 /// How far measured points lie off a straight track: along the axes where that is more than their noise.
@@ -346,7 +274,7 @@ fn off_line(search: &Search<'_>, track: usize) -> Vec<Unnamed> {
         let square: f64 = curve.iter().map(|[_, off]| off * off).sum();
         let count = curve.len() as f64;
         let p_value = chi2_survival(square / input.file.noise.position_m.powi(2), count - 2.0);
-        (p_value <= FURTHER).then(|| Unnamed {
+        (p_value <= search.bench.constants.left_where_found).then(|| Unnamed {
             place: input.robot.tracks[track].clone(),
             direction: direction.into(),
             against: "q".into(),
@@ -357,7 +285,7 @@ fn off_line(search: &Search<'_>, track: usize) -> Vec<Unnamed> {
     unnamed.collect()
 }
 
-impl Bent {
+impl TrackTest {
     fn considered(&self) -> Considered {
         Considered {
             name: NAME.into(),
@@ -373,7 +301,7 @@ impl Bent {
         found.considered.insert(
             0,
             Considered {
-                verdict: "in the model, without a name",
+                verdict: Verdict::WithoutName,
                 ..self.considered()
             },
         );

@@ -6,6 +6,7 @@ mod nominal;
 mod output;
 mod registration;
 pub mod searched;
+mod stated;
 
 use tau_kinematics::{self, Machine, Path, Sample, Statics, Surroundings, nearest_rotation, zyz};
 use tau_robot::input_error::InputError;
@@ -21,6 +22,7 @@ pub use cost::closure_cost;
 pub use error::Error;
 pub use nominal::{Nominal, TRACK_ROTATION_TOLERANCE_RAD};
 pub use output::{LinkResult, ParameterEstimate};
+pub use stated::Stated;
 pub use registration::{Line, MOUNTING_M, NominalTrack, Registration, set_2, set_3};
 
 /// How to calibrate.

@@ -63,16 +63,34 @@ pub fn weights(deviations: &[(f64, f64)]) -> Vec<f64> {
         .collect()
 }
 
-/// Samples beyond the largest residual that so many would show.
+/// Samples beyond the Šidák-corrected χ² quantile: what the largest of so many residuals hardly exceeds.
 pub fn beyond(deviations: &[(f64, f64)], samples: &[Sample]) -> Vec<usize> {
-    let count = |set: u8| samples.iter().filter(|sample| sample.set == set).count() as f64;
-    let levels = [1, 2, 3].map(|set| 1.0 - (1.0 - LEVEL).powf(1.0 / count(set).max(1.0)));
+    let levels = levels(samples);
     (0..samples.len())
-        .filter(|&s| {
-            let level = levels[usize::from(samples[s].set.clamp(1, 3)) - 1];
-            chi2_survival(deviations[s].0, deviations[s].1) < level
-        })
+        .filter(|&s| chi2_survival(deviations[s].0, deviations[s].1) < levels[set(&samples[s])])
         .collect()
+}
+
+/// The χ² from which on each sample is an outlier, by its number of residuals.
+pub fn limits(rows: &[f64], samples: &[Sample]) -> Vec<f64> {
+    let levels = levels(samples);
+    let mut known: BTreeMap<(usize, u64), f64> = BTreeMap::new();
+    let limit = |(&rows, sample): (&f64, &Sample)| {
+        let (set, rows) = (set(sample), rows.max(1.0));
+        *(known.entry((set, rows.to_bits())))
+            .or_insert_with(|| chi2_quantile_above(levels[set], rows))
+    };
+    rows.iter().zip(samples).map(limit).collect()
+}
+
+/// Chance of each sample of a set to be taken for an outlier.
+fn levels(samples: &[Sample]) -> [f64; 3] {
+    let count = |set: u8| samples.iter().filter(|sample| sample.set == set).count() as f64;
+    [1, 2, 3].map(|set| 1.0 - (1.0 - LEVEL).powf(1.0 / count(set).max(1.0)))
+}
+
+fn set(sample: &Sample) -> usize {
+    usize::from(sample.set.clamp(1, 3)) - 1
 }
 
 /// Samples that lie far off: outliers, and crowds of them along a command.

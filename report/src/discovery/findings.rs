@@ -3,7 +3,7 @@
 use tau::discovery::results::{FoundEffect, LeftOut, Unnamed};
 use tau::discovery::{Discovery, Status};
 
-use super::words::{self, Words, capital, percent, probability};
+use super::words::{self, Words, capital, probability};
 use super::{at, chance, listed, readable};
 use crate::figures::typographic;
 use crate::number::{fixed, general, largest};
@@ -127,17 +127,8 @@ pub(crate) fn effect(words: &Words, effect: &FoundEffect) -> Vec<String> {
         if change < 0.0 { "raises" } else { "lowers" },
         general(change.abs(), 2)
     ));
-    // A structural candidate has no columns whose score flips could test.
-    let flips = if effect.flip_p_value.is_finite() {
-        format!(
-            ", random flips of the residuals' signs in at most {} of all cases",
-            percent(effect.flip_p_value)
-        )
-    } else {
-        String::new()
-    };
     sentences.push(format!(
-        "By formula, noise alone would give so strong a signal with probability {}{flips}.",
+        "By formula, noise alone would give so strong a signal with probability {}.",
         probability(effect.p_value)
     ));
     sentences

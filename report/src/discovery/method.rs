@@ -1,7 +1,7 @@
 //! How the figures of a discovery were obtained, in words.
 
 use maud::{Markup, html};
-use tau::discovery::{Discovery, Options};
+use tau::discovery::Discovery;
 use tau::measurements::PoseCounts;
 use tau::study::results::Study;
 
@@ -18,8 +18,6 @@ pub struct Setting {
     pub has_cart_poses: bool,
     /// Stated noise: position (m) and rotation (rad), one standard deviation per axis.
     pub noise: (f64, f64),
-    /// Number of random sign flips.
-    pub flips: usize,
 }
 
 impl From<&Study> for Setting {
@@ -28,7 +26,6 @@ impl From<&Study> for Setting {
             poses: study.poses,
             has_cart_poses: findings::has_cart_poses(study),
             noise: study.noise,
-            flips: Options::default().flips,
         }
     }
 }
@@ -64,17 +61,23 @@ pub(crate) fn obtained(found: &Discovery, setting: &Setting) -> Markup {
                  every further one."
             }
             li {
-                b { "Confirm. " }
-                "In " (setting.flips) " random flips, each of which turns the signs of all residuals of a pose together by \
-                 lot, hardly ever may any candidate score as high; noise that follows itself in time must not do as well; \
-                 and blocks of neighbouring poses and points that are held out have to be predicted better with the effect \
-                 than without."
+                b { "Search. " }
+                "A model is scored by its misfit (−2 ln L, the noise of each set estimated) and by what its effects cost: \
+                 each as much as the fall at which it is just significant. From the base, effects join, leave and take \
+                 the place of others, at one place, at several or at all in common, as long as the score gets better \
+                 once all parameters have been fitted anew. No model is tried twice, and the best of all that were \
+                 tried is the answer."
             }
             li {
-                b { "Add. " }
-                "One effect at a time joins the model, which is then fitted anew, until nothing passes. What an effect \
-                 brings depends on what is in the model already, so it is said for the order in which they joined. In the \
-                 end each is tested again beside all others."
+                b { "Confirm. " }
+                "What joins has to be more than noise that follows itself in time would imitate, and has to predict blocks \
+                 of neighbouring poses and points that are held out. Their noise, the outliers among them and the period \
+                 of what repeats are known from all blocks."
+            }
+            li {
+                b { "Look again. " }
+                "In the end each effect is tested beside all others, with what could be meant instead; and where effects \
+                 act, structure that is left is looked for at 0.5 %."
             }
         }
     }

@@ -224,7 +224,7 @@ fn candidates(found: &Discovery) -> Markup {
         p {
             "Every effect of the catalogue at every place is scored by what " (tables::scored(found)) " leaves of its signal in the \
              residuals. The p-values are of one candidate each beside " (tables::scored(found)) " alone; what is called significant holds \
-             over all of them together, against unnamed rivals, under sign flips, and on blocks that were held out. A weak \
+             over all of them together, against unnamed rivals, and on blocks that were held out. A weak \
              effect may stand out only once stronger ones are in the model."
         }
         @if let Some(considered) = tables::considered(found) { (table(&considered, "wide compact long")) }

@@ -1,5 +1,6 @@
 //! The tables of a discovery.
 
+use tau::discovery::results::Verdict;
 use tau::discovery::Discovery;
 use tau::discovery::results::{FoundEffect, SerialCorrelation};
 
@@ -316,14 +317,16 @@ pub(crate) fn considered(found: &Discovery) -> Option<Table> {
     // With a larger p-value than one that is not significant, a candidate was not significant by itself either.
     let too_weak = considered
         .iter()
-        .find(|candidate| candidate.verdict == "not significant")
+        .find(|candidate| candidate.verdict == Verdict::NotSignificant)
         .map_or(f64::INFINITY, |candidate| candidate.p_value);
     let rows: Vec<Vec<Cell>> = considered
         .into_iter()
         .map(|candidate| {
             let verdict = match candidate.verdict {
-                "found" if candidate.p_value > too_weak => "found once others were in the model",
-                verdict => verdict,
+                Verdict::Found if candidate.p_value > too_weak => {
+                    "found once others were in the model"
+                }
+                verdict => verdict.words(),
             };
             vec![
                 text(&at(&candidate.name, &candidate.place)),

@@ -437,15 +437,3 @@ pub(crate) fn probability(p_value: f64) -> String {
         .map_or_else(|| chance.clone(), |bound| format!("below {bound}"))
 }
 
-/// A share in percent, no more digits than it needs.
-pub(crate) fn percent(share: f64) -> String {
-    let text = general(100.0 * share, 2);
-    let text = match text.split_once('.') {
-        Some((whole, decimals)) => match decimals.trim_end_matches('0') {
-            "" => whole.to_owned(),
-            rest => format!("{whole}.{rest}"),
-        },
-        None => fixed(100.0 * share, 0),
-    };
-    format!("{text} %")
-}

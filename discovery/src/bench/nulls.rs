@@ -1,0 +1,34 @@
+//! Residuals under random signs, in which upcrossings of searches are counted.
+
+use nalgebra::DVector;
+use tau_estimation::numerics::distribution::Random;
+
+use super::super::response::Responses;
+use super::super::view::View;
+use super::Bench;
+use super::searched::Scans;
+
+/// Number of null scans.
+const SCANS: usize = 24;
+
+impl Bench {
+    /// Residuals of which each unit has a random sign, as sums over the samples of each probe, unless upcrossings have
+    /// been counted.
+    pub(super) fn nulls(&self, view: &View, scans: &Scans) -> Vec<Vec<DVector<f64>>> {
+        if scans.bands.iter().all(|band| band.crossings().is_some()) {
+            return vec![];
+        }
+        let mut random = Random(1);
+        let null = |_| {
+            let signs: Vec<f64> = (0..self.units).map(|_| random.sign()).collect();
+            let mut turned = DVector::zeros(view.residuals.len());
+            for (row, at) in view.rows.iter().enumerate() {
+                turned[row] = view.residuals[row] * signs[self.samples[at.sample].unit];
+            }
+            let absorbed = view.q.tr_mul(&turned);
+            turned.gemv(-1.0, &*view.q, &absorbed, 1.0);
+            Responses::sums(view, &self.probes, turned.as_slice())
+        };
+        (0..SCANS).map(null).collect()
+    }
+}

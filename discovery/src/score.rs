@@ -1,0 +1,64 @@
+//! The score of a whole model: how well it fits, less what its effects cost.
+
+use tau_estimation::joint::fit::Fit;
+use tau_estimation::joint::Component;
+use tau_estimation::samples::outliers;
+use tau_estimation::samples::Sample;
+use super::view::View;
+
+/// Degrees of freedom of each component's residuals, and of outliers the square that counts instead of their own:
+/// fixed for all models of one search, so that their scores compare.
+#[derive(Debug, Clone)]
+pub(crate) struct Yardstick {
+    degrees: [f64; Component::ALL.len()],
+    /// χ² from which on a sample is an outlier, per row of its own.
+    limits: Vec<f64>,
+}
+
+impl Yardstick {
+    /// By the base of a search.
+    pub(crate) fn of(base: &Fit, samples: &[Sample]) -> Self {
+        let degrees = Component::ALL.map(|component| {
+            let (_, degrees, _) =
+                base.misfit(|row| base.joint.rows[row].component == component);
+            degrees.max(1.0)
+        });
+        let mut rows = vec![0.0; samples.len()];
+        for row in &base.joint.rows {
+            rows[row.sample] += 1.0;
+        }
+        Self {
+            degrees,
+            limits: outliers::limits(&rows, samples)
+                .into_iter()
+                .zip(rows)
+                .map(|(limit, rows)| limit / f64::max(rows, 1.0))
+                .collect(),
+        }
+    }
+
+    /// −2 ln L of a model beside the base, but for a constant: the noise of each component is what the model leaves
+    /// of it, an outlier counts as one that is just none, and priors count as measurements.
+    ///
+    /// `view` is the fit with what unnamed families take up.
+    pub(crate) fn misfit(&self, fit: &Fit, view: &View) -> f64 {
+        let mut sums = [0.0; Component::ALL.len()];
+        for (row, at) in view.rows.iter().enumerate() {
+            let square = if fit.weights[at.sample] == 0.0 {
+                self.limits[at.sample]
+            } else {
+                view.residuals[row].powi(2)
+            };
+            let component = at.component as usize;
+            sums[component] += square * fit.scales[component].powi(2);
+        }
+        let measured: f64 = sums
+            .iter()
+            .zip(&self.degrees)
+            .filter(|(sum, _)| **sum > 0.0)
+            .map(|(sum, degrees)| degrees * (sum / degrees).ln())
+            .sum();
+        let priors = view.residuals.rows_range(view.rows.len()..).norm_squared();
+        measured + priors
+    }
+}

@@ -1,0 +1,371 @@
+//! A climb from model to model, each of a better score than the one before.
+
+mod moves;
+mod review;
+pub(crate) mod state;
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+
+use super::bench::{Bench, Table};
+use super::confirmation::held_out_gain;
+use tau_estimation::joint::fit::Fit;
+use tau_estimation::numerics::projection::Subspace;
+use super::results::{Gap, Step};
+use super::score::Yardstick;
+use super::serial;
+use super::text;
+use super::view::View;
+use super::{Error, Input, Rule};
+use tau_estimation::evaluation::evaluate;
+use moves::{Joining, Move};
+pub(crate) use review::Found;
+use state::{Composition, Context, Member, State, start_of};
+
+const MAX_EFFECTS: usize = 10;
+/// A better score is one that is better by more than rounding.
+const ROUNDING: f64 = 1e-6;
+
+/// The search, and the best model so far.
+pub(crate) struct Search<'a> {
+    pub(crate) input: &'a Input<'a>,
+    pub(crate) bench: Bench,
+    /// Index of the base in the model's variants, and number of effects that it has already.
+    variant: usize,
+    own_effects: usize,
+    base: State,
+    /// Whether a family beats every name beside the base.
+    starts_with_family: bool,
+    pub(crate) state: State,
+    /// Score of the model as it stands: −2 ln L and what its effects cost.
+    pub(crate) score: f64,
+    pub(crate) yardstick: Yardstick,
+    /// Degrees of freedom of the base's residuals.
+    degrees: f64,
+    /// What each candidate costs.
+    costs: BTreeMap<usize, f64>,
+    /// Models that were tried, from wherever, with their scores where they converged.
+    visited: BTreeMap<Composition, Option<f64>>,
+    /// Candidates that passed the score but not their confirmation.
+    pub(crate) unconfirmed: BTreeSet<usize>,
+    /// By how much each effect lowered the mean error on the validation poses when it joined (µm).
+    drops_um: BTreeMap<usize, f64>,
+    pub(crate) steps: Vec<Step>,
+    pub(crate) gaps: Vec<Gap>,
+    /// Scores beside the base.
+    pub(crate) first: Table,
+    /// Scores beside the model as it stands, with those of periodic families or without.
+    known: [Option<Table>; 2],
+    /// Structure that is left where the effects act.
+    pub(crate) left: Vec<state::Unnamed>,
+}
+
+impl<'a> Search<'a> {
+    /// From a base that has been fitted; `first` are the scores beside it, and `yardstick` is that of another base
+    /// with which scores shall compare.
+    pub(crate) fn new(
+        input: &'a Input<'a>,
+        bench: Bench,
+        (variant, own_effects): (usize, usize),
+        fit: Fit,
+        first: Table,
+        yardstick: Option<Yardstick>,
+    ) -> Result<Self, Error> {
+        let base = State {
+            fit,
+            members: vec![],
+            unnamed: vec![],
+        };
+        let yardstick = yardstick.unwrap_or_else(|| Yardstick::of(&base.fit, &bench.samples));
+        let mut search = Self {
+            input,
+            yardstick,
+            degrees: base.fit.degrees(),
+            state: base.clone(),
+            base,
+            starts_with_family: false,
+            score: 0.0,
+            bench,
+            variant,
+            own_effects,
+            costs: BTreeMap::new(),
+            visited: BTreeMap::new(),
+            unconfirmed: BTreeSet::new(),
+            drops_um: BTreeMap::new(),
+            steps: vec![],
+            gaps: vec![],
+            known: [Some(first.clone()), None],
+            first: first.clone().without_model(),
+            left: vec![],
+        };
+        for score in first.scores {
+            search.cost(&score);
+        }
+        search.score = search.score_of_state(&search.state);
+        search.visited.insert(search.state.composition(), Some(search.score));
+        search.record()?;
+        Ok(search)
+    }
+
+    /// Climbs as long as any move improves the score. Names come first, and families where no name helps; and once
+    /// more from the base with both from the start, since names that stand in for what has none may be stepping
+    /// stones to nowhere. The better end counts.
+    pub(crate) fn run(&mut self, progress: &mut dyn FnMut(&str)) -> Result<(), Error> {
+        self.climb(true, progress)?;
+        if self.starts_with_family && !self.is_without(Rule::SecondStart) {
+            let first = (self.state.clone(), self.score);
+            let notes = (self.steps.clone(), self.gaps.clone(), self.drops_um.clone());
+            self.go_to(self.base.clone(), self.score_of_state(&self.base));
+            self.steps.truncate(1);
+            self.gaps.truncate(1);
+            self.climb(false, progress)?;
+            if self.score > first.1 - ROUNDING {
+                self.go_to(first.0, first.1);
+                (self.steps, self.gaps, self.drops_um) = notes;
+            }
+        }
+        if !self.state.members.is_empty() {
+            progress("settling what was found");
+            self.state.fit = self.state.fit.clone().settled()?;
+            self.known = [None, None];
+            self.restate()?;
+        }
+        if !self.is_without(Rule::Left) {
+            self.left = self.left_where_found();
+        }
+        Ok(())
+    }
+
+    fn climb(&mut self, names_first: bool, progress: &mut dyn FnMut(&str)) -> Result<(), Error> {
+        let mut with_families = !names_first;
+        while self.state.count() < MAX_EFFECTS {
+            let moves = self.moves(with_families);
+            if self.stepped(moves, progress)? {
+                with_families = !names_first;
+            } else if with_families {
+                break;
+            } else {
+                with_families = true;
+            }
+        }
+        Ok(())
+    }
+
+    /// Takes the first of some moves that improves the score; whether any does.
+    fn stepped(&mut self, moves: Vec<Move>, progress: &mut dyn FnMut(&str)) -> Result<bool, Error> {
+        for change in moves {
+            let composition = state::composition(&change.members, &change.unnamed);
+            if self.visited.contains_key(&composition) {
+                continue;
+            }
+            let Some(next) = self.tried(&change, progress) else {
+                self.visited.insert(composition, None);
+                continue;
+            };
+            let score = self.score_of_state(&next);
+            self.visited.insert(composition, Some(score));
+            if score < self.score - ROUNDING {
+                self.accept(next, score)?;
+                return Ok(true);
+            }
+        }
+        Ok(false)
+    }
+
+    /// The model that a move leads to, if what joins it is confirmed and it can be fitted.
+    fn tried(&mut self, change: &Move, progress: &mut dyn FnMut(&str)) -> Option<State> {
+        for joining in &change.joining {
+            if !self.is_confirmed(joining) {
+                self.unconfirmed.insert(joining.score.candidate);
+                return None;
+            }
+        }
+        let fit = if change.members == self.state.members {
+            self.state.fit.clone()
+        } else {
+            progress(&&format!("trying {}", self.labels_of(&change.members).join(" + ")));
+            let start = self.start(change);
+            let context = self.context();
+            (self.state.refitted(&context, &change.members, start.as_deref())).ok()?
+        };
+        Some(State {
+            fit,
+            members: change.members.clone(),
+            unnamed: change.unnamed.clone(),
+        })
+    }
+
+    /// Start values of the newest effect.
+    fn start(&self, change: &Move) -> Option<Vec<f64>> {
+        let Joining { score, beside } = change.joining.last()?;
+        let newest = change.members.last()?;
+        let is_newest = newest.candidate == score.candidate;
+        is_newest.then(|| start_of(&self.bench, beside, score))?
+    }
+
+    /// Whether a candidate predicts blocks that were held out, and is more than serial noise would imitate.
+    fn is_confirmed(&self, Joining { score, beside }: &Joining) -> bool {
+        let Some((_, subspace)) = self.bench.subspace(beside, score.candidate, score.searched)
+        else {
+            return false;
+        };
+        let inflation = self.inflation(beside, &subspace);
+        if inflation > 1.0 {
+            let is_named = self.bench.candidates[score.candidate].is_named();
+            let cost = self.bench.significance.cost(score.null, is_named);
+            let total = beside.total();
+            let gain = -self.degrees * (1.0 - score.statistic / inflation / total).ln();
+            if gain < cost {
+                return false;
+            }
+        }
+        let constants = self.input.options.constants;
+        self.is_without(Rule::HeldOut)
+            || held_out_gain(
+                beside,
+                &subspace,
+                &self.bench.samples,
+                self.input.options.seed,
+                &constants,
+            ) > 0.0
+    }
+
+    /// By how much serial noise makes the score of a subspace too large.
+    pub(crate) fn inflation(&self, view: &View, subspace: &Subspace) -> f64 {
+        if self.is_without(Rule::Serial) {
+            return 1.0;
+        }
+        let least = self.input.options.constants.serial;
+        serial::inflation(view, subspace, &self.bench.samples, least)
+    }
+
+    /// Whether the model is better with something more at a cost; each case leaves a sum of squares with the unnamed
+    /// families or without.
+    pub(crate) fn is_better_with(&self, cost: f64, cases: [(f64, bool); 2]) -> bool {
+        let now = self.state.view(&self.bench).total();
+        let State { members, unnamed, .. } = &self.state;
+        let price = |families: &[state::Unnamed]| self.cost_of_state(members, families);
+        let significance = &self.bench.significance;
+        cases.into_iter().any(|(left, has_families)| {
+            let families = if has_families { &unnamed[..] } else { &[] };
+            let count = members.len() + families.len();
+            let more = significance.cost_of_number(count + 1) - significance.cost_of_number(count);
+            self.change(now, left) + price(families) + cost + more < price(unnamed)
+        })
+    }
+
+    fn is_without(&self, rule: Rule) -> bool {
+        self.input.options.without.contains(&rule)
+    }
+
+    fn accept(&mut self, next: State, score: f64) -> Result<(), Error> {
+        let before: BTreeSet<usize> = self.state.members.iter().map(|m| m.candidate).collect();
+        let is_new = next.members != self.state.members;
+        self.go_to(next, score);
+        if is_new {
+            let error_before = self.gaps.last().map(|gap| gap.mean_um);
+            self.record()?;
+            if let (Some(error_before), Some(gap)) = (error_before, self.gaps.last()) {
+                let new = self.state.members.iter().filter(|m| !before.contains(&m.candidate));
+                let new: Vec<usize> = new.map(|member| member.candidate).collect();
+                for &candidate in &new {
+                    let share = (error_before - gap.mean_um) / new.len() as f64;
+                    self.drops_um.insert(candidate, share);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn go_to(&mut self, state: State, score: f64) {
+        self.state = state;
+        self.score = score;
+        self.known = [None, None];
+    }
+
+    /// Score of a model: the lower, the better.
+    fn score_of_state(&self, state: &State) -> f64 {
+        self.yardstick.misfit(&state.fit, &state.view(&self.bench))
+            + self.cost_of_state(&state.members, &state.unnamed)
+    }
+
+    /// Scores beside the model as it stands.
+    fn table(&mut self, view: &Arc<View>, with_families: bool) -> Table {
+        if let Some(known) = &self.known[usize::from(with_families)] {
+            return known.clone();
+        }
+        let plain = match self.known[0].take() {
+            Some(plain) => plain,
+            None => self.bench.table(view),
+        };
+        let table = if with_families {
+            self.known[0] = Some(plain.clone());
+            self.bench.with_family_scans(view, plain)
+        } else {
+            plain
+        };
+        self.known[usize::from(with_families)] = Some(table.clone());
+        table
+    }
+
+    pub(crate) fn context(&self) -> Context<'_> {
+        Context {
+            input: self.input,
+            bench: &self.bench,
+            variant: self.variant,
+            own_effects: self.own_effects,
+        }
+    }
+
+    /// Notes the gap with the model as it stands.
+    fn record(&mut self) -> Result<(), Error> {
+        let gap = self.gap()?;
+        self.steps.push(self.step(gap));
+        self.gaps.push(gap);
+        Ok(())
+    }
+
+    /// Notes the gap once more, after the last fit has been improved.
+    fn restate(&mut self) -> Result<(), Error> {
+        let gap = self.gap()?;
+        let step = self.step(gap);
+        if let (Some(last), Some(stated)) = (self.steps.last_mut(), self.gaps.last_mut()) {
+            (*last, *stated) = (step, gap);
+        }
+        Ok(())
+    }
+
+    /// The position error on the validation poses.
+    fn gap(&self) -> Result<Gap, Error> {
+        let fit = &self.state.fit;
+        let machine = fit.joint.machine.with_values(fit.joint.values(&fit.fitted));
+        let evaluation = evaluate(&machine, self.input.folder, &self.input.division.validation)?;
+        Ok(Gap::from(evaluation.position_um))
+    }
+
+    fn step(&self, gap: Gap) -> Step {
+        Step {
+            model: text::line(self.input.base, &self.labels()),
+            mean_um: gap.mean_um,
+            max_um: gap.max_um,
+            rms_um: gap.rms_um,
+        }
+    }
+
+    /// The effects as the description writes them.
+    pub(crate) fn labels(&self) -> Vec<String> {
+        self.labels_of(&self.state.members)
+    }
+
+    fn labels_of(&self, members: &[Member]) -> Vec<String> {
+        let label = |member: &Member| {
+            let described = &self.bench.candidates[member.candidate];
+            if member.extended {
+                described.extended_label(&self.bench.model)
+            } else {
+                described.label()
+            }
+        };
+        members.iter().map(label).collect()
+    }
+}

@@ -1,0 +1,451 @@
+//! Moves from one model to its neighbours, with the change of score that the linear model predicts.
+
+use std::collections::BTreeSet;
+use std::sync::Arc;
+
+use tau_codegen::language::model::Place;
+
+use super::super::bench::{Score, Table};
+use tau_estimation::numerics::parallel;
+use tau_estimation::numerics::projection::Subspace;
+use super::super::view::View;
+use super::Search;
+use super::state::{Member, Unnamed};
+
+/// A neighbouring model.
+pub(super) struct Move {
+    pub(super) members: Vec<Member>,
+    pub(super) unnamed: Vec<Unnamed>,
+    /// Predicted change of the score; a fall is an improvement.
+    pub(super) predicted: f64,
+    /// The candidates that join, each beside a model without it.
+    pub(super) joining: Vec<Joining>,
+}
+
+/// A candidate that joins a model.
+#[derive(Clone)]
+pub(super) struct Joining {
+    pub(super) score: Score,
+    pub(super) beside: Arc<View>,
+}
+
+/// A model without one of its effects or families.
+pub(super) struct Without {
+    pub(super) view: Arc<View>,
+    pub(super) table: Table,
+}
+
+/// Several places of one effect, each with amplitudes of its own.
+pub(super) struct Places {
+    pub(super) joining: Vec<Joining>,
+    /// Change of the score relative to the model without any of them, the number of effects aside.
+    pub(super) change: f64,
+    pub(super) subspaces: Vec<Subspace>,
+}
+
+impl Search<'_> {
+    /// All neighbours that the linear model predicts to be better, the best first.
+    pub(super) fn moves(&mut self, with_families: bool) -> Vec<Move> {
+        let view = Arc::new(self.state.view(&self.bench));
+        let table = self.table(&view, with_families);
+        let mut moves = self.additions(&view, &table, with_families);
+        moves.extend(self.common_placements(&view));
+        moves.extend(self.removals(&view));
+        moves.extend(self.extensions(&view));
+        moves.extend(self.exchanges(&view, &table, with_families));
+        moves.retain(|change| change.predicted < 0.0);
+        moves.sort_by(|a, b| a.predicted.total_cmp(&b.predicted));
+        moves
+    }
+
+    /// The change of −2 ln L from a model that leaves `before` of the sum of squares to one that leaves `after`.
+    pub(super) fn change(&self, before: f64, after: f64) -> f64 {
+        self.degrees * (after.max(1e-12) / before.max(1e-12)).ln()
+    }
+
+    fn number(&self, count: usize) -> f64 {
+        self.bench.significance.cost_of_number(count)
+    }
+
+    fn is_in_model(&self, candidate: usize) -> bool {
+        let mut unnamed = self.state.unnamed.iter();
+        let mut members = self.state.members.iter();
+        unnamed.any(|unnamed| unnamed.0 == candidate)
+            || members.any(|member| member.candidate == candidate)
+    }
+
+    fn additions(&mut self, view: &Arc<View>, table: &Table, with_families: bool) -> Vec<Move> {
+        let (total, count) = (view.total(), self.state.count());
+        let dearer = self.number(count + 1) - self.number(count);
+        let mut best: Option<(f64, Score)> = None;
+        let mut best_family = 0.0_f64;
+        let mut moves: Vec<Move> = Vec::new();
+        for score in &table.scores {
+            if self.is_in_model(score.candidate) {
+                continue;
+            }
+            let predicted =
+                self.change(total, total - score.statistic) + self.cost(score) + dearer;
+            if predicted >= 0.0 {
+                continue;
+            }
+            let is_named = self.bench.candidates[score.candidate].is_named();
+            if !is_named {
+                best_family = best_family.min(predicted);
+            } else if best.as_ref().is_none_or(|(least, _)| predicted < *least) {
+                best = Some((predicted, score.clone()));
+            }
+            if is_named || with_families {
+                moves.push(self.with(score, predicted, view));
+            }
+        }
+        if count == 0 {
+            let of_name = best.as_ref().map_or(0.0, |(predicted, _)| *predicted);
+            self.starts_with_family = best_family < of_name;
+        }
+        // Where the effect that fits best can act at several places, these may all be in one move: the first step
+        // alone would often be the amplitude that all places have in common.
+        if let Some((_, score)) = best
+            && let Some(places) = self.places(view, score.candidate)
+            && places.joining.len() > 1
+        {
+            let more = self.number(count + places.joining.len()) - self.number(count);
+            let mut members = self.state.members.clone();
+            members.extend(places.members());
+            moves.push(Move {
+                members,
+                unnamed: self.state.unnamed.clone(),
+                predicted: places.change + more,
+                joining: places.joining,
+            });
+        }
+        moves
+    }
+
+    /// The model with one candidate more.
+    fn with(&self, score: &Score, predicted: f64, view: &Arc<View>) -> Move {
+        let (mut members, mut unnamed) = (self.state.members.clone(), self.state.unnamed.clone());
+        if self.bench.candidates[score.candidate].is_named() {
+            members.push(Member::plain(score.candidate));
+        } else {
+            unnamed.push((score.candidate, score.searched));
+        }
+        Move {
+            members,
+            unnamed,
+            predicted,
+            joining: vec![Joining {
+                score: score.clone(),
+                beside: Arc::clone(view),
+            }],
+        }
+    }
+
+    fn removals(&mut self, view: &View) -> Vec<Move> {
+        let (total, count) = (view.total(), self.state.count());
+        let cheaper = self.number(count) - self.number(count.saturating_sub(1));
+        let mut moves = Vec::new();
+        for member in 0..self.state.members.len() {
+            let own = self.state.own_statistic(&self.context(), member);
+            let Some(statistic) = own else { continue };
+            let (mut members, unnamed) = (self.state.members.clone(), self.state.unnamed.clone());
+            let removed = members.remove(member);
+            moves.push(Move {
+                members,
+                unnamed,
+                predicted: self.change(total, total + statistic) - self.cost_of(removed) - cheaper,
+                joining: vec![],
+            });
+        }
+        for family in 0..self.state.unnamed.len() {
+            let without = self.state.view_without_family(&self.bench, family);
+            let mut unnamed = self.state.unnamed.clone();
+            let (candidate, _) = unnamed.remove(family);
+            moves.push(Move {
+                members: self.state.members.clone(),
+                unnamed,
+                predicted: self.change(total, without.total())
+                    - self.cost_of(Member::plain(candidate))
+                    - cheaper,
+                joining: vec![],
+            });
+        }
+        moves
+    }
+
+    /// Effects with their optional parameters.
+    fn extensions(&self, view: &View) -> Vec<Move> {
+        let mut moves = Vec::new();
+        for (index, member) in self.state.members.iter().enumerate() {
+            let optional = self.bench.candidates[member.candidate].optional();
+            if member.extended || optional.is_empty() {
+                continue;
+            }
+            let values = self.state.values_of(&self.context(), index);
+            let subspace = (self.bench).subspace_of(view, member.candidate, &values, &optional);
+            let Some(subspace) = subspace else { continue };
+            let rank = subspace.rank() as f64;
+            let statistic =
+                subspace.statistic(&view.residuals) / self.inflation(view, &subspace);
+            let mut members = self.state.members.clone();
+            members[index].extended = true;
+            moves.push(Move {
+                members,
+                unnamed: self.state.unnamed.clone(),
+                predicted: self.change(view.total(), view.total() - statistic)
+                    + self.bench.significance.cost_of_option(rank),
+                joining: vec![],
+            });
+        }
+        moves
+    }
+
+    /// One amplitude for all places in the stead of an effect's own at several.
+    fn common_placements(&mut self, view: &View) -> Vec<Move> {
+        let effect_of = |search: &Self, member: &Member| search.bench.candidates[member.candidate].effect;
+        let effects: BTreeSet<usize> = (self.state.members.iter())
+            .map(|member| effect_of(self, member))
+            .collect();
+        let mut moves = Vec::new();
+        for effect in effects {
+            let own: Vec<usize> = (0..self.state.members.len())
+                .filter(|&k| effect_of(self, &self.state.members[k]) == effect)
+                .collect();
+            let common = (0..self.bench.candidates.len()).find(|&candidate| {
+                self.bench.candidates[candidate].effect == effect
+                    && self.is_common(candidate)
+                    && !self.is_in_model(candidate)
+                    && !self.bench.hidden.contains(&candidate)
+            });
+            let Some(common) = common.filter(|_| own.len() > 1) else {
+                continue;
+            };
+            let without = Arc::new(self.state.view_without(&self.context(), &own));
+            let Some((_, subspace)) = self.bench.subspace(&without, common, None) else {
+                continue;
+            };
+            let score = self.score_of(&without, common, &subspace);
+            let saved: f64 = own.iter().map(|&k| self.cost_of(self.state.members[k])).sum();
+            let count = self.state.count();
+            let fewer = self.number(count) - self.number(count + 1 - own.len());
+            let predicted = self.change(view.total(), without.total() - score.statistic)
+                + self.cost(&score)
+                - saved
+                - fewer;
+            let others = (0..self.state.members.len()).filter(|k| !own.contains(k));
+            let mut members: Vec<Member> = others.map(|k| self.state.members[k]).collect();
+            members.push(Member::plain(common));
+            moves.push(Move {
+                members,
+                unnamed: self.state.unnamed.clone(),
+                predicted,
+                joining: vec![Joining {
+                    score,
+                    beside: without,
+                }],
+            });
+        }
+        moves
+    }
+
+    /// Other candidates in the stead of an effect or a family.
+    fn exchanges(&mut self, view: &Arc<View>, table: &Table, with_families: bool) -> Vec<Move> {
+        let members: Vec<usize> = (0..self.state.members.len()).collect();
+        let whole = self.state.unnamed.is_empty().then_some(table);
+        let without = parallel::map(&members, |&member| {
+            self.without(member, whole, with_families)
+        });
+        let mut moves = Vec::new();
+        for (member, without) in members.into_iter().zip(without) {
+            let mut others = self.state.members.clone();
+            let removed = others.remove(member);
+            let saved = self.cost_of(removed);
+            let unnamed = self.state.unnamed.clone();
+            moves.extend(self.instead(view, &without, (others.clone(), unnamed.clone()), saved));
+            if self.is_common(removed.candidate)
+                && let Some(places) = self.places(&without.view, removed.candidate)
+                && places.joining.len() > 1
+            {
+                let count = self.state.count();
+                let more = self.number(count + places.joining.len() - 1) - self.number(count);
+                let (now, before) = (view.total(), without.view.total());
+                let predicted = self.change(now, before) + places.change - saved + more;
+                others.extend(places.members());
+                moves.push(Move {
+                    members: others,
+                    unnamed,
+                    predicted,
+                    joining: places.joining,
+                });
+            }
+        }
+        for family in 0..self.state.unnamed.len() {
+            let beside = self.state.view_without_family(&self.bench, family);
+            let mut unnamed = self.state.unnamed.clone();
+            let (removed, _) = unnamed.remove(family);
+            let saved = self.cost_of(Member::plain(removed));
+            let without = Without {
+                table: self.bench.table(&beside),
+                view: Arc::new(beside),
+            };
+            let rest = (self.state.members.clone(), unnamed);
+            moves.extend(self.instead(view, &without, rest, saved));
+        }
+        moves
+    }
+
+    /// Each candidate in the stead of one that has left the model, whose cost is `saved`.
+    fn instead(
+        &mut self,
+        view: &View,
+        without: &Without,
+        (members, unnamed): (Vec<Member>, Vec<Unnamed>),
+        saved: f64,
+    ) -> Vec<Move> {
+        let total = without.view.total();
+        let mut moves = Vec::new();
+        for score in &without.table.scores {
+            if self.is_in_model(score.candidate) {
+                continue;
+            }
+            let predicted =
+                self.change(view.total(), total - score.statistic) + self.cost(score) - saved;
+            if predicted >= 0.0 {
+                continue;
+            }
+            let (mut members, mut unnamed) = (members.clone(), unnamed.clone());
+            if self.bench.candidates[score.candidate].is_named() {
+                members.push(Member::plain(score.candidate));
+            } else {
+                unnamed.push((score.candidate, score.searched));
+            }
+            moves.push(Move {
+                members,
+                unnamed,
+                predicted,
+                joining: vec![Joining {
+                    score: score.clone(),
+                    beside: Arc::clone(&without.view),
+                }],
+            });
+        }
+        moves
+    }
+
+    /// The model without one of its effects, and the scores there; `whole` are those beside the model with it.
+    pub(super) fn without(
+        &self,
+        member: usize,
+        whole: Option<&Table>,
+        with_families: bool,
+    ) -> Without {
+        let view = self.state.view_without(&self.context(), &[member]);
+        let mut table = match whole {
+            Some(whole) => {
+                let freed = self.state.freed(&self.context(), member);
+                self.bench.table_without(whole, freed, &view)
+            }
+            None => self.bench.table(&view),
+        };
+        if !with_families {
+            let candidates = &self.bench.candidates;
+            table.scores.retain(|score| candidates[score.candidate].is_named());
+        }
+        Without {
+            view: Arc::new(view),
+            table,
+        }
+    }
+
+    /// The places of a candidate's effect that pay, one after the other, beside a model without any of them.
+    pub(super) fn places(&mut self, view: &Arc<View>, candidate: usize) -> Option<Places> {
+        let effect = self.bench.candidates[candidate].effect;
+        let mut places = Places {
+            joining: vec![],
+            change: 0.0,
+            subspaces: vec![],
+        };
+        let mut beside = Arc::clone(view);
+        let mut open: Vec<usize> = (0..self.bench.candidates.len())
+            .filter(|&place| {
+                let described = &self.bench.candidates[place];
+                described.effect == effect
+                    && described.search.is_none()
+                    && !self.is_common(place)
+                    && !self.is_in_model(place)
+                    && !self.bench.hidden.contains(&place)
+            })
+            .collect();
+        if open.len() < 2 {
+            return None;
+        }
+        loop {
+            let scored = parallel::map(&open, |&place| {
+                let (_, subspace) = self.bench.subspace(&beside, place, None)?;
+                Some((self.score_of(&beside, place, &subspace), subspace))
+            });
+            let mut best: Option<(f64, Score, Subspace)> = None;
+            for (score, subspace) in scored.into_iter().flatten() {
+                let total = beside.total();
+                let change = self.change(total, total - score.statistic) + self.cost(&score);
+                if best.as_ref().is_none_or(|(least, ..)| change < *least) {
+                    best = Some((change, score, subspace));
+                }
+            }
+            let Some((change, score, subspace)) = best.filter(|best| best.0 < 0.0) else {
+                break;
+            };
+            open.retain(|&place| place != score.candidate);
+            let next = Arc::new(beside.with(&subspace));
+            places.change += change;
+            places.joining.push(Joining { score, beside });
+            places.subspaces.push(subspace);
+            beside = next;
+        }
+        Some(places)
+    }
+
+    pub(super) fn is_common(&self, candidate: usize) -> bool {
+        let place = self.bench.candidates[candidate].place;
+        matches!(place, Place::AllCarts | Place::AllLinks)
+    }
+
+    /// The score of a candidate without a search from its subspace.
+    pub(super) fn score_of(&self, view: &View, candidate: usize, subspace: &Subspace) -> Score {
+        let statistic = subspace.statistic(&view.residuals);
+        (self.bench).score_of(view, candidate, statistic, subspace.rank() as f64)
+    }
+
+    /// The cost of a candidate in a model, by the null distribution of its first score.
+    pub(super) fn cost(&mut self, score: &Score) -> f64 {
+        let is_named = self.bench.candidates[score.candidate].is_named();
+        let significance = &self.bench.significance;
+        let known = self.costs.entry(score.candidate);
+        *known.or_insert_with(|| significance.cost(score.null, is_named))
+    }
+
+    /// The cost of an effect in the model.
+    pub(super) fn cost_of(&self, member: Member) -> f64 {
+        let own = self.costs.get(&member.candidate).copied().unwrap_or(0.0);
+        if !member.extended {
+            return own;
+        }
+        let options = self.bench.candidates[member.candidate].optional().len();
+        own + self.bench.significance.cost_of_option(options as f64)
+    }
+
+    /// The cost of all that the model has.
+    pub(super) fn cost_of_state(&self, members: &[Member], unnamed: &[Unnamed]) -> f64 {
+        let named: f64 = members.iter().map(|&member| self.cost_of(member)).sum();
+        let families = unnamed.iter().map(|&(family, _)| self.cost_of(Member::plain(family)));
+        named + families.sum::<f64>() + self.number(members.len() + unnamed.len())
+    }
+}
+
+impl Places {
+    fn members(&self) -> impl Iterator<Item = Member> + '_ {
+        let joining = self.joining.iter();
+        joining.map(|joining| Member::plain(joining.score.candidate))
+    }
+}
+

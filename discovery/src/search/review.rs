@@ -1,0 +1,258 @@
+//! The final model looked over: what each effect is worth beside the others, what could be meant instead, and what
+//! is left.
+
+use std::collections::BTreeSet;
+
+use super::super::bench::{Score, f_form};
+use tau_estimation::numerics::parallel;
+use tau_estimation::numerics::projection::Subspace;
+use super::super::separation::{Signal, separate_by};
+use super::super::view::View;
+use super::Search;
+use super::moves::Without;
+use super::state::Unnamed;
+
+/// Harmonics of a found period that are looked at.
+const HARMONICS: std::ops::RangeInclusive<u32> = 2..=4;
+
+/// What is said of an effect of the final model.
+pub(crate) struct Found {
+    /// Chance of its score anywhere in its own search, beside all others.
+    pub(crate) p_value: f64,
+    pub(crate) chi2_drop: f64,
+    /// Other values of the searched parameter that fit as well.
+    pub(crate) aliases: Vec<f64>,
+    pub(crate) heldout_drop_um: f64,
+    pub(crate) rivals: Vec<FoundRival>,
+}
+
+/// A candidate that explains the same residuals as an effect, or one effect at several places that does.
+pub(crate) struct FoundRival {
+    pub(crate) candidates: Vec<usize>,
+    pub(crate) cosine: f64,
+    pub(crate) separate_by: String,
+}
+
+impl Search<'_> {
+    /// What is said of each effect.
+    pub(crate) fn found(&mut self) -> Vec<Found> {
+        let members: Vec<usize> = (0..self.state.members.len()).collect();
+        let view = std::sync::Arc::new(self.state.view(&self.bench));
+        let table = self.table(&view, true);
+        let whole = self.state.unnamed.is_empty().then_some(&table);
+        let without = parallel::map(&members, |&member| self.without(member, whole, true));
+        let found = members.iter().zip(without);
+        found
+            .map(|(&member, without)| self.found_of(member, &view, &without))
+            .collect()
+    }
+
+    fn found_of(&mut self, member: usize, view: &View, without: &Without) -> Found {
+        let candidate = self.state.members[member].candidate;
+        let own = self.state.own_subspace(&self.context(), member, &without.view);
+        let statistic = own.statistic(&without.view.residuals);
+        let score = without.table.scores.iter().find(|score| score.candidate == candidate);
+        let (p_value, aliases) = match score {
+            Some(score) => (score.p_value, self.bench.aliases(&without.table, score)),
+            None => {
+                let rank = own.rank().max(1) as f64;
+                let Without { view, .. } = without;
+                (f_form(statistic, rank, view.total(), view.degrees).1, vec![])
+            }
+        };
+        Found {
+            p_value,
+            chi2_drop: statistic,
+            aliases,
+            heldout_drop_um: self.drops_um.get(&candidate).copied().unwrap_or(0.0),
+            rivals: self.rivals(member, view, without, &own),
+        }
+    }
+
+    /// What else would explain the residuals as well as an effect: models with it in the effect's stead whose score
+    /// is as good.
+    fn rivals(
+        &mut self,
+        member: usize,
+        view: &View,
+        without: &Without,
+        own: &Subspace,
+    ) -> Vec<FoundRival> {
+        let removed = self.state.members[member];
+        let saved = self.cost_of(removed);
+        let as_good = self.input.options.constants.as_good;
+        let (now, total) = (view.total(), without.view.total());
+        let mut rivals: Vec<Vec<(usize, Option<f64>)>> = Vec::new();
+        let mut cosines = Vec::new();
+        for score in &without.table.scores {
+            let is_other = score.candidate != removed.candidate
+                && !self.state.members.iter().any(|m| m.candidate == score.candidate)
+                && !self.state.unnamed.iter().any(|u| u.0 == score.candidate);
+            let change = self.change(now, total - score.statistic) + self.cost(score) - saved;
+            if !is_other || change >= as_good {
+                continue;
+            }
+            let subspace = (self.bench).subspace(&without.view, score.candidate, score.searched);
+            if let Some((_, subspace)) = subspace {
+                rivals.push(vec![(score.candidate, score.searched)]);
+                cosines.push(cosine(&without.view, own, &[subspace]));
+            }
+        }
+        // One effect at several places may be meant as well.
+        let mut tried = BTreeSet::from([self.bench.candidates[removed.candidate].effect]);
+        let significant: Vec<usize> = (without.table.scores.iter())
+            .filter(|score| self.is_significant(score))
+            .map(|score| score.candidate)
+            .collect();
+        for candidate in significant {
+            let described = &self.bench.candidates[candidate];
+            if !described.is_named() || !tried.insert(described.effect) {
+                continue;
+            }
+            let Some(places) = self.places(&without.view, candidate) else {
+                continue;
+            };
+            let candidates: Vec<(usize, Option<f64>)> = places
+                .joining
+                .iter()
+                .map(|joining| (joining.score.candidate, None))
+                .collect();
+            let is_told = candidates.iter().any(|one| rivals.contains(&vec![*one]));
+            let count = self.state.count();
+            let significance = &self.bench.significance;
+            let more = significance.cost_of_number(count + candidates.len().max(1) - 1)
+                - significance.cost_of_number(count);
+            let change = self.change(now, total) + places.change - saved + more;
+            if candidates.len() > 1 && !is_told && change < as_good {
+                cosines.push(cosine(&without.view, own, &places.subspaces));
+                rivals.push(candidates);
+            }
+        }
+        rivals
+            .into_iter()
+            .zip(cosines)
+            .map(|(candidates, cosine)| FoundRival {
+                separate_by: self.separate_by(member, &candidates),
+                candidates: candidates.into_iter().map(|one| one.0).collect(),
+                cosine,
+            })
+            .collect()
+    }
+
+    /// Whether a score is significant among all candidates.
+    pub(crate) fn is_significant(&self, score: &Score) -> bool {
+        let is_named = self.bench.candidates[score.candidate].is_named();
+        score.p_value <= self.bench.significance.level(is_named)
+    }
+
+    /// Significant structure that the model leaves where its effects act: there are few candidates, so less is
+    /// needed to see it than anywhere.
+    pub(crate) fn left_where_found(&mut self) -> Vec<Unnamed> {
+        let view = std::sync::Arc::new(self.state.view(&self.bench));
+        let table = self.table(&view, false);
+        let members: Vec<usize> = (0..self.state.members.len()).collect();
+        let where_they_act = parallel::map(&members, |&member| {
+            let acts_on = self.bench.displaces(self.state.members[member].candidate);
+            (self.harmonics(&view, member, &acts_on), acts_on)
+        });
+        let level = self.input.options.constants.left_where_found;
+        let mut left: Vec<Unnamed> = Vec::new();
+        for (harmonics, acts_on) in where_they_act {
+            let families: Vec<&Score> = table
+                .scores
+                .iter()
+                .filter(|score| !self.bench.candidates[score.candidate].is_named())
+                .filter(|score| !self.state.unnamed.iter().any(|u| u.0 == score.candidate))
+                .filter(|score| self.bench.displaces(score.candidate).is_subset(&acts_on))
+                .collect();
+            // Harmonics, where there may be any, get half of the level.
+            let level = level / if harmonics.is_some() { 2.0 } else { 1.0 };
+            let of_family = level / families.len() as f64;
+            let families = families
+                .into_iter()
+                .map(|score| (score.candidate, None, score.p_value / of_family));
+            let harmonics =
+                harmonics.map(|(family, value, p_value)| (family, Some(value), p_value / level));
+            let most = families
+                .chain(harmonics)
+                .filter(|(.., share)| *share <= 1.0)
+                .min_by(|a, b| a.2.total_cmp(&b.2));
+            if let Some((candidate, searched, _)) = most
+                && !left.iter().any(|known| known.0 == candidate)
+            {
+                left.push((candidate, searched));
+            }
+        }
+        left
+    }
+
+    /// Harmonics of a found period together, as an unnamed family on the same displacement: the family, the
+    /// strongest harmonic's period and the p-value of all.
+    fn harmonics(
+        &self,
+        view: &View,
+        member: usize,
+        acts_on: &BTreeSet<usize>,
+    ) -> Option<(usize, f64, f64)> {
+        let described = &self.bench.candidates[self.state.members[member].candidate];
+        let (place, _) = described.search?;
+        let period = self.state.values_of(&self.context(), member)[place];
+        let mut families = self.bench.searched_families().iter().copied();
+        let family = families.find(|&family| self.bench.displaces(family) == *acts_on)?;
+        let (mut statistic, mut rank) = (0.0, 0);
+        let mut strongest = (0.0, period);
+        let mut beside = None;
+        for order in HARMONICS {
+            let value = period / f64::from(order);
+            let here = beside.as_ref().unwrap_or(view);
+            let Some((_, subspace)) = self.bench.subspace(here, family, Some(value)) else {
+                continue;
+            };
+            let own = subspace.statistic(&view.residuals);
+            if own > strongest.0 {
+                strongest = (own, value);
+            }
+            statistic += own;
+            rank += subspace.rank();
+            beside = Some(here.with(&subspace));
+        }
+        if rank == 0 {
+            return None;
+        }
+        let (_, p_value) = f_form(statistic, rank as f64, view.total(), view.degrees);
+        Some((family, strongest.1, p_value))
+    }
+
+    /// The measurement that would tell an effect from a rival, in words: candidates, with what is searched.
+    fn separate_by(&self, member: usize, rival: &[(usize, Option<f64>)]) -> String {
+        let own = &self.bench.candidates[self.state.members[member].candidate];
+        let columns = self.state.columns_of(&self.context(), member);
+        let base: Vec<usize> = (0..self.state.fit.jacobian.ncols())
+            .filter(|column| !columns.contains(column))
+            .collect();
+        let rivals = rival.iter().map(|&(candidate, searched)| {
+            let candidate = &self.bench.candidates[candidate];
+            let mut values = candidate.none();
+            if let (Some((place, _)), Some(value)) = (candidate.search, searched) {
+                values[place] = value;
+            }
+            Signal { candidate, values }
+        });
+        let rivals: Vec<Signal<'_>> = rivals.collect();
+        let own = Signal {
+            candidate: own,
+            values: self.state.values_of(&self.context(), member),
+        };
+        separate_by(&self.bench, &self.state.fit, &own, &rivals, &base)
+    }
+}
+
+/// Cosine between the signal of an effect and what a rival can make of it, whose subspaces follow each other, each
+/// without what is in those before.
+fn cosine(view: &View, own: &Subspace, rival: &[Subspace]) -> f64 {
+    let signal = &own.u * own.u.tr_mul(&view.residuals);
+    let made = rival
+        .iter()
+        .map(|rival| rival.u.tr_mul(&signal).norm_squared());
+    (made.sum::<f64>().sqrt() / signal.norm().max(1e-300)).min(1.0)
+}

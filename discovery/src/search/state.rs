@@ -1,0 +1,290 @@
+//! A model of the search: the base with effects, fitted, and unnamed families beside it.
+
+use nalgebra::{Cholesky, DVector};
+use std::collections::BTreeSet;
+
+use super::super::bench::{Bench, Score};
+use tau_estimation::joint::fit::Fit;
+use tau_estimation::joint::Joint;
+use tau_estimation::numerics::projection::Subspace;
+use tau_estimation::joint::variant::{free_turning, free_turning_from};
+use super::super::view::{Freed, View};
+use super::super::{Error, Input};
+use tau_estimation::calibration::Prepared;
+use tau_robot::robot::Owner;
+
+/// An effect in a model.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) struct Member {
+    /// Index of the candidate.
+    pub(crate) candidate: usize,
+    /// Whether its optional parameters are in the model.
+    pub(crate) extended: bool,
+}
+
+impl Member {
+    pub(crate) fn plain(candidate: usize) -> Self {
+        Self {
+            candidate,
+            extended: false,
+        }
+    }
+}
+
+/// An unnamed family in a model, with the value of what is searched.
+pub(crate) type Unnamed = (usize, Option<f64>);
+
+/// What a model consists of, whatever the order.
+pub(crate) type Composition = (BTreeSet<Member>, BTreeSet<usize>);
+
+/// A model as fitted.
+#[derive(Clone)]
+pub(crate) struct State {
+    pub(crate) fit: Fit,
+    /// In the order in which they joined.
+    pub(crate) members: Vec<Member>,
+    pub(crate) unnamed: Vec<Unnamed>,
+}
+
+/// What all models of a search share.
+#[derive(Clone, Copy)]
+pub(crate) struct Context<'a> {
+    pub(crate) input: &'a Input<'a>,
+    pub(crate) bench: &'a Bench,
+    /// Index of the base in the model's variants, and number of effects that it has.
+    pub(crate) variant: usize,
+    pub(crate) own_effects: usize,
+}
+
+impl State {
+    pub(crate) fn composition(&self) -> Composition {
+        composition(&self.members, &self.unnamed)
+    }
+
+    /// Number of effects and families.
+    pub(crate) fn count(&self) -> usize {
+        self.members.len() + self.unnamed.len()
+    }
+
+    /// The linear model, with what its families take up.
+    pub(crate) fn view(&self, bench: &Bench) -> View {
+        with_families(View::of(&self.fit), bench, &self.unnamed)
+    }
+
+    /// The linear model without one of its families.
+    pub(crate) fn view_without_family(&self, bench: &Bench, family: usize) -> View {
+        let mut others = self.unnamed.clone();
+        others.remove(family);
+        with_families(View::of(&self.fit), bench, &others)
+    }
+
+    /// The linear model without some of its effects.
+    pub(crate) fn view_without(&self, context: &Context<'_>, members: &[usize]) -> View {
+        let own = members.iter().flat_map(|&member| self.columns_of(context, member));
+        let offsets = members.iter().flat_map(|&member| self.offsets(context, member));
+        let offsets: Vec<(usize, f64)> = offsets.collect();
+        let rows = self.fit.joint.rows.len();
+        let jacobian = &self.fit.jacobian;
+        let mut contribution = jacobian.moved(&jacobian.step(&offsets));
+        contribution
+            .rows_mut(rows, self.fit.residuals.len() - rows)
+            .fill(0.0);
+        let removed: BTreeSet<usize> = own.collect();
+        let view = View::without(&self.fit, &removed, &contribution);
+        with_families(view, context.bench, &self.unnamed)
+    }
+
+    /// What the linear model gives back without one of its effects.
+    pub(crate) fn freed(&self, context: &Context<'_>, member: usize) -> Freed {
+        let columns = self.columns_of(context, member);
+        let offsets = self.offsets(context, member);
+        Freed::of(&self.fit.basis, &self.fit.jacobian, &columns, &offsets)
+    }
+
+    /// The part of the residuals' space that one effect alone explains, beside `without`, the model without it.
+    pub(crate) fn own_subspace(
+        &self,
+        context: &Context<'_>,
+        member: usize,
+        without: &View,
+    ) -> Subspace {
+        let rows = self.fit.joint.rows.len();
+        let mut columns = (self.fit.jacobian).select_columns(&self.columns_of(context, member));
+        columns
+            .rows_mut(rows, self.fit.residuals.len() - rows)
+            .fill(0.0);
+        Subspace::of(&columns, &without.remainder(&columns))
+    }
+
+    /// The rise of χ² without one of the effects: its amplitudes against their covariance.
+    pub(crate) fn own_statistic(&self, context: &Context<'_>, member: usize) -> Option<f64> {
+        let (own, amplitudes) = self.amplitudes(context, member);
+        let b = self.fit.basis.b.select_rows(&own);
+        let solved = Cholesky::new(&b * b.transpose())?.solve(&amplitudes);
+        Some(amplitudes.dot(&solved))
+    }
+
+    /// Columns of an effect's amplitudes in the fit, and their distances from no effect.
+    pub(crate) fn amplitudes(
+        &self,
+        context: &Context<'_>,
+        member: usize,
+    ) -> (Vec<usize>, DVector<f64>) {
+        let (columns, values): (Vec<usize>, Vec<f64>) =
+            self.offsets(context, member).into_iter().unzip();
+        (columns, DVector::from_vec(values))
+    }
+
+    /// Each column of an effect's amplitudes with the distance from no effect.
+    fn offsets(&self, context: &Context<'_>, member: usize) -> Vec<(usize, f64)> {
+        let described = &context.bench.candidates[self.members[member].candidate];
+        self.places_of(context, member)
+            .into_iter()
+            .filter(|&(place, _)| !described.is_searched(place))
+            .map(|(place, column)| {
+                let none = described.parameters[place].none;
+                (column, self.fit.fitted[column] - none)
+            })
+            .collect()
+    }
+
+    /// Parameters of an effect that are in the model, each with its column in the fit.
+    pub(crate) fn places_of(
+        &self,
+        context: &Context<'_>,
+        member: usize,
+    ) -> Vec<(usize, usize)> {
+        let Member {
+            candidate,
+            extended,
+        } = self.members[member];
+        let taken = context.bench.candidates[candidate].taken(extended);
+        let columns = self.columns_of(context, member);
+        taken.into_iter().zip(columns).collect()
+    }
+
+    /// Fitted values of all parameters of an effect; those that are not in the model are at no effect.
+    pub(crate) fn values_of(&self, context: &Context<'_>, member: usize) -> Vec<f64> {
+        let mut values = context.bench.candidates[self.members[member].candidate].none();
+        for (place, column) in self.places_of(context, member) {
+            values[place] = self.fit.fitted[column];
+        }
+        values
+    }
+
+    /// Columns of an effect in the fit.
+    pub(crate) fn columns_of(&self, context: &Context<'_>, member: usize) -> Vec<usize> {
+        let joint = &self.fit.joint;
+        let owner = Owner::Effect(context.own_effects + member);
+        (0..joint.used.len())
+            .filter(|&column| joint.machine.variant.parameters[joint.used[column]].owner == owner)
+            .collect()
+    }
+
+    /// Fitted from where this model stands, with other effects; `last` are start values of the last of them.
+    pub(crate) fn refitted(
+        &self,
+        context: &Context<'_>,
+        members: &[Member],
+        last: Option<&[f64]>,
+    ) -> Result<Fit, Error> {
+        let Context {
+            input,
+            bench,
+            variant: base,
+            own_effects,
+        } = *context;
+        let mut model = bench.model.clone();
+        let used: Vec<_> = members
+            .iter()
+            .map(|member| bench.candidates[member.candidate].used(&model, member.extended))
+            .collect();
+        model.variants[base].effects.extend(used);
+        let variant = match members.split_last() {
+            Some((newest, others)) if others == self.members => {
+                let place = bench.candidates[newest.candidate].place;
+                free_turning_from(&model, base, &self.fit.joint.machine.variant, place)
+            }
+            _ => free_turning(&model, base, None),
+        };
+        let Input {
+            robot,
+            file,
+            folder,
+            division,
+            ..
+        } = *input;
+        let mut prepared =
+            Prepared::new(robot, &variant, file, Some(folder), &division.calibration)?;
+        // What was found is there: its prior keeps what the data do not tell within what is plausible,
+        // and must not pull back what they do.
+        let found = own_effects..own_effects + members.len();
+        let implausible = input.options.constants.implausible;
+        for (nominal, parameter) in prepared.nominal.iter_mut().zip(&variant.parameters) {
+            if matches!(parameter.owner, Owner::Effect(effect) if found.contains(&effect)) {
+                nominal.tolerance = nominal.tolerance.map(|t| implausible * t);
+            }
+        }
+        let joint = Joint::new(
+            prepared.machine,
+            &prepared.nominal,
+            &bench.samples,
+            file.noise,
+        )?;
+        let known = self.fit.joint.values(&self.fit.fitted);
+        let old = &self.fit.joint.machine.variant;
+        let mut values = joint.machine.values.clone();
+        let newest = (members.len().checked_sub(1)).map(|k| Owner::Effect(own_effects + k));
+        let mut given = last.unwrap_or_default().iter();
+        for (value, parameter) in values.iter_mut().zip(&variant.parameters) {
+            if Some(parameter.owner) == newest
+                && let Some(start) = given.next()
+            {
+                *value = *start;
+            } else if let Some(index) = old.parameters.iter().position(|p| p.name == parameter.name)
+            {
+                *value = known[index];
+            }
+        }
+        let start = joint.fitted(&values);
+        Fit::near(
+            joint,
+            start,
+            self.fit.scales,
+            self.fit.weights.clone(),
+            &bench.samples,
+        )
+    }
+}
+
+pub(crate) fn composition(members: &[Member], unnamed: &[Unnamed]) -> Composition {
+    (
+        members.iter().copied().collect(),
+        unnamed.iter().map(|family| family.0).collect(),
+    )
+}
+
+fn with_families(view: View, bench: &Bench, unnamed: &[Unnamed]) -> View {
+    unnamed.iter().fold(view, |view, &(family, searched)| {
+        match bench.subspace(&view, family, searched) {
+            Some((_, subspace)) => view.with(&subspace),
+            None => view,
+        }
+    })
+}
+
+/// Start values of a candidate's parameters where a score sees it, those that a model takes.
+pub(crate) fn start_of(bench: &Bench, view: &View, score: &Score) -> Option<Vec<f64>> {
+    let described = &bench.candidates[score.candidate];
+    let mut values = described.none();
+    let (_, subspace) = bench.subspace(view, score.candidate, score.searched)?;
+    let amplitudes = subspace.amplitudes(&view.residuals);
+    for (&place, &amplitude) in described.amplitudes().iter().zip(amplitudes.iter()) {
+        values[place] += amplitude;
+    }
+    if let (Some((place, _)), Some(value)) = (described.search, score.searched) {
+        values[place] = value;
+    }
+    let taken = described.taken(false);
+    Some(taken.into_iter().map(|k| values[k]).collect())
+}

@@ -1,0 +1,53 @@
+//! A calibration that states what a fit to more than closures found.
+
+use tau_kinematics::Machine;
+use tau_robot::measurements::{Folder, TcpPose};
+use tau_robot::robot::ResidualKind;
+use tau_robot::robot_file::RobotFile;
+
+use super::{Calibration, Error, Fitted, Prepared, finish};
+
+/// What a fit found of a variant.
+pub struct Stated<'a> {
+    /// Value of each of the variant's parameters, SI.
+    pub values: Vec<f64>,
+    /// Covariance of two of them, priors included.
+    pub covariance: &'a dyn Fn(usize, usize) -> f64,
+    /// Half the sum of squared whitened residuals and priors, of all that was fitted.
+    pub cost: f64,
+}
+
+impl Prepared {
+    /// States a fit as a calibration on poses of a folder, given by index; `file` is the robot file that the fit
+    /// started from.
+    ///
+    /// # Errors
+    /// A pose lacks what its closures read.
+    pub fn stated(
+        &self,
+        file: &RobotFile,
+        folder: &Folder,
+        poses: &[usize],
+        stated: Stated<'_>,
+    ) -> Result<Calibration, Error> {
+        let Machine { variant, .. } = &self.machine;
+        let mut used: Vec<usize> = variant
+            .instances_of(ResidualKind::Closure)
+            .flat_map(|closure| closure.parameters.iter().copied())
+            .collect();
+        used.sort_unstable();
+        used.dedup();
+        let covariance = |&a: &usize| used.iter().map(|&b| (stated.covariance)(a, b)).collect();
+        let fitted = Fitted {
+            covariance: used.iter().map(covariance).collect(),
+            values: stated.values,
+            undetermined: vec![],
+            cost: stated.cost,
+            iterations: 0,
+            termination: "fitted to all sets".to_owned(),
+            used,
+        };
+        let measured: Vec<&TcpPose> = poses.iter().map(|&pose| &folder.tcp_poses[pose]).collect();
+        finish(self, file, &measured, fitted)
+    }
+}
