@@ -333,13 +333,32 @@ fn model_of(input: &Input<'_>) -> Result<(Model, usize, Vec<generic::Family>), E
     Ok((model, index, families))
 }
 
-/// Searches from a base as it is.
+/// Searches from a base as it is; `yardstick` is that of another base with which scores shall compare.
 fn search_from(
     input: &Input<'_>,
     yardstick: Option<Yardstick>,
     started: Instant,
     progress: &mut dyn FnMut(&str),
 ) -> Result<Found, Error> {
+    let (mut search, beforehand) = begun(input, yardstick, progress)?;
+    search.run(progress)?;
+    let of_effects = search.found();
+    let variant = variant_of(input.robot, input.base)?;
+    let (outcome, tracks) = parallel::both(
+        || finish(input, &search, &of_effects, beforehand),
+        || structural::piecewise::tracks(&search, variant),
+    );
+    let mut found = Found::new(search, tracks, outcome?);
+    found.outcome.discovery.seconds = started.elapsed().as_secs_f64();
+    Ok(found)
+}
+
+/// A search at its base, and what is known before it.
+fn begun<'a>(
+    input: &'a Input<'a>,
+    yardstick: Option<Yardstick>,
+    progress: &mut dyn FnMut(&str),
+) -> Result<(Search<'a>, Beforehand), Error> {
     let Input {
         robot,
         file,
@@ -399,16 +418,9 @@ fn search_from(
         floor: before_floor,
         view,
     };
-    let mut search = Search::new(input, bench, (index, own_effects), fit, table, yardstick)?;
-    search.run(progress)?;
-    let of_effects = search.found();
-    let (outcome, bent) = parallel::both(
-        || finish(input, &search, &of_effects, beforehand),
-        || structural::piecewise::tracks(&search, variant),
-    );
-    let mut found = Found::new(search, bent, outcome?);
-    found.outcome.discovery.seconds = started.elapsed().as_secs_f64();
-    Ok(found)
+    let at = (index, own_effects);
+    let search = Search::new(input, bench, at, fit, table, yardstick)?;
+    Ok((search, beforehand))
 }
 
 /// Says that names with the prefix of the unnamed families are theirs.

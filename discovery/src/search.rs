@@ -3,6 +3,8 @@
 mod moves;
 mod review;
 pub(crate) mod state;
+#[cfg(test)]
+mod tests;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;

@@ -1,0 +1,113 @@
+//! Searches on small folders with known answers.
+
+use tau_robot::Robot;
+use tau_robot::measurements::{Division, Folder, Poses};
+use tau_robot::prototype;
+use tau_robot::robot_file::RobotFile;
+
+use super::super::{Input, Options, begun};
+use super::*;
+
+struct Case {
+    robot: Robot,
+    file: RobotFile,
+    folder: Folder,
+    division: Division,
+    options: Options,
+}
+
+impl Case {
+    /// The prototype's folder, of which the errors are known.
+    fn prototype() -> Self {
+        let robot = Robot::from(&tau_generated::gantry_tau::ROBOT);
+        let folder = prototype::folder().unwrap();
+        let file = prototype::robot_file().unwrap().completed(&robot);
+        let options = Options::default();
+        let Poses { division, .. } = Poses::select(&robot, &file, &folder, options.split).unwrap();
+        Self {
+            robot,
+            file,
+            folder,
+            division,
+            options,
+        }
+    }
+
+    fn input(&self) -> Input<'_> {
+        Input {
+            robot: &self.robot,
+            base: "Full",
+            file: &self.file,
+            folder: &self.folder,
+            division: &self.division,
+            options: &self.options,
+        }
+    }
+}
+
+/// No model that was tried has a better score than the one that is the answer, and each step improves the score.
+#[test]
+fn the_best_model_visited_is_the_answer() {
+    let case = Case::prototype();
+    let input = case.input();
+    let (mut search, _) = begun(&input, None, &mut |_| {}).unwrap();
+    let base = search.score;
+    search.run(&mut |_| {}).unwrap();
+    assert!(search.visited.len() > search.steps.len());
+    assert!(search.score < base - 100.0);
+    for (composition, score) in &search.visited {
+        let is_no_better = score.is_none_or(|score| score > search.score - ROUNDING);
+        assert!(is_no_better, "{composition:?}: {score:?} {}", search.score);
+    }
+}
+
+/// The change that the linear model predicts for a weak effect is the one that a refit brings.
+#[test]
+fn predicted_changes_are_those_of_refits() {
+    let case = Case::prototype();
+    let input = case.input();
+    let (mut search, _) = begun(&input, None, &mut |_| {}).unwrap();
+    search.run(&mut |_| {}).unwrap();
+    // Every effect taken out, linearly and by a refit.
+    let view = search.state.view(&search.bench);
+    for member in 0..search.state.members.len() {
+        let statistic = search.state.own_statistic(&search.context(), member).unwrap();
+        let linear = search.change(view.total(), view.total() + statistic);
+        let mut members = search.state.members.clone();
+        let removed = members.remove(member);
+        let fit = search.state.refitted(&search.context(), &members, None).unwrap();
+        let next = State {
+            fit,
+            members,
+            unnamed: search.state.unnamed.clone(),
+        };
+        let cheaper = search.cost_of(removed) + search.bench.significance.cost_of_number(2);
+        let refitted = search.score_of_state(&next) - search.score + cheaper;
+        // The noise is one in the linear model and each component's own in the score, so that they agree to the
+        // curvature of the logarithm only; both are rises.
+        assert!(linear > 0.0 && refitted > 0.0);
+        assert!((0.5..3.0).contains(&(refitted / linear)), "{refitted} {linear}");
+    }
+}
+
+/// Without any effect, the misfit is that of each component's estimated noise, and the priors'.
+#[test]
+fn the_misfit_is_that_of_the_estimated_noise() {
+    let case = Case::prototype();
+    let input = case.input();
+    let (search, _) = begun(&input, None, &mut |_| {}).unwrap();
+    let fit = &search.state.fit;
+    let view = View::of(fit);
+    let mut expected = view.residuals.rows_range(view.rows.len()..).norm_squared();
+    for component in tau_estimation::joint::Component::ALL {
+        let (sum, degrees, _) = fit.misfit(|row| fit.joint.rows[row].component == component);
+        let scale = fit.scales[component as usize];
+        expected += degrees * (scale.powi(2) * sum / degrees).ln();
+    }
+    let found = search.yardstick.misfit(fit, &view);
+    let left_out = fit.weights.iter().filter(|weight| **weight == 0.0).count();
+    // Outliers count as samples that are just none.
+    assert!(found >= expected - 1e-9);
+    assert!(left_out > 0 || (found - expected).abs() < 1e-9, "{found} {expected}");
+    assert!((found - expected) < 40.0 * left_out as f64 + 1e-9, "{found} {expected}");
+}
