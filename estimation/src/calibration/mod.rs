@@ -13,7 +13,6 @@ use tau_robot::measurements::{Folder, TcpPose};
 use tau_robot::robot::{Instance, ResidualKind, Robot, TrackShape, Variant};
 use tau_robot::robot_file::RobotFile;
 
-use cost::fill;
 use nalgebra::{Matrix3, Rotation3};
 use tau_solver::{Block, Problem, Solution};
 
@@ -389,7 +388,8 @@ fn problem<'a>(
     for closure in variant.instances_of(ResidualKind::Closure) {
         let mut data = Vec::new();
         for pose in poses {
-            fill(machine, closure, pose, &mut data)?;
+            let filled = machine.fill(closure, &Sample::from(*pose), &mut data);
+            filled.map_err(|error| Error::at_pose(pose.pose, error))?;
         }
         let indices = closure
             .parameters

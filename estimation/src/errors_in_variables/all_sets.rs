@@ -9,7 +9,6 @@ use tau_solver::{Block, Parameter, Problem, Solution};
 
 use super::true_pose::{POSE_UNKNOWNS, TruePose};
 use crate::calibration::{Error, MOUNTING_M, Nominal, Prepared};
-use crate::joint::layout::fill;
 use crate::joint::whitened::WhitenedPose;
 use crate::samples::Sample;
 
@@ -323,7 +322,7 @@ impl Cart {
     ) -> Result<Self, Error> {
         let mut data = Vec::new();
         for sample in samples {
-            fill(machine, &instance.inputs, sample, &mut data)?;
+            sample.fill(machine, instance, &mut data)?;
         }
         let (position, rotation) = (noise.position_m.recip(), noise.rotation_rad.recip());
         let weights = if instance.kind == ResidualKind::CartPose {
@@ -404,13 +403,8 @@ impl Whitened {
         for pose in poses {
             let sample = kinematics::Sample::from(*pose);
             for closure in &closures {
-                let filled = machine
-                    .surroundings
-                    .fill(&closure.inputs, &sample, &mut data);
-                filled.map_err(|what| {
-                    let closure = machine.closure_name(closure).to_owned();
-                    Error::at_pose(pose.pose, kinematics::Error::Missing { closure, what })
-                })?;
+                let filled = machine.fill(closure, &sample, &mut data);
+                filled.map_err(|error| Error::at_pose(pose.pose, error))?;
             }
             let factor = WhitenedPose::factor(machine, &sample, noise).ok_or_else(|| {
                 let why = format!("pose {}: the closures do not depend on the pose", pose.pose);

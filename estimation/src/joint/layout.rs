@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use nalgebra::DMatrix;
-use tau_kinematics::{self as kinematics, Machine};
+use tau_kinematics::Machine;
 use tau_robot::input_error::InputError;
 use tau_robot::robot::{Owner, ResidualKind};
 use tau_robot::robot_file::Noise;
@@ -39,10 +39,9 @@ impl Layout {
         for &pose in &poses {
             let sample = &samples[pose];
             for closure in &closures {
-                fill(machine, &closure.inputs, sample, &mut data)?;
+                sample.fill(machine, closure, &mut data)?;
             }
-            let at = kinematics_sample(sample);
-            let factor = WhitenedPose::factor(machine, &at.view(), noise).ok_or_else(|| {
+            let factor = WhitenedPose::factor(machine, &sample.view(), noise).ok_or_else(|| {
                 Error::Input(InputError::whole(
                     "tcp_poses.csv",
                     format!(
@@ -87,7 +86,7 @@ impl Layout {
                 }
                 let mut data = Vec::new();
                 for &sample in &of_cart {
-                    fill(machine, &instance.inputs, &samples[sample], &mut data)?;
+                    samples[sample].fill(machine, instance, &mut data)?;
                 }
                 layouts.push(Self {
                     family: Arc::clone(&instance.family),
@@ -214,65 +213,5 @@ impl Joint {
             }
             (0..columns).for_each(|column| mark(self.rows.len() + column, column));
         })
-    }
-}
-
-/// Appends the data that a residual takes of a sample.
-///
-/// # Errors
-/// A column that it needs is missing.
-pub fn fill(
-    machine: &Machine,
-    inputs: &[tau_robot::robot::Input],
-    sample: &Sample,
-    data: &mut Vec<f64>,
-) -> Result<(), Error> {
-    for &input in inputs {
-        let value = sample.input(input, &machine.surroundings).map_err(|what| {
-            let file = ["tcp_poses.csv", "cart_poses.csv", "cart_positions.csv"]
-                [usize::from(sample.set.clamp(1, 3)) - 1];
-            Error::Input(InputError::whole(
-                file,
-                format!("sample {}: {what}", sample.number),
-            ))
-        })?;
-        data.push(value);
-    }
-    Ok(())
-}
-
-/// A sample of set 1 as kinematics takes it.
-struct Owned {
-    commands_m: Vec<f64>,
-    directions: Option<Vec<f64>>,
-    pose: kinematics::Pose,
-    conditions: tau_robot::measurements::Conditions,
-}
-
-fn kinematics_sample(sample: &Sample) -> Owned {
-    let directions = (0..sample.commands_m.len())
-        .map(|k| {
-            let none = &kinematics::Surroundings::default();
-            sample
-                .input(tau_robot::robot::Input::Direction(k), none)
-                .ok()
-        })
-        .collect();
-    Owned {
-        commands_m: sample.commands_m.clone(),
-        directions,
-        pose: sample.pose,
-        conditions: sample.conditions,
-    }
-}
-
-impl Owned {
-    fn view(&self) -> kinematics::Sample<'_> {
-        kinematics::Sample {
-            commands_m: &self.commands_m,
-            pose: self.pose,
-            directions: self.directions.as_deref(),
-            conditions: self.conditions,
-        }
     }
 }
