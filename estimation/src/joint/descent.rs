@@ -381,6 +381,31 @@ mod tests {
         }
     }
 
+    /// The solver, which shares nothing with the descent but the residuals, ends at the same values.
+    #[test]
+    fn the_solver_ends_at_the_same_minimum() {
+        let descent = descent(&mut Random(41), 2.0);
+        let (joint, start) = (descent.joint.clone(), descent.fitted.clone());
+        let mut problem = joint.problem(&start, &descent.factors);
+        let blocks = std::mem::take(&mut problem.blocks).into_iter();
+        problem.blocks = blocks
+            .map(|block| block.with_loss(tau_solver::Loss::Squared))
+            .collect();
+        let solution = tau_solver::solve(&problem, &tau_solver::Options::default()).unwrap();
+        assert!(solution.converged());
+        let settled = descent.settled().unwrap();
+        let chi2 = settled.residuals.norm_squared();
+        assert!((2.0 * solution.cost - chi2).abs() < CONVERGED, "{chi2}");
+        let deviations = settled.normal.inverse_factor().unwrap();
+        for ((ours, theirs), row) in (settled.fitted.iter())
+            .zip(&solution.parameters)
+            .zip(deviations.row_iter())
+        {
+            let sigma = row.norm();
+            assert!((ours - theirs).abs() < 0.3 * sigma, "{ours} {theirs} ± {sigma}");
+        }
+    }
+
     /// From values forty tolerances off, where whole steps go too far, descents end at one minimum.
     #[test]
     fn far_starts_end_where_near_ones_do() {

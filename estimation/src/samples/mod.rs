@@ -224,15 +224,15 @@ impl Sample {
             return filled.map_err(|error| Error::at_pose(self.number, error));
         }
         let filled = (machine.surroundings).fill(&instance.inputs, &self.view(), data);
-        filled.map_err(|missing| {
-            let file = if self.set == 2 {
-                "cart_poses.csv"
-            } else {
-                "cart_positions.csv"
-            };
-            let what = format!("sample {}: {}", self.number, in_words(missing));
-            InputError::whole(file, what).into()
-        })
+        filled.map_err(|missing| self.lacks(missing))
+    }
+
+    /// The error that something which a residual takes is missing.
+    pub(crate) fn lacks(&self, missing: Missing) -> Error {
+        let files = ["tcp_poses.csv", "cart_poses.csv", "cart_positions.csv"];
+        let file = files[usize::from(self.set.clamp(1, 3)) - 1];
+        let what = format!("sample {}: {}", self.number, in_words(missing));
+        InputError::whole(file, what).into()
     }
 
     /// The same measurement under other conditions, to see what it would tell.

@@ -7,7 +7,7 @@ use tau_runtime::{Pattern, ResidualFamily, Shape};
 
 /// Unknowns of a pose: translation (m), then rotation vector (rad) in the measurement frame, that carry
 /// the measured pose into the true one.
-pub(super) const POSE_UNKNOWNS: usize = 6;
+pub(crate) const POSE_UNKNOWNS: usize = 6;
 
 /// All closures of a pose (m²) as a function of the parameters of the variant and of the pose.
 ///
