@@ -173,11 +173,13 @@ pub fn calibrate(
         let what = format!("{given} start values, expected {expected}");
         return Err(InputError::whole(&folder.name, what).into());
     }
-    let samples = Sample::all(robot, folder, poses, &Frames::default());
     let Prepared {
         machine, nominal, ..
     } = &prepared;
-    let residuals = Residuals::new(machine, nominal, &samples, file.noise, Closures::Apart)?;
+    let residuals = {
+        let samples = Sample::all(robot, folder, poses, &Frames::default());
+        Residuals::new(machine, nominal, &samples, file.noise, Closures::Apart)?
+    };
     let used = &residuals.used;
     let blocks = residuals.parts.iter();
     let mut problem = Problem {

@@ -148,9 +148,11 @@ pub fn calibrate(
             .collect(),
         undetermined: {
             let machine = sets.machine.with_values(values.clone());
-            let samples = Sample::all(robot, folder, poses, &Frames::default());
-            let whitened = Part::whitened(&machine, &samples, file.noise)?;
-            let whitened = whitened.numbered(&sets.residuals.used);
+            let whitened = {
+                let samples = Sample::all(robot, folder, poses, &Frames::default());
+                let whitened = Part::whitened(&machine, &samples, file.noise)?;
+                whitened.numbered(&sets.residuals.used)
+            };
             let marginal = sets.marginal(&whitened, &values, factors);
             let at: Vec<f64> = marginal.parameters.iter().map(|p| p.start).collect();
             let found = identifiability(&marginal, &at).map_err(failed)?;
