@@ -4,7 +4,7 @@
 use nalgebra::{DMatrix, DVector, Rotation3, Vector3};
 use rayon::ThreadPoolBuilder;
 use tau::calibration::{Calibration, Error, Options, calibrate, machine_from_file};
-use tau::errors_in_variables::{self, AllSets, ErrorsInVariables, Group};
+use tau::errors_in_variables::{self, AllSets, Component, ErrorsInVariables};
 use tau::evaluation::evaluate;
 use tau::kinematics::{Machine, Pose, Sample};
 use tau::measurements::{Folder, TcpPose};
@@ -203,7 +203,7 @@ fn all_sets_of_the_virtual_robot_give_a_better_robot_than_set_1_alone() {
                 .iter()
                 .map(|group| group.group)
                 .collect::<Vec<_>>(),
-            Group::ALL
+            Component::ALL
         );
         for group in &found.groups {
             assert!((0.8..1.15).contains(&group.rms), "{seed}: {group:?}");

@@ -7,5 +7,6 @@ pub mod errors_in_variables;
 pub mod evaluation;
 pub mod joint;
 pub mod numerics;
+mod problem;
 pub mod samples;
 pub mod sensitivity;

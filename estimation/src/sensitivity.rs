@@ -192,16 +192,8 @@ impl<'a> Place<'a> {
             };
             let shape = closure.family.shape();
             let mut data = Vec::with_capacity(shape.data);
-            machine
-                .surroundings
-                .fill(&closure.inputs, &sample, &mut data)
-                .map_err(|what| {
-                    let closure = machine.closure_name(closure).to_owned();
-                    Error::at_pose(
-                        self.measured.pose,
-                        kinematics::Error::Missing { closure, what },
-                    )
-                })?;
+            let filled = machine.fill(closure, &sample, &mut data);
+            filled.map_err(|error| Error::at_pose(self.measured.pose, error))?;
             let parameters: Vec<f64> = closure
                 .parameters
                 .iter()

@@ -2,6 +2,8 @@
 
 use std::fmt;
 
+use super::inputs::Missing;
+
 /// Why a pose or commands could not be found.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Error {
@@ -9,8 +11,8 @@ pub enum Error {
     Missing {
         /// Name of the link or cluster.
         closure: String,
-        /// What is missing, in words.
-        what: &'static str,
+        /// What is missing.
+        what: Missing,
     },
     /// A closure, or a derivative of it, is infinite or not a number.
     NotFinite {

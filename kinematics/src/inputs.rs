@@ -1,12 +1,14 @@
-//! What the samples of a residual family bring: from measurements and poses to the numbers it takes.
+//! From samples to the numbers that a residual family takes.
 
-use nalgebra::Vector3;
+use std::cell::LazyCell;
+use std::fmt;
+
 use tau_robot::measurements::{Conditions, TcpPose};
 use tau_robot::robot::Input;
 
 use super::Pose;
 use super::paths::Path;
-use super::statics::Statics;
+use super::statics::{Forces, Statics};
 
 /// What is known besides the samples themselves.
 #[derive(Debug, Clone, Default)]
@@ -17,126 +19,146 @@ pub struct Surroundings {
     pub statics: Option<Statics>,
 }
 
-/// One sample: the plate at a pose with given commands.
+/// One sample: commands, what stands where at them, and under which conditions.
 #[derive(Debug, Clone, Copy)]
 pub struct Sample<'a> {
     /// Commands (m).
     pub commands_m: &'a [f64],
-    /// Pose of the plate.
+    /// Pose that the residual compares: of the plate in closures, of the target where a cart is measured.
     pub pose: Pose,
-    /// Side of approach of each command, ±1, where known.
+    /// Pose of the plate, where there is one and it is known.
+    pub plate: Option<Pose>,
+    /// Forces of the arm; `None` where they follow from statics at the plate's pose.
+    pub forces: Option<&'a Forces>,
+    /// Side of approach of each command, ±1, NaN where it is not known.
     pub directions: Option<&'a [f64]>,
     /// Time and temperature, where known.
     pub conditions: Conditions,
 }
 
 impl<'a> Sample<'a> {
-    /// A pose with its commands, nothing else known.
+    /// A pose of the plate with its commands, nothing else known.
     pub fn new(pose: Pose, commands_m: &'a [f64]) -> Self {
         Self {
             commands_m,
             pose,
+            plate: Some(pose),
+            forces: None,
             directions: None,
             conditions: Conditions::default(),
         }
     }
 
-    /// The sample at another pose.
+    /// The sample with the plate at another pose.
     #[must_use]
     pub fn at(self, pose: Pose) -> Self {
-        Self { pose, ..self }
+        Self {
+            pose,
+            plate: Some(pose),
+            ..self
+        }
     }
 }
 
 impl<'a> From<&'a TcpPose> for Sample<'a> {
     fn from(measured: &'a TcpPose) -> Self {
+        let pose = Pose::from_zyz(measured.position_m, measured.angles_rad);
         Self {
-            commands_m: &measured.commands_m,
-            pose: Pose::from_zyz(measured.position_m, measured.angles_rad),
             directions: measured.directions.as_deref(),
             conditions: measured.conditions,
+            ..Self::new(pose, &measured.commands_m)
         }
     }
 }
 
-const DIRECTIONS: &str = "the columns `dir1`, `dir2`, …";
-const TIME: &str = "the column `time_s`";
-const TEMPERATURE: &str = "the column `temperature_c`";
-
-/// Whether what a closure lacks is a column of the table that its samples come from.
-pub fn is_column(missing: &str) -> bool {
-    [DIRECTIONS, TIME, TEMPERATURE].contains(&missing)
+/// What a family takes and nothing gives.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Missing {
+    /// A command.
+    Command,
+    /// The side of approach of a command.
+    Direction,
+    /// The time.
+    Time,
+    /// The temperature.
+    Temperature,
+    /// Forces of the arm.
+    Forces,
+    /// The path of a cart.
+    Path,
 }
 
-const PATH: &str = "the path of the cart (set 2, `cart_poses.csv`)";
-const PAYLOAD: &str = "`[payload]` and all dimensions of the links in the robot file";
+impl Missing {
+    /// Whether it is a column of the table that the samples come from.
+    pub fn is_column(self) -> bool {
+        matches!(self, Self::Direction | Self::Time | Self::Temperature)
+    }
+}
+
+impl fmt::Display for Missing {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Command => "the command",
+            Self::Direction => "the columns `dir1`, `dir2`, …",
+            Self::Time => "the column `time_s`",
+            Self::Temperature => "the column `temperature_c`",
+            Self::Forces => "`[payload]` and all dimensions of the links in the robot file",
+            Self::Path => "the path of the cart (set 2, `cart_poses.csv`)",
+        })
+    }
+}
 
 impl Surroundings {
-    /// Appends the data that a family takes.
+    /// Appends the data that a family takes of a sample, SI.
     ///
     /// # Errors
-    /// What is missing, in words, where the measurements lack a column that the family needs.
+    /// The first input that neither the sample nor its surroundings give.
     pub fn fill(
         &self,
         inputs: &[Input],
         sample: &Sample<'_>,
         data: &mut Vec<f64>,
-    ) -> Result<(), &'static str> {
-        let needs_forces = inputs
-            .iter()
-            .any(|input| matches!(input, Input::Load { .. } | Input::Tension(_)));
-        let forces = self
-            .statics
-            .as_ref()
-            .filter(|_| needs_forces)
-            .map(|statics| statics.forces(&sample.pose, sample.commands_m));
-        let angles = sample.pose.angles_rad();
-        let segment = |track: usize| {
-            let path = self.paths.get(track)?.as_ref()?;
-            Some(path.segment(*sample.commands_m.get(track)?))
+    ) -> Result<(), Missing> {
+        let angles = LazyCell::new(|| sample.pose.angles_rad());
+        let computed = LazyCell::new(|| {
+            let (statics, plate) = self.statics.as_ref().zip(sample.plate)?;
+            Some(statics.forces(&plate, sample.commands_m))
+        });
+        let forces = || {
+            sample
+                .forces
+                .or_else(|| computed.as_ref())
+                .ok_or(Missing::Forces)
         };
-        let end = |track: usize, which: usize| -> Option<Vector3<f64>> {
-            Some(segment(track)?.ends[which])
+        let segment = |track: usize| {
+            let path = self.paths.get(track).and_then(Option::as_ref);
+            path.zip(sample.commands_m.get(track))
+                .map(|(path, &command_m)| path.segment(command_m))
+                .ok_or(Missing::Path)
         };
         for &input in inputs {
-            let (value, missing) = match input {
-                Input::Command(k) => (sample.commands_m.get(k).copied(), "the command"),
-                Input::Position(k) | Input::TcpPosition(k) => {
-                    (sample.pose.position.get(k).copied(), "the position")
+            data.push(match input {
+                Input::Command(k) => *sample.commands_m.get(k).ok_or(Missing::Command)?,
+                Input::Position(k) => sample.pose.position[k],
+                Input::Angle(k) => angles[k],
+                Input::TcpPosition(k) => sample.plate.map_or(0.0, |plate| plate.position[k]),
+                Input::Direction(k) => (sample.directions)
+                    .and_then(|directions| directions.get(k).copied())
+                    .filter(|direction| !direction.is_nan())
+                    .ok_or(Missing::Direction)?,
+                Input::Time => sample.conditions.time_s.ok_or(Missing::Time)?,
+                Input::Temperature => {
+                    (sample.conditions.temperature_c).ok_or(Missing::Temperature)?
                 }
-                Input::Angle(k) => (angles.get(k).copied(), "the angle"),
-                Input::Direction(k) => (
-                    sample
-                        .directions
-                        .and_then(|directions| directions.get(k).copied()),
-                    DIRECTIONS,
-                ),
-                Input::Time => (sample.conditions.time_s, TIME),
-                Input::Temperature => (sample.conditions.temperature_c, TEMPERATURE),
-                Input::Load { track, component } => (
-                    forces
-                        .as_ref()
-                        .and_then(|f| f.loads_n.get(track)?.get(component).copied()),
-                    PAYLOAD,
-                ),
-                Input::Tension(link) => (
-                    forces
-                        .as_ref()
-                        .and_then(|f| f.tensions_n.get(link).copied()),
-                    PAYLOAD,
-                ),
-                Input::SegmentStart { track, component } => (
-                    end(track, 0).and_then(|point| point.get(component).copied()),
-                    PATH,
-                ),
-                Input::SegmentEnd { track, component } => (
-                    end(track, 1).and_then(|point| point.get(component).copied()),
-                    PATH,
-                ),
-                Input::SegmentStartCommand(track) => (segment(track).map(|s| s.commands[0]), PATH),
-                Input::SegmentEndCommand(track) => (segment(track).map(|s| s.commands[1]), PATH),
-            };
-            data.push(value.ok_or(missing)?);
+                Input::Load { track, component } => {
+                    forces()?.loads_n.get(track).ok_or(Missing::Forces)?[component]
+                }
+                Input::Tension(link) => *forces()?.tensions_n.get(link).ok_or(Missing::Forces)?,
+                Input::SegmentStart { track, component } => segment(track)?.ends[0][component],
+                Input::SegmentEnd { track, component } => segment(track)?.ends[1][component],
+                Input::SegmentStartCommand(track) => segment(track)?.commands[0],
+                Input::SegmentEndCommand(track) => segment(track)?.commands[1],
+            });
         }
         Ok(())
     }

@@ -29,10 +29,9 @@ pub struct InverseOptions {
 impl InverseOptions {
     fn sample<'a>(&'a self, pose: Pose, commands_m: &'a [f64]) -> Sample<'a> {
         Sample {
-            commands_m,
-            pose,
             directions: self.directions.as_deref(),
             conditions: self.conditions,
+            ..Sample::new(pose, commands_m)
         }
     }
 }

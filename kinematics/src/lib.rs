@@ -13,8 +13,7 @@ mod statics;
 
 pub use error::Error;
 pub use forward::{AssemblyMode, LARGEST_MISMATCH_M};
-pub use inputs::is_column;
-pub use inputs::{Sample, Surroundings};
+pub use inputs::{Missing, Sample, Surroundings};
 pub use inverse::{InverseOptions, Reached};
 pub use least_norm::least_norm;
 pub use machine::{Closures, Machine, POSE_COLUMNS};

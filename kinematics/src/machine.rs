@@ -69,6 +69,23 @@ impl Machine {
         }
     }
 
+    /// Appends the data that a closure takes of a sample.
+    ///
+    /// # Errors
+    /// [`Error::Missing`] where neither the sample nor the surroundings give what it takes.
+    pub fn fill(
+        &self,
+        closure: &Instance,
+        sample: &Sample<'_>,
+        data: &mut Vec<f64>,
+    ) -> Result<(), Error> {
+        let filled = self.surroundings.fill(&closure.inputs, sample, data);
+        filled.map_err(|what| Error::Missing {
+            closure: self.closure_name(closure).to_owned(),
+            what,
+        })
+    }
+
     /// All closures with their derivatives at a sample.
     ///
     /// # Errors
@@ -157,13 +174,7 @@ impl Scratch {
         let family = &instance.family;
         let shape = family.shape();
         self.data.clear();
-        machine
-            .surroundings
-            .fill(&instance.inputs, sample, &mut self.data)
-            .map_err(|what| Error::Missing {
-                closure: machine.closure_name(instance).to_owned(),
-                what,
-            })?;
+        machine.fill(instance, sample, &mut self.data)?;
         self.parameters.clear();
         self.parameters.extend(pose_parameters(&sample.pose));
         self.parameters.extend(sample.commands_m);

@@ -36,9 +36,8 @@ pub(crate) fn solve(
     let mut commands = start.commands_m.to_vec();
     let at = |pose: Pose, commands: &[f64]| {
         machine.closures(&Sample {
-            pose,
             commands_m: commands,
-            ..*start
+            ..start.at(pose)
         })
     };
     let mut closures = at(pose, &commands)?;

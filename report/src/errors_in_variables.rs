@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 use tau::calibration::ParameterEstimate;
-use tau::errors_in_variables::{ErrorsInVariables, Group};
+use tau::errors_in_variables::{Component, ErrorsInVariables};
 use tau::evaluation::{Summary, VariantResult};
 
 /// Parameters listed in the terminal: those that differ most.
@@ -94,12 +94,12 @@ pub fn json(found: &ErrorsInVariables, fitted: &VariantResult, closure: &Variant
     })
 }
 
-fn name(group: Group) -> &'static str {
+fn name(group: Component) -> &'static str {
     match group {
-        Group::TcpPoses => "set 1, TCP poses",
-        Group::CartPosePositions => "set 2, cart positions",
-        Group::CartPoseRotations => "set 2, cart rotations",
-        Group::CartPositions => "set 3, cart positions",
+        Component::Closure => "set 1, TCP poses",
+        Component::CartPosition => "set 2, cart positions",
+        Component::CartRotation => "set 2, cart rotations",
+        Component::Position => "set 3, cart positions",
     }
 }
 

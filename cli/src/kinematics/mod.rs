@@ -70,7 +70,7 @@ fn fail(row: &Row, error: &kinematics::Error) -> Failure {
     use kinematics::Error::{Commands, Missing, Target};
     let of_input = || InputError::whole(&row.source, format!("pose {}: {error}", row.pose));
     match error {
-        Missing { what, .. } if kinematics::is_column(what) => {
+        Missing { what, .. } if what.is_column() => {
             let is_option = row.source.starts_with("--");
             of_input()
                 .help(if is_option {

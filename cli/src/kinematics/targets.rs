@@ -49,10 +49,9 @@ impl Row {
     /// The row at commands (m) and a pose.
     pub(super) fn sample<'a>(&'a self, commands_m: &'a [f64], pose: Pose) -> Sample<'a> {
         Sample {
-            commands_m,
-            pose,
             directions: self.directions.as_deref(),
             conditions: self.conditions,
+            ..Sample::new(pose, commands_m)
         }
     }
 }

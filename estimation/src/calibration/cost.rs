@@ -1,6 +1,6 @@
 //! The paper's cost of a closure.
 
-use tau_kinematics::{self as kinematics, Machine, Sample};
+use tau_kinematics::{Machine, Sample};
 use tau_robot::measurements::TcpPose;
 use tau_robot::robot::Instance;
 
@@ -25,27 +25,12 @@ pub fn closure_cost(
     let mut cost = 0.0;
     for pose in poses {
         data.clear();
-        fill(machine, instance, pose, &mut data)?;
+        let filled = machine.fill(instance, &Sample::from(*pose), &mut data);
+        filled.map_err(|error| Error::at_pose(pose.pose, error))?;
         instance.family.prepare(&data, &mut prepared);
         let mut residual = [0.0];
         instance.family.value(&prepared, &parameters, &mut residual);
         cost += residual[0] * residual[0];
     }
     Ok(cost)
-}
-
-/// Appends the data that a closure takes of a pose.
-pub(super) fn fill(
-    machine: &Machine,
-    instance: &Instance,
-    pose: &TcpPose,
-    data: &mut Vec<f64>,
-) -> Result<(), Error> {
-    machine
-        .surroundings
-        .fill(&instance.inputs, &Sample::from(pose), data)
-        .map_err(|what| {
-            let closure = machine.closure_name(instance).to_owned();
-            Error::at_pose(pose.pose, kinematics::Error::Missing { closure, what })
-        })
 }

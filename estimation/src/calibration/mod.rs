@@ -8,15 +8,18 @@ mod registration;
 pub mod searched;
 mod stated;
 
-use tau_kinematics::{self, Machine, Path, Sample, Statics, Surroundings, nearest_rotation, zyz};
+use tau_kinematics::{Machine, Path, Statics, Surroundings, nearest_rotation, zyz};
 use tau_robot::input_error::InputError;
 use tau_robot::measurements::{Folder, TcpPose};
 use tau_robot::robot::{Instance, ResidualKind, Robot, TrackShape, Variant};
 use tau_robot::robot_file::RobotFile;
 
-use cost::fill;
 use nalgebra::{Matrix3, Rotation3};
-use tau_solver::{Block, Problem, Solution};
+use tau_solver::{Problem, Solution};
+
+use crate::problem::{self, Closures, Residuals};
+use crate::samples::Sample;
+use crate::samples::frames::Frames;
 
 pub use cost::closure_cost;
 pub use error::Error;
@@ -167,14 +170,38 @@ pub fn calibrate(
     let prepared = Prepared::new(robot, variant, file, Some(folder), poses)?;
     let measured: Vec<&TcpPose> = poses.iter().map(|&pose| &folder.tcp_poses[pose]).collect();
     let start = options.start.as_deref().unwrap_or(&prepared.machine.values);
-    let (mut problem, used) = problem(&prepared, file, folder, &measured, start)?;
+    if start.len() != variant.parameters.len() {
+        let (given, expected) = (start.len(), variant.parameters.len());
+        let what = format!("{given} start values, expected {expected}");
+        return Err(InputError::whole(&folder.name, what).into());
+    }
+    let Prepared {
+        machine, nominal, ..
+    } = &prepared;
+    let residuals = {
+        let samples = Sample::all(robot, folder, poses, &Frames::default());
+        Residuals::new(machine, nominal, &samples, file.noise, Closures::Apart)?
+    };
+    let used = &residuals.used;
+    let blocks = residuals.parts.iter();
+    let mut problem = Problem {
+        parameters: problem::parameters(
+            variant,
+            used,
+            &residuals.priors,
+            used.iter().map(|&index| start[index]),
+        ),
+        blocks: blocks
+            .map(|part| part.block(used.len(), |_, weight| weight))
+            .collect(),
+    };
     let not_converged = |why: String| Error::NotConverged {
         variant: variant.name.clone(),
         why,
     };
     let failed = |error: tau_solver::Error| not_converged(error.to_string());
     let range_m = widest(measured.iter().flat_map(|pose| &pose.commands_m));
-    searched::start(&mut problem, variant, &used, range_m, &options.solver).map_err(failed)?;
+    searched::start(&mut problem, variant, used, range_m, &options.solver).map_err(failed)?;
     let solution = tau_solver::solve(&problem, &options.solver).map_err(failed)?;
     if !solution.converged() || solution.parameters.iter().any(|value| !value.is_finite()) {
         return Err(not_converged(solution.termination.to_string()));
@@ -183,13 +210,9 @@ pub fn calibrate(
     let identifiability =
         tau_solver::identifiability(&problem, &solution.parameters).map_err(failed)?;
 
-    let mut values = prepared.machine.values.clone();
-    for (&index, &value) in used.iter().zip(&solution.parameters) {
-        values[index] = value;
-    }
     let name = |index: usize| problem.parameters[index].name.clone();
     let fitted = Fitted {
-        values,
+        values: problem::values(machine, used, &solution.parameters),
         covariance: (0..used.len())
             .map(|i| {
                 (0..used.len())
@@ -201,9 +224,8 @@ pub fn calibrate(
         cost: solution.cost,
         iterations: total_iterations(&solution),
         termination: solution.termination.to_string(),
-        used,
+        used: used.clone(),
     };
-    drop(problem);
     finish(&prepared, file, &measured, fitted)
 }
 
@@ -344,94 +366,6 @@ fn poses_needed(variant: &Variant) -> (usize, String) {
     )]
     let count = (needed - 1e-9).ceil() as usize;
     (count, format!("each closure of variant `{}`", variant.name))
-}
-
-/// The least-squares problem, and for each of its parameters the index in the variant.
-fn problem<'a>(
-    prepared: &'a Prepared,
-    file: &RobotFile,
-    folder: &Folder,
-    poses: &[&TcpPose],
-    start: &[f64],
-) -> Result<(Problem<'a>, Vec<usize>), Error> {
-    let machine = &prepared.machine;
-    let variant = &machine.variant;
-    if start.len() != variant.parameters.len() {
-        return Err(Error::Input(InputError::whole(
-            &folder.name,
-            format!(
-                "{} start values, expected {}",
-                start.len(),
-                variant.parameters.len()
-            ),
-        )));
-    }
-    let mut used: Vec<usize> = variant
-        .instances_of(ResidualKind::Closure)
-        .flat_map(|closure| closure.parameters.iter().copied())
-        .collect();
-    used.sort_unstable();
-    used.dedup();
-    let parameters = used
-        .iter()
-        .map(|&index| {
-            let described = &variant.parameters[index];
-            let mut parameter = tau_solver::Parameter::new(&described.name, start[index]);
-            let Nominal { value, tolerance } = prepared.nominal[index];
-            if let Some(tolerance) = tolerance.filter(|tolerance| *tolerance > 0.0) {
-                parameter = parameter.with_prior(value, tolerance);
-            }
-            match described.search {
-                Some((low, high)) => parameter.with_bounds(low, high),
-                None => parameter,
-            }
-        })
-        .collect();
-    let mut blocks = Vec::new();
-    for closure in variant.instances_of(ResidualKind::Closure) {
-        let mut data = Vec::new();
-        for pose in poses {
-            fill(machine, closure, pose, &mut data)?;
-        }
-        let indices = closure
-            .parameters
-            .iter()
-            .map(|index| used.binary_search(index).unwrap_or_default())
-            .collect();
-        let label = machine.closure_name(closure).to_owned();
-        blocks.push(
-            Block::new(label, &*closure.family, indices, &data)
-                .with_weights(weights(machine, closure, file, poses)?)
-                .with_sample_names(poses.iter().map(|pose| pose.pose).collect()),
-        );
-    }
-    Ok((Problem { parameters, blocks }, used))
-}
-
-/// Reciprocal standard deviation of a closure's residual at each pose, from the stated noise.
-fn weights(
-    machine: &Machine,
-    closure: &Instance,
-    file: &RobotFile,
-    poses: &[&TcpPose],
-) -> Result<Vec<f64>, Error> {
-    let Some(by_pose) = machine
-        .closure_instances()
-        .find(|instance| instance.of == closure.of)
-    else {
-        return Ok(vec![1.0; poses.len()]);
-    };
-    poses
-        .iter()
-        .map(|&pose| {
-            let (_, [x, y, z, a, b, c]) = machine
-                .closure_by_pose(by_pose, &Sample::from(pose))
-                .map_err(|error| Error::at_pose(pose.pose, error))?;
-            let position = file.noise.position_m.powi(2) * (x * x + y * y + z * z);
-            let rotation = file.noise.rotation_rad.powi(2) * (a * a + b * b + c * c);
-            Ok((position + rotation).sqrt().recip())
-        })
-        .collect()
 }
 
 /// The path of each cart, in the measurement frame.

@@ -8,7 +8,6 @@
 //! poses one by one (Schur complement), so that time and memory grow linearly with their number.
 
 mod all_sets;
-mod true_pose;
 
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 use tau_codegen::language;
@@ -18,15 +17,17 @@ use tau_robot::robot::{Robot, Variant};
 use tau_robot::robot_file::RobotFile;
 use tau_solver::{Options, identifiability, solve};
 
-pub use all_sets::{AllSets, Group};
+pub use crate::problem::Component;
+pub use all_sets::AllSets;
 
 use crate::calibration::{self, Calibration, Error, Fitted, Prepared};
 use crate::joint::variant::free_turning;
+use crate::problem::Part;
 use crate::samples::Sample;
 use crate::samples::frames::Frames;
 use crate::samples::numbering;
 use crate::samples::plates::place_plates;
-use all_sets::{Misfit, Whitened};
+use all_sets::Misfit;
 
 /// Closures hold at the true pose to this share of the position noise, where nothing else is known: the
 /// stated noise holds the machine's repeatability already.
@@ -61,7 +62,7 @@ pub struct ErrorsInVariables {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GroupFit {
     /// Which measurements.
-    pub group: Group,
+    pub group: Component,
     /// Number of residuals.
     pub residuals: usize,
     /// Their root mean square, in units of the stated noise.
@@ -97,7 +98,7 @@ pub fn calibrate(
     };
     let failed = |error: tau_solver::Error| not_converged(error.to_string());
     // Half the number of residuals is the cost to be expected.
-    let fine = CONVERGED / (0.5 * sets.residuals() as f64).max(1.0);
+    let fine = CONVERGED / (0.5 * sets.count() as f64).max(1.0);
 
     let mut factors = [1.0; 4];
     let mut values = sets.start(&closure_fit);
@@ -147,7 +148,11 @@ pub fn calibrate(
             .collect(),
         undetermined: {
             let machine = sets.machine.with_values(values.clone());
-            let whitened = Whitened::new(&machine, &measured, file.noise)?;
+            let whitened = {
+                let samples = Sample::all(robot, folder, poses, &Frames::default());
+                let whitened = Part::whitened(&machine, &samples, file.noise)?;
+                whitened.numbered(&sets.residuals.used)
+            };
             let marginal = sets.marginal(&whitened, &values, factors);
             let at: Vec<f64> = marginal.parameters.iter().map(|p| p.start).collect();
             let found = identifiability(&marginal, &at).map_err(failed)?;
@@ -166,7 +171,7 @@ pub fn calibrate(
     Ok(ErrorsInVariables {
         calibration: calibration::finish(&prepared, file, &measured, fitted)?,
         closure_fit,
-        groups: Group::ALL
+        groups: Component::ALL
             .into_iter()
             .zip(misfits)
             .zip(factors)
@@ -209,9 +214,8 @@ impl AllSets {
             variant.clone()
         };
         let prepared = Prepared::new(robot, &variant, file, Some(folder), poses)?;
-        let measured: Vec<&TcpPose> = poses.iter().map(|&pose| &folder.tcp_poses[pose]).collect();
         let closure_m = CLOSURE_SHARE * file.noise.position_m;
-        Self::new(prepared, &measured, &samples, file.noise, closure_m)
+        Self::new(prepared, &samples, file.noise, closure_m)
     }
 
     /// Values to start from: those that fit set 1, nominal ones elsewhere.
@@ -231,7 +235,7 @@ impl AllSets {
         let own = &self.machine.variant.parameters;
         let place = |name: &str| {
             let index = own.iter().position(|parameter| parameter.name == name)?;
-            self.used.binary_search(&index).ok()
+            self.residuals.used.binary_search(&index).ok()
         };
         let described = variant.parameters.iter();
         described.map(|parameter| place(&parameter.name)).collect()

@@ -3,76 +3,36 @@
 pub mod descent;
 pub mod fit;
 pub mod knots;
-pub mod layout;
 mod start;
 pub mod variant;
-pub mod whitened;
-
-use std::sync::Arc;
 
 use nalgebra::{DMatrix, DVector};
 use tau_kinematics::Machine;
-use tau_runtime::ResidualFamily;
-use tau_solver::{Block, Problem};
+use tau_robot::robot_file::Noise;
+use tau_solver::Problem;
 
-use crate::calibration::Nominal;
+pub use crate::problem::Component;
+
+use crate::calibration::{Error, Nominal};
 use crate::numerics::grouped::{Grouped, Groups};
 use crate::numerics::parallel;
+use crate::problem::{self, Closures, Part, Residuals, parameters};
 use crate::samples::Sample;
 use crate::samples::outliers;
 
-/// Groups of residuals that have a noise of their own.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Component {
-    /// Closures of set 1.
-    Closure,
-    /// Positions of set 2.
-    CartPosition,
-    /// Rotations of set 2.
-    CartRotation,
-    /// Positions of set 3.
-    Position,
-}
-
-impl Component {
-    /// All of them, in the order of noise scales.
-    pub const ALL: [Self; 4] = [
-        Self::Closure,
-        Self::CartPosition,
-        Self::CartRotation,
-        Self::Position,
-    ];
-
-    /// The set that it belongs to.
-    pub fn set(self) -> u8 {
-        match self {
-            Self::Closure => 1,
-            Self::CartPosition | Self::CartRotation => 2,
-            Self::Position => 3,
-        }
-    }
-}
-
-/// A family with its samples.
+/// A family with its samples, prepared.
 #[derive(Clone)]
-struct Part {
-    family: Arc<dyn ResidualFamily>,
-    /// Index of each parameter among those of the fit.
-    parameters: Vec<usize>,
-    data: Vec<f64>,
+struct Rows {
+    part: Part,
     prepared: Vec<f64>,
-    /// Index of each sample.
-    samples: Vec<usize>,
     /// First row of the fit; samples follow each other.
-    first_row: usize,
-    /// Reciprocal stated noise and component of each residual of a sample.
-    weights: Vec<(f64, Component)>,
+    first: usize,
 }
 
-impl Part {
+impl Rows {
     /// The family's own parameters among those of the fit.
     fn local(&self, fitted: &[f64]) -> Vec<f64> {
-        self.parameters.iter().map(|&p| fitted[p]).collect()
+        self.part.parameters.iter().map(|&p| fitted[p]).collect()
     }
 }
 
@@ -85,7 +45,7 @@ pub struct Joint {
     pub used: Vec<usize>,
     /// Prior of each of them.
     pub priors: Vec<Nominal>,
-    parts: Vec<Part>,
+    parts: Vec<Rows>,
     /// Derivatives of all rows, in units of the stated noise, by the displacements of the points that
     /// piecewise tracks pass through: unknowns of the fit behind the parameters.
     knots: DMatrix<f64>,
@@ -120,6 +80,87 @@ const ROBUST: f64 = 3.0;
 const WEAK: f64 = 1e-6;
 
 impl Joint {
+    /// Lays out the rows: set 1, then sets 2 and 3 by track.
+    ///
+    /// # Errors
+    /// Data that residuals take are missing; closures that do not depend on the pose.
+    pub fn new(
+        machine: Machine,
+        nominal: &[Nominal],
+        samples: &[Sample],
+        noise: Noise,
+    ) -> Result<Self, Error> {
+        let Residuals {
+            used,
+            priors,
+            parts,
+        } = Residuals::new(&machine, nominal, samples, noise, Closures::Whitened)?;
+        let mut rows = Vec::new();
+        let parts = parts
+            .into_iter()
+            .map(|part| {
+                let first = rows.len();
+                for &sample in &part.samples {
+                    let residuals = part.components.iter().enumerate();
+                    rows.extend(residuals.map(|(residual, &component)| Row {
+                        sample,
+                        component,
+                        residual,
+                    }));
+                }
+                let mut prepared = vec![0.0; part.samples.len() * part.family.shape().prepared];
+                part.family.prepare_all(&part.data, &mut prepared);
+                Rows {
+                    part,
+                    prepared,
+                    first,
+                }
+            })
+            .collect();
+        let mut joint = Self {
+            machine,
+            used,
+            priors,
+            parts,
+            knots: DMatrix::zeros(rows.len(), 0),
+            groups: Groups::default(),
+            rows,
+        };
+        joint.groups = joint.groups();
+        if let Some(knots) = knots::columns(&joint, samples) {
+            joint.knots = knots;
+            joint.groups = joint.groups();
+        }
+        Ok(joint)
+    }
+
+    fn groups(&self) -> Groups {
+        let columns = self.used.len() + self.knots.ncols();
+        // Priors are none of the components.
+        let of_priors = std::iter::repeat_n(Component::ALL.len(), columns);
+        let kinds = self.rows.iter().map(|row| row.component as usize);
+        let kinds: Vec<usize> = kinds.chain(of_priors).collect();
+        Groups::of(&kinds, columns, |mark| {
+            for Rows { part, first, .. } in &self.parts {
+                let (residuals, pattern) = (part.components.len(), part.family.pattern());
+                for row in 0..part.samples.len() * residuals {
+                    let within = row % residuals;
+                    let entries = pattern.row_starts[within] as usize
+                        ..pattern.row_starts[within + 1] as usize;
+                    for &parameter in &pattern.columns[entries] {
+                        mark(first + row, part.parameters[parameter as usize]);
+                    }
+                }
+            }
+            for (k, knot) in self.knots.column_iter().enumerate() {
+                for (row, _) in knot.iter().enumerate().filter(|(_, value)| **value != 0.0) {
+                    mark(row, self.used.len() + k);
+                }
+            }
+            (0..columns).for_each(|column| mark(self.rows.len() + column, column));
+        })
+    }
+
     /// Number of displacements of measured points that are unknown.
     pub fn displacements(&self) -> usize {
         self.knots.ncols()
@@ -127,11 +168,7 @@ impl Joint {
 
     /// The values of the whole variant.
     pub fn values(&self, fitted: &[f64]) -> Vec<f64> {
-        let mut values = self.machine.values.clone();
-        for (&index, &value) in self.used.iter().zip(fitted) {
-            values[index] = value;
-        }
-        values
+        problem::values(&self.machine, &self.used, fitted)
     }
 
     /// Values of the fit out of those of the whole variant, measured points where they were measured.
@@ -177,75 +214,42 @@ impl Joint {
 
     /// The fit as a problem for the solver, robust against outliers. `factors` holds one number per row.
     pub fn problem(&self, start: &[f64], factors: &[f64]) -> Problem<'_> {
-        let variant = &self.machine.variant;
-        let parameters = self
-            .used
-            .iter()
-            .zip(&self.priors)
-            .zip(start)
-            .map(|((&index, prior), &start)| {
-                let described = &variant.parameters[index];
-                let mut parameter = tau_solver::Parameter::new(&described.name, start);
-                if let Some(tolerance) = prior.tolerance.filter(|tolerance| *tolerance > 0.0) {
-                    parameter = parameter.with_prior(prior.value, tolerance);
-                }
-                match described.search {
-                    Some((low, high)) => parameter.with_bounds(low, high),
-                    None => parameter,
-                }
-            })
-            .collect();
-        let blocks = self
-            .parts
-            .iter()
-            .map(|part| {
-                let weights = (0..part.samples.len() * part.weights.len())
-                    .map(|k| part.weights[k % part.weights.len()].0 * factors[part.first_row + k])
-                    .collect();
-                Block::new(
-                    "joint fit",
-                    &*part.family,
-                    part.parameters.clone(),
-                    &part.data,
-                )
-                .with_weights(weights)
-                .with_loss(tau_solver::Loss::Huber(ROBUST))
-            })
-            .collect();
-        Problem { parameters, blocks }
+        let blocks = self.parts.iter().map(|rows| {
+            let weigh = |k, weight: f64| weight * factors[rows.first + k];
+            let block = rows.part.block(self.used.len(), weigh);
+            block.with_loss(tau_solver::Loss::Huber(ROBUST))
+        });
+        let start = start.iter().copied();
+        Problem {
+            parameters: parameters(&self.machine.variant, &self.used, &self.priors, start),
+            blocks: blocks.collect(),
+        }
     }
 
     /// The whitening of each pose of set 1, by rows, in order.
     pub fn closure_factors(&self) -> impl Iterator<Item = &[f64]> {
-        self.parts
-            .iter()
-            .filter(|part| {
-                part.weights
-                    .first()
-                    .is_some_and(|weight| weight.1 == Component::Closure)
-            })
-            .flat_map(|part| {
-                let (rows, width) = (part.weights.len(), part.family.shape().data);
-                part.data
-                    .chunks_exact(width)
-                    .map(move |data| &data[width - rows * rows..])
-            })
+        let is_of_closures = |part: &&Part| part.components.first() == Some(&Component::Closure);
+        let parts = self.parts.iter().map(|rows| &rows.part);
+        parts.filter(is_of_closures).flat_map(|part| {
+            let (rows, width) = (part.components.len(), part.family.shape().data);
+            let samples = part.data.chunks_exact(width);
+            samples.map(move |data| &data[width - rows * rows..])
+        })
     }
 
     /// Residuals at a point, in units of the noise times `factors`, priors last.
     pub fn residuals(&self, fitted: &[f64], factors: &[f64]) -> DVector<f64> {
         let rows = self.rows.len();
         let mut residuals = DVector::zeros(rows + fitted.len());
-        let of_parts = parallel::map(&self.parts, |part| {
-            let mut plain = vec![0.0; part.samples.len() * part.weights.len()];
-            let local = part.local(fitted);
-            part.family.value_all(&part.prepared, &local, &mut plain);
+        let of_parts = parallel::map(&self.parts, |rows| {
+            let mut plain = vec![0.0; rows.part.weights.len()];
+            let family = &rows.part.family;
+            family.value_all(&rows.prepared, &rows.local(fitted), &mut plain);
             plain
         });
-        for (part, plain) in self.parts.iter().zip(of_parts) {
-            for (k, &residual) in plain.iter().enumerate() {
-                let row = part.first_row + k;
-                let weight = part.weights[k % part.weights.len()].0;
+        for (Rows { part, first, .. }, plain) in self.parts.iter().zip(of_parts) {
+            let weighted = plain.iter().zip(&part.weights);
+            for (row, (&residual, &weight)) in (*first..).zip(weighted) {
                 residuals[row] = residual * weight * factors[row];
             }
         }
@@ -272,20 +276,20 @@ impl Joint {
         let (rows, columns) = (self.rows.len(), fitted.len());
         let mut residuals = DVector::zeros(rows + columns);
         let mut jacobian = self.groups.zeros();
-        let of_parts = parallel::map(&self.parts, |part| {
-            let mut plain = vec![0.0; part.samples.len() * part.family.shape().residuals];
+        let of_parts = parallel::map(&self.parts, |rows| {
+            let (part, local) = (&rows.part, rows.local(fitted));
+            let mut plain = vec![0.0; part.weights.len()];
             let mut entries = vec![0.0; part.samples.len() * part.family.pattern().len()];
-            let local = part.local(fitted);
             part.family
-                .linearize_all(&part.prepared, &local, &mut plain, &mut entries);
+                .linearize_all(&rows.prepared, &local, &mut plain, &mut entries);
             (plain, entries)
         });
-        for (part, (plain, entries)) in self.parts.iter().zip(of_parts) {
+        for (Rows { part, first, .. }, (plain, entries)) in self.parts.iter().zip(of_parts) {
             let (shape, pattern) = (part.family.shape(), part.family.pattern());
             for (k, &residual) in plain.iter().enumerate() {
-                let row = part.first_row + k;
+                let row = first + k;
                 let within = k % shape.residuals;
-                let weight = part.weights[within].0 * factors[row];
+                let weight = part.weights[k] * factors[row];
                 residuals[row] = residual * weight;
                 let (start, end) = (
                     pattern.row_starts[within] as usize,

@@ -5,10 +5,12 @@ pub mod numbering;
 pub mod outliers;
 pub mod plates;
 
-use tau_kinematics::{Forces, Pose, Statics, Surroundings};
+use tau_kinematics::{self as kinematics, Forces, Machine, Missing, Pose, Statics, Surroundings};
+use tau_robot::input_error::InputError;
 use tau_robot::measurements::{Conditions, Folder, TcpPose};
-use tau_robot::robot::{Input, Robot};
+use tau_robot::robot::{Input, Instance, Robot};
 
+use crate::calibration::Error;
 use frames::Frames;
 
 /// A measured pose of the TCP (set 1), of a cart (set 2) or position of a cart (set 3).
@@ -25,25 +27,30 @@ pub struct Sample {
     pub unit: usize,
     /// Commands (m).
     pub commands_m: Vec<f64>,
-    directions: Vec<Option<f64>>,
+    /// Side of approach of each command, NaN where it is not known.
+    directions: Vec<f64>,
     /// Time and temperature, where known.
     pub conditions: Conditions,
     /// Measured; in sets 2 and 3 carried near the measurement frame.
     pub pose: Pose,
-    /// Angles of `pose` as the equations take them (rad).
-    angles_rad: [f64; 3],
-    /// Pose of the plate and forces on the arm, where there is an arm and they are known.
+    /// Pose of the plate, where there is one and it is known.
     pub plate: Option<Pose>,
+    /// Forces of the arm, where they are known.
     forces: Option<Forces>,
 }
 
-/// Missing inputs, in words.
-pub(crate) const NO_DIRECTION: &str = "the column of the side of approach (`dir`) is missing";
-const NO_TIME: &str = "the column `time_s` is missing";
-const NO_TEMPERATURE: &str = "the column `temperature_c` is missing";
-const NO_LOAD: &str = "`[payload]` or dimensions of the links are missing in the robot file";
-const NO_PATH: &str = "set 2 (`cart_poses.csv`) is missing";
-const NO_COMMAND: &str = "a command is missing";
+/// That something is missing, whichever set it is missing in.
+fn in_words(missing: Missing) -> &'static str {
+    match missing {
+        Missing::Command => "a command is missing",
+        Missing::Direction => "the column of the side of approach (`dir`) is missing",
+        Missing::Time => "the column `time_s` is missing",
+        Missing::Temperature => "the column `temperature_c` is missing",
+        Missing::Forces => "`[payload]` or dimensions of the links are missing in the robot file",
+        Missing::Path => "set 2 (`cart_poses.csv`) is missing",
+    }
+}
+
 /// An effect whose derivative is not finite.
 pub const NOT_FINITE: &str = "its derivative at no effect is not finite";
 
@@ -56,12 +63,9 @@ impl Sample {
             number: measured.pose,
             unit,
             commands_m: measured.commands_m.clone(),
-            directions: (0..measured.commands_m.len())
-                .map(|k| measured.directions.as_ref().and_then(|d| d.get(k).copied()))
-                .collect(),
+            directions: measured.directions.clone().unwrap_or_default(),
             conditions: measured.conditions,
             pose,
-            angles_rad: measured.angles_rad,
             plate: Some(pose),
             forces: None,
         }
@@ -78,11 +82,18 @@ impl Sample {
             .collect();
         let mut unit = samples.len();
         let own_direction = |track: usize, direction: Option<f64>| {
-            (0..robot.commands)
-                .map(|k| direction.filter(|_| k == track))
-                .collect::<Vec<_>>()
+            let mut directions = vec![f64::NAN; robot.commands];
+            if let (Some(own), Some(direction)) = (directions.get_mut(track), direction) {
+                *own = direction;
+            }
+            directions
         };
         if let Some(frame) = frames.set2 {
+            // Where no arm reaches, nothing loads the carts.
+            let unloaded = Forces {
+                tensions_n: vec![0.0; robot.links.len()],
+                loads_n: vec![[0.0; 3]; robot.tracks.len()],
+            };
             // Targets are turned back by how the first pose of each shows them, so that what is left to
             // fit of their rotation is small.
             let mut mounted = vec![None; robot.tracks.len()];
@@ -101,9 +112,8 @@ impl Sample {
                     directions: own_direction(measured.track, measured.direction),
                     conditions: measured.conditions,
                     pose,
-                    angles_rad: pose.angles_rad(),
                     plate: None,
-                    forces: None,
+                    forces: Some(unloaded.clone()),
                 });
                 unit += 1;
             }
@@ -124,7 +134,6 @@ impl Sample {
                     directions: own_direction(measured.track, measured.direction),
                     conditions: measured.conditions,
                     pose: frame.carry(measured.position_m, None),
-                    angles_rad: [0.0; 3],
                     plate: None,
                     forces: None,
                 });
@@ -167,60 +176,63 @@ impl Sample {
 
     /// Side of approach of a command, where known.
     pub fn direction(&self, command: usize) -> Option<f64> {
-        self.directions.get(command).copied().flatten()
+        let direction = self.directions.get(command).copied();
+        direction.filter(|direction| !direction.is_nan())
     }
 
     /// Computes the forces of the arm, where the plate's pose is known.
     pub fn load(&mut self, statics: &Statics) {
-        self.forces = self
-            .plate
-            .map(|plate| statics.forces(&plate, &self.commands_m));
+        if let Some(plate) = &self.plate {
+            self.forces = Some(statics.forces(plate, &self.commands_m));
+        }
     }
 
-    /// A number that the equations take. Where an arm does not reach, nothing loads the carts.
-    pub fn input(&self, input: Input, surroundings: &Surroundings) -> Result<f64, &'static str> {
-        let segment = |track: usize| {
-            let path = surroundings.paths.get(track)?.as_ref()?;
-            Some(path.segment(*self.commands_m.get(track)?))
-        };
-        let force =
-            |of: fn(&Forces, usize, usize) -> Option<f64>, index: usize, component: usize| {
-                let force = self.forces.as_ref().map(|f| of(f, index, component));
-                match force {
-                    None if self.set == 2 => Ok(0.0),
-                    force => force.flatten().ok_or(NO_LOAD),
-                }
-            };
-        match input {
-            Input::Command(k) => self.commands_m.get(k).copied().ok_or(NO_COMMAND),
-            Input::Position(k) => Ok(self.pose.position[k]),
-            Input::Angle(k) => Ok(self.angles_rad[k]),
-            Input::TcpPosition(k) => Ok(self.plate.map_or(0.0, |plate| plate.position[k])),
-            Input::Direction(k) => self
-                .directions
-                .get(k)
-                .copied()
-                .flatten()
-                .ok_or(NO_DIRECTION),
-            Input::Time => self.conditions.time_s.ok_or(NO_TIME),
-            Input::Temperature => self.conditions.temperature_c.ok_or(NO_TEMPERATURE),
-            Input::Load { track, component } => force(
-                |f, track, k| f.loads_n.get(track).map(|load| load[k]),
-                track,
-                component,
-            ),
-            Input::Tension(link) => force(|f, link, _| f.tensions_n.get(link).copied(), link, 0),
-            Input::SegmentStart { track, component } => {
-                segment(track).map(|s| s.ends[0][component]).ok_or(NO_PATH)
-            }
-            Input::SegmentEnd { track, component } => {
-                segment(track).map(|s| s.ends[1][component]).ok_or(NO_PATH)
-            }
-            Input::SegmentStartCommand(track) => {
-                segment(track).map(|s| s.commands[0]).ok_or(NO_PATH)
-            }
-            Input::SegmentEndCommand(track) => segment(track).map(|s| s.commands[1]).ok_or(NO_PATH),
+    /// The sample as kinematics and residual families take it.
+    pub fn view(&self) -> kinematics::Sample<'_> {
+        kinematics::Sample {
+            commands_m: &self.commands_m,
+            pose: self.pose,
+            plate: self.plate,
+            forces: self.forces.as_ref(),
+            directions: Some(&self.directions),
+            conditions: self.conditions,
         }
+    }
+
+    /// A number that the equations take.
+    ///
+    /// # Errors
+    /// What is missing, in words.
+    pub fn input(&self, input: Input, surroundings: &Surroundings) -> Result<f64, &'static str> {
+        let mut data = Vec::with_capacity(1);
+        let filled = surroundings.fill(&[input], &self.view(), &mut data);
+        filled.map(|()| data[0]).map_err(in_words)
+    }
+
+    /// Appends the data that a residual takes.
+    ///
+    /// # Errors
+    /// What is missing, with the file and the sample that lack it.
+    pub fn fill(
+        &self,
+        machine: &Machine,
+        instance: &Instance,
+        data: &mut Vec<f64>,
+    ) -> Result<(), Error> {
+        if self.set == 1 {
+            let filled = machine.fill(instance, &self.view(), data);
+            return filled.map_err(|error| Error::at_pose(self.number, error));
+        }
+        let filled = (machine.surroundings).fill(&instance.inputs, &self.view(), data);
+        filled.map_err(|missing| self.lacks(missing))
+    }
+
+    /// The error that something which a residual takes is missing.
+    pub(crate) fn lacks(&self, missing: Missing) -> Error {
+        let files = ["tcp_poses.csv", "cart_poses.csv", "cart_positions.csv"];
+        let file = files[usize::from(self.set.clamp(1, 3)) - 1];
+        let what = format!("sample {}: {}", self.number, in_words(missing));
+        InputError::whole(file, what).into()
     }
 
     /// The same measurement under other conditions, to see what it would tell.
@@ -243,7 +255,7 @@ impl Sample {
                 other.conditions.temperature_c = other.conditions.temperature_c.map(|t| t + kelvin);
             }
             Treatment::Reversed => {
-                for direction in other.directions.iter_mut().flatten() {
+                for direction in &mut other.directions {
                     *direction = -*direction;
                 }
             }

@@ -1,13 +1,13 @@
 //! The closures at a pose that is itself unknown.
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
-use tau_kinematics::{Pose, Sample, Surroundings};
+use tau_kinematics::{Missing, Pose, Sample, Surroundings};
 use tau_robot::robot::{Input, Instance};
 use tau_runtime::{Pattern, ResidualFamily, Shape};
 
 /// Unknowns of a pose: translation (m), then rotation vector (rad) in the measurement frame, that carry
 /// the measured pose into the true one.
-pub(super) const POSE_UNKNOWNS: usize = 6;
+pub(crate) const POSE_UNKNOWNS: usize = 6;
 
 /// All closures of a pose (m²) as a function of the parameters of the variant and of the pose.
 ///
@@ -135,13 +135,13 @@ impl TruePose {
     /// Appends the data of a sample.
     ///
     /// # Errors
-    /// What is missing, in words.
+    /// What is missing.
     pub(super) fn fill(
         &self,
         surroundings: &Surroundings,
         sample: &Sample<'_>,
         data: &mut Vec<f64>,
-    ) -> Result<(), &'static str> {
+    ) -> Result<(), Missing> {
         surroundings.fill(&self.inputs, sample, data)?;
         data.extend(sample.pose.position_m());
         data.extend(sample.pose.rotation.matrix().transpose().iter());

@@ -1,0 +1,429 @@
+//! The least-squares problem of every calibration: the residuals of a variant at samples, their noise, priors.
+//!
+//! Calibrations differ in how the noise of the measured poses meets the closures ([`Closures`]), and in what
+//! they do with the residuals: [`calibrate`](crate::calibration::calibrate) and errors in variables hand them to
+//! the solver, the [joint fit](crate::joint) linearises them itself.
+
+mod true_pose;
+mod whitened;
+
+use std::sync::Arc;
+
+use tau_kinematics::Machine;
+use tau_robot::input_error::InputError;
+use tau_robot::robot::{Instance, Owner, ResidualKind, TrackShape, Variant};
+use tau_robot::robot_file::Noise;
+use tau_runtime::ResidualFamily;
+use tau_solver::{Block, Parameter};
+
+use crate::calibration::{Error, MOUNTING_M, Nominal};
+use crate::samples::Sample;
+use true_pose::TruePose;
+use whitened::WhitenedPose;
+
+pub(crate) use true_pose::POSE_UNKNOWNS;
+
+/// Groups of residuals that have a noise of their own.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Component {
+    /// Closures of set 1.
+    Closure,
+    /// Positions of set 2.
+    CartPosition,
+    /// Rotations of set 2.
+    CartRotation,
+    /// Positions of set 3.
+    Position,
+}
+
+impl Component {
+    /// All of them, in the order of noise scales.
+    pub const ALL: [Self; 4] = [
+        Self::Closure,
+        Self::CartPosition,
+        Self::CartRotation,
+        Self::Position,
+    ];
+
+    /// The set that it belongs to.
+    pub fn set(self) -> u8 {
+        match self {
+            Self::Closure => 1,
+            Self::CartPosition | Self::CartRotation => 2,
+            Self::Position => 3,
+        }
+    }
+}
+
+/// How the noise of the measured poses meets the closures.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Closures {
+    /// Each closure for itself, with the standard deviation that its pose's noise gives it.
+    Apart,
+    /// The closures of a pose whitened together: its noise is eliminated to first order.
+    Whitened,
+    /// The closures at the true pose, which is unknown; there each holds to so much of a link's length (m).
+    AtTruePose(f64),
+}
+
+/// A family with its samples.
+#[derive(Clone)]
+pub(crate) struct Part {
+    label: String,
+    pub(crate) family: Arc<dyn ResidualFamily>,
+    /// Index of each parameter that the samples share: in the variant, among those of the fit once
+    /// [numbered](Self::numbered).
+    pub(crate) parameters: Vec<usize>,
+    /// Number of unknowns that each sample has of its own, behind those that all share.
+    own: usize,
+    pub(crate) data: Vec<f64>,
+    /// Index of each sample, and its number in the file.
+    pub(crate) samples: Vec<usize>,
+    pub(crate) numbers: Vec<u32>,
+    /// Reciprocal stated noise: samples × residuals, row-major.
+    pub(crate) weights: Vec<f64>,
+    /// Noise group of each residual of a sample.
+    pub(crate) components: Vec<Component>,
+}
+
+/// The residuals of a variant at samples.
+pub(crate) struct Residuals {
+    /// Index in the variant of each parameter of the fit.
+    pub(crate) used: Vec<usize>,
+    /// Prior of each of them.
+    pub(crate) priors: Vec<Nominal>,
+    /// Set 1, then sets 2 and 3 by track.
+    pub(crate) parts: Vec<Part>,
+}
+
+impl Residuals {
+    /// Those that a variant has at the samples; `nominal` holds a value and tolerance of each of its parameters.
+    ///
+    /// # Errors
+    /// Data that residuals take are missing; closures that do not depend on the pose.
+    pub(crate) fn new(
+        machine: &Machine,
+        nominal: &[Nominal],
+        samples: &[Sample],
+        noise: Noise,
+        closures: Closures,
+    ) -> Result<Self, Error> {
+        let mut parts = match closures {
+            Closures::Apart => {
+                let closures = machine.variant.instances_of(ResidualKind::Closure);
+                closures
+                    .map(|closure| Part::closure(machine, closure, samples, noise))
+                    .collect::<Result<Vec<_>, Error>>()?
+            }
+            Closures::Whitened => vec![Part::whitened(machine, samples, noise)?],
+            Closures::AtTruePose(length_m) => {
+                vec![Part::at_true_poses(machine, samples, length_m)?]
+            }
+        };
+        for kind in [ResidualKind::CartPose, ResidualKind::CartPosition] {
+            for instance in machine.variant.instances_of(kind) {
+                // A path interpolated through points of set 2 passes through them by itself, unless they are
+                // free to move.
+                let tracks = &machine.variant.tracks;
+                let passes_through = closures != Closures::Whitened
+                    && tracks[instance.of].shape == TrackShape::Piecewise;
+                parts.extend(Part::cart(
+                    machine,
+                    instance,
+                    samples,
+                    noise,
+                    passes_through,
+                )?);
+            }
+        }
+        let parameters = parts.iter().flat_map(|part| &part.parameters);
+        let mut used: Vec<usize> = parameters.copied().collect();
+        used.sort_unstable();
+        used.dedup();
+        let described = &machine.variant.parameters;
+        Ok(Self {
+            priors: used
+                .iter()
+                .map(|&index| match described[index].owner {
+                    Owner::Target { .. } if described[index].quantity == "position" => Nominal {
+                        value: 0.0,
+                        tolerance: Some(MOUNTING_M),
+                    },
+                    _ => nominal[index],
+                })
+                .collect(),
+            parts: (parts.into_iter())
+                .map(|part| part.numbered(&used))
+                .collect(),
+            used,
+        })
+    }
+}
+
+/// The parameters of a fit as the solver takes them; `start` holds a value of each.
+pub(crate) fn parameters(
+    variant: &Variant,
+    used: &[usize],
+    priors: &[Nominal],
+    start: impl IntoIterator<Item = f64>,
+) -> Vec<Parameter> {
+    let known = used.iter().zip(priors).zip(start);
+    known
+        .map(|((&index, prior), start)| {
+            let described = &variant.parameters[index];
+            let mut parameter = Parameter::new(&described.name, start);
+            if let Some(tolerance) = prior.tolerance.filter(|tolerance| *tolerance > 0.0) {
+                parameter = parameter.with_prior(prior.value, tolerance);
+            }
+            match described.search {
+                Some((low, high)) => parameter.with_bounds(low, high),
+                None => parameter,
+            }
+        })
+        .collect()
+}
+
+/// The values of a variant where those of the fit are put in place of its own.
+pub(crate) fn values(machine: &Machine, used: &[usize], fitted: &[f64]) -> Vec<f64> {
+    let mut values = machine.values.clone();
+    for (&index, &value) in used.iter().zip(fitted) {
+        values[index] = value;
+    }
+    values
+}
+
+impl Part {
+    /// A family at some of the samples; data and weights are still to come.
+    fn of(
+        label: String,
+        (family, parameters): (Arc<dyn ResidualFamily>, Vec<usize>),
+        (all, samples): (&[Sample], Vec<usize>),
+        components: Vec<Component>,
+    ) -> Self {
+        Self {
+            label,
+            family,
+            parameters,
+            own: 0,
+            data: Vec::new(),
+            numbers: samples.iter().map(|&sample| all[sample].number).collect(),
+            samples,
+            weights: Vec::new(),
+            components,
+        }
+    }
+
+    /// A closure, with the noise that it has from that of the pose.
+    fn closure(
+        machine: &Machine,
+        closure: &Instance,
+        samples: &[Sample],
+        noise: Noise,
+    ) -> Result<Self, Error> {
+        let by_pose = by_pose(machine, closure);
+        let mut part = Self::of(
+            machine.closure_name(closure).to_owned(),
+            (Arc::clone(&closure.family), closure.parameters.clone()),
+            (samples, indices(samples, 1, None)),
+            vec![Component::Closure],
+        );
+        for &sample in &part.samples {
+            let sample = &samples[sample];
+            sample.fill(machine, closure, &mut part.data)?;
+            part.weights.push(match by_pose {
+                Some(by_pose) => {
+                    let [x, y, z, a, b, c] = gradient(machine, by_pose, sample)?;
+                    let position = noise.position_m.powi(2) * (x * x + y * y + z * z);
+                    let rotation = noise.rotation_rad.powi(2) * (a * a + b * b + c * c);
+                    (position + rotation).sqrt().recip()
+                }
+                None => 1.0,
+            });
+        }
+        Ok(part)
+    }
+
+    /// All closures, those of a pose whitened together.
+    pub(crate) fn whitened(
+        machine: &Machine,
+        samples: &[Sample],
+        noise: Noise,
+    ) -> Result<Self, Error> {
+        let closures: Vec<Instance> = (machine.variant.instances_of(ResidualKind::Closure))
+            .cloned()
+            .collect();
+        let family = WhitenedPose::new(closures.clone());
+        let parameters = family.parameters().to_vec();
+        let mut part = Self::of(
+            "closures".to_owned(),
+            (Arc::new(family), parameters),
+            (samples, indices(samples, 1, None)),
+            vec![Component::Closure; closures.len()],
+        );
+        for &sample in &part.samples {
+            let sample = &samples[sample];
+            for closure in &closures {
+                sample.fill(machine, closure, &mut part.data)?;
+            }
+            let factor = WhitenedPose::factor(machine, &sample.view(), noise).ok_or_else(|| {
+                let pose = sample.number;
+                let why = format!("pose {pose}: the closures do not depend on the pose");
+                InputError::whole("tcp_poses.csv", why)
+            })?;
+            part.data.extend(factor);
+        }
+        part.weights = vec![1.0; part.samples.len() * closures.len()];
+        Ok(part)
+    }
+
+    /// All closures, at poses that are unknown themselves.
+    fn at_true_poses(machine: &Machine, samples: &[Sample], length_m: f64) -> Result<Self, Error> {
+        let closures: Vec<(Instance, Instance)> = machine
+            .variant
+            .instances_of(ResidualKind::Closure)
+            .filter_map(|closure| Some((closure.clone(), by_pose(machine, closure)?.clone())))
+            .collect();
+        let family = Arc::new(TruePose::new(&closures, machine.robot.commands));
+        let parameters = family.parameters().to_vec();
+        let mut part = Self::of(
+            "closures".to_owned(),
+            (Arc::clone(&family) as Arc<dyn ResidualFamily>, parameters),
+            (samples, indices(samples, 1, None)),
+            vec![Component::Closure; closures.len()],
+        );
+        part.own = POSE_UNKNOWNS;
+        for &sample in &part.samples {
+            let sample = &samples[sample];
+            let filled = family.fill(&machine.surroundings, &sample.view(), &mut part.data);
+            filled.map_err(|missing| sample.lacks(missing))?;
+            for (_, by_pose) in &closures {
+                let [x, y, z, ..] = gradient(machine, by_pose, sample)?;
+                let slope = (x * x + y * y + z * z).sqrt();
+                part.weights.push((slope * length_m).recip());
+            }
+        }
+        Ok(part)
+    }
+
+    /// A cart in set 2 or 3; `None` where it was not measured.
+    fn cart(
+        machine: &Machine,
+        instance: &Instance,
+        samples: &[Sample],
+        noise: Noise,
+        passes_through: bool,
+    ) -> Result<Option<Self>, Error> {
+        let (position, rotation) = (noise.position_m.recip(), noise.rotation_rad.recip());
+        let (set, of_sample) = if instance.kind == ResidualKind::CartPose {
+            let on_path = if passes_through { 0.0 } else { position };
+            let positions = [(on_path, Component::CartPosition); 3];
+            let rotations = [(rotation, Component::CartRotation); 3];
+            (2, [positions, rotations].concat())
+        } else {
+            (3, vec![(position, Component::Position); 3])
+        };
+        let measured = indices(samples, set, Some(instance.of));
+        if measured.is_empty() {
+            return Ok(None);
+        }
+        let mut part = Self::of(
+            format!("set {set}, cart on {}", machine.robot.tracks[instance.of]),
+            (Arc::clone(&instance.family), instance.parameters.clone()),
+            (samples, measured),
+            of_sample.iter().map(|of| of.1).collect(),
+        );
+        for &sample in &part.samples {
+            samples[sample].fill(machine, instance, &mut part.data)?;
+            part.weights.extend(of_sample.iter().map(|of| of.0));
+        }
+        Ok(Some(part))
+    }
+
+    /// The part with its parameters numbered as in `used`.
+    pub(crate) fn numbered(mut self, used: &[usize]) -> Self {
+        for index in &mut self.parameters {
+            *index = used.binary_search(index).unwrap_or_default();
+        }
+        self
+    }
+
+    /// Noise group of each residual.
+    pub(crate) fn components(&self) -> impl Iterator<Item = Component> {
+        self.components
+            .iter()
+            .copied()
+            .cycle()
+            .take(self.weights.len())
+    }
+
+    /// Residuals in the units of the family, at values of the shared parameters and of all samples' own unknowns.
+    pub(crate) fn values(&self, shared: &[f64], own: &[f64]) -> Vec<f64> {
+        let shape = self.family.shape();
+        let mut parameters: Vec<f64> = self.parameters.iter().map(|&p| shared[p]).collect();
+        let mut residuals = vec![0.0; self.weights.len()];
+        if self.own == 0 {
+            let mut prepared = vec![0.0; self.samples.len() * shape.prepared];
+            self.family.prepare_all(&self.data, &mut prepared);
+            (self.family).value_all(&prepared, &parameters, &mut residuals);
+            return residuals;
+        }
+        let common = parameters.len();
+        let mut prepared = vec![0.0; shape.prepared];
+        for ((residuals, data), own) in (residuals.chunks_exact_mut(shape.residuals))
+            .zip(self.data.chunks_exact(shape.data))
+            .zip(own.chunks_exact(self.own))
+        {
+            parameters.truncate(common);
+            parameters.extend_from_slice(own);
+            self.family.prepare(data, &mut prepared);
+            self.family.value(&prepared, &parameters, residuals);
+        }
+        residuals
+    }
+
+    /// [`Self::block`] with the noise of each group of [`Component::ALL`] larger than stated by a factor.
+    pub(crate) fn scaled_block(&self, shared: usize, factors: [f64; 4]) -> Block<'_> {
+        let of_sample = self.components.len();
+        let factor = |row: usize| factors[self.components[row % of_sample] as usize];
+        self.block(shared, |row, weight| weight / factor(row))
+    }
+
+    /// The part for the solver. `weigh` gives the weight of a residual from its place and its reciprocal stated
+    /// noise; the samples' own unknowns stand in a row behind the `shared` ones.
+    pub(crate) fn block(&self, shared: usize, weigh: impl Fn(usize, f64) -> f64) -> Block<'_> {
+        let weights = self.weights.iter().enumerate();
+        let block = Block::new(
+            &self.label,
+            &*self.family,
+            self.parameters.clone(),
+            &self.data,
+        )
+        .with_weights(weights.map(|(k, &weight)| weigh(k, weight)).collect())
+        .with_sample_names(self.numbers.clone());
+        if self.own == 0 {
+            return block;
+        }
+        block.with_sample_parameters((shared..shared + self.own * self.samples.len()).collect())
+    }
+}
+
+/// The closure by pose that belongs to one by parameters.
+fn by_pose<'a>(machine: &'a Machine, closure: &Instance) -> Option<&'a Instance> {
+    machine
+        .closure_instances()
+        .find(|instance| instance.of == closure.of)
+}
+
+/// Derivatives of a closure by the translation and the rotation vector of a sample's pose.
+fn gradient(machine: &Machine, by_pose: &Instance, sample: &Sample) -> Result<[f64; 6], Error> {
+    let linearized = machine.closure_by_pose(by_pose, &sample.view());
+    let (_, gradient) = linearized.map_err(|error| Error::at_pose(sample.number, error))?;
+    Ok(gradient)
+}
+
+/// Samples of a set, and in sets 2 and 3 of a track.
+fn indices(samples: &[Sample], set: u8, track: Option<usize>) -> Vec<usize> {
+    (0..samples.len())
+        .filter(|&i| samples[i].set == set && samples[i].track == track)
+        .collect()
+}
