@@ -26,7 +26,7 @@
 //! }
 //!
 //! # fn main() -> Result<(), tau::Error> {
-//! // Measurements that ship with the library; a folder of one's own is opened by `Session::open("folder")`.
+//! // Measurements that ship with the library; a folder of one's own is opened by its path.
 //! let session = Session::<GantryTau>::open(Files::prototype())?;
 //! let calibrated = session.calibrate(GantryTau::ELASTIC)?;
 //! let compliance = calibrated.estimate(gantry_tau::elastic::ELASTIC_CART_ALL_COMPLIANCE)?;

@@ -29,8 +29,17 @@ impl<R> Calibrated<R> {
     ///
     /// # Errors
     /// It is a parameter of another variant; no closure depends on it.
-    pub fn estimate(&self, parameter: impl ParameterKey<R>) -> Result<&ParameterEstimate, InputError> {
+    pub fn estimate(
+        &self,
+        parameter: impl ParameterKey<R>,
+    ) -> Result<&ParameterEstimate, InputError> {
         parameter.estimate_in(&self.calibration)
+    }
+}
+
+impl<R> From<Calibrated<R>> for Calibration {
+    fn from(calibrated: Calibrated<R>) -> Self {
+        calibrated.calibration
     }
 }
 

@@ -171,9 +171,7 @@ impl<R> Session<R> {
             "the range that set 2 covers"
         };
         (left_out > 0).then(|| {
-            format!(
-                "{left_out} of {total} poses have commands outside {range} and take no part"
-            )
+            format!("{left_out} of {total} poses have commands outside {range} and take no part")
         })
     }
 

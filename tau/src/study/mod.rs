@@ -102,11 +102,7 @@ pub fn run<R>(
 /// remarked.
 ///
 /// A step of its own, because it takes many times as long as all the rest.
-pub fn search<R>(
-    study: &mut Study,
-    session: &Session<R>,
-    progress: &mut (dyn FnMut(&str) + Send),
-) {
+pub fn search<R>(study: &mut Study, session: &Session<R>, progress: &mut (dyn FnMut(&str) + Send)) {
     let Some(base) = base(session.robot()) else {
         let remark = "nothing was searched for: no variant has all links and no effects";
         study.remarks.push(remark.to_owned());
