@@ -12,7 +12,7 @@ use crate::support::{Random, gantry_tau, prototype};
 fn the_study_reports_everything() {
     let (folder, file) = prototype();
     let mut progress = Vec::new();
-    let session = Session::with(gantry_tau(), folder, file);
+    let session = Session::with_robot(gantry_tau(), folder, file);
     let study = study::run(&session, &mut |now| {
         progress.push((now.done, now.steps));
     })
@@ -60,7 +60,7 @@ fn the_study_reports_everything() {
 #[test]
 fn a_study_may_end_with_the_search_for_effects() {
     let (folder, file) = prototype();
-    let session = Session::with(gantry_tau(), folder, file);
+    let session = Session::with_robot(gantry_tau(), folder, file);
     let mut study = study::run(&session, &mut |_| {}).unwrap();
     study::search(&mut study, &session, &mut |_| {});
     let discovery = study.discovery.unwrap();
@@ -73,7 +73,7 @@ fn a_study_may_end_with_the_search_for_effects() {
 fn without_set_2_the_piecewise_variants_are_left_out() {
     let (mut folder, file) = prototype();
     folder.cart_poses.clear();
-    let session = Session::with(gantry_tau(), folder, file);
+    let session = Session::with_robot(gantry_tau(), folder, file);
     let study = study::run(&session, &mut |_| {}).unwrap();
     let names: Vec<&str> = study
         .variants
@@ -97,7 +97,7 @@ fn commands_out_of_the_measured_range_are_refused() {
         .cart_poses
         .iter_mut()
         .for_each(|pose| pose.command_m += 10.0);
-    let session = Session::with(gantry_tau(), folder, file);
+    let session = Session::with_robot(gantry_tau(), folder, file);
     let error = study::run(&session, &mut |_| {}).err().unwrap();
     assert!(error.is_input());
     assert!(

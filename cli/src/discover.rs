@@ -48,7 +48,7 @@ pub(super) fn run(
     // The variants that there are need not wait for what is found to be compiled.
     let (found, compiled) = rayon::join(
         || {
-            session.discover_by(base.as_str(), &options, &mut |doing| {
+            session.discover_with(base.as_str(), &options, &mut |doing| {
                 spinner.show(doing);
             })
         },

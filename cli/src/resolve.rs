@@ -28,7 +28,7 @@ pub(super) fn with_variant(
 fn open(robot: Robot, input: &arguments::Input) -> Result<Session, InputError> {
     let files = files(input.folder.as_deref(), &input.robot);
     let (session, split) = both(
-        Session::open_with(robot, files),
+        Session::open_with_robot(robot, files),
         split(input.split.as_deref(), input.seed),
     )?;
     Ok(session.split(split))

@@ -40,7 +40,7 @@
 //! ```
 //!
 //! Where the robot is not known when the program is compiled, [`Robot::read`] compiles its description at run
-//! time, with the same numbers, and [`Session::open_with`] takes it; variants and parameters then go by name.
+//! time, with the same numbers, and [`Session::open_with_robot`] takes it; variants and parameters then go by name.
 //!
 //! Input that can't be used is an [`InputError`]: every mistake with its file, line and column, and how to mend
 //! it. It prints one line a mistake; [`InputError::render`] shows the excerpts of the command line.

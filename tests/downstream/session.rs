@@ -31,7 +31,8 @@ fn a_calibrated_robot_is_written_and_read_again() -> Result<(), Error> {
 #[test]
 fn compiled_in_and_read_at_run_time_the_numbers_are_the_same() -> Result<(), Error> {
     let compiled_in = Session::<Gantry>::open(FOLDER)?;
-    let at_run_time = Session::open_with(Robot::from_text(Gantry::ROBOT.description)?, FOLDER)?;
+    let at_run_time =
+        Session::open_with_robot(Robot::from_text(Gantry::ROBOT.description)?, FOLDER)?;
     let one = compiled_in.calibrate(Gantry::RUNOUT)?;
     let other = at_run_time.calibrate("Runout")?;
 

@@ -42,14 +42,14 @@ impl<R> Session<R> {
     /// # Errors
     /// [`Error::Input`] where these measurements can't be used; [`Error::NotConverged`] where the base does not fit.
     pub fn discover(&self, base: impl VariantKey<R>) -> Result<Outcome, Error> {
-        self.discover_by(base, &Options::default(), &mut |_| {})
+        self.discover_with(base, &Options::default(), &mut |_| {})
     }
 
     /// The same with options, of which the split is the session's; `progress` is told of each step in words.
     ///
     /// # Errors
     /// As [`Self::discover`]; a catalogue that can't be used.
-    pub fn discover_by(
+    pub fn discover_with(
         &self,
         base: impl VariantKey<R>,
         options: &Options,

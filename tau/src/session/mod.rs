@@ -26,7 +26,7 @@ pub use files::Files;
 pub use key::{ParameterKey, VariantKey};
 
 /// Stands in for a declared robot where the description is compiled at run time, so that variants and parameters
-/// go by name: see [`Session::open_with`].
+/// go by name: see [`Session::open_with_robot`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Described {}
 
@@ -83,12 +83,12 @@ impl Session<Described> {
     ///
     /// # Errors
     /// As [`Self::open`].
-    pub fn open_with(robot: Robot, files: impl Into<Files>) -> Result<Self, InputError> {
+    pub fn open_with_robot(robot: Robot, files: impl Into<Files>) -> Result<Self, InputError> {
         Self::read(robot, &files.into())
     }
 
     /// Of a robot, measurements and parameters in memory.
-    pub fn with(robot: Robot, folder: Folder, robot_file: RobotFile) -> Self {
+    pub fn with_robot(robot: Robot, folder: Folder, robot_file: RobotFile) -> Self {
         Self::new(robot, folder, robot_file)
     }
 }
@@ -196,14 +196,14 @@ impl<R> Session<R> {
     /// # Errors
     /// [`Error::Input`] where these measurements can't calibrate it; [`Error::NotConverged`].
     pub fn calibrate(&self, variant: impl VariantKey<R>) -> Result<Calibrated<R>, Error> {
-        self.calibrate_by(variant, &calibration::Options::default())
+        self.calibrate_with(variant, &calibration::Options::default())
     }
 
     /// The same with options.
     ///
     /// # Errors
     /// As [`Self::calibrate`]; a start of the wrong length.
-    pub fn calibrate_by(
+    pub fn calibrate_with(
         &self,
         variant: impl VariantKey<R>,
         options: &calibration::Options,

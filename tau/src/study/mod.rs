@@ -109,7 +109,7 @@ pub fn search<R>(study: &mut Study, session: &Session<R>, progress: &mut (dyn Fn
         return;
     };
     let options = discovery::Options::default();
-    match session.discover_by(base.name.as_str(), &options, progress) {
+    match session.discover_with(base.name.as_str(), &options, progress) {
         Ok(outcome) => study.discovery = Some(outcome.discovery),
         Err(error) => {
             let remark = format!("what `{}` lacks was not found: {error}", base.name);
