@@ -16,11 +16,11 @@ use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 use tau::calibration::{self, calibrate};
-use tau::errors_in_variables::AllSets;
 use tau::measurements::{Folder, TcpPose};
 use tau::robot::{Robot, Variant};
 use tau::robot_file::RobotFile;
 use tau::simulation::{Poses, Simulation, TrackPoints, simulate};
+use tau_estimation::errors_in_variables::AllSets;
 use tau_solver::{Options, Problem, solve};
 
 const SIZES: [usize; 4] = [100, 1_000, 10_000, 100_000];

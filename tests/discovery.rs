@@ -270,7 +270,10 @@ fn the_prototypes_error_falls_to_its_noise() {
             let written = parameters.find(|own| own.name == name);
             let written = written.unwrap_or_else(|| panic!("no parameter {name}"));
             assert_eq!(written.value, reported.value, "{name}");
-            assert!((written.sigma / reported.sigma - 1.0).abs() < 1e-9, "{name}");
+            assert!(
+                (written.sigma / reported.sigma - 1.0).abs() < 1e-9,
+                "{name}"
+            );
         }
     }
     let shape = Shape::from(&written);

@@ -3,8 +3,8 @@
 use std::f64::consts::PI;
 use std::sync::Arc;
 
-use tau::discovery::results::Verdict;
 use tau::discovery::results::Unnamed;
+use tau::discovery::results::Verdict;
 use tau::discovery::{Discovery, Options, Status, discover};
 use tau::simulation::{CartError, CartReading, Effect, Physics, Simulation, simulate};
 use tau_codegen::language::model::Place;

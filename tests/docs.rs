@@ -34,14 +34,8 @@ fn descriptions_in_the_readme_compile() {
 #[test]
 fn table_of_the_readme_is_what_the_study_prints() {
     let robot = tau::Robot::from(&tau_generated::gantry_tau::ROBOT);
-    let study = tau::study::run(
-        &robot,
-        &tau::prototype::robot_file().unwrap(),
-        &tau::prototype::folder().unwrap(),
-        tau::measurements::Split::default(),
-        &mut |_| {},
-    )
-    .unwrap();
+    let session = tau::Session::open_with_robot(robot, tau::Files::prototype()).unwrap();
+    let study = tau::study::run(&session, &mut |_| {}).unwrap();
     let printed = tau_report::terminal::study(&study);
     let table = &blocks(&read("README.md"), "text")[0];
     assert!(

@@ -3,11 +3,11 @@
 use std::fmt::Write as _;
 
 use tau::Robot;
-use tau::effects::{CATALOGUE, places};
 use tau::robot::ResidualKind::{CartPose, CartPosition, Closure, ClosureByPose};
 use tau::robot::{Owner, ResidualKind};
 use tau_model_dsl::Model;
 use tau_model_dsl::model::{EffectUse, Place};
+use tau_robot::effects::{CATALOGUE, places};
 
 use crate::derivatives::check_robot;
 

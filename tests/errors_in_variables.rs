@@ -4,13 +4,14 @@
 use nalgebra::{DMatrix, DVector, Rotation3, Vector3};
 use rayon::ThreadPoolBuilder;
 use tau::calibration::{Calibration, Error, Options, calibrate, machine_from_file};
-use tau::errors_in_variables::{self, AllSets, Component, ErrorsInVariables};
+use tau::errors_in_variables::{self, Component, ErrorsInVariables};
 use tau::evaluation::evaluate;
 use tau::kinematics::{Machine, Pose, Sample};
 use tau::measurements::{Folder, TcpPose};
 use tau::robot::Owner;
 use tau::robot_file::{Noise, RobotFile};
 use tau::simulation::{Poses, Simulation, simulate};
+use tau_estimation::errors_in_variables::AllSets;
 use tau_solver::{Method, solve};
 
 use crate::support::{Random, gantry_tau, prototype};

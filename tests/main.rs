@@ -20,6 +20,7 @@ mod hand_written;
 mod kinematics;
 mod reference;
 mod sensitivity;
+mod session;
 mod simulation;
 mod study;
 mod support;

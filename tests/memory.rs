@@ -4,10 +4,10 @@
 
 use peak_alloc::PeakAlloc;
 use tau::calibration::{self, calibrate};
-use tau::errors_in_variables::AllSets;
 use tau::prototype;
 use tau::robot::Robot;
 use tau::simulation::{Poses, Simulation, TrackPoints, simulate};
+use tau_estimation::errors_in_variables::AllSets;
 use tau_solver::{Options, solve};
 
 #[global_allocator]

@@ -3,8 +3,8 @@
 use nalgebra::Vector3;
 use tau::assumptions;
 use tau::kinematics::xyz;
-use tau::measurements::{CartPose, CartPosition, Conditions, Folder, Split};
-use tau::study;
+use tau::measurements::{CartPose, CartPosition, Conditions, Folder};
+use tau::{Session, study};
 
 use crate::support::{Random, gantry_tau, prototype};
 
@@ -12,15 +12,10 @@ use crate::support::{Random, gantry_tau, prototype};
 fn the_study_reports_everything() {
     let (folder, file) = prototype();
     let mut progress = Vec::new();
-    let study = study::run(
-        &gantry_tau(),
-        &file,
-        &folder,
-        Split::Alternate,
-        &mut |now| {
-            progress.push((now.done, now.steps));
-        },
-    )
+    let session = Session::with_robot(gantry_tau(), folder, file);
+    let study = study::run(&session, &mut |now| {
+        progress.push((now.done, now.steps));
+    })
     .unwrap();
     assert_eq!(progress, (0..=7).map(|done| (done, 7)).collect::<Vec<_>>());
     let poses = study.poses;
@@ -65,16 +60,9 @@ fn the_study_reports_everything() {
 #[test]
 fn a_study_may_end_with_the_search_for_effects() {
     let (folder, file) = prototype();
-    let robot = gantry_tau();
-    let mut study = study::run(&robot, &file, &folder, Split::Alternate, &mut |_| {}).unwrap();
-    study::search(
-        &mut study,
-        &robot,
-        &file,
-        &folder,
-        Split::Alternate,
-        &mut |_| {},
-    );
+    let session = Session::with_robot(gantry_tau(), folder, file);
+    let mut study = study::run(&session, &mut |_| {}).unwrap();
+    study::search(&mut study, &session, &mut |_| {});
     let discovery = study.discovery.unwrap();
     assert_eq!(discovery.base, "Full");
     let full = study.variants[2].position_um.mean;
@@ -85,7 +73,8 @@ fn a_study_may_end_with_the_search_for_effects() {
 fn without_set_2_the_piecewise_variants_are_left_out() {
     let (mut folder, file) = prototype();
     folder.cart_poses.clear();
-    let study = study::run(&gantry_tau(), &file, &folder, Split::Alternate, &mut |_| {}).unwrap();
+    let session = Session::with_robot(gantry_tau(), folder, file);
+    let study = study::run(&session, &mut |_| {}).unwrap();
     let names: Vec<&str> = study
         .variants
         .iter()
@@ -108,9 +97,8 @@ fn commands_out_of_the_measured_range_are_refused() {
         .cart_poses
         .iter_mut()
         .for_each(|pose| pose.command_m += 10.0);
-    let error = study::run(&gantry_tau(), &file, &folder, Split::Alternate, &mut |_| {})
-        .err()
-        .unwrap();
+    let session = Session::with_robot(gantry_tau(), folder, file);
+    let error = study::run(&session, &mut |_| {}).err().unwrap();
     assert!(error.is_input());
     assert!(
         error.to_string().contains("none of the 176 poses"),

@@ -4,10 +4,10 @@ use std::f64::consts::TAU;
 use std::sync::Arc;
 
 use tau::Robot;
-use tau::effects::places;
 use tau::simulation::{CartError, CartReading, Effect, LinkError, Physics, TcpReading};
 use tau_codegen::language::Model;
 use tau_codegen::language::model::{self, Place};
+use tau_robot::effects::places;
 
 use crate::random::Random;
 

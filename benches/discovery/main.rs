@@ -119,7 +119,8 @@ fn rule(text: &str) -> Result<Rule, String> {
 
 /// A constant and its factor.
 fn scaling(text: &str) -> Result<(String, f64), String> {
-    let expected = || format!("found `{text}`, expected a constant and its factor, as in `level=0.5`");
+    let expected =
+        || format!("found `{text}`, expected a constant and its factor, as in `level=0.5`");
     let (name, factor) = text.split_once('=').ok_or_else(expected)?;
     let factor = factor.parse().map_err(|_| expected())?;
     match Constants::default().by_name(name) {
@@ -127,7 +128,10 @@ fn scaling(text: &str) -> Result<(String, f64), String> {
         None => {
             let known = Constants::default().table();
             let known: Vec<&str> = known.iter().map(|constant| constant.0).collect();
-            Err(format!("there is no constant `{name}`, there are {}", known.join(", ")))
+            Err(format!(
+                "there is no constant `{name}`, there are {}",
+                known.join(", ")
+            ))
         }
     }
 }

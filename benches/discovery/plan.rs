@@ -1,8 +1,8 @@
 //! Which trials there are.
 
-use tau::effects::places;
 use tau::simulation::{Noise, Tails};
 use tau_codegen::language::Model;
+use tau_robot::effects::places;
 
 use crate::hidden::UNLISTED;
 

@@ -423,7 +423,7 @@ impl Found {
                     name: effect.name.clone(),
                     place: effect.place.clone(),
                     p_value: effect.p_value,
-                                    chi2_drop: effect.chi2_drop,
+                    chi2_drop: effect.chi2_drop,
                     period_m: effect.parameters.get("period").map(|period| period.value),
                     rivals: effect
                         .rivals

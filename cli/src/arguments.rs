@@ -6,7 +6,6 @@ use std::str::FromStr;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use clap_complete::Shell;
 
-
 /// Calibrates parallel robots from a declarative description.
 #[derive(Debug, Parser)]
 #[command(

@@ -1,15 +1,14 @@
 //! `tau calibrate`.
 
 use serde_json::json;
-use tau::calibration::{self, Calibration, calibrate};
-use tau::errors_in_variables;
+use tau::calibration::Calibration;
 use tau::study;
 use tau_report as report;
+use tau_robot::input_error::both;
 
 use super::deliver::{Outcome, Target, check_folder, pretty, written};
 use super::kept::Kept;
-use super::resolve::{Case, both};
-use super::{Failure, arguments};
+use super::{Failure, arguments, resolve};
 
 /// What is written into the output folder.
 const FILES: [&str; 5] = [
@@ -27,37 +26,30 @@ pub(super) fn run(arguments: &arguments::Calibrate) -> Result<Outcome, Failure> 
         Target::resolve(&arguments.json, &kept),
         check_folder(out).and_then(|()| kept.check_all(out, FILES)),
     );
-    let ((case, variant), (target, ())) = both(
-        Case::with_variant(&arguments.input, &arguments.variant),
+    let (session, (target, ())) = both(
+        resolve::with_variant(&arguments.input, &arguments.variant),
         outputs,
     )?;
-    let poses = case.poses()?;
-    let Case {
-        robot,
-        file,
-        folder,
-        ..
-    } = &case;
+    let poses = session.poses()?;
+    let variant = arguments.variant.name.as_str();
+    let (robot, folder) = (&session.robot().name, session.folder());
 
-    let options = calibration::Options::default();
-    let (chosen, validation) = (&poses.division.calibration, &poses.division.validation);
     let (found, comparison) = if arguments.errors_in_variables {
-        let fitted =
-            errors_in_variables::calibrate(robot, &variant, file, folder, chosen, &options)?;
+        let fitted = session.calibrate_with_errors_in_variables(variant)?;
         (fitted.calibration.clone(), Some(fitted))
     } else {
-        let found = calibrate(robot, &variant, file, folder, chosen, &options)?;
-        (found, None)
+        (session.calibrate(variant)?.into(), None)
     };
+    let validation = &poses.division.validation;
     let result = study::result(&found, folder, validation)?;
 
     let mut statistics = report::json::variant(&result);
-    statistics["variant"] = json!(variant.name);
-    statistics["robot"] = json!(robot.name);
+    statistics["variant"] = json!(variant);
+    statistics["robot"] = json!(robot);
     statistics["folder"] = json!(folder.name);
     statistics["poses"] = report::json::poses(poses.counts);
     statistics["cost"] = json!(found.cost);
-    let mut summary = format!("{}, {}, {}\n\n", robot.name, variant.name, folder.name);
+    let mut summary = format!("{robot}, {variant}, {}\n\n", folder.name);
     summary += &report::terminal::variant(&result);
     if let Some(fitted) = &comparison {
         let closure = study::result(&fitted.closure_fit, folder, validation)?;
@@ -77,7 +69,7 @@ pub(super) fn run(arguments: &arguments::Calibrate) -> Result<Outcome, Failure> 
     summary += &written(files.iter().map(|(path, _)| path.as_path()));
     Ok(Outcome {
         summary,
-        remarks: case.remarks_for(&variant, &poses),
+        remarks: session.remarks_for(variant)?,
         files,
         json: target.map(|target| (statistics, target)),
         ..Outcome::default()

@@ -1,22 +1,18 @@
 //! `tau discover`.
 
-use std::path::Path;
-
-use tau::discovery::{Options, UNNAMED, discover, reserved};
-use tau::effects::CATALOGUE;
-use tau::input_error::{InputError, Source};
-use tau::robot::Robot;
-use tau::study;
+use tau::discovery::Options;
+use tau::input_error::InputError;
+use tau::{Robot, Session};
 use tau_codegen::CompiledRobot;
 use tau_codegen::emit;
 use tau_codegen::language::{self, Model};
 use tau_report as report;
+use tau_robot::input_error::both;
 
 use super::deliver::{Outcome, Target, check_folder, written};
 use super::kept::Kept;
 use super::progress::Spinner;
-use super::resolve::{Case, both, find, read};
-use super::{Console, Failure, arguments};
+use super::{Console, Failure, arguments, resolve};
 
 /// Name of the description that is written.
 const DESCRIPTION: &str = "discovered.tau";
@@ -34,30 +30,24 @@ pub(super) fn run(
         Target::resolve(&arguments.json, &kept),
         check_folder(out).and_then(|()| kept.check_all(out, FILES)),
     );
-    let (case, (target, ())) = both(Case::resolve(&arguments.input), outputs)?;
-    let Case {
-        robot,
-        file,
-        folder,
-        split,
-    } = &case;
-    let (base, (own, not_used)) = both(
-        base(robot, arguments.base.as_deref()),
-        catalogues(robot, &arguments.effects),
+    let (session, (target, ())) = both(resolve::session(&arguments.input), outputs)?;
+    let (base, catalogues) = both(
+        base(&session, arguments.base.as_deref()),
+        session.catalogues(&arguments.effects),
     )?;
-    let poses = case.poses()?;
+    let poses = session.poses()?;
+    let (robot, file, folder) = (session.robot(), session.robot_file(), session.folder());
 
     let options = Options {
-        split: *split,
         seed: arguments.input.seed.unwrap_or_default(),
-        catalogues: own.into_iter().chain([CATALOGUE.to_owned()]).collect(),
+        catalogues: catalogues.texts,
         ..Options::default()
     };
     let spinner = Spinner::new(console);
     // The variants that there are need not wait for what is found to be compiled.
     let (found, compiled) = rayon::join(
         || {
-            discover(robot, &base, file, folder, &options, &mut |doing| {
+            session.discover_with(base.as_str(), &options, &mut |doing| {
                 spinner.show(doing);
             })
         },
@@ -74,8 +64,7 @@ pub(super) fn run(
     let (code, (calibrated, page)) = rayon::join(
         || generated(compiled, &discovery.model_text),
         || {
-            let of_found = found.robot();
-            let calibrated = of_found.and_then(|robot| found.calibration(&robot, file, folder));
+            let calibrated = session.state_found(&found);
             let page = report::html::discovery_page(discovery, &setting, &robot.name, &folder.name);
             (calibrated, page)
         },
@@ -97,7 +86,7 @@ pub(super) fn run(
         + &written(files.iter().map(|(path, _)| path.as_path()));
     Ok(Outcome {
         summary,
-        remarks: [case.remarks(&poses), not_used].concat(),
+        remarks: [session.remarks(), catalogues.remarks].concat(),
         files,
         json: target.map(|target| (report::json::discovery(discovery), target)),
         ..Outcome::default()
@@ -105,75 +94,12 @@ pub(super) fn run(
 }
 
 /// Name of the variant to start from.
-fn base(robot: &Robot, named: Option<&str>) -> Result<String, InputError> {
-    if let Some(name) = named {
-        return find(robot, name, "--base").map(|variant| variant.name);
-    }
-    study::base(robot)
-        .map(|variant| variant.name.clone())
-        .ok_or_else(|| {
-            InputError::whole(
-                &robot.name,
-                "there is no variant with all links and without effects to start from",
-            )
-            .help("name one with `--base`")
-        })
-}
-
-/// The texts of the user's catalogues, and which of their effects are not used; mistakes of all of them are reported
-/// together.
-fn catalogues(
-    robot: &Robot,
-    paths: &[impl AsRef<Path>],
-) -> Result<(Vec<String>, Vec<String>), InputError> {
-    let mut model = checked(&robot.description, &robot.name)?;
-    let known: Vec<String> = model.effects.iter().map(|own| own.name.clone()).collect();
-    let mut read = Ok((Vec::new(), Vec::new()));
-    for path in paths {
-        let of_path = catalogue(path.as_ref(), &model);
-        read = both(read, of_path).map(|((mut texts, mut remarks), (text, more))| {
-            let file = path.as_ref().display();
-            let own = more.effects.iter().map(|own| &own.name);
-            let twice = own.filter(|name| model.effects.iter().any(|first| first.name == **name));
-            remarks.extend(twice.map(|name| {
-                let first = if known.contains(name) {
-                    "the description"
-                } else {
-                    "another file"
-                };
-                format!("effect `{name}` of {file} is not used: {first} has one of that name")
-            }));
-            model.effects.extend(more.effects);
-            texts.push(text);
-            (texts, remarks)
-        });
-    }
-    read
-}
-
-/// A catalogue's text and its effects.
-fn catalogue(path: &Path, model: &Model) -> Result<(String, Model), InputError> {
-    let text = read(path, "effects in the language (.tau)")?;
-    let alone = Model {
-        effects: vec![],
-        ..model.clone()
+fn base(session: &Session, named: Option<&str>) -> Result<String, InputError> {
+    let base = match named {
+        Some(name) => session.robot().find(name, "--base"),
+        None => (session.base()).map_err(|error| error.help("name one with `--base`")),
     };
-    let effects = language::effects_from_text(&text, &alone).map_err(|errors| {
-        InputError::of_description(&path.display().to_string(), &text, &errors)
-    })?;
-    let mut names = effects.effects.iter().map(|effect| &effect.name);
-    if let Some(name) = names.find(|name| name.starts_with(UNNAMED)) {
-        let file = path.display().to_string();
-        let source = Source::new(&file, &text);
-        let at = text.find(name.as_str()).unwrap_or_default();
-        let problem = format!("the name `{name}` is reserved");
-        return Err(reserved(InputError::at(
-            source,
-            at..at + name.len(),
-            problem,
-        )));
-    }
-    Ok((text, effects))
+    base.map(|variant| variant.name.clone())
 }
 
 fn compiled(robot: &Robot) -> Result<CompiledRobot, InputError> {

@@ -6,11 +6,11 @@ use std::path::Path;
 use tau::input_error::InputError;
 use tau_codegen::emit;
 use tau_codegen::language;
+use tau_robot::input_error::read;
 
 use super::Failure;
 use super::arguments::{self, Language};
 use super::deliver::{Outcome, check_file};
-use super::resolve::read;
 
 pub(super) fn run(arguments: &arguments::Generate) -> Result<Outcome, Failure> {
     check_languages(&arguments.lang)?;

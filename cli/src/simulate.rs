@@ -2,10 +2,11 @@
 
 use serde_json::json;
 use tau::simulation::Request;
+use tau_robot::input_error::both;
 
 use super::deliver::{Outcome, Target, check_folder};
 use super::kept::Kept;
-use super::resolve::{both, robot};
+use super::resolve::robot;
 use super::{Failure, arguments};
 
 pub(super) fn run(arguments: &arguments::Simulate) -> Result<Outcome, Failure> {

@@ -2,12 +2,12 @@
 
 use tau::study;
 use tau_report as report;
+use tau_robot::input_error::both;
 
 use super::deliver::{Outcome, Target, check_folder, written};
 use super::kept::Kept;
 use super::progress::{Bar, Spinner};
-use super::resolve::{Case, both};
-use super::{Console, Failure, arguments};
+use super::{Console, Failure, arguments, resolve};
 
 pub(super) fn run(arguments: &arguments::Study, console: &Console<'_>) -> Result<Outcome, Failure> {
     let out = arguments.out();
@@ -15,27 +15,14 @@ pub(super) fn run(arguments: &arguments::Study, console: &Console<'_>) -> Result
         Target::resolve(&arguments.json, &Kept::from(&arguments.input)),
         check_folder(out),
     );
-    let (case, (target, ())) = both(Case::resolve(&arguments.input), outputs)?;
+    let (session, (target, ())) = both(resolve::session(&arguments.input), outputs)?;
 
     let bar = Bar::new(console);
-    let mut results = study::run(
-        &case.robot,
-        &case.file,
-        &case.folder,
-        case.split,
-        &mut |progress| bar.show(progress),
-    )?;
+    let mut results = study::run(&session, &mut |progress| bar.show(progress))?;
     drop(bar);
     if !arguments.no_discover {
         let spinner = Spinner::new(console);
-        study::search(
-            &mut results,
-            &case.robot,
-            &case.file,
-            &case.folder,
-            case.split,
-            &mut |doing| spinner.show(doing),
-        );
+        study::search(&mut results, &session, &mut |doing| spinner.show(doing));
     }
 
     let files = report::study_files(out, &results);

@@ -205,7 +205,9 @@ impl Bench {
     pub(super) fn weigh(&mut self) {
         let plain = self.places.iter().map(|place| place.0);
         let searched = self.scans.scans.iter().map(|scan| scan.candidate);
-        let all = plain.chain(searched).chain(self.searched_families.iter().copied());
+        let all = plain
+            .chain(searched)
+            .chain(self.searched_families.iter().copied());
         let (named, unnamed): (Vec<usize>, Vec<usize>) = all
             .filter(|candidate| !self.hidden.contains(candidate))
             .partition(|&candidate| self.candidates[candidate].is_named());
@@ -232,7 +234,6 @@ impl Bench {
     fn responses(&self, view: &View) -> Responses {
         Responses::of(view, &self.probes, &self.pairs)
     }
-
 
     /// For each candidate of a table its column that shows best for its tolerance, and its rank; of a
     /// searched one, in the middle of its range. `None` where the model absorbs all of them.

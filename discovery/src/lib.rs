@@ -393,7 +393,14 @@ fn begun<'a>(
     );
     let (before_floor, probes) = (before_floor?, probes?);
     let constants = input.options.constants;
-    let mut bench = Bench::new(model, variant, &families, samples, probes, (&fit, constants));
+    let mut bench = Bench::new(
+        model,
+        variant,
+        &families,
+        samples,
+        probes,
+        (&fit, constants),
+    );
     let view = View::of(&fit);
     let table = bench.table(&view);
     let (detectable, cannot_see) = sight::sight(&mut bench, &view, &table);

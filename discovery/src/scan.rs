@@ -170,7 +170,9 @@ impl Band {
         let statistic = |(products, coefficients): (&[f64], &[f64])| {
             let component = |coefficients: &[f64]| -> f64 {
                 let terms = products.iter().zip(coefficients);
-                terms.map(|(product, coefficient)| product * coefficient).sum()
+                terms
+                    .map(|(product, coefficient)| product * coefficient)
+                    .sum()
             };
             let components = coefficients.chunks_exact(width).map(component);
             components.map(|component| component * component).sum()
@@ -263,7 +265,9 @@ fn upcrossings(scans: impl Iterator<Item = Vec<f64>>, rank: f64) -> f64 {
     let (mut count, mut crossings) = (0, 0);
     for scan in scans {
         let pairs = scan.windows(2);
-        crossings += pairs.filter(|pair| pair[0] < rank && pair[1] >= rank).count();
+        crossings += pairs
+            .filter(|pair| pair[0] < rank && pair[1] >= rank)
+            .count();
         count += 1;
     }
     crossings as f64 / f64::from(count.max(1))

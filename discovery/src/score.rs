@@ -1,10 +1,10 @@
 //! The score of a whole model: how well it fits, less what its effects cost.
 
-use tau_estimation::joint::fit::Fit;
-use tau_estimation::joint::Component;
-use tau_estimation::samples::outliers;
-use tau_estimation::samples::Sample;
 use super::view::View;
+use tau_estimation::joint::Component;
+use tau_estimation::joint::fit::Fit;
+use tau_estimation::samples::Sample;
+use tau_estimation::samples::outliers;
 
 /// Degrees of freedom of each component's residuals, and of outliers the square that counts instead of their own:
 /// fixed for all models of one search, so that their scores compare.
@@ -19,8 +19,7 @@ impl Yardstick {
     /// By the base of a search.
     pub(crate) fn of(base: &Fit, samples: &[Sample]) -> Self {
         let degrees = Component::ALL.map(|component| {
-            let (_, degrees, _) =
-                base.misfit(|row| base.joint.rows[row].component == component);
+            let (_, degrees, _) = base.misfit(|row| base.joint.rows[row].component == component);
             degrees.max(1.0)
         });
         let mut rows = vec![0.0; samples.len()];

@@ -11,18 +11,18 @@ use std::sync::Arc;
 
 use super::bench::{Bench, Table};
 use super::confirmation::held_out_gain;
-use tau_estimation::joint::fit::Fit;
-use tau_estimation::numerics::projection::Subspace;
 use super::results::{Gap, Step};
 use super::score::Yardstick;
 use super::serial;
 use super::text;
 use super::view::View;
 use super::{Error, Input, Rule};
-use tau_estimation::evaluation::evaluate;
 use moves::{Joining, Move};
 pub(crate) use review::Found;
 use state::{Composition, Context, Member, State, start_of};
+use tau_estimation::evaluation::evaluate;
+use tau_estimation::joint::fit::Fit;
+use tau_estimation::numerics::projection::Subspace;
 
 const MAX_EFFECTS: usize = 10;
 /// A better score is one that is better by more than rounding.
@@ -104,7 +104,9 @@ impl<'a> Search<'a> {
             search.cost(&score);
         }
         search.score = search.score_of_state(&search.state);
-        search.visited.insert(search.state.composition(), Some(search.score));
+        search
+            .visited
+            .insert(search.state.composition(), Some(search.score));
         search.record()?;
         Ok(search)
     }
@@ -185,10 +187,16 @@ impl<'a> Search<'a> {
         let fit = if change.members == self.state.members {
             self.state.fit.clone()
         } else {
-            progress(&&format!("trying {}", self.labels_of(&change.members).join(" + ")));
+            progress(&&format!(
+                "trying {}",
+                self.labels_of(&change.members).join(" + ")
+            ));
             let start = self.start(change);
             let context = self.context();
-            (self.state.refitted(&context, &change.members, start.as_deref())).ok()?
+            (self
+                .state
+                .refitted(&context, &change.members, start.as_deref()))
+            .ok()?
         };
         Some(State {
             fit,
@@ -245,7 +253,9 @@ impl<'a> Search<'a> {
     /// families or without.
     pub(crate) fn is_better_with(&self, cost: f64, cases: [(f64, bool); 2]) -> bool {
         let now = self.state.view(&self.bench).total();
-        let State { members, unnamed, .. } = &self.state;
+        let State {
+            members, unnamed, ..
+        } = &self.state;
         let price = |families: &[state::Unnamed]| self.cost_of_state(members, families);
         let significance = &self.bench.significance;
         cases.into_iter().any(|(left, has_families)| {
@@ -268,7 +278,11 @@ impl<'a> Search<'a> {
             let error_before = self.gaps.last().map(|gap| gap.mean_um);
             self.record()?;
             if let (Some(error_before), Some(gap)) = (error_before, self.gaps.last()) {
-                let new = self.state.members.iter().filter(|m| !before.contains(&m.candidate));
+                let new = self
+                    .state
+                    .members
+                    .iter()
+                    .filter(|m| !before.contains(&m.candidate));
                 let new: Vec<usize> = new.map(|member| member.candidate).collect();
                 for &candidate in &new {
                     let share = (error_before - gap.mean_um) / new.len() as f64;

@@ -38,7 +38,11 @@ pub(super) fn separate_by(
     };
     let present = now.all().separation();
     let parameters: usize = rivals.iter().map(|r| r.candidate.parameters.len()).sum();
-    let needed = detectable_noncentrality(parameters as f64, bench.constants.level, bench.constants.power);
+    let needed = detectable_noncentrality(
+        parameters as f64,
+        bench.constants.level,
+        bench.constants.power,
+    );
     let treatments = [
         (Treatment::Same, "under the same conditions"),
         (Treatment::Load(3.0), "with three times the payload"),

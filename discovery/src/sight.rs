@@ -79,7 +79,10 @@ pub(super) fn sight(
             continue;
         };
         let parameter = &candidate.parameters[best.parameter];
-        let lambda = lambdas.iter().find(|known| known.0 == null).map_or(0.0, |known| known.1);
+        let lambda = lambdas
+            .iter()
+            .find(|known| known.0 == null)
+            .map_or(0.0, |known| known.1);
         let amplitude = lambda.sqrt() / best.left;
         let surviving = (best.left / best.whole).powi(2);
         let hopeless = parameter

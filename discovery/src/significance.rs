@@ -2,8 +2,10 @@
 //! here, so that they cannot contradict each other.
 
 use super::constants::Constants;
-use tau_estimation::numerics::distribution::{bisect, chi2_quantile_above, f_quantile_above, noncentral_chi2_survival};
 use super::scan::global_p;
+use tau_estimation::numerics::distribution::{
+    bisect, chi2_quantile_above, f_quantile_above, noncentral_chi2_survival,
+};
 
 /// The family-wise test over the candidates of one search.
 ///

@@ -1,7 +1,10 @@
 //! Errors of anything that a user hands in: what was found where, and what was expected.
 
 use std::fmt;
+use std::fs;
+use std::io::ErrorKind;
 use std::ops::Range;
+use std::path::Path;
 
 use annotate_snippets::renderer::DecorStyle;
 use annotate_snippets::{AnnotationKind, Group, Level, Origin, Renderer, Snippet};
@@ -337,7 +340,23 @@ impl<'a> Mistakes<'a> {
     }
 }
 
-/// The text of a file, which must be UTF-8.
+/// The text of a file, which must be there and UTF-8; `expected` says what it should hold.
+///
+/// # Errors
+/// The file is missing, can't be read, or is not UTF-8.
+pub fn read(path: &Path, expected: &str) -> Result<String, InputError> {
+    let name = path.display().to_string();
+    let bytes = fs::read(path).map_err(|error| match error.kind() {
+        ErrorKind::NotFound => InputError::whole(
+            &name,
+            format!("the file does not exist, expected {expected}"),
+        ),
+        _ => InputError::whole(&name, format!("cannot read the file: {error}")),
+    })?;
+    utf8(&name, bytes)
+}
+
+/// The text of bytes, which must be UTF-8.
 pub fn utf8(name: &str, bytes: Vec<u8>) -> Result<String, InputError> {
     String::from_utf8(bytes).map_err(|error| {
         let valid = error.utf8_error().valid_up_to();
@@ -378,6 +397,21 @@ impl Errors {
     /// All errors, or nothing where there are none.
     pub fn finish(self) -> Result<(), InputError> {
         self.0.map_or(Ok(()), Err)
+    }
+}
+
+/// Both values, or the mistakes of both.
+///
+/// # Errors
+/// Either is one.
+pub fn both<A, B>(
+    a: Result<A, InputError>,
+    b: Result<B, InputError>,
+) -> Result<(A, B), InputError> {
+    match (a, b) {
+        (Ok(a), Ok(b)) => Ok((a, b)),
+        (Err(a), Err(b)) => Err(a.and(b)),
+        (Err(error), Ok(_)) | (Ok(_), Err(error)) => Err(error),
     }
 }
 

@@ -1,13 +1,16 @@
 //! A robot and its variants at run time, whether compiled in or read from a `.tau` file.
 
+use std::path::Path;
 use std::sync::Arc;
 
 use tau_codegen::CompiledRobot;
 use tau_codegen::compile::CompiledVariant;
 pub use tau_codegen::equations::Parameter;
-use tau_codegen::language::{self, Errors};
+use tau_codegen::language;
 use tau_runtime as runtime;
 pub use tau_runtime::{Arm, Input, Owner, ResidualFamily, ResidualKind, TrackModel, TrackShape};
+
+use crate::input_error::{self, InputError};
 
 /// A robot: its structure and its variants.
 #[derive(Clone)]
@@ -85,15 +88,46 @@ impl Robot {
     /// A robot from its description, compiled at run time: its functions are interpreted.
     ///
     /// They give the same numbers, bit for bit, as the code that `tau_model!` or `tau generate` makes of
-    /// the same text. All mistakes of the description are returned at once.
-    pub fn from_text(description: &str) -> Result<Self, Errors> {
-        let model = language::check_text(description)?;
+    /// the same text.
+    ///
+    /// # Errors
+    /// All mistakes of the description.
+    pub fn from_text(description: &str) -> Result<Self, InputError> {
+        Self::parse(description, "description")
+    }
+
+    /// The same of a text that came from a file of a name.
+    ///
+    /// # Errors
+    /// All mistakes of the description, in the file of that name.
+    pub fn parse(description: &str, name: &str) -> Result<Self, InputError> {
+        let model = language::check_text(description)
+            .map_err(|errors| InputError::of_description(name, description, &errors))?;
         Ok(Self::from(&tau_codegen::compile(&model, description)))
+    }
+
+    /// The robot of a `.tau` file.
+    ///
+    /// # Errors
+    /// As [`Self::parse`]; the file is missing or can't be read.
+    pub fn read(path: &Path) -> Result<Self, InputError> {
+        let text = input_error::read(path, "the description of the robot (.tau)")?;
+        Self::parse(&text, &path.display().to_string())
     }
 
     /// The variant of a name.
     pub fn variant(&self, name: &str) -> Option<&Variant> {
         self.variants.iter().find(|variant| variant.name == name)
+    }
+
+    /// The variant of a name that was given in `source`, a file or an option.
+    ///
+    /// # Errors
+    /// There is none; the help names the one probably meant.
+    pub fn find(&self, name: &str, source: &str) -> Result<&Variant, InputError> {
+        let known = self.variants.iter().map(|variant| variant.name.as_str());
+        let variant = self.variant(name);
+        variant.ok_or_else(|| InputError::unknown_name(source, "variant", name, known))
     }
 
     /// Indices of the links of a cluster.

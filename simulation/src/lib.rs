@@ -207,15 +207,7 @@ impl<'a> Session<'a> {
         };
         machine.effects.clone_from(&simulation.effects);
         if let Some(name) = &simulation.variant {
-            let Some(variant) = robot.variant(name) else {
-                let known: Vec<&str> = robot.variants.iter().map(|v| v.name.as_str()).collect();
-                return Err(InputError::unknown_name(
-                    "--variant",
-                    "variant",
-                    name,
-                    known,
-                ));
-            };
+            let variant = robot.find(name, "--variant")?;
             build::simplify(&mut machine, robot, variant, pose);
             for (effect, places) in &variant.effects {
                 let key = format!("{effect}({})", places.join(", "));

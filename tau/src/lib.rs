@@ -2,15 +2,12 @@
 //!
 //! A robot is described by its tracks, clusters and links, and by *variants*: choices of what its
 //! equations hold. [`tau_model!`] compiles the description into residual functions with analytic
-//! derivatives; [`Robot::from_text`] does the same at run time, with the same numbers. Measurements come
-//! from a folder of CSV files ([`measurements::Folder`]), nominal values, tolerances and noise from a
-//! `robot.toml` ([`robot_file::RobotFile`]).
+//! derivatives, and declares a handle for every variant and parameter. A [`Session`] reads measurements from
+//! a folder of CSV files, with nominal values, tolerances and noise from its `robot.toml`, checks them as the
+//! command line does, and calibrates, evaluates and searches for what a variant lacks.
 //!
 //! ```
-//! use tau::calibration::{Options, calibrate};
-//! use tau::evaluation::evaluate;
-//! use tau::measurements::{Shape, Split};
-//! use tau::{Robot, prototype, tau_model};
+//! use tau::{Files, Session, tau_model};
 //!
 //! tau_model! {
 //!     pub robot GantryTau {
@@ -28,37 +25,61 @@
 //!     }
 //! }
 //!
-//! # fn main() -> Result<(), tau::calibration::Error> {
-//! let robot = Robot::from(GantryTau::ROBOT);
-//! // Measurements that ship with the library; a folder is read by `Folder::read` and `RobotFile::read`.
-//! let (measured, nominal) = (prototype::folder()?, prototype::robot_file()?);
-//! let poses = Split::Alternate.divide(&measured.in_range(&nominal, Shape::from(&robot)));
+//! # fn main() -> Result<(), tau::Error> {
+//! // Measurements that ship with the library; a folder of one's own is opened by its path.
+//! let session = Session::<GantryTau>::open(Files::prototype())?;
+//! let calibrated = session.calibrate(GantryTau::ELASTIC)?;
+//! let compliance = calibrated.estimate(gantry_tau::elastic::ELASTIC_CART_ALL_COMPLIANCE)?;
+//! println!("{} ± {} {}", compliance.value, compliance.sigma, compliance.unit);
 //!
-//! let variant = robot.variant("Elastic").expect("declared above");
-//! let options = Options::default();
-//! let calibration = calibrate(&robot, variant, &nominal, &measured, &poses.calibration, &options)?;
-//! for parameter in &calibration.parameters {
-//!     println!("{} = {} ± {} {}", parameter.name, parameter.value, parameter.sigma, parameter.unit);
-//! }
-//!
-//! let errors = evaluate(&calibration.machine, &measured, &poses.validation)?;
+//! // Half of the poses took no part in the calibration.
+//! let errors = session.evaluate(&calibrated.machine)?;
 //! assert!(errors.position_um.mean < 150.0);
 //! # Ok(())
 //! # }
 //! ```
 //!
+//! Where the robot is not known when the program is compiled, [`Robot::read`] compiles its description at run
+//! time, with the same numbers, and [`Session::open_with_robot`] takes it; variants and parameters then go by name.
+//!
+//! Input that can't be used is an [`InputError`]: every mistake with its file, line and column, and how to mend
+//! it. It prints one line a mistake; [`InputError::render`] shows the excerpts of the command line.
+//!
 //! The units are SI throughout; where a bare number crosses a boundary, its name carries the unit. The
 //! paper behind the models is I. Dressler, T. Brogårdh, A. Robertsson, "A Kinematic Error Model for a
 //! Parallel Gantry-Tau Manipulator", ICRA 2010.
+//!
+//! # Features
+//!
+//! | Feature | Default | Adds |
+//! | --- | --- | --- |
+//! | none | | [`tau_model!`] and [`runtime`]: robots, their generated functions and handles |
+//! | `solver` | | `solver`: nonlinear least squares of any residuals |
+//! | `calibration` | yes | [`Session`], measurement folders, kinematics, calibration, evaluation; implies `solver` |
+//! | `discovery` | yes | [`Session::discover`], [`study`]; implies `calibration` |
+//! | `simulation` | | `simulation`: the virtual robot, which writes measurement folders; implies `calibration` |
+//!
+//! A crate that only calls generated functions takes `default-features = false`.
 
+#[cfg(feature = "calibration")]
+mod reexports;
+#[cfg(feature = "calibration")]
+pub mod session;
+#[cfg(feature = "discovery")]
 pub mod study;
 
+#[cfg(feature = "calibration")]
+pub use reexports::*;
+#[cfg(feature = "calibration")]
+#[doc(inline)]
+pub use session::{Calibrated, Files, Session};
+#[cfg(feature = "discovery")]
 pub use tau_discovery as discovery;
-pub use tau_estimation::{assumptions, calibration, errors_in_variables, evaluation, sensitivity};
-pub use tau_kinematics as kinematics;
 pub use tau_macro::tau_model;
-pub use tau_robot::{InputError, Robot};
-pub use tau_robot::{effects, input_error, measurements, prototype, robot, robot_file};
-/// What the code of [`tau_model!`] names.
+/// What generated code names: residual families, tables of robots, elementary functions.
 pub use tau_runtime as runtime;
+pub use tau_runtime::{DeclaredRobot, ParameterHandle, VariantHandle};
+#[cfg(feature = "simulation")]
 pub use tau_simulation as simulation;
+#[cfg(feature = "solver")]
+pub use tau_solver as solver;

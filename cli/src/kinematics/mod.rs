@@ -10,11 +10,12 @@ use tau::input_error::InputError;
 use tau::kinematics::{self, InverseOptions, Machine, Pose, Reached};
 use tau::measurements::{Folder, Poses, Shape, Split, TcpPose};
 use tau::robot::Arm;
+use tau_robot::input_error::both;
 
 use super::calibrate::{csv, number};
 use super::deliver::{Outcome, Target, check_file};
 use super::kept::Kept;
-use super::resolve::{both, find, folder, robot, robot_file, unused_effects};
+use super::resolve::{files, robot};
 use super::{Failure, arguments};
 use targets::{Asked, Row};
 
@@ -101,24 +102,24 @@ impl<'a> Setup<'a> {
         poses: Option<&PathBuf>,
     ) -> Result<Self, InputError> {
         let robot = robot(with.robot.model.as_deref())?;
-        let path = with.folder.as_deref();
+        let files = files(with.folder.as_deref(), &with.robot);
         let kept = Kept::of(with.folder.as_ref(), with.robot.files().chain(poses));
         let out = with.out.as_deref();
         // Parameters without measurements are enough for straight tracks and full arms.
-        let needs_folder = path.is_some() || with.robot.robot.is_none();
+        let needs_folder = with.folder.is_some() || with.robot.robot.is_none();
         let measurements = if needs_folder {
-            folder(path, &robot).map(Some)
+            files.read_folder(&robot).map(Some)
         } else {
             Ok(None)
         };
-        let file = robot_file(with.robot.robot.as_deref(), path, &robot);
+        let file = files.read_robot_file(&robot);
         let outputs = both(
             Target::resolve(&with.json, &kept),
             out.map_or(Ok(()), |out| {
                 check_file(out).and_then(|()| kept.check("--out", out))
             }),
         );
-        let variant = find(&robot, &with.variant.name, "--variant");
+        let variant = robot.find(&with.variant.name, "--variant").cloned();
         let (((folder, file), variant), (json, ())) =
             both(both(both(measurements, file), variant), outputs)?;
 
@@ -153,7 +154,7 @@ impl<'a> Setup<'a> {
             json,
             out: with.out.as_deref(),
             remarks: (file.other_robot(&robot).into_iter())
-                .chain(unused_effects(&file, &variant))
+                .chain(file.unused_effects(&variant))
                 .collect(),
         })
     }

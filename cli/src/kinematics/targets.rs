@@ -2,17 +2,16 @@
 
 use std::path::Path;
 
-use tau::input_error::{InputError, Mistakes, Source, quoted};
 use tau::kinematics::{Machine, Pose, Sample};
-use tau::measurements::set::{
+use tau::robot::Arm;
+use tau_robot::input_error::{InputError, Mistakes, Source, quoted, read};
+use tau_robot::measurements::set::{
     ANGLES, ConditionColumns, DIRECTION, POSITION, Set, TEMPERATURE, TIME, read_directions, vector,
 };
-use tau::measurements::table::{Column, Table};
-use tau::measurements::{Conditions, Shape, plausible};
-use tau::robot::Arm;
+use tau_robot::measurements::table::{Column, Table};
+use tau_robot::measurements::{Conditions, Shape, plausible};
 
 use super::super::arguments::Numbers;
-use super::super::resolve::read;
 
 /// What was asked for, once.
 #[derive(Debug, Clone)]

@@ -6,11 +6,11 @@ use std::sync::Arc;
 use tau_codegen::language::model::Place;
 
 use super::super::bench::{Score, Table};
-use tau_estimation::numerics::parallel;
-use tau_estimation::numerics::projection::Subspace;
 use super::super::view::View;
 use super::Search;
 use super::state::{Member, Unnamed};
+use tau_estimation::numerics::parallel;
+use tau_estimation::numerics::projection::Subspace;
 
 /// A neighbouring model.
 pub(super) struct Move {
@@ -84,8 +84,7 @@ impl Search<'_> {
             if self.is_in_model(score.candidate) {
                 continue;
             }
-            let predicted =
-                self.change(total, total - score.statistic) + self.cost(score) + dearer;
+            let predicted = self.change(total, total - score.statistic) + self.cost(score) + dearer;
             if predicted >= 0.0 {
                 continue;
             }
@@ -185,8 +184,7 @@ impl Search<'_> {
             let subspace = (self.bench).subspace_of(view, member.candidate, &values, &optional);
             let Some(subspace) = subspace else { continue };
             let rank = subspace.rank() as f64;
-            let statistic =
-                subspace.statistic(&view.residuals) / self.inflation(view, &subspace);
+            let statistic = subspace.statistic(&view.residuals) / self.inflation(view, &subspace);
             let mut members = self.state.members.clone();
             members[index].extended = true;
             moves.push(Move {
@@ -202,7 +200,8 @@ impl Search<'_> {
 
     /// One amplitude for all places in the stead of an effect's own at several.
     fn common_placements(&mut self, view: &View) -> Vec<Move> {
-        let effect_of = |search: &Self, member: &Member| search.bench.candidates[member.candidate].effect;
+        let effect_of =
+            |search: &Self, member: &Member| search.bench.candidates[member.candidate].effect;
         let effects: BTreeSet<usize> = (self.state.members.iter())
             .map(|member| effect_of(self, member))
             .collect();
@@ -225,7 +224,10 @@ impl Search<'_> {
                 continue;
             };
             let score = self.score_of(&without, common, &subspace);
-            let saved: f64 = own.iter().map(|&k| self.cost_of(self.state.members[k])).sum();
+            let saved: f64 = own
+                .iter()
+                .map(|&k| self.cost_of(self.state.members[k]))
+                .sum();
             let count = self.state.count();
             let fewer = self.number(count) - self.number(count + 1 - own.len());
             let predicted = self.change(view.total(), without.total() - score.statistic)
@@ -349,7 +351,9 @@ impl Search<'_> {
         };
         if !with_families {
             let candidates = &self.bench.candidates;
-            table.scores.retain(|score| candidates[score.candidate].is_named());
+            table
+                .scores
+                .retain(|score| candidates[score.candidate].is_named());
         }
         Without {
             view: Arc::new(view),
@@ -437,7 +441,9 @@ impl Search<'_> {
     /// The cost of all that the model has.
     pub(super) fn cost_of_state(&self, members: &[Member], unnamed: &[Unnamed]) -> f64 {
         let named: f64 = members.iter().map(|&member| self.cost_of(member)).sum();
-        let families = unnamed.iter().map(|&(family, _)| self.cost_of(Member::plain(family)));
+        let families = unnamed
+            .iter()
+            .map(|&(family, _)| self.cost_of(Member::plain(family)));
         named + families.sum::<f64>() + self.number(members.len() + unnamed.len())
     }
 }
@@ -448,4 +454,3 @@ impl Places {
         joining.map(|joining| Member::plain(joining.score.candidate))
     }
 }
-

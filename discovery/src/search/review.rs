@@ -4,13 +4,13 @@
 use std::collections::BTreeSet;
 
 use super::super::bench::{Score, f_form};
-use tau_estimation::numerics::parallel;
-use tau_estimation::numerics::projection::Subspace;
 use super::super::separation::{Signal, separate_by};
 use super::super::view::View;
 use super::Search;
 use super::moves::Without;
 use super::state::Unnamed;
+use tau_estimation::numerics::parallel;
+use tau_estimation::numerics::projection::Subspace;
 
 /// Harmonics of a found period that are looked at.
 const HARMONICS: std::ops::RangeInclusive<u32> = 2..=4;
@@ -49,15 +49,24 @@ impl Search<'_> {
 
     fn found_of(&mut self, member: usize, view: &View, without: &Without) -> Found {
         let candidate = self.state.members[member].candidate;
-        let own = self.state.own_subspace(&self.context(), member, &without.view);
+        let own = self
+            .state
+            .own_subspace(&self.context(), member, &without.view);
         let statistic = own.statistic(&without.view.residuals);
-        let score = without.table.scores.iter().find(|score| score.candidate == candidate);
+        let score = without
+            .table
+            .scores
+            .iter()
+            .find(|score| score.candidate == candidate);
         let (p_value, aliases) = match score {
             Some(score) => (score.p_value, self.bench.aliases(&without.table, score)),
             None => {
                 let rank = own.rank().max(1) as f64;
                 let Without { view, .. } = without;
-                (f_form(statistic, rank, view.total(), view.degrees).1, vec![])
+                (
+                    f_form(statistic, rank, view.total(), view.degrees).1,
+                    vec![],
+                )
             }
         };
         Found {
@@ -86,7 +95,11 @@ impl Search<'_> {
         let mut cosines = Vec::new();
         for score in &without.table.scores {
             let is_other = score.candidate != removed.candidate
-                && !self.state.members.iter().any(|m| m.candidate == score.candidate)
+                && !self
+                    .state
+                    .members
+                    .iter()
+                    .any(|m| m.candidate == score.candidate)
                 && !self.state.unnamed.iter().any(|u| u.0 == score.candidate);
             let change = self.change(now, total - score.statistic) + self.cost(score) - saved;
             if !is_other || change >= as_good {

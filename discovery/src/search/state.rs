@@ -4,13 +4,13 @@ use nalgebra::{Cholesky, DVector};
 use std::collections::BTreeSet;
 
 use super::super::bench::{Bench, Score};
-use tau_estimation::joint::fit::Fit;
-use tau_estimation::joint::Joint;
-use tau_estimation::numerics::projection::Subspace;
-use tau_estimation::joint::variant::{free_turning, free_turning_from};
 use super::super::view::{Freed, View};
 use super::super::{Error, Input};
 use tau_estimation::calibration::Prepared;
+use tau_estimation::joint::Joint;
+use tau_estimation::joint::fit::Fit;
+use tau_estimation::joint::variant::{free_turning, free_turning_from};
+use tau_estimation::numerics::projection::Subspace;
 use tau_robot::robot::Owner;
 
 /// An effect in a model.
@@ -80,8 +80,12 @@ impl State {
 
     /// The linear model without some of its effects.
     pub(crate) fn view_without(&self, context: &Context<'_>, members: &[usize]) -> View {
-        let own = members.iter().flat_map(|&member| self.columns_of(context, member));
-        let offsets = members.iter().flat_map(|&member| self.offsets(context, member));
+        let own = members
+            .iter()
+            .flat_map(|&member| self.columns_of(context, member));
+        let offsets = members
+            .iter()
+            .flat_map(|&member| self.offsets(context, member));
         let offsets: Vec<(usize, f64)> = offsets.collect();
         let rows = self.fit.joint.rows.len();
         let jacobian = &self.fit.jacobian;
@@ -149,11 +153,7 @@ impl State {
     }
 
     /// Parameters of an effect that are in the model, each with its column in the fit.
-    pub(crate) fn places_of(
-        &self,
-        context: &Context<'_>,
-        member: usize,
-    ) -> Vec<(usize, usize)> {
+    pub(crate) fn places_of(&self, context: &Context<'_>, member: usize) -> Vec<(usize, usize)> {
         let Member {
             candidate,
             extended,

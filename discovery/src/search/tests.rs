@@ -71,11 +71,17 @@ fn predicted_changes_are_those_of_refits() {
     // Every effect taken out, linearly and by a refit.
     let view = search.state.view(&search.bench);
     for member in 0..search.state.members.len() {
-        let statistic = search.state.own_statistic(&search.context(), member).unwrap();
+        let statistic = search
+            .state
+            .own_statistic(&search.context(), member)
+            .unwrap();
         let linear = search.change(view.total(), view.total() + statistic);
         let mut members = search.state.members.clone();
         let removed = members.remove(member);
-        let fit = search.state.refitted(&search.context(), &members, None).unwrap();
+        let fit = search
+            .state
+            .refitted(&search.context(), &members, None)
+            .unwrap();
         let next = State {
             fit,
             members,
@@ -86,7 +92,10 @@ fn predicted_changes_are_those_of_refits() {
         // The noise is one in the linear model and each component's own in the score, so that they agree to the
         // curvature of the logarithm only; both are rises.
         assert!(linear > 0.0 && refitted > 0.0);
-        assert!((0.5..3.0).contains(&(refitted / linear)), "{refitted} {linear}");
+        assert!(
+            (0.5..3.0).contains(&(refitted / linear)),
+            "{refitted} {linear}"
+        );
     }
 }
 
@@ -108,6 +117,12 @@ fn the_misfit_is_that_of_the_estimated_noise() {
     let left_out = fit.weights.iter().filter(|weight| **weight == 0.0).count();
     // Outliers count as samples that are just none.
     assert!(found >= expected - 1e-9);
-    assert!(left_out > 0 || (found - expected).abs() < 1e-9, "{found} {expected}");
-    assert!((found - expected) < 40.0 * left_out as f64 + 1e-9, "{found} {expected}");
+    assert!(
+        left_out > 0 || (found - expected).abs() < 1e-9,
+        "{found} {expected}"
+    );
+    assert!(
+        (found - expected) < 40.0 * left_out as f64 + 1e-9,
+        "{found} {expected}"
+    );
 }

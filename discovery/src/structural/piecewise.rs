@@ -3,19 +3,19 @@
 //! That a track's points take up what is left says where the cart goes, not why. So it gets no name: what it
 //! takes up is reported as structure without one, and names come first.
 
+use std::time::Instant;
 use tau_estimation::numerics::distribution::chi2_survival;
 use tau_estimation::numerics::parallel;
 use tau_estimation::numerics::projection::Subspace;
-use std::time::Instant;
 
 use nalgebra::Vector3;
 
 use super::super::bench::f_form;
 use super::super::candidates::{self, Entry};
 use super::super::results::{Considered, Discovery, PiecewiseTrack, Step, Unnamed, Verdict};
+use super::super::score::Yardstick;
 use super::super::search::Search;
 use super::super::significance::Null;
-use super::super::score::Yardstick;
 use super::super::view::View;
 use super::super::{Error, Input, Outcome, search_from, text};
 use super::{Structure, with_structure};
@@ -166,9 +166,7 @@ pub(in super::super) fn tracks(search: &Search<'_>, base: &Variant) -> Vec<Track
         .map(|(track, _)| (track, knots(search, track)))
         .filter(|(_, knots)| knots.len() > 2)
         .collect();
-    parallel::map(&straight, |(track, knots)| {
-        of_track(search, *track, knots)
-    })
+    parallel::map(&straight, |(track, knots)| of_track(search, *track, knots))
 }
 
 /// Commands at which set 2 has points of a track.
@@ -224,10 +222,18 @@ fn of_track(search: &Search<'_>, track: usize, knots: &[f64]) -> TrackTest {
     let cost = bench.significance.cost(Null::plain(rank), true);
     // With what has no name, or in its stead.
     let families = search.state.view(bench);
-    let is_wanted = search.is_better_with(cost, [
-        (view.total() - deflated, false),
-        (families.with(&Subspace::of(&columns, &families.remainder(&columns))).total(), true),
-    ]);
+    let is_wanted = search.is_better_with(
+        cost,
+        [
+            (view.total() - deflated, false),
+            (
+                families
+                    .with(&Subspace::of(&columns, &families.remainder(&columns)))
+                    .total(),
+                true,
+            ),
+        ],
+    );
     let verdict = if is_wanted {
         Verdict::NotConfirmed
     } else if p_value > bench.significance.level(true) {

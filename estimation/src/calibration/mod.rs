@@ -25,8 +25,8 @@ pub use cost::closure_cost;
 pub use error::Error;
 pub use nominal::{Nominal, TRACK_ROTATION_TOLERANCE_RAD};
 pub use output::{LinkResult, ParameterEstimate};
-pub use stated::Stated;
 pub use registration::{Line, MOUNTING_M, NominalTrack, Registration, set_2, set_3};
+pub use stated::Stated;
 
 /// How to calibrate.
 #[derive(Debug, Clone, Default)]

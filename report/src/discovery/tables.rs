@@ -1,7 +1,7 @@
 //! The tables of a discovery.
 
-use tau::discovery::results::Verdict;
 use tau::discovery::Discovery;
+use tau::discovery::results::Verdict;
 use tau::discovery::results::{FoundEffect, SerialCorrelation};
 
 use super::words::Words;

@@ -13,7 +13,7 @@ use tau_codegen::language::model::{
 
 use super::{listed, readable};
 use crate::figures::typographic;
-use crate::number::{fixed, general, largest, with_sigma};
+use crate::number::{general, largest, with_sigma};
 
 /// A value within so many standard deviations of zero is not different from it.
 const DIFFERENT: f64 = 2.0;
@@ -436,4 +436,3 @@ pub(crate) fn probability(p_value: f64) -> String {
         .strip_prefix("<1·")
         .map_or_else(|| chance.clone(), |bound| format!("below {bound}"))
 }
-

@@ -7,7 +7,9 @@ mod write;
 
 use std::collections::BTreeMap;
 
-use crate::robot::Robot;
+use crate::input_error::quoted;
+use crate::robot::{Robot, Variant};
+use keys::effect_key;
 
 /// Contents of a `robot.toml`.
 #[derive(Debug, Clone, PartialEq)]
@@ -37,6 +39,20 @@ impl RobotFile {
             format!(
                 "robot.toml is for robot `{}`, the description is of `{}`",
                 self.robot, robot.name
+            )
+        })
+    }
+
+    /// A remark on the effects of the file that a variant does not have: their values mean nothing to it.
+    pub fn unused_effects(&self, variant: &Variant) -> Option<String> {
+        let used: Vec<&str> = variant.parameters.iter().filter_map(effect_key).collect();
+        let unused = self.effects.keys().map(String::as_str);
+        let unused: Vec<&str> = unused.filter(|key| !used.contains(key)).collect();
+        (!unused.is_empty()).then(|| {
+            format!(
+                "the values of {} in robot.toml are not used: variant `{}` does not have them",
+                quoted(unused),
+                variant.name
             )
         })
     }

@@ -2,8 +2,6 @@
 
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
-use std::fs;
-use std::io::ErrorKind;
 use std::ops::Range;
 use std::path::Path;
 
@@ -30,15 +28,8 @@ impl RobotFile {
     /// # Errors
     /// As [`RobotFile::parse_for`]; the file is missing or can't be read.
     pub fn read(path: &Path, robot: &Robot) -> Result<Self, InputError> {
-        let name = path.display().to_string();
-        let bytes = fs::read(path).map_err(|error| match error.kind() {
-            ErrorKind::NotFound => InputError::whole(
-                &name,
-                "the file does not exist, expected the parameters of the robot (robot.toml)",
-            ),
-            _ => InputError::whole(&name, format!("cannot read the file: {error}")),
-        })?;
-        Self::parse_for(&input_error::utf8(&name, bytes)?, &name, robot)
+        let text = input_error::read(path, "the parameters of the robot (robot.toml)")?;
+        Self::parse_for(&text, &path.display().to_string(), robot)
     }
 
     /// Reads a text under the name of its file, whatever the robot.

@@ -7,10 +7,10 @@ use tau_estimation::assumptions;
 use tau_estimation::calibration::{self, Calibration, Error, calibrate};
 use tau_estimation::evaluation::{VariantResult, evaluate};
 use tau_estimation::sensitivity;
-use tau_robot::measurements::{Folder, PoseCounts, Poses, Split};
+use tau_robot::measurements::{Folder, Poses};
 use tau_robot::robot::{Arm, Robot, TrackShape, Variant};
-use tau_robot::robot_file::RobotFile;
 
+use crate::session::Session;
 use results::Study;
 
 /// How far a study is.
@@ -32,14 +32,12 @@ pub struct Progress<'a> {
 /// # Errors
 /// [`Error::Input`] for measurements that can't be used; otherwise the first calibration or prediction
 /// that fails.
-pub fn run(
-    robot: &Robot,
-    file: &RobotFile,
-    folder: &Folder,
-    split: Split,
+pub fn run<R>(
+    session: &Session<R>,
     progress: &mut dyn FnMut(Progress<'_>),
 ) -> Result<Study, Error> {
-    let Poses { counts, division } = Poses::select(robot, file, folder, split)?;
+    let Poses { counts, division } = session.poses()?;
+    let (robot, file, folder) = (session.robot(), session.robot_file(), session.folder());
     let mut remarks = folder.remarks.clone();
     remarks.extend(file.other_robot(robot));
     let variants = chosen_variants(robot, folder, &mut remarks);
@@ -100,44 +98,18 @@ pub fn run(
     })
 }
 
-/// A remark on the poses that take no part, if there are any.
-pub fn dropped(counts: PoseCounts, folder: &Folder) -> Option<String> {
-    let dropped = counts.total - counts.in_range;
-    let range = if folder.cart_poses.is_empty() {
-        "`[range]` of the robot file"
-    } else {
-        "the range that set 2 covers"
-    };
-    (dropped > 0).then(|| {
-        format!(
-            "{dropped} of {} poses have commands outside {range} and take no part",
-            counts.total
-        )
-    })
-}
-
 /// Adds to a study what the variant of [`base`] lacks; why there is no search, or why it failed, is
 /// remarked.
 ///
 /// A step of its own, because it takes many times as long as all the rest.
-pub fn search(
-    study: &mut Study,
-    robot: &Robot,
-    file: &RobotFile,
-    folder: &Folder,
-    split: Split,
-    progress: &mut (dyn FnMut(&str) + Send),
-) {
-    let Some(base) = base(robot) else {
+pub fn search<R>(study: &mut Study, session: &Session<R>, progress: &mut (dyn FnMut(&str) + Send)) {
+    let Some(base) = base(session.robot()) else {
         let remark = "nothing was searched for: no variant has all links and no effects";
         study.remarks.push(remark.to_owned());
         return;
     };
-    let options = discovery::Options {
-        split,
-        ..discovery::Options::default()
-    };
-    match discovery::discover(robot, &base.name, file, folder, &options, progress) {
+    let options = discovery::Options::default();
+    match session.discover_with(base.name.as_str(), &options, progress) {
         Ok(outcome) => study.discovery = Some(outcome.discovery),
         Err(error) => {
             let remark = format!("what `{}` lacks was not found: {error}", base.name);

@@ -1,0 +1,60 @@
+//! What a calibration reads and gives, room by room. What is public in the crates below for other crates of
+//! this workspace is left out.
+
+pub use nalgebra;
+pub use tau_estimation::{assumptions, evaluation, sensitivity};
+pub use tau_robot::{InputError, Robot, prototype, robot};
+
+pub use calibration::Error;
+
+/// From nominal values and measured TCP poses to the parameters of a variant.
+pub mod calibration {
+    pub use tau_estimation::calibration::{
+        Calibration, Combination, Error, Line, LinkResult, NominalTrack, Options,
+        ParameterEstimate, Registration, calibrate, machine_from_file,
+    };
+}
+
+/// The catalogue of effects that ships.
+pub mod effects {
+    pub use tau_robot::effects::CATALOGUE;
+}
+
+/// Calibration with errors in variables: the true pose behind each measured one is unknown, too.
+pub mod errors_in_variables {
+    pub use tau_estimation::errors_in_variables::{
+        Component, ErrorsInVariables, GroupFit, calibrate,
+    };
+}
+
+/// Mistakes of the input, each at its place.
+pub mod input_error {
+    pub use tau_robot::input_error::{InputError, Place, Problem, Source};
+}
+
+/// Forward and inverse kinematics and statics of any variant.
+pub mod kinematics {
+    pub use tau_kinematics::{
+        AssemblyMode, Closures, Error, Forces, InverseOptions, LARGEST_MISMATCH_M, Machine,
+        POSE_COLUMNS, Path, Pose, Reached, Sample, Segment, Statics, Surroundings, track_axes, xyz,
+        xyz_angles, zyz,
+    };
+}
+
+/// Mistakes of a description, as the compiler of the language finds them.
+pub mod language {
+    pub use tau_model_dsl::{Diagnostic, Errors};
+}
+
+/// Measurement folders: TCP poses (set 1), cart poses (set 2), cart positions (set 3).
+pub mod measurements {
+    pub use tau_robot::measurements::{
+        CartPose, CartPosition, Conditions, Division, Folder, PoseCounts, Poses, Shape, Split,
+        TcpPose, Texts,
+    };
+}
+
+/// The instance of a robot: nominal or calibrated parameters with tolerances, noise and loads (`robot.toml`).
+pub mod robot_file {
+    pub use tau_robot::robot_file::{LinkValues, Noise, Payload, RobotFile, Value};
+}

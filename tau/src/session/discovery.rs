@@ -1,0 +1,145 @@
+//! The search for what a variant lacks, in the measurements of a session.
+
+use std::path::Path;
+
+use tau_discovery::{Options, Outcome, UNNAMED, reserved};
+use tau_estimation::calibration::Error;
+use tau_model_dsl::{self as language, Model};
+use tau_robot::effects::CATALOGUE;
+use tau_robot::input_error::{self, InputError, Source, both};
+use tau_robot::robot::{Robot, Variant};
+
+use super::{Calibrated, Described, Session, VariantKey};
+use crate::study;
+
+/// Effects to search for.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Catalogues {
+    /// Texts in the language; of effects of one name, the first counts.
+    pub texts: Vec<String>,
+    /// Remarks on effects that are not used.
+    pub remarks: Vec<String>,
+}
+
+impl<R> Session<R> {
+    /// The variant to search from unless another is named: `Full`, or else the last with all links and without
+    /// effects.
+    ///
+    /// # Errors
+    /// There is none.
+    pub fn base(&self) -> Result<&Variant, InputError> {
+        study::base(&self.robot).ok_or_else(|| {
+            InputError::whole(
+                &self.robot.name,
+                "there is no variant with all links and without effects to start from",
+            )
+        })
+    }
+
+    /// Searches for what a variant lacks among the effects of the catalogue that ships, on the poses that
+    /// calibrate.
+    ///
+    /// # Errors
+    /// [`Error::Input`] where these measurements can't be used; [`Error::NotConverged`] where the base does not fit.
+    pub fn discover(&self, base: impl VariantKey<R>) -> Result<Outcome, Error> {
+        self.discover_with(base, &Options::default(), &mut |_| {})
+    }
+
+    /// The same with options, of which the split is the session's; `progress` is told of each step in words.
+    ///
+    /// # Errors
+    /// As [`Self::discover`]; a catalogue that can't be used.
+    pub fn discover_with(
+        &self,
+        base: impl VariantKey<R>,
+        options: &Options,
+        progress: &mut (dyn FnMut(&str) + Send),
+    ) -> Result<Outcome, Error> {
+        let base = base.variant_of(&self.robot)?;
+        let options = Options {
+            split: self.split,
+            ..options.clone()
+        };
+        let Self {
+            robot,
+            robot_file,
+            folder,
+            ..
+        } = self;
+        tau_discovery::discover(robot, &base.name, robot_file, folder, &options, progress)
+    }
+
+    /// The variant that was found, calibrated. It goes by name, since no handle was declared for it.
+    ///
+    /// # Errors
+    /// As [`Self::calibrate`].
+    pub fn state_found(&self, found: &Outcome) -> Result<Calibrated, Error> {
+        let robot = found.robot()?;
+        let calibration = found.calibration(&robot, &self.robot_file, &self.folder)?;
+        Ok(Calibrated::<Described>::new(calibration))
+    }
+
+    /// The effects of files, then those of the catalogue that ships; mistakes of all files are reported together.
+    ///
+    /// # Errors
+    /// A file is missing or can't be read; mistakes of its text, each at its place; a name that is reserved.
+    pub fn catalogues(&self, paths: &[impl AsRef<Path>]) -> Result<Catalogues, InputError> {
+        catalogues(&self.robot, paths)
+    }
+}
+
+fn catalogues(robot: &Robot, paths: &[impl AsRef<Path>]) -> Result<Catalogues, InputError> {
+    let text = &robot.description;
+    let mut model = language::check_text(text)
+        .map_err(|errors| InputError::of_description(&robot.name, text, &errors))?;
+    let known: Vec<String> = model.effects.iter().map(|own| own.name.clone()).collect();
+    let mut read = Ok((Vec::new(), Vec::new()));
+    for path in paths {
+        let of_path = catalogue(path.as_ref(), &model);
+        read = both(read, of_path).map(|((mut texts, mut remarks), (text, more))| {
+            let file = path.as_ref().display();
+            let own = more.effects.iter().map(|own| &own.name);
+            let twice = own.filter(|name| model.effects.iter().any(|first| first.name == **name));
+            remarks.extend(twice.map(|name| {
+                let first = if known.contains(name) {
+                    "the description"
+                } else {
+                    "another file"
+                };
+                format!("effect `{name}` of {file} is not used: {first} has one of that name")
+            }));
+            model.effects.extend(more.effects);
+            texts.push(text);
+            (texts, remarks)
+        });
+    }
+    read.map(|(mut texts, remarks)| {
+        texts.push(CATALOGUE.to_owned());
+        Catalogues { texts, remarks }
+    })
+}
+
+/// A catalogue's text and its effects.
+fn catalogue(path: &Path, model: &Model) -> Result<(String, Model), InputError> {
+    let text = input_error::read(path, "effects in the language (.tau)")?;
+    let alone = Model {
+        effects: vec![],
+        ..model.clone()
+    };
+    let effects = language::effects_from_text(&text, &alone).map_err(|errors| {
+        InputError::of_description(&path.display().to_string(), &text, &errors)
+    })?;
+    let mut names = effects.effects.iter().map(|effect| &effect.name);
+    if let Some(name) = names.find(|name| name.starts_with(UNNAMED)) {
+        let file = path.display().to_string();
+        let source = Source::new(&file, &text);
+        let at = text.find(name.as_str()).unwrap_or_default();
+        let problem = format!("the name `{name}` is reserved");
+        return Err(reserved(InputError::at(
+            source,
+            at..at + name.len(),
+            problem,
+        )));
+    }
+    Ok((text, effects))
+}

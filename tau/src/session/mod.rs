@@ -1,0 +1,286 @@
+//! A robot, its parameters and its measurements, read and checked together, and what is computed from them.
+
+mod calibrated;
+#[cfg(feature = "discovery")]
+mod discovery;
+mod files;
+mod key;
+
+use std::fmt;
+use std::marker::PhantomData;
+
+use tau_estimation::calibration::{self, Error};
+use tau_estimation::errors_in_variables::{self, ErrorsInVariables};
+use tau_estimation::evaluation::{self, Evaluation};
+use tau_estimation::sensitivity::{self, Sensitivity};
+use tau_kinematics::Machine;
+use tau_robot::measurements::{Folder, Poses, Shape, Split};
+use tau_robot::robot_file::RobotFile;
+use tau_robot::{InputError, Robot};
+use tau_runtime::DeclaredRobot;
+
+pub use calibrated::Calibrated;
+#[cfg(feature = "discovery")]
+pub use discovery::Catalogues;
+pub use files::Files;
+pub use key::{ParameterKey, VariantKey};
+
+/// Stands in for a declared robot where the description is compiled at run time, so that variants and parameters
+/// go by name: see [`Session::open_with_robot`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Described {}
+
+/// A robot `R` with its parameters and its measurements.
+///
+/// Of a robot that [`tau_model!`](crate::tau_model) declares, variants are named by handles, such as
+/// `Gantry::RUNOUT`, or by name. A variant of another robot does not compile:
+///
+/// ```
+/// # tau::tau_model! { pub robot Slide { track one; cluster arm on one { link l1; }
+/// #     variant Nominal { arm reduced; tracks linear; } } }
+/// # fn calibrate(session: &tau::Session<Slide>) -> Result<(), tau::Error> {
+/// session.calibrate(Slide::NOMINAL)?;
+/// # Ok(())
+/// # }
+/// ```
+///
+/// ```compile_fail,E0277
+/// # tau::tau_model! { pub robot Slide { track one; cluster arm on one { link l1; }
+/// #     variant Nominal { arm reduced; tracks linear; } } }
+/// # tau::tau_model! { pub robot Other { track one; cluster arm on one { link l1; }
+/// #     variant Nominal { arm reduced; tracks linear; } } }
+/// # fn calibrate(session: &tau::Session<Slide>) -> Result<(), tau::Error> {
+/// session.calibrate(Other::NOMINAL)?;
+/// # Ok(())
+/// # }
+/// ```
+pub struct Session<R = Described> {
+    robot: Robot,
+    robot_file: RobotFile,
+    folder: Folder,
+    split: Split,
+    declared: PhantomData<fn() -> R>,
+}
+
+impl<R: DeclaredRobot> Session<R> {
+    /// Reads a measurement folder and the `robot.toml` in it, or what else [`Files`] name. Every second pose
+    /// validates; see [`Self::split`].
+    ///
+    /// # Errors
+    /// All mistakes of all files, each at its place: see [`Folder::read`] and [`RobotFile::read`].
+    pub fn open(files: impl Into<Files>) -> Result<Self, InputError> {
+        Self::read(Robot::from(R::ROBOT), &files.into())
+    }
+
+    /// Of measurements and parameters in memory.
+    pub fn of(folder: Folder, robot_file: RobotFile) -> Self {
+        Self::new(Robot::from(R::ROBOT), folder, robot_file)
+    }
+}
+
+impl Session<Described> {
+    /// The same as [`Self::open`] for a robot whose description is compiled at run time ([`Robot::read`]).
+    ///
+    /// # Errors
+    /// As [`Self::open`].
+    pub fn open_with_robot(robot: Robot, files: impl Into<Files>) -> Result<Self, InputError> {
+        Self::read(robot, &files.into())
+    }
+
+    /// Of a robot, measurements and parameters in memory.
+    pub fn with_robot(robot: Robot, folder: Folder, robot_file: RobotFile) -> Self {
+        Self::new(robot, folder, robot_file)
+    }
+}
+
+impl<R> Session<R> {
+    fn read(robot: Robot, files: &Files) -> Result<Self, InputError> {
+        let (folder, robot_file) = files.read(&robot)?;
+        Ok(Self::new(robot, folder, robot_file))
+    }
+
+    fn new(robot: Robot, folder: Folder, robot_file: RobotFile) -> Self {
+        Self {
+            robot,
+            robot_file,
+            folder,
+            split: Split::default(),
+            declared: PhantomData,
+        }
+    }
+
+    /// Divides the poses otherwise into those that calibrate and those that validate.
+    #[must_use]
+    pub fn split(self, split: Split) -> Self {
+        Self { split, ..self }
+    }
+
+    /// The robot.
+    pub fn robot(&self) -> &Robot {
+        &self.robot
+    }
+
+    /// Nominal or calibrated parameters, tolerances, noise and loads.
+    pub fn robot_file(&self) -> &RobotFile {
+        &self.robot_file
+    }
+
+    /// The measurements.
+    pub fn folder(&self) -> &Folder {
+        &self.folder
+    }
+
+    /// The poses of set 1 that take part, those with all commands in the measured range, divided into those that
+    /// calibrate and those that validate.
+    ///
+    /// # Errors
+    /// No pose lies in the range; none is left to calibrate or to validate.
+    pub fn poses(&self) -> Result<Poses, InputError> {
+        Poses::select(&self.robot, &self.robot_file, &self.folder, self.split)
+    }
+
+    /// Remarks on the input, in sentences without full stops: columns and sets missing, parameters that are for
+    /// another robot, poses that take no part.
+    pub fn remarks(&self) -> Vec<String> {
+        let remarks = self.folder.remarks.iter().cloned();
+        remarks
+            .chain(self.robot_file.other_robot(&self.robot))
+            .chain(self.left_out())
+            .collect()
+    }
+
+    /// The same where one variant is asked for: also on parameters that it does not have.
+    ///
+    /// # Errors
+    /// There is no variant of that name.
+    pub fn remarks_for(&self, variant: impl VariantKey<R>) -> Result<Vec<String>, InputError> {
+        let variant = variant.variant_of(&self.robot)?;
+        let mut remarks = self.remarks();
+        remarks.extend(self.robot_file.unused_effects(variant));
+        Ok(remarks)
+    }
+
+    /// A remark on the poses outside the measured range, if there are any.
+    fn left_out(&self) -> Option<String> {
+        let shape = Shape::from(&self.robot);
+        let total = self.folder.tcp_poses.len();
+        let left_out = total - self.folder.in_range(&self.robot_file, shape).len();
+        let range = if self.folder.cart_poses.is_empty() {
+            "`[range]` of the robot file"
+        } else {
+            "the range that set 2 covers"
+        };
+        (left_out > 0).then(|| {
+            format!("{left_out} of {total} poses have commands outside {range} and take no part")
+        })
+    }
+
+    /// A variant with the values of [`Self::robot_file`]: nominal ones, or those of an earlier calibration.
+    ///
+    /// # Errors
+    /// There is no variant of that name; nothing gives a value for a parameter; a piecewise track has no path.
+    pub fn machine(&self, variant: impl VariantKey<R>) -> Result<Machine, InputError> {
+        let variant = variant.variant_of(&self.robot)?;
+        let poses = self.poses()?.division.calibration;
+        calibration::machine_from_file(
+            &self.robot,
+            variant,
+            &self.robot_file,
+            Some(&self.folder),
+            &poses,
+        )
+    }
+
+    /// Calibrates a variant on the poses for it: see [`calibrate`](calibration::calibrate).
+    ///
+    /// # Errors
+    /// [`Error::Input`] where these measurements can't calibrate it; [`Error::NotConverged`].
+    pub fn calibrate(&self, variant: impl VariantKey<R>) -> Result<Calibrated<R>, Error> {
+        self.calibrate_with(variant, &calibration::Options::default())
+    }
+
+    /// The same with options.
+    ///
+    /// # Errors
+    /// As [`Self::calibrate`]; a start of the wrong length.
+    pub fn calibrate_with(
+        &self,
+        variant: impl VariantKey<R>,
+        options: &calibration::Options,
+    ) -> Result<Calibrated<R>, Error> {
+        let variant = variant.variant_of(&self.robot)?;
+        let poses = self.poses()?.division.calibration;
+        let Self {
+            robot,
+            robot_file,
+            folder,
+            ..
+        } = self;
+        calibration::calibrate(robot, variant, robot_file, folder, &poses, options)
+            .map(Calibrated::new)
+    }
+
+    /// Calibrates a variant on all sets with errors in variables: the true pose behind each measured one is
+    /// unknown, too.
+    ///
+    /// # Errors
+    /// As [`Self::calibrate`]; carts of sets 2 and 3 are numbered wrongly.
+    pub fn calibrate_with_errors_in_variables(
+        &self,
+        variant: impl VariantKey<R>,
+    ) -> Result<ErrorsInVariables, Error> {
+        let variant = variant.variant_of(&self.robot)?;
+        let poses = self.poses()?.division.calibration;
+        let options = calibration::Options::default();
+        let Self {
+            robot,
+            robot_file,
+            folder,
+            ..
+        } = self;
+        errors_in_variables::calibrate(robot, variant, robot_file, folder, &poses, &options)
+    }
+
+    /// Predicts the poses that validate, and compares: see [`evaluate`](evaluation::evaluate). The machine is that of a
+    /// [calibration](Calibrated), or one [as given](Self::machine).
+    ///
+    /// # Errors
+    /// Columns that the variant needs are missing; a pose can't be predicted.
+    pub fn evaluate(&self, machine: &Machine) -> Result<Evaluation, Error> {
+        let poses = self.poses()?.division.validation;
+        evaluation::evaluate(machine, &self.folder, &poses)
+    }
+
+    /// How much each parameter matters at the poses that validate, by steps of a size in SI units: see
+    /// [`analyse`](sensitivity::analyse).
+    ///
+    /// # Errors
+    /// Columns that the variant needs are missing; a pose can't be predicted or is singular.
+    pub fn sensitivity(&self, machine: &Machine, step: f64) -> Result<Sensitivity, Error> {
+        let poses = self.poses()?.division.validation;
+        sensitivity::analyse(machine, &self.folder, &poses, step)
+    }
+}
+
+// Derived traits would ask the same of `R`.
+
+impl<R> Clone for Session<R> {
+    fn clone(&self) -> Self {
+        Self {
+            robot: self.robot.clone(),
+            robot_file: self.robot_file.clone(),
+            folder: self.folder.clone(),
+            ..*self
+        }
+    }
+}
+
+impl<R> fmt::Debug for Session<R> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Session")
+            .field("robot", &self.robot.name)
+            .field("folder", &self.folder.name)
+            .field("split", &self.split)
+            .finish_non_exhaustive()
+    }
+}
