@@ -1,4 +1,8 @@
 //! A checked model, compiled: what the emitter prints and the interpreter runs.
+//!
+//! Links of the same form share one family; an instance says which parameters and data it takes. Names inside a
+//! family are by role, so that equal code is equal text. Parameters that an effect may have (`optional param`) and a
+//! variant does not take are constants of the expressions and cost nothing.
 
 use std::sync::Arc;
 

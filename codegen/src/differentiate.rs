@@ -2,6 +2,9 @@
 //!
 //! The adjoint of a rotation chain `Ra (Rb (Rg p))` is the chain of inverse turns applied to the
 //! adjoint vector, so it stays factored, and an angle's derivative costs three operations.
+//!
+//! A select is differentiated branch by branch and the choice is made behind the partial derivatives, so that an
+//! infinite derivative in the branch not taken does not reach the result.
 
 use std::collections::{BTreeMap, BTreeSet};
 

@@ -1,4 +1,10 @@
-//! Does a candidate predict what it was not fitted to? Blocks of neighbours are held out in turn.
+//! Held-out likelihood of a candidate: blocks of neighbours are held out in turn.
+//!
+//! Noise scales, outlier weights, the linearisation and a searched value come from all data: only the amplitudes, and
+//! what else the linear model fits, are held out. Predictions are scored by their likelihood, not by squares: where the
+//! other blocks hardly determine one, as next to a held-out stretch of a track, the square of its error is large by
+//! nature. Both models come from one factor, because the first columns of a Cholesky factor are the factor of the
+//! first columns.
 
 use std::cmp::Ordering;
 use std::collections::BTreeMap;
@@ -96,8 +102,7 @@ fn folds(samples: &[Sample], folds: usize) -> Vec<usize> {
         .collect()
 }
 
-/// Share of a direction's squares that other rows are taken to hold at least: a direction of which they hold
-/// nothing is predicted to be zero, give or take much.
+/// Ridge for directions that the other folds do not determine, as a share of a direction's squares.
 const TOLD: f64 = 1e-6;
 
 /// Rows as a fit to all others predicts them, by a model and by any that has the first of its columns alone.

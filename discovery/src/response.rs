@@ -1,8 +1,12 @@
-//! How a linear model answers to displacements, sample by sample.
+//! Responses of a linear model to displacements, sample by sample.
 //!
 //! A candidate's column is a sum over a few probes of what it adds to each at every sample. So all that
 //! scoring needs of a column are products of the probes with the model's basis, with its residuals and
 //! with each other, summed over the rows of each sample: the columns themselves are never formed.
+//!
+//! The basis of a model without one of its effects lacks a few directions of the whole one's, so the Gram matrices of
+//! all candidates change by as many products of known vectors ([`Responses::without`]): a table for each effect costs
+//! little more than one for all.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;

@@ -1,4 +1,7 @@
-//! Noise that follows itself: how much less such residuals say.
+//! Variance inflation under AR(1) noise.
+//!
+//! A fit absorbs what is smooth, so residuals follow each other less than the noise did. Moments of quadratic forms
+//! behind a fit are traces of small matrices, by which correlation and variance are corrected.
 
 use std::collections::BTreeMap;
 

@@ -1,4 +1,7 @@
 //! A robot and its variants at run time, whether compiled in or read from a `.tau` file.
+//!
+//! The tables are owned, unlike those of `tau_runtime`, which are statics of generated code: interpreted robots could
+//! not lend statics without leaking them.
 
 use std::sync::Arc;
 

@@ -1,7 +1,7 @@
 //! The linear model of a part from its normal equations, which residual families accumulate without
 //! storing a Jacobian.
 //!
-//! What the iteration sees is the Cholesky factor: with `[J r]ᵀ[J r] = [R c; 0 ρ]ᵀ[R c; 0 ρ]`, the small
+//! The iteration sees the Cholesky factor: with `[J r]ᵀ[J r] = [R c; 0 ρ]ᵀ[R c; 0 ρ]`, the small
 //! problem `½‖R y + c‖² + ½ρ²` is the same function of the step as `½‖J y + r‖²`, and nothing after it
 //! need know.
 //!

@@ -1,7 +1,8 @@
 //! Statements as lines.
 //!
 //! Bodies of functions are nearly all of generated code and simple, so that laying them out takes no syntax
-//! tree: the formatter sees the items around them alone.
+//! tree: the formatter sees the items around them alone. The macro reads the same text as tokens; a test holds a
+//! file's tokens against the expansion.
 
 /// Characters in a line.
 pub(super) const WIDTH: usize = 100;

@@ -1,4 +1,9 @@
 //! A program as instructions on slots, and their execution.
+//!
+//! Nearly all instructions are one: up to six products with their signs, added up in the program's order. A term
+//! that is no product is multiplied by one, which costs less than to store a value, to read it again and to decode
+//! another instruction. Values that nothing else reads go straight to the output; slots are reused, so that they stay
+//! in cache. Inputs are copied into slots: reading them where they stand costs more in strides and checks.
 
 mod translation;
 

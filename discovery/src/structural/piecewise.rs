@@ -1,7 +1,9 @@
 //! Tracks that follow the measured points of their carts, where straight ones leave structure.
 //!
-//! That a track's points take up what is left says where the cart goes, not why. So it gets no name: what it
-//! takes up is reported as structure without one, and names come first.
+//! A track through its points fits whatever the cart does as a function of its command: a description, no cause. So
+//! it gets no name: what it takes up is reported as unnamed structure. It is a move like others: it counts where the
+//! search from the base with that track ends in a better score, the points' own cost included. The points carry the
+//! noise of set 2, so that following them may cost more at the tool than it explains.
 
 use tau_estimation::numerics::distribution::chi2_survival;
 use tau_estimation::numerics::parallel;
