@@ -1,12 +1,4 @@
 //! The way to the minimum of the joint fit, with the noise of each group of residuals.
-//!
-//! Every step is damped a little. Tracker frames, mountings and rates of turning trade along directions that the
-//! measurements hardly determine, and a whole Gauss-Newton step goes further along them than the model is linear; to
-//! halve the step would hold back everything else with them.
-//!
-//! Effects are scored near the minimum, values are stated at it. In curved valleys steps shrink by a few per cent each,
-//! and many that hardly lower χ² add up to several standard deviations: a search stops early on such a way and takes
-//! the rest to first order, and what is found is settled once, at the end.
 
 use nalgebra::DVector;
 use tau_runtime::Owner;
