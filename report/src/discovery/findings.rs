@@ -44,8 +44,8 @@ pub(crate) fn verdict(found: &Discovery) -> String {
 /// What is said where the measurements scatter far beyond their noise and nothing follows anything.
 fn noisy(base: &str, factor: f64) -> String {
     format!(
-        "Of what is missing from {base} these measurements show nothing significant; yet their noise is {} times the \
-         stated one. Either less was stated than there is, or something acts that follows nothing that was recorded.",
+        "No effect missing from {base} is significant in these measurements. Yet their noise is {} times the stated \
+         one: either less was stated than there is, or something acts that follows nothing that was recorded.",
         general(factor, 2)
     )
 }
