@@ -52,7 +52,7 @@ pub struct CompiledVariant {
 pub struct Family {
     /// Name, unique within the variant, in snake case.
     pub name: String,
-    /// Which residual.
+    /// Kind of the residual.
     pub kind: ResidualKind,
     /// The equation, for documentation.
     pub equation: &'static str,
@@ -73,7 +73,7 @@ pub struct Family {
 /// A family applied to a link, a cluster or a cart.
 #[derive(Debug, Clone)]
 pub struct CompiledInstance {
-    /// Which residual.
+    /// Kind of the residual.
     pub kind: ResidualKind,
     /// Index of the link, cluster or track.
     pub of: usize,
@@ -81,7 +81,7 @@ pub struct CompiledInstance {
     pub family: usize,
     /// Index of each parameter in [`CompiledVariant::parameters`].
     pub parameters: Vec<usize>,
-    /// What fills each datum.
+    /// Source of each datum.
     pub inputs: Vec<Input>,
 }
 
@@ -126,7 +126,7 @@ impl Family {
         ))
     }
 
-    /// Whether another family has the same code, sizes and names.
+    /// True if another family has the same code, sizes and names.
     pub fn same_code(&self, other: &Self) -> bool {
         (self.kind, self.shape, &self.data, &self.parameters)
             == (other.kind, other.shape, &other.data, &other.parameters)
@@ -168,7 +168,7 @@ impl CompiledRobot {
     }
 }
 
-/// Whether two models have the same variant at an index; its effects may stand at other places in the
+/// True if two models have the same variant at an index; its effects may stand at other places in the
 /// models.
 fn is_same_variant(one: &Model, other: &Model, index: usize) -> bool {
     let (Some(of_one), Some(of_other)) = (one.variants.get(index), other.variants.get(index))
@@ -355,7 +355,7 @@ mod tests {
             variant Shifted = Plain + shift(one);
         }";
 
-    /// What is taken over is what would be compiled, and what differs is compiled.
+    /// Families taken over are those that would be compiled; families that differ are compiled.
     #[test]
     fn a_robot_extended_is_the_robot_compiled() {
         let before = compile(&check_text(TEXT).unwrap(), TEXT);

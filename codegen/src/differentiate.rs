@@ -81,7 +81,7 @@ fn accumulate(
     totals
 }
 
-/// What an expression's adjoint adds to those of its children.
+/// Contributions of an expression's adjoint to those of its children.
 fn partials(g: &mut Graph, expr: Expr, adjoint: Expr) -> [Option<(Expr, Expr)>; 3] {
     match g.node(expr) {
         Node::Constant(_) | Node::Symbol(_) | Node::Select { .. } => [None; 3],

@@ -56,14 +56,14 @@ pub(super) struct Bench {
     degrees: f64,
 }
 
-/// What a candidate adds to the Jacobian.
+/// Columns of a candidate in the Jacobian.
 enum Columns {
     Plain(Vec<Entry>),
     Searched(Band),
     Later,
 }
 
-/// How well a candidate explains what a model leaves.
+/// Score of a candidate beside a model.
 #[derive(Debug, Clone)]
 pub(super) struct Score {
     /// Index of the candidate.
@@ -71,7 +71,7 @@ pub(super) struct Score {
     pub(super) statistic: f64,
     /// By the F form; over the whole search where there is one.
     pub(super) p_value: f64,
-    /// How it is distributed where the candidate does nothing.
+    /// Its distribution where the candidate does nothing.
     pub(super) null: Null,
     /// Best value of the searched parameter.
     pub(super) searched: Option<f64>,
@@ -94,7 +94,7 @@ pub(super) struct Table {
     plain: Arc<Plain>,
     /// Of each band that took part, by its place in the bench: those of unnamed families last.
     bands: Vec<Arc<Scores>>,
-    /// Whether unnamed families with a search take part.
+    /// True if unnamed families with a search take part.
     has_families: bool,
 }
 
@@ -114,7 +114,7 @@ impl Table {
 
 /// The candidates without a search beside a model.
 struct Plain {
-    /// What the model's basis absorbs of all columns.
+    /// Share of all columns in the model's basis.
     absorbed: Arc<DMatrix<f64>>,
     /// Of each candidate, by its place in the bench: Gram matrix of its columns, and coefficients of an
     /// orthonormal basis of what is left of them.
@@ -306,7 +306,7 @@ impl Bench {
         self.expanded(view, candidate, &self.candidates[candidate].none())
     }
 
-    /// What a model leaves of some parameters of a candidate at given values of all.
+    /// Subspace of some parameters of a candidate beside a model, at given values of all.
     pub(super) fn subspace_of(
         &self,
         view: &View,
@@ -343,7 +343,7 @@ impl Bench {
         (subspace.rank() > 0).then_some((columns, subspace))
     }
 
-    /// What a candidate adds per parameter in `wanted`, at given values of all.
+    /// Derivatives of a candidate by each parameter in `wanted`, at given values of all.
     pub(super) fn entries(
         &self,
         candidate: usize,
@@ -499,7 +499,7 @@ impl Bench {
     }
 }
 
-/// What one task of a table yields.
+/// Result of one task of a table.
 enum Scored {
     Plain(Vec<Score>, Plain),
     Band(Scores),

@@ -159,7 +159,7 @@ mod tests {
     use tau_estimation::joint::Row;
     use tau_estimation::numerics::projection::Basis;
 
-    /// What holds everywhere is confirmed, what only fits the noise is not.
+    /// A signal that holds everywhere is confirmed, one that only fits the noise is not.
     #[test]
     fn what_predicts_nothing_is_not_confirmed() {
         let (joint, samples) = of_set_1();

@@ -1,4 +1,4 @@
-//! What a search found, put together.
+//! Assembly of the results of a search.
 
 use std::collections::BTreeSet;
 
@@ -25,7 +25,7 @@ const SERIAL: f64 = 0.01;
 /// Chance below which one of all dimensions is said to lie far from the robot file.
 const UNLIKELY: f64 = 0.01;
 
-/// What was known before the search: of the experiment, and of the base.
+/// Knowledge before the search: of the experiment, and of the base.
 pub(super) struct Beforehand {
     pub(super) view: View,
     pub(super) detectable: Vec<results::Detectable>,

@@ -7,7 +7,7 @@ use tau_codegen::language::Model;
 /// Start of the names of unnamed families; no catalogue may use it.
 pub const UNNAMED: &str = "unnamed_";
 
-/// What an unnamed family moves, and as a function of what.
+/// An unnamed family: the displacement, and the quantity that it follows.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Family {
     pub(super) name: String,
@@ -18,7 +18,7 @@ pub(super) struct Family {
     pub(super) stands: Stands,
 }
 
-/// Where a family stands.
+/// Placement of a family.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Stands {
     /// At one place.
@@ -188,7 +188,7 @@ impl Families {
         self.bundle((subject, Stands::Alone), axis, &[axis], against, basis);
     }
 
-    /// What repeats along a track.
+    /// A wave along a track.
     fn periodic(&mut self, subject: &str, axis: &str, range: &str) {
         let name = format!("{UNNAMED}{subject}_{axis}_periodic");
         let _ = writeln!(
@@ -205,7 +205,7 @@ impl Families {
         });
     }
 
-    /// What grows with the distance from the origin.
+    /// A displacement that grows with the distance from the origin.
     fn scale(&mut self) {
         let name = format!("{UNNAMED}tcp_scale_position");
         let _ = writeln!(

@@ -1,4 +1,4 @@
-//! What the model lacks: where it disagrees with the measurements, which effect is missing, how much of
+//! Discovery of the effects that a model lacks: its misfit, the missing effects, how much of
 //! the gap that closes, and what remains.
 //!
 //! All sets are fitted at once; every effect of a catalogue is scored at every place by what the base
@@ -68,14 +68,14 @@ use structural::FullArm;
 use structural::piecewise::Found;
 use view::View;
 
-/// How to search.
+/// Options of a search.
 #[derive(Debug, Clone)]
 pub struct Options {
-    /// Which poses take part and which only show the gap.
+    /// The split into poses that take part and poses that only show the gap.
     pub split: Split,
     /// Seed of the resamples.
     pub seed: u64,
-    /// What verdicts depend on.
+    /// Constants on which verdicts depend.
     pub constants: Constants,
     /// Rules that are left out, to see what they are worth.
     pub without: BTreeSet<Rule>,
@@ -86,7 +86,7 @@ pub struct Options {
 /// A part of the method that can be left out.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Rule {
-    /// What joins the model has to predict blocks that were held out.
+    /// Held-out blocks must be predicted better by what joins the model.
     HeldOut,
     /// Serial noise inflates what it could imitate.
     Serial,
@@ -123,7 +123,7 @@ impl Default for Options {
     }
 }
 
-/// What discovery works on.
+/// Input of a search.
 #[derive(Clone, Copy)]
 struct Input<'a> {
     robot: &'a Robot,
@@ -134,10 +134,10 @@ struct Input<'a> {
     options: &'a Options,
 }
 
-/// What was found, with the model as fitted.
+/// Result of a discovery, with the model as fitted.
 #[derive(Debug, Clone)]
 pub struct Outcome {
-    /// What was found.
+    /// The result.
     pub discovery: Discovery,
     /// Fitted value of each parameter of the discovered variant, by name, SI.
     pub values: BTreeMap<String, f64>,
@@ -300,7 +300,7 @@ fn fitted(input: &Input<'_>) -> Result<(Fit, Vec<Sample>), Error> {
     base_fit(input, &model, index, variant_of(input.robot, input.base)?)
 }
 
-/// Where the base disagrees with the measurements, and its error at the tool.
+/// Misfit of the base, and its error at the tool.
 fn shortfall(input: &Input<'_>) -> Result<(Vec<Misfit>, Gap), Error> {
     let (fit, samples) = fitted(input)?;
     let machine = fit.joint.machine.with_values(fit.joint.values(&fit.fitted));

@@ -114,7 +114,7 @@ impl Responses {
         }
     }
 
-    /// What the model leaves of the Gram matrix of columns of which its basis absorbs `absorbed`.
+    /// Gram matrix of columns beside the model, whose basis absorbs `absorbed` of them.
     pub(super) fn left(&self, gram: &DMatrix<f64>, absorbed: DMatrixView<'_, f64>) -> DMatrix<f64> {
         let mut left = gram.clone();
         for (i, of_i) in absorbed.column_iter().enumerate() {
@@ -152,7 +152,7 @@ pub(super) struct Displacements {
     members: Vec<Vec<(usize, usize)>>,
 }
 
-/// What columns add to one probe.
+/// Contributions of columns to one probe.
 struct Part {
     probe: usize,
     /// Samples × columns, by columns.

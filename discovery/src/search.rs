@@ -34,7 +34,7 @@ pub(crate) struct Search<'a> {
     variant: usize,
     own_effects: usize,
     base: State,
-    /// Whether a family beats every name beside the base.
+    /// True if a family beats every name beside the base.
     starts_with_family: bool,
     pub(crate) state: State,
     /// Score of the model as it stands: −2 ln L and what its effects cost.
@@ -42,7 +42,7 @@ pub(crate) struct Search<'a> {
     pub(crate) yardstick: Yardstick,
     /// Degrees of freedom of the base's residuals.
     degrees: f64,
-    /// What each candidate costs.
+    /// Cost of each candidate.
     costs: BTreeMap<usize, f64>,
     /// Models that were tried, from wherever, with their scores where they converged.
     visited: BTreeMap<Composition, Option<f64>>,
@@ -203,7 +203,7 @@ impl<'a> Search<'a> {
         is_newest.then(|| start_of(&self.bench, beside, score))?
     }
 
-    /// Whether a candidate predicts blocks that were held out, and is more than serial noise would imitate.
+    /// True if a candidate predicts blocks that were held out, and is more than serial noise would imitate.
     fn is_confirmed(&self, Joining { score, beside }: &Joining) -> bool {
         let Some((_, subspace)) = self.bench.subspace(beside, score.candidate, score.searched)
         else {
@@ -239,7 +239,7 @@ impl<'a> Search<'a> {
         serial::inflation(view, subspace, &self.bench.samples, least)
     }
 
-    /// Whether the model is better with something more at a cost; each case leaves a sum of squares with the unnamed
+    /// True if the model is better with something more at a cost; each case leaves a sum of squares with the unnamed
     /// families or without.
     pub(crate) fn is_better_with(&self, cost: f64, cases: [(f64, bool); 2]) -> bool {
         let now = self.state.view(&self.bench).total();

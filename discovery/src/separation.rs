@@ -1,4 +1,4 @@
-//! Which further measurement would tell an effect from its rival.
+//! Proposal of the measurement that would tell an effect from its rival.
 
 use nalgebra::{Cholesky, DMatrix, DVector};
 use tau_estimation::joint::fit::Fit;
@@ -193,7 +193,7 @@ impl Products {
         self.square += other.square;
     }
 
-    /// What base and rival leave of the signal.
+    /// Energy of the signal beside base and rival.
     fn separation(&self) -> f64 {
         self.solved()
             .map_or(0.0, |x| (self.square - x.dot(&self.signal)).max(0.0))

@@ -100,7 +100,7 @@ struct Kind {
     q: DMatrix<f64>,
     /// Number of pairs of successive differences.
     pairs: f64,
-    /// How differences of the residuals correlate.
+    /// Correlation of successive differences of the residuals.
     ratio: f64,
 }
 
@@ -147,7 +147,7 @@ impl Kind {
         (0.5 * products, 0.5 * squares)
     }
 
-    /// Whether independent noise would hardly leave residuals that follow each other as these do.
+    /// True if independent noise would hardly leave residuals that follow each other as these do.
     fn is_serial(&self, least: f64) -> bool {
         let (products, squares) = self.differences(self.q.as_slice(), self.q.as_slice());
         let white = (-self.pairs - products) / (2.0 * self.pairs - squares);

@@ -1,4 +1,4 @@
-//! What these measurements could show at all, before residuals are looked at.
+//! Detectability: effects that these measurements could show, before residuals are looked at.
 
 use tau_codegen::language::Model;
 use tau_codegen::language::model::{Place, Readable};
@@ -110,7 +110,7 @@ pub(super) fn sight(
     (detectable, unseen)
 }
 
-/// Which quantity that an effect reads hardly changes, in words.
+/// The quantity that an effect reads and that hardly changes, in words.
 fn constant(model: &Model, candidate: &Candidate, samples: &[Sample]) -> Option<String> {
     let spread = |of: &dyn Fn(&Sample) -> Option<f64>| {
         // With set 1 alone an effect has to vary: another level in sets 2 and 3, which have frames and

@@ -48,7 +48,7 @@ pub(super) fn crowds(fit: &Fit, bench: &Bench, noise: Noise) -> Vec<Unnamed> {
         .collect()
 }
 
-/// What an unnamed family explains beside a model, displacement by displacement.
+/// Structure that an unnamed family explains beside a model, displacement by displacement.
 pub(super) fn unnamed(
     bench: &Bench,
     view: &View,

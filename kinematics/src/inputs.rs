@@ -1,4 +1,4 @@
-//! What the samples of a residual family bring: from measurements and poses to the numbers it takes.
+//! Data of a residual family's samples: from measurements and poses to the numbers it takes.
 
 use nalgebra::Vector3;
 use tau_robot::measurements::{Conditions, TcpPose};
@@ -8,7 +8,7 @@ use super::Pose;
 use super::paths::Path;
 use super::statics::Statics;
 
-/// What is known besides the samples themselves.
+/// Knowledge besides the samples themselves.
 #[derive(Debug, Clone, Default)]
 pub struct Surroundings {
     /// Path of each cart, in the measurement frame, where set 2 has it.
@@ -63,7 +63,7 @@ const DIRECTIONS: &str = "the columns `dir1`, `dir2`, …";
 const TIME: &str = "the column `time_s`";
 const TEMPERATURE: &str = "the column `temperature_c`";
 
-/// Whether what a closure lacks is a column of the table that its samples come from.
+/// True if the missing quantity of a closure is a column of the table that its samples come from.
 pub fn is_column(missing: &str) -> bool {
     [DIRECTIONS, TIME, TEMPERATURE].contains(&missing)
 }
@@ -75,7 +75,7 @@ impl Surroundings {
     /// Appends the data that a family takes.
     ///
     /// # Errors
-    /// What is missing, in words, where the measurements lack a column that the family needs.
+    /// The missing quantity, in words, where the measurements lack a column that the family needs.
     pub fn fill(
         &self,
         inputs: &[Input],

@@ -71,7 +71,7 @@ pub struct Variant {
 /// A residual family applied to a link, a cluster or a cart.
 #[derive(Clone)]
 pub struct Instance {
-    /// Which residual.
+    /// Kind of its residual.
     pub kind: ResidualKind,
     /// Index of the link (full arm), the cluster (reduced arm) or the track (sets 2 and 3).
     pub of: usize,

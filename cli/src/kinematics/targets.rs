@@ -14,10 +14,10 @@ use tau::robot::Arm;
 use super::super::arguments::Numbers;
 use super::super::resolve::read;
 
-/// What was asked for, once.
+/// One target.
 #[derive(Debug, Clone)]
 pub(super) struct Row {
-    /// Where it was asked for.
+    /// Its place in the input.
     pub(super) source: String,
     /// Its number: of the file, or counted.
     pub(super) pose: u32,
@@ -102,7 +102,7 @@ fn check_count(option: &str, numbers: &[f64], expected: &[usize]) -> Result<(), 
     ))
 }
 
-/// What a CSV asks for.
+/// Kind of targets in a CSV.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Asked {
     /// The poses at its commands; a pose in the same row is the start.
@@ -123,7 +123,7 @@ pub(super) fn of_file(
     let directions: Vec<String> = (1..=shape.commands)
         .map(|n| format!("{DIRECTION}{n}"))
         .collect();
-    // What the program writes can be read again: commands are no strangers beside poses.
+    // Output of the program can be read again: commands are no strangers beside poses.
     let known = ["pose", TIME, TEMPERATURE]
         .iter()
         .chain(&POSITION)

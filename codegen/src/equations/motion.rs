@@ -17,7 +17,7 @@ use super::formula::Scope;
 use crate::graph::{Expr, Stage};
 use crate::vector::{self, Rotation, Vector};
 
-/// What effects add to a cart, in its track's frame.
+/// Displacement of a cart by effects, in its track's frame.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Displacement {
     /// Along, horizontal, vertical (m).
@@ -58,7 +58,7 @@ impl Context<'_> {
         }
     }
 
-    /// What the direction or rotation of a joint's path belongs to.
+    /// Owner of the direction or rotation of a joint's path.
     fn path_owner(&self, joint: Owner, track: usize) -> Owner {
         match (self.variant.arm, self.variant.tracks[track].per_link) {
             (Arm::Full, false) => Owner::Track(track),
@@ -136,7 +136,7 @@ impl Context<'_> {
         [along, horizontal, vertical]
     }
 
-    /// What the variant's effects add to a cart; `None` where they add nothing.
+    /// Displacement of a cart by the variant's effects; `None` where they add nothing.
     pub(super) fn displacement(&mut self, track: usize, at_tcp: bool) -> Option<Displacement> {
         let zero = self.g.constant(0.0);
         let mut total = Displacement {
@@ -180,7 +180,7 @@ impl Context<'_> {
         (!is_zero(&total.shift) || !is_zero(&total.turn)).then_some(total)
     }
 
-    /// What each term of an effect adds.
+    /// Target and amount of each term of an effect.
     pub(super) fn terms(&mut self, used: &EffectUse, scope: Scope) -> Vec<(Target, Vec<Expr>)> {
         let effect = &self.model.effects[used.effect];
         effect

@@ -24,7 +24,7 @@ type Slot = [Lanes; CHUNK];
 /// Most products that one instruction adds up: as many as the closure equation does for a component of its rod.
 const MOST: usize = 6;
 
-/// What an instruction does with its operands a, b, c and d.
+/// Operation of an instruction on its operands a, b, c and d.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Action {
     /// `± a * b ± c * d ± …`, so many products, each rounded, added up from the first on. Signs are factors, which
@@ -37,7 +37,7 @@ enum Action {
     Select,
 }
 
-/// Where a result goes.
+/// Destination of a result.
 #[derive(Debug, Clone, Copy)]
 enum Target {
     Slot(usize),
@@ -207,7 +207,7 @@ impl Kernel for Run<'_> {
     }
 }
 
-/// What instructions run on: the numbers of one sample, or blocks.
+/// Operands of instructions: the numbers of one sample, or blocks.
 trait Numbers: Sized {
     type Result;
 

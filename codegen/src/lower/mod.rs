@@ -98,7 +98,7 @@ pub fn lower(
     }
 }
 
-/// What must be prepared: data-only expressions that parameter-dependent ones, or results, read.
+/// Prepared values: data-only expressions that parameter-dependent ones, or results, read.
 fn prepared(graph: &Graph, roots: &[Expr]) -> Vec<Expr> {
     let is_data = |expr: Expr| {
         graph.stage(expr) <= Stage::Data && !matches!(graph.node(expr), Node::Constant(_))

@@ -326,7 +326,7 @@ impl Bench {
     }
 }
 
-/// Which of some bands cover a range without going beyond it or into each other, and what they leave of it.
+/// Bands that cover a range without going beyond it or into each other, and the rest of it.
 fn covered(
     (low, high): (f64, f64),
     mut bands: Vec<(usize, (f64, f64))>,

@@ -1,4 +1,4 @@
-//! Which candidates can't be told apart, whatever the residuals.
+//! Pairs of candidates that can't be told apart, whatever the residuals.
 
 use std::ops::Range;
 
@@ -85,7 +85,7 @@ fn columns(bench: &Bench, view: &View) -> (DMatrix<f64>, Vec<(usize, Range<usize
     (columns, places)
 }
 
-/// What a model leaves of a candidate's columns.
+/// Signal of a candidate beside a model.
 struct Signal {
     candidate: usize,
     place: Range<usize>,

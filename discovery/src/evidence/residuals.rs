@@ -27,7 +27,7 @@ struct Point {
     before: f64,
     after: f64,
     information: f64,
-    /// What the model absorbs of the sample's products, in its basis.
+    /// Share of the sample's products in the model's basis.
     absorbed: DVector<f64>,
 }
 
@@ -78,7 +78,7 @@ pub(super) fn patterns(
             let readable = covariate(bench, described, values, &group, read)?;
             let (against, against_unit) = quantity(&bench.model, readable, group[0].scope);
             let period = period(described, values, readable);
-            // What moves is the same whichever term moves it.
+            // The displacement is the same whichever term moves it.
             let mut probes = BTreeSet::new();
             group.retain(|entry| probes.insert(entry.probe));
             let mut points = Vec::new();
@@ -178,7 +178,7 @@ fn probe<'a>(bench: &'a Bench, entry: &Entry) -> &'a Probe {
     &bench.probes.all[entry.probe]
 }
 
-/// What would explain the residuals of each sample by this motion alone, by least squares.
+/// Motion that would explain the residuals of each sample by itself, by least squares.
 fn displacements(
     bench: &Bench,
     view: &View,

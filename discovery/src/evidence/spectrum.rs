@@ -75,7 +75,7 @@ fn highest(points: &[[f64; 3]], stretches: usize) -> Vec<[f64; 3]> {
         .collect()
 }
 
-/// What a model leaves of residuals that were weighted with other factors.
+/// Remainder of residuals, weighted with other factors, beside a model.
 fn left_by(base: &View, residuals: &DVector<f64>, factors: &[f64]) -> DVector<f64> {
     let mut rescaled = DVector::zeros(base.residuals.len());
     for (row, (from, to)) in factors.iter().zip(&base.factors).enumerate() {

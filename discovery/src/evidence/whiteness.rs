@@ -1,4 +1,4 @@
-//! Whether residuals follow each other in the order in which they were measured.
+//! Serial correlation of residuals in the order of measurement.
 
 use nalgebra::{DMatrix, DVector};
 use tau_estimation::numerics::distribution::chi2_survival;
@@ -15,7 +15,7 @@ const LEAST_SAMPLES: usize = 10;
 
 /// Residuals of set 1 by pose in the order of measurement, with what the fit absorbs of them.
 pub(crate) struct Series {
-    /// Whether by the column of time; otherwise by the rows of the file.
+    /// True if the order is by the column of time, not by the rows of the file.
     pub(crate) is_by_time: bool,
     /// Pose after pose, those of one pose together.
     residuals: DVector<f64>,

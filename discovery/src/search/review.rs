@@ -15,7 +15,7 @@ use super::state::Unnamed;
 /// Harmonics of a found period that are looked at.
 const HARMONICS: std::ops::RangeInclusive<u32> = 2..=4;
 
-/// What is said of an effect of the final model.
+/// Statement on an effect of the final model.
 pub(crate) struct Found {
     /// Chance of its score anywhere in its own search, beside all others.
     pub(crate) p_value: f64,
@@ -34,7 +34,7 @@ pub(crate) struct FoundRival {
 }
 
 impl Search<'_> {
-    /// What is said of each effect.
+    /// Statement on each effect.
     pub(crate) fn found(&mut self) -> Vec<Found> {
         let members: Vec<usize> = (0..self.state.members.len()).collect();
         let view = std::sync::Arc::new(self.state.view(&self.bench));
@@ -69,7 +69,7 @@ impl Search<'_> {
         }
     }
 
-    /// What else would explain the residuals as well as an effect: models with it in the effect's stead whose score
+    /// Rivals of an effect: candidates that stand in its stead in a model whose score
     /// is as good.
     fn rivals(
         &mut self,
@@ -139,7 +139,7 @@ impl Search<'_> {
             .collect()
     }
 
-    /// Whether a score is significant among all candidates.
+    /// True if a score is significant among all candidates.
     pub(crate) fn is_significant(&self, score: &Score) -> bool {
         let is_named = self.bench.candidates[score.candidate].is_named();
         score.p_value <= self.bench.significance.level(is_named)

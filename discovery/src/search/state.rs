@@ -18,7 +18,7 @@ use tau_robot::robot::Owner;
 pub(crate) struct Member {
     /// Index of the candidate.
     pub(crate) candidate: usize,
-    /// Whether its optional parameters are in the model.
+    /// True if its optional parameters are in the model.
     pub(crate) extended: bool,
 }
 
@@ -34,7 +34,7 @@ impl Member {
 /// An unnamed family in a model, with the value of what is searched.
 pub(crate) type Unnamed = (usize, Option<f64>);
 
-/// What a model consists of, whatever the order.
+/// Composition of a model, whatever the order.
 pub(crate) type Composition = (BTreeSet<Member>, BTreeSet<usize>);
 
 /// A model as fitted.
@@ -46,7 +46,7 @@ pub(crate) struct State {
     pub(crate) unnamed: Vec<Unnamed>,
 }
 
-/// What all models of a search share.
+/// Context that all models of a search share.
 #[derive(Clone, Copy)]
 pub(crate) struct Context<'a> {
     pub(crate) input: &'a Input<'a>,
@@ -94,7 +94,7 @@ impl State {
         with_families(view, context.bench, &self.unnamed)
     }
 
-    /// What the linear model gives back without one of its effects.
+    /// Directions that the linear model no longer absorbs without one of its effects.
     pub(crate) fn freed(&self, context: &Context<'_>, member: usize) -> Freed {
         let columns = self.columns_of(context, member);
         let offsets = self.offsets(context, member);
@@ -216,7 +216,7 @@ impl State {
         } = *input;
         let mut prepared =
             Prepared::new(robot, &variant, file, Some(folder), &division.calibration)?;
-        // What was found is there: its prior keeps what the data do not tell within what is plausible,
+        // A found effect is there: its prior keeps what the data do not tell within what is plausible,
         // and must not pull back what they do.
         let found = own_effects..own_effects + members.len();
         let implausible = input.options.constants.implausible;

@@ -32,29 +32,29 @@ const NAME: &str = "piecewise_track";
 /// structure of a track runs over more than one in so many.
 const MOST_KNOTS: usize = 64;
 
-/// What was found from a base, and what its straight tracks leave.
+/// Result of a search from a base, with the tests of its straight tracks.
 pub(in super::super) struct Found {
     pub(in super::super) outcome: Outcome,
     /// Score of the model that was found.
     score: f64,
     /// By which it compares with models of other bases.
     yardstick: Yardstick,
-    /// What points of each straight track would take up.
+    /// Test of each straight track.
     tracks: Vec<TrackTest>,
 }
 
-/// What the measured points of a straight track would take up of what a search left.
+/// Test of a straight track: would its measured points take up what a search left?
 pub(in super::super) struct TrackTest {
     track: usize,
     place: String,
     p_value: f64,
     statistic: f64,
-    /// What the points cost in the score of a model.
+    /// Cost of the points in the score of a model.
     cost: f64,
-    /// Whether the linear model predicts a better score.
+    /// True if the linear model predicts a better score.
     is_wanted: bool,
     verdict: Verdict,
-    /// How far its points lie off a straight line.
+    /// Distances of its points from a straight line.
     unnamed: Vec<Unnamed>,
 }
 
@@ -113,7 +113,7 @@ fn bent(
     }
     let discovery = &mut found.outcome.discovery;
     discovery.considered.extend(notes);
-    // What no family describes is described by the points, whether the model follows them or not.
+    // The points describe what no family does, whether the model follows them or not.
     let mut wanted = tracks.iter().filter(|track| track.is_wanted);
     if let Some(track) = wanted.find(|track| !track.unnamed.is_empty())
         && discovery.unnamed.is_empty()
@@ -158,7 +158,7 @@ fn with_piecewise(robot: &Robot, base: &str, track: usize) -> Result<(Robot, Str
     with_structure(robot, variant, &structure, &format!("Piecewise{suffix}"))
 }
 
-/// What the measured points of each straight track would take up, free to move, beside what was found.
+/// Tests of all straight tracks beside what was found, their measured points free to move.
 pub(in super::super) fn tracks(search: &Search<'_>, base: &Variant) -> Vec<TrackTest> {
     let straight: Vec<(usize, Vec<f64>)> = base
         .tracks
@@ -254,7 +254,7 @@ fn of_track(search: &Search<'_>, track: usize, knots: &[f64]) -> TrackTest {
     }
 }
 
-/// How far measured points lie off a straight track: along the axes where that is more than their noise.
+/// Distances of measured points from a straight track: along the axes where they exceed their noise.
 fn off_line(search: &Search<'_>, track: usize) -> Vec<Unnamed> {
     let input = search.input;
     let mut points: Vec<(f64, Vector3<f64>)> = search
