@@ -92,7 +92,7 @@ pub(super) struct Table {
     pub(super) scores: Vec<Score>,
     responses: Responses,
     plain: Arc<Plain>,
-    /// Of each band that took part, by its place in the bench: those of unnamed families last.
+    /// Of each band that took part, by its place in the set: those of unnamed families last.
     bands: Vec<Arc<Scores>>,
     /// True if unnamed families with a search take part.
     has_families: bool,
@@ -114,9 +114,9 @@ impl Table {
 
 /// The candidates without a search beside a model.
 struct Plain {
-    /// Share of all columns in the model's basis.
+    /// Products of all columns with the model's basis.
     absorbed: Arc<DMatrix<f64>>,
-    /// Of each candidate, by its place in the bench: Gram matrix of its columns, and coefficients of an
+    /// Of each candidate, by its place in the set: Gram matrix of its columns, and coefficients of an
     /// orthonormal basis of what is left of them.
     grams: Arc<Vec<DMatrix<f64>>>,
     coefficients: Vec<DMatrix<f64>>,

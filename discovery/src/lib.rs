@@ -1,9 +1,10 @@
-//! Discovery of the effects that a model lacks: its misfit, the missing effects, how much of
-//! the gap that closes, and what remains.
+//! Discovery of the effects that a model lacks: its misfit, the missing effects, the part of the gap that
+//! they close, and the rest.
 //!
-//! All sets are fitted at once; every effect of a catalogue is scored at every place by what the base
-//! leaves of it, beside unnamed rivals; effects are added one at a time, each confirmed on blocks that
-//! were held out, until nothing significant is left. Validation poses take no part in anything.
+//! All sets are fitted at once; every effect of a catalogue is scored at every place beside unnamed
+//! families. A [`search`] goes from model to model, each of a better [`score`] than the one before;
+//! [`significance`] is one policy for all. Whatever joins is [confirmed](confirmation) on blocks that were
+//! held out. Validation poses take no part in anything. `docs/discovery-method.md` has the formulas.
 
 mod base;
 mod bench;

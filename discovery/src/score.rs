@@ -1,4 +1,4 @@
-//! The score of a whole model: how well it fits, less what its effects cost.
+//! The score of a whole model: its misfit, −2 ln L, and the cost of its effects; the lower, the better.
 
 use tau_estimation::joint::fit::Fit;
 use tau_estimation::joint::Component;

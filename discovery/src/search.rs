@@ -1,4 +1,8 @@
 //! A climb from model to model, each of a better score than the one before.
+//!
+//! The linear model predicts the change of score of each move, and the best are refitted: scores are of first order,
+//! and a strong effect bends by more than noise, which families with many columns follow. Models visited are
+//! remembered, so that the climb ends.
 
 mod moves;
 mod review;

@@ -17,7 +17,7 @@ const STRONGEST: f64 = 0.95;
 /// Rounds in which correlations are corrected for what the fit does to residuals.
 const ROUNDS: usize = 4;
 
-/// By how much the statistic of a signal is too large because the noise is serial, at least 1.
+/// Factor by which the statistic of a signal is too large because the noise is serial, at least 1.
 ///
 /// Residuals of one kind follow each other in the order in which they were measured. Their correlation ρ
 /// from one to the next is told from their differences, in which smooth structure hardly shows: of a

@@ -14,8 +14,8 @@ use super::view::View;
 /// Below this fraction, report "absorbed by the base" rather than "implausibly large".
 const MOSTLY_ABSORBED: f64 = 0.01;
 
-/// The table of what can be detected beside a model, scored in `table`, and of what cannot; candidates out of
-/// sight are hidden.
+/// Detectable and undetectable effects beside a model, scored in `table`; undetectable candidates are hidden, that
+/// is, they take no part in the search and cost no significance.
 pub(super) fn sight(
     bench: &mut Bench,
     view: &View,

@@ -9,7 +9,7 @@ use super::machine::{Machine, POSE_COLUMNS};
 use super::newton::{self, Settled};
 use super::{Error, Pose};
 
-/// The target of a search for commands.
+/// Options of a search for commands.
 #[derive(Debug, Clone)]
 pub struct InverseOptions {
     /// Pose and commands (m) nearby, such as those before on a path: of two solutions the nearer one

@@ -161,7 +161,7 @@ fn summary(study: &Study) -> Markup {
     }
 }
 
-/// Outcome of a search for the base, in words.
+/// Label of the base after a search.
 fn extended(found: &Discovery) -> &'static str {
     if is_base(found) {
         "fitted to all sets"

@@ -68,7 +68,7 @@ impl<'a> Generator<'a> {
         }
     }
 
-    /// Factor that the measurements of one pose share.
+    /// Deviate that the measurements of one pose share.
     pub(super) fn pose(&mut self) -> f64 {
         self.fresh()
     }

@@ -7,7 +7,7 @@ use super::effect::Conditions;
 use super::machine::{Machine, track_frame};
 use super::random::Random;
 
-/// Positions of the TCP in set 1.
+/// Choice of the TCP's positions in set 1.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Poses {
     /// A grid about the pose at all commands zero: layers along the mean track, rows across, columns up,
@@ -127,7 +127,7 @@ pub(super) struct Stops {
     pub(super) left_out: usize,
 }
 
-/// The conditions of a plan.
+/// Input of a plan.
 pub(super) struct Planner<'a> {
     /// The machine of the drawings.
     pub(super) nominal: &'a Machine,

@@ -309,7 +309,7 @@ impl Bench {
         Some(self.scanned(scan, &table.bands))
     }
 
-    /// Columns of a named candidate that is in sight, in units of the stated noise; of a searched one,
+    /// Columns of a detectable candidate with a name, in units of the stated noise; of a searched one,
     /// in the middle of its range.
     pub(in super::super) fn shown_columns(&self, candidate: usize) -> Option<DMatrix<f64>> {
         let described = &self.candidates[candidate];

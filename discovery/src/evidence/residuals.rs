@@ -27,7 +27,7 @@ struct Point {
     before: f64,
     after: f64,
     information: f64,
-    /// Share of the sample's products in the model's basis.
+    /// Part of the sample's products in the model's basis.
     absorbed: DVector<f64>,
 }
 

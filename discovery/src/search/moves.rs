@@ -1,4 +1,9 @@
 //! Moves from one model to its neighbours, with the change of score that the linear model predicts.
+//!
+//! Places of one effect are a set: the first step towards "one and three" would often be "all", of which single steps
+//! find no way back. So an effect joins at as many places as pay, too, and one common amplitude is exchanged for several
+//! and back. Optional parameters, such as a second harmonic, are moves of their own: they would take columns, and
+//! power with them, from every effect that has none.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;

@@ -15,7 +15,7 @@ use super::state::Unnamed;
 /// Harmonics of a found period that are looked at.
 const HARMONICS: std::ops::RangeInclusive<u32> = 2..=4;
 
-/// Statement on an effect of the final model.
+/// Results on an effect of the final model.
 pub(crate) struct Found {
     /// Chance of its score anywhere in its own search, beside all others.
     pub(crate) p_value: f64,
@@ -34,7 +34,7 @@ pub(crate) struct FoundRival {
 }
 
 impl Search<'_> {
-    /// Statement on each effect.
+    /// Results on each effect.
     pub(crate) fn found(&mut self) -> Vec<Found> {
         let members: Vec<usize> = (0..self.state.members.len()).collect();
         let view = std::sync::Arc::new(self.state.view(&self.bench));

@@ -199,7 +199,7 @@ impl Context<'_> {
         }
     }
 
-    /// Conflicts of a reduced arm.
+    /// Reports conflicts of a reduced arm.
     fn reduced(&self, arm: Location, per_links: &[Location], diagnostics: &mut Diagnostics) {
         for location in per_links {
             let message = "tracks per link need the links, but the arm is reduced";

@@ -120,7 +120,7 @@ fn residuals(words: &Words, index: usize, evidence: &Evidence) -> Option<Figure>
     })
 }
 
-/// Reading of means over a quantity with two values.
+/// Remark on quantities with two values.
 fn two_values(evidence: &Evidence) -> &'static str {
     let has_two = |pattern: &Pattern| pattern.bins.len() == 2;
     if evidence.residuals.iter().any(has_two) {
