@@ -2,9 +2,8 @@
 //! they close, and the rest.
 //!
 //! All sets are fitted at once; every effect of a catalogue is scored at every place beside unnamed
-//! families. A [`search`] goes from model to model, each of a better [`score`] than the one before;
-//! [`significance`] is one policy for all. Whatever joins is [confirmed](confirmation) on blocks that were
-//! held out. Validation poses take no part in anything. `docs/discovery-method.md` has the formulas.
+//! families. A `search` goes from model to model, each of a better `score` than the one before;
+//! `significance` is one policy for all. Whatever joins is confirmed on blocks that were held out. Validation poses take no part in anything. `docs/discovery-method.md` has the formulas.
 
 mod base;
 mod bench;

@@ -52,7 +52,7 @@ pub(crate) struct Search<'a> {
     visited: BTreeMap<Composition, Option<f64>>,
     /// Candidates that passed the score but not their confirmation.
     pub(crate) unconfirmed: BTreeSet<usize>,
-    /// By how much each effect lowered the mean error on the validation poses when it joined (µm).
+    /// Fall of the mean error on the validation poses when each effect joined (µm).
     drops_um: BTreeMap<usize, f64>,
     pub(crate) steps: Vec<Step>,
     pub(crate) gaps: Vec<Gap>,
@@ -234,7 +234,7 @@ impl<'a> Search<'a> {
             ) > 0.0
     }
 
-    /// By how much serial noise makes the score of a subspace too large.
+    /// Factor by which serial noise makes the score of a subspace too large.
     pub(crate) fn inflation(&self, view: &View, subspace: &Subspace) -> f64 {
         if self.is_without(Rule::Serial) {
             return 1.0;
