@@ -11,7 +11,7 @@ use tau_robot::effects;
 use tau_robot::robot::{Arm, Variant};
 
 use super::formula::{Formulas, Series};
-use super::generic::{self, Family, Stands};
+use super::generic::{self, Family, Placement};
 use super::probes::Probes;
 pub(super) use scope::Scope;
 use scope::actions;
@@ -82,8 +82,8 @@ pub(super) fn all(model: &Model, base: &Variant, families: &[Family]) -> Vec<Can
             .iter()
             .find(|family| family.name == effect.name)
             .cloned();
-        let stands = family.as_ref().map(|family| family.stands);
-        if let (Some(family), Some(Stands::AtAll)) = (&family, stands) {
+        let placement = family.as_ref().map(|family| family.placement);
+        if let (Some(family), Some(Placement::PerPlace)) = (&family, placement) {
             let each: Vec<Place> = effects::places(model, effect)
                 .into_iter()
                 .filter(|place| !matches!(place, Place::AllCarts | Place::AllLinks))
@@ -100,8 +100,8 @@ pub(super) fn all(model: &Model, base: &Variant, families: &[Family]) -> Vec<Can
                 .parameters
                 .iter()
                 .any(|parameter| parameter.search.is_some());
-            let is_wanted = match stands {
-                Some(Stands::Common) => is_common,
+            let is_wanted = match placement {
+                Some(Placement::Shared) => is_common,
                 Some(_) => !is_common,
                 None => !(is_searched && is_common),
             };

@@ -17,7 +17,7 @@ use tau_estimation::numerics::projection::{Subspace, inverse_factor};
 use tau_estimation::samples::Sample;
 
 use super::constants::Constants;
-use super::view::View;
+use super::linear_model::LinearModel;
 
 const RESAMPLES: usize = 400;
 
@@ -28,7 +28,7 @@ const RESAMPLES: usize = 400;
 /// and Raftery, J. Am. Stat. Assoc. 102, 2007) weighs an error by how well the other blocks determine the
 /// prediction, where the square of the error would make much of what they hardly do.
 pub(super) fn held_out_gain(
-    view: &View,
+    view: &LinearModel,
     subspace: &Subspace,
     samples: &[Sample],
     seed: u64,
@@ -171,7 +171,7 @@ mod tests {
             let column = DMatrix::from_fn(rows.len(), 1, |row, _| column(rows[row]));
             let measured = &noise + &column * size;
             let basis = Basis::of(&constant).unwrap();
-            let view = View {
+            let view = LinearModel {
                 residuals: basis.residuals_after(&measured),
                 q: basis.q,
                 factors: vec![1.0; rows.len()],

@@ -6,7 +6,7 @@
 //! `significance` is one policy for all. Whatever joins is confirmed on blocks that were held out. Validation poses take no part in anything. `docs/discovery-method.md` has the formulas.
 
 mod base;
-mod bench;
+mod candidate_set;
 mod candidates;
 mod confirmation;
 pub mod constants;
@@ -26,12 +26,12 @@ mod score;
 mod search;
 mod separation;
 mod serial;
-mod sight;
+mod detectability;
 mod significance;
 mod structural;
 mod structure;
 mod text;
-mod view;
+mod linear_model;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Instant;
@@ -55,7 +55,7 @@ pub use tau_estimation::calibration::Error;
 pub use text::DISCOVERED;
 
 use base::base_fit;
-use bench::Bench;
+use candidate_set::CandidateSet;
 use evidence::whiteness::Series;
 use findings::{Beforehand, finish};
 pub use generic::UNNAMED;
@@ -66,7 +66,7 @@ use score::Yardstick;
 use search::Search;
 use structural::FullArm;
 use structural::piecewise::Found;
-use view::View;
+use linear_model::LinearModel;
 
 /// Options of a search.
 #[derive(Debug, Clone)]
@@ -374,10 +374,10 @@ fn search_from(
     );
     let (before_floor, probes) = (before_floor?, probes?);
     let constants = input.options.constants;
-    let mut bench = Bench::new(model, variant, &families, samples, probes, (&fit, constants));
-    let view = View::of(&fit);
+    let mut bench = CandidateSet::new(model, variant, &families, samples, probes, (&fit, constants));
+    let view = LinearModel::of(&fit);
     let table = bench.table(&view);
-    let (detectable, cannot_see) = sight::sight(&mut bench, &view, &table);
+    let (detectable, cannot_see) = detectability::detectability(&mut bench, &view, &table);
     bench.weigh();
     let table = bench.in_sight(table);
     let (ambiguous, (misfit, serial)) = parallel::both(

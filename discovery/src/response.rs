@@ -17,7 +17,7 @@ use tau_estimation::numerics::parallel;
 
 use super::candidates::Entry;
 use super::probes::{Probe, Probes};
-use super::view::View;
+use super::linear_model::LinearModel;
 
 /// Products of probes with a model.
 #[derive(Clone, Default)]
@@ -71,7 +71,7 @@ impl Products {
 }
 
 impl Responses {
-    pub(super) fn of(view: &View, probes: &Probes, pairs: &BTreeSet<(usize, usize)>) -> Self {
+    pub(super) fn of(view: &LinearModel, probes: &Probes, pairs: &BTreeSet<(usize, usize)>) -> Self {
         // Rows of the basis stand together.
         let basis = view.q.transpose();
         let (by_basis, by_residual) = parallel::map(&probes.all, |probe| {
@@ -131,7 +131,7 @@ impl Responses {
     }
 
     /// Sums over each sample's rows of each probe times a vector over the rows.
-    pub(super) fn sums(view: &View, probes: &Probes, vector: &[f64]) -> Vec<DVector<f64>> {
+    pub(super) fn sums(view: &LinearModel, probes: &Probes, vector: &[f64]) -> Vec<DVector<f64>> {
         let of_probe = probes.all.iter().map(|probe| {
             let mut sums = DVector::zeros(probe.samples.len());
             for moved in &probe.rows {
@@ -322,7 +322,7 @@ fn summed(mut numbers: impl ExactSizeIterator<Item = f64>) -> f64 {
 #[cfg(test)]
 pub(super) mod tests {
     use super::super::candidates;
-    use super::super::view::Freed;
+    use super::super::linear_model::Freed;
     use super::*;
     use tau_estimation::joint::{Component, Row};
     use tau_estimation::numerics::distribution::Random;
@@ -359,13 +359,13 @@ pub(super) mod tests {
         (jacobian, measured, probes, candidate)
     }
 
-    pub(crate) fn view(q: Arc<DMatrix<f64>>, residuals: &DVector<f64>) -> View {
+    pub(crate) fn view(q: Arc<DMatrix<f64>>, residuals: &DVector<f64>) -> LinearModel {
         let row = |row: usize| Row {
             sample: row / 2,
             component: Component::Closure,
             residual: row % 2,
         };
-        View {
+        LinearModel {
             residuals: residuals - &*q * q.tr_mul(residuals),
             q,
             factors: vec![1.0; ROWS],
@@ -406,7 +406,7 @@ pub(super) mod tests {
         let mut pairs = BTreeSet::new();
         candidate.pairs(0..2, &mut pairs);
         let factors: Vec<f64> = (0..10).map(|_| number()).collect();
-        let view = View {
+        let view = LinearModel {
             q: Arc::new(DMatrix::zeros(10, 1)),
             residuals: DVector::zeros(10),
             factors,

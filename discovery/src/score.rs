@@ -4,7 +4,7 @@ use tau_estimation::joint::fit::Fit;
 use tau_estimation::joint::Component;
 use tau_estimation::samples::outliers;
 use tau_estimation::samples::Sample;
-use super::view::View;
+use super::linear_model::LinearModel;
 
 /// Degrees of freedom of each component's residuals, and of outliers the square that counts instead of their own:
 /// fixed for all models of one search, so that their scores compare.
@@ -41,7 +41,7 @@ impl Yardstick {
     /// of it, an outlier counts as one that is just none, and priors count as measurements.
     ///
     /// `view` is the fit with what unnamed families take up.
-    pub(crate) fn misfit(&self, fit: &Fit, view: &View) -> f64 {
+    pub(crate) fn misfit(&self, fit: &Fit, view: &LinearModel) -> f64 {
         let mut sums = [0.0; Component::ALL.len()];
         for (row, at) in view.rows.iter().enumerate() {
             let square = if fit.weights[at.sample] == 0.0 {

@@ -11,7 +11,7 @@ pub(crate) mod state;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
-use super::bench::{Bench, Table};
+use super::candidate_set::{CandidateSet, Table};
 use super::confirmation::held_out_gain;
 use tau_estimation::joint::fit::Fit;
 use tau_estimation::numerics::projection::Subspace;
@@ -19,7 +19,7 @@ use super::results::{Gap, Step};
 use super::score::Yardstick;
 use super::serial;
 use super::text;
-use super::view::View;
+use super::linear_model::LinearModel;
 use super::{Error, Input, Rule};
 use tau_estimation::evaluation::evaluate;
 use moves::{Joining, Move};
@@ -33,7 +33,7 @@ const ROUNDING: f64 = 1e-6;
 /// The search, and the best model so far.
 pub(crate) struct Search<'a> {
     pub(crate) input: &'a Input<'a>,
-    pub(crate) bench: Bench,
+    pub(crate) bench: CandidateSet,
     /// Index of the base in the model's variants, and number of effects that it has already.
     variant: usize,
     own_effects: usize,
@@ -69,7 +69,7 @@ impl<'a> Search<'a> {
     /// with which scores shall compare.
     pub(crate) fn new(
         input: &'a Input<'a>,
-        bench: Bench,
+        bench: CandidateSet,
         (variant, own_effects): (usize, usize),
         fit: Fit,
         first: Table,
@@ -235,7 +235,7 @@ impl<'a> Search<'a> {
     }
 
     /// Factor by which serial noise makes the score of a subspace too large.
-    pub(crate) fn inflation(&self, view: &View, subspace: &Subspace) -> f64 {
+    pub(crate) fn inflation(&self, view: &LinearModel, subspace: &Subspace) -> f64 {
         if self.is_without(Rule::Serial) {
             return 1.0;
         }
@@ -294,7 +294,7 @@ impl<'a> Search<'a> {
     }
 
     /// Scores beside the model as it stands.
-    fn table(&mut self, view: &Arc<View>, with_families: bool) -> Table {
+    fn table(&mut self, view: &Arc<LinearModel>, with_families: bool) -> Table {
         if let Some(known) = &self.known[usize::from(with_families)] {
             return known.clone();
         }

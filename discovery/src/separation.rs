@@ -6,7 +6,7 @@ use tau_estimation::numerics::distribution::detectable_noncentrality;
 use tau_estimation::numerics::products::transposed_times;
 use tau_estimation::samples::{Sample, Treatment};
 
-use super::bench::Bench;
+use super::candidate_set::CandidateSet;
 use super::candidates::{self, Candidate};
 
 /// Further poses that are proposed.
@@ -27,7 +27,7 @@ pub(super) struct Signal<'a> {
 /// been fitted to it, over the old rows and those of the poses that are repeated: those where the
 /// signal is predicted worst.
 pub(super) fn separate_by(
-    bench: &Bench,
+    bench: &CandidateSet,
     fit: &Fit,
     own: &Signal<'_>,
     rivals: &[Signal<'_>],
@@ -92,7 +92,7 @@ struct Products {
 }
 
 fn system(
-    bench: &Bench,
+    bench: &CandidateSet,
     fit: &Fit,
     own: &Signal<'_>,
     rivals: &[Signal<'_>],

@@ -11,7 +11,7 @@ use tau_estimation::numerics::products::transposed_times;
 use tau_estimation::numerics::projection::Subspace;
 use tau_estimation::samples::Sample;
 
-use super::view::View;
+use super::linear_model::LinearModel;
 
 const STRONGEST: f64 = 0.95;
 /// Rounds in which correlations are corrected for what the fit does to residuals.
@@ -30,7 +30,7 @@ const ROUNDS: usize = 4;
 /// 1935).
 ///
 /// A correlation counts if it exceeds `least` standard deviations of that of independent residuals.
-pub(super) fn inflation(view: &View, subspace: &Subspace, samples: &[Sample], least: f64) -> f64 {
+pub(super) fn inflation(view: &LinearModel, subspace: &Subspace, samples: &[Sample], least: f64) -> f64 {
     let signal = &subspace.u * subspace.u.tr_mul(&view.residuals);
     let residuals = &view.residuals - &signal;
     let kinds: Vec<Kind> = chains(&view.rows, &view.factors, samples)
@@ -321,7 +321,7 @@ mod tests {
                         None => fresh,
                     };
                 }
-                let view = View {
+                let view = LinearModel {
                     residuals: basis.residuals_after(&noise),
                     q: basis.q.clone(),
                     factors: vec![1.0; count],

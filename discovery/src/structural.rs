@@ -15,7 +15,7 @@ use tau_robot::robot::{Arm, Owner, Robot, TrackModel, TrackShape, Variant};
 use tau_codegen::language::check_text;
 
 use super::Error;
-use super::bench::f_form;
+use super::candidate_set::f_form;
 use super::constants::Constants;
 use super::results::{Considered, Discovery, FoundEffect, Gap, Misfit, Status, Step, Verdict};
 use super::text;

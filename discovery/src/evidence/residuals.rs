@@ -6,12 +6,12 @@ use nalgebra::{DMatrix, DVector};
 use tau_codegen::language::Model;
 use tau_codegen::language::model::{Readable, Target, Term};
 
-use crate::bench::Bench;
+use crate::candidate_set::CandidateSet;
 use crate::candidates::{Candidate, Entry, Scope};
 use crate::probes::{Moved, Probe};
 use crate::results::{Bin, Pattern};
 use crate::structure::correlation;
-use crate::view::View;
+use crate::linear_model::LinearModel;
 
 /// Bins along a quantity that takes more values than that.
 const BINS: usize = 12;
@@ -34,8 +34,8 @@ struct Point {
 /// One pattern for each motion that a candidate with these parameter values adds to. `view` is the
 /// model with it, `before` are the residuals without it.
 pub(super) fn patterns(
-    bench: &Bench,
-    view: &View,
+    bench: &CandidateSet,
+    view: &LinearModel,
     before: &DVector<f64>,
     candidate: usize,
     values: &[f64],
@@ -108,7 +108,7 @@ pub(super) fn patterns(
 
 /// Of the quantities that a term reads, the one that the effect follows best.
 fn covariate(
-    bench: &Bench,
+    bench: &CandidateSet,
     described: &Candidate,
     values: &[f64],
     group: &[&Entry],
@@ -151,7 +151,7 @@ fn covariate(
         .map(|(_, readable)| readable)
 }
 
-fn series(bench: &Bench, entry: &Entry, readable: Readable) -> Option<Vec<f64>> {
+fn series(bench: &CandidateSet, entry: &Entry, readable: Readable) -> Option<Vec<f64>> {
     entry
         .scope
         .read(
@@ -174,14 +174,14 @@ fn period(described: &Candidate, values: &[f64], readable: Readable) -> Option<f
     Some(values[searched]).filter(|period| is_length && *period > 0.0)
 }
 
-fn probe<'a>(bench: &'a Bench, entry: &Entry) -> &'a Probe {
+fn probe<'a>(bench: &'a CandidateSet, entry: &Entry) -> &'a Probe {
     &bench.probes.all[entry.probe]
 }
 
 /// Motion that would explain the residuals of each sample by itself, by least squares.
 fn displacements(
-    bench: &Bench,
-    view: &View,
+    bench: &CandidateSet,
+    view: &LinearModel,
     before: &DVector<f64>,
     entry: &Entry,
     at: &[f64],

@@ -6,7 +6,7 @@ use tau_estimation::numerics::products::transposed_times;
 use tau_estimation::samples::Sample;
 
 use crate::results::SerialCorrelation;
-use crate::view::View;
+use crate::linear_model::LinearModel;
 
 /// Most lags that are looked at together.
 const LAGS: usize = 10;
@@ -27,7 +27,7 @@ pub(crate) struct Series {
 
 impl Series {
     /// `None` where set 1 has too few poses.
-    pub(crate) fn of(view: &View, samples: &[Sample]) -> Option<Self> {
+    pub(crate) fn of(view: &LinearModel, samples: &[Sample]) -> Option<Self> {
         let mut rows_of: Vec<(usize, Vec<usize>)> = Vec::new();
         for (row, at) in view.rows.iter().enumerate() {
             if samples[at.sample].set == 1 && view.factors[row] > 0.0 {

@@ -3,11 +3,11 @@
 
 use std::collections::BTreeSet;
 
-use super::super::bench::{Score, f_form};
+use super::super::candidate_set::{Score, f_form};
 use tau_estimation::numerics::parallel;
 use tau_estimation::numerics::projection::Subspace;
 use super::super::separation::{Signal, separate_by};
-use super::super::view::View;
+use super::super::linear_model::LinearModel;
 use super::Search;
 use super::moves::Without;
 use super::state::Unnamed;
@@ -47,7 +47,7 @@ impl Search<'_> {
             .collect()
     }
 
-    fn found_of(&mut self, member: usize, view: &View, without: &Without) -> Found {
+    fn found_of(&mut self, member: usize, view: &LinearModel, without: &Without) -> Found {
         let candidate = self.state.members[member].candidate;
         let own = self.state.own_subspace(&self.context(), member, &without.view);
         let statistic = own.statistic(&without.view.residuals);
@@ -74,7 +74,7 @@ impl Search<'_> {
     fn rivals(
         &mut self,
         member: usize,
-        view: &View,
+        view: &LinearModel,
         without: &Without,
         own: &Subspace,
     ) -> Vec<FoundRival> {
@@ -190,7 +190,7 @@ impl Search<'_> {
     /// strongest harmonic's period and the p-value of all.
     fn harmonics(
         &self,
-        view: &View,
+        view: &LinearModel,
         member: usize,
         acts_on: &BTreeSet<usize>,
     ) -> Option<(usize, f64, f64)> {
@@ -249,7 +249,7 @@ impl Search<'_> {
 
 /// Cosine between the signal of an effect and what a rival can make of it, whose subspaces follow each other, each
 /// without what is in those before.
-fn cosine(view: &View, own: &Subspace, rival: &[Subspace]) -> f64 {
+fn cosine(view: &LinearModel, own: &Subspace, rival: &[Subspace]) -> f64 {
     let signal = &own.u * own.u.tr_mul(&view.residuals);
     let made = rival
         .iter()

@@ -3,12 +3,12 @@
 use nalgebra::{Cholesky, DVector};
 use std::collections::BTreeSet;
 
-use super::super::bench::{Bench, Score};
+use super::super::candidate_set::{CandidateSet, Score};
 use tau_estimation::joint::fit::Fit;
 use tau_estimation::joint::Joint;
 use tau_estimation::numerics::projection::Subspace;
 use tau_estimation::joint::variant::{free_turning, free_turning_from};
-use super::super::view::{Freed, View};
+use super::super::linear_model::{Freed, LinearModel};
 use super::super::{Error, Input};
 use tau_estimation::calibration::Prepared;
 use tau_robot::robot::Owner;
@@ -50,7 +50,7 @@ pub(crate) struct State {
 #[derive(Clone, Copy)]
 pub(crate) struct Context<'a> {
     pub(crate) input: &'a Input<'a>,
-    pub(crate) bench: &'a Bench,
+    pub(crate) bench: &'a CandidateSet,
     /// Index of the base in the model's variants, and number of effects that it has.
     pub(crate) variant: usize,
     pub(crate) own_effects: usize,
@@ -67,19 +67,19 @@ impl State {
     }
 
     /// The linear model, with what its families take up.
-    pub(crate) fn view(&self, bench: &Bench) -> View {
-        with_families(View::of(&self.fit), bench, &self.unnamed)
+    pub(crate) fn view(&self, bench: &CandidateSet) -> LinearModel {
+        with_families(LinearModel::of(&self.fit), bench, &self.unnamed)
     }
 
     /// The linear model without one of its families.
-    pub(crate) fn view_without_family(&self, bench: &Bench, family: usize) -> View {
+    pub(crate) fn view_without_family(&self, bench: &CandidateSet, family: usize) -> LinearModel {
         let mut others = self.unnamed.clone();
         others.remove(family);
-        with_families(View::of(&self.fit), bench, &others)
+        with_families(LinearModel::of(&self.fit), bench, &others)
     }
 
     /// The linear model without some of its effects.
-    pub(crate) fn view_without(&self, context: &Context<'_>, members: &[usize]) -> View {
+    pub(crate) fn view_without(&self, context: &Context<'_>, members: &[usize]) -> LinearModel {
         let own = members.iter().flat_map(|&member| self.columns_of(context, member));
         let offsets = members.iter().flat_map(|&member| self.offsets(context, member));
         let offsets: Vec<(usize, f64)> = offsets.collect();
@@ -90,7 +90,7 @@ impl State {
             .rows_mut(rows, self.fit.residuals.len() - rows)
             .fill(0.0);
         let removed: BTreeSet<usize> = own.collect();
-        let view = View::without(&self.fit, &removed, &contribution);
+        let view = LinearModel::without(&self.fit, &removed, &contribution);
         with_families(view, context.bench, &self.unnamed)
     }
 
@@ -106,7 +106,7 @@ impl State {
         &self,
         context: &Context<'_>,
         member: usize,
-        without: &View,
+        without: &LinearModel,
     ) -> Subspace {
         let rows = self.fit.joint.rows.len();
         let mut columns = (self.fit.jacobian).select_columns(&self.columns_of(context, member));
@@ -264,7 +264,7 @@ pub(crate) fn composition(members: &[Member], unnamed: &[Unnamed]) -> Compositio
     )
 }
 
-fn with_families(view: View, bench: &Bench, unnamed: &[Unnamed]) -> View {
+fn with_families(view: LinearModel, bench: &CandidateSet, unnamed: &[Unnamed]) -> LinearModel {
     unnamed.iter().fold(view, |view, &(family, searched)| {
         match bench.subspace(&view, family, searched) {
             Some((_, subspace)) => view.with(&subspace),
@@ -274,7 +274,7 @@ fn with_families(view: View, bench: &Bench, unnamed: &[Unnamed]) -> View {
 }
 
 /// Start values of a candidate's parameters where a score sees it, those that a model takes.
-pub(crate) fn start_of(bench: &Bench, view: &View, score: &Score) -> Option<Vec<f64>> {
+pub(crate) fn start_of(bench: &CandidateSet, view: &LinearModel, score: &Score) -> Option<Vec<f64>> {
     let described = &bench.candidates[score.candidate];
     let mut values = described.none();
     let (_, subspace) = bench.subspace(view, score.candidate, score.searched)?;

@@ -12,13 +12,13 @@ use std::time::Instant;
 
 use nalgebra::Vector3;
 
-use super::super::bench::f_form;
+use super::super::candidate_set::f_form;
 use super::super::candidates::{self, Entry};
 use super::super::results::{Considered, Discovery, PiecewiseTrack, Step, Unnamed, Verdict};
 use super::super::search::Search;
 use super::super::significance::Null;
 use super::super::score::Yardstick;
-use super::super::view::View;
+use super::super::linear_model::LinearModel;
 use super::super::{Error, Input, Outcome, search_from, text};
 use super::{Structure, with_structure};
 use tau_estimation::calibration::Line;
@@ -198,7 +198,7 @@ fn thinned(knots: &[f64]) -> Vec<f64> {
 
 fn of_track(search: &Search<'_>, track: usize, knots: &[f64]) -> TrackTest {
     let bench = &search.bench;
-    let view = &View::of(&search.state.fit);
+    let view = &LinearModel::of(&search.state.fit);
     let count = knots.len();
     let entries: Vec<Entry> = (0..3)
         .map(|axis| {

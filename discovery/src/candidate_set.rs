@@ -24,11 +24,11 @@ use super::probes::Probes;
 use super::response::{Displacements, Responses};
 use super::scan::{Band, Scores, lengths};
 use super::significance::{Null, Significance};
-use super::view::{Freed, View};
+use super::linear_model::{Freed, LinearModel};
 use searched::{Scan, Scans, reach};
 
 /// Candidates with their columns.
-pub(super) struct Bench {
+pub(super) struct CandidateSet {
     pub(super) model: Model,
     pub(super) candidates: Vec<Candidate>,
     pub(super) samples: Vec<Sample>,
@@ -122,7 +122,7 @@ struct Plain {
     coefficients: Vec<DMatrix<f64>>,
 }
 
-impl Bench {
+impl CandidateSet {
     pub(super) fn new(
         model: Model,
         base: &Variant,
@@ -229,14 +229,14 @@ impl Bench {
         entries.iter().map(|entry| entry.probe).collect()
     }
 
-    fn responses(&self, view: &View) -> Responses {
+    fn responses(&self, view: &LinearModel) -> Responses {
         Responses::of(view, &self.probes, &self.pairs)
     }
 
 
     /// For each candidate of a table its column that shows best for its tolerance, and its rank; of a
     /// searched one, in the middle of its range. `None` where the model absorbs all of them.
-    pub(super) fn best_columns(&self, view: &View, table: &Table) -> Vec<Option<(Column, f64)>> {
+    pub(super) fn best_columns(&self, view: &LinearModel, table: &Table) -> Vec<Option<(Column, f64)>> {
         let mut best = vec![None; self.candidates.len()];
         let plain = &table.plain;
         for ((candidate, place), (gram, coefficients)) in
@@ -296,7 +296,7 @@ impl Bench {
     /// where that is nothing.
     pub(super) fn subspace(
         &self,
-        view: &View,
+        view: &LinearModel,
         candidate: usize,
         searched: Option<f64>,
     ) -> Option<(DMatrix<f64>, Subspace)> {
@@ -309,7 +309,7 @@ impl Bench {
     /// Subspace of some parameters of a candidate beside a model, at given values of all.
     pub(super) fn subspace_of(
         &self,
-        view: &View,
+        view: &LinearModel,
         candidate: usize,
         values: &[f64],
         parameters: &[usize],
@@ -320,7 +320,7 @@ impl Bench {
     /// The columns of a candidate at given values of its parameters, row by row.
     fn expanded(
         &self,
-        view: &View,
+        view: &LinearModel,
         candidate: usize,
         values: &[f64],
     ) -> Option<(DMatrix<f64>, Subspace)> {
@@ -331,7 +331,7 @@ impl Bench {
     /// The same by parameters of one's choice.
     fn expanded_by(
         &self,
-        view: &View,
+        view: &LinearModel,
         candidate: usize,
         values: &[f64],
         parameters: &[usize],
@@ -387,17 +387,17 @@ impl Bench {
     }
 
     /// Scores every candidate beside a model.
-    pub(super) fn table(&self, view: &View) -> Table {
+    pub(super) fn table(&self, view: &LinearModel) -> Table {
         self.scored(view, self.responses(view), None)
     }
 
     /// Scores every candidate beside a model without some of its parameters.
-    pub(super) fn table_without(&self, whole: &Table, freed: Freed, view: &View) -> Table {
+    pub(super) fn table_without(&self, whole: &Table, freed: Freed, view: &LinearModel) -> Table {
         let responses = whole.responses.without(freed.directions, &freed.amounts);
         self.scored(view, responses, Some(whole))
     }
 
-    fn scored(&self, view: &View, responses: Responses, known: Option<&Table>) -> Table {
+    fn scored(&self, view: &LinearModel, responses: Responses, known: Option<&Table>) -> Table {
         // The plain candidates are one task beside the bands, and the longest.
         let tasks: Vec<Option<usize>> = std::iter::once(None)
             .chain((0..self.scans.bands.len()).map(Some))
@@ -446,7 +446,7 @@ impl Bench {
     }
 
     /// Adds the unnamed families with a search to a table.
-    pub(super) fn with_family_scans(&self, view: &View, mut table: Table) -> Table {
+    pub(super) fn with_family_scans(&self, view: &LinearModel, mut table: Table) -> Table {
         let families = self.family_scans();
         let responses = &table.responses;
         let nulls = self.nulls(view, families);
@@ -462,7 +462,7 @@ impl Bench {
     }
 
     /// Scores of all candidates without a search.
-    fn plain_scores(&self, view: &View, responses: &Responses, plain: &Plain) -> Vec<Score> {
+    fn plain_scores(&self, view: &LinearModel, responses: &Responses, plain: &Plain) -> Vec<Score> {
         let products = self.columns.score(responses);
         self.places
             .iter()
@@ -483,7 +483,7 @@ impl Bench {
     /// Score of a candidate without a search from its statistic.
     pub(super) fn score_of(
         &self,
-        view: &View,
+        view: &LinearModel,
         candidate: usize,
         statistic: f64,
         rank: f64,

@@ -5,20 +5,20 @@ use tau_codegen::language::model::{Place, Readable};
 use tau_estimation::numerics::parallel;
 use tau_estimation::samples::Sample;
 
-use super::bench::{Bench, Table};
+use super::candidate_set::{CandidateSet, Table};
 use super::candidates::Candidate;
 use super::results::{Detectable, Unseen};
 use super::significance::Null;
-use super::view::View;
+use super::linear_model::LinearModel;
 
 /// Below this fraction, report "absorbed by the base" rather than "implausibly large".
 const MOSTLY_ABSORBED: f64 = 0.01;
 
 /// Detectable and undetectable effects beside a model, scored in `table`; undetectable candidates are hidden, that
 /// is, they take no part in the search and cost no significance.
-pub(super) fn sight(
-    bench: &mut Bench,
-    view: &View,
+pub(super) fn detectability(
+    bench: &mut CandidateSet,
+    view: &LinearModel,
     table: &Table,
 ) -> (Vec<Detectable>, Vec<Unseen>) {
     let (mut detectable, mut unseen) = (Vec::new(), Vec::new());

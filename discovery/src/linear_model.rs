@@ -39,7 +39,7 @@ impl Freed {
 
 /// A linear model at its minimum.
 #[derive(Clone)]
-pub(super) struct View {
+pub(super) struct LinearModel {
     /// Orthonormal basis of what the model absorbs.
     pub(super) q: Arc<DMatrix<f64>>,
     /// Whitened residuals, priors last, orthogonal to it.
@@ -51,7 +51,7 @@ pub(super) struct View {
     pub(super) degrees: f64,
 }
 
-impl View {
+impl LinearModel {
     /// The model as fitted.
     pub(super) fn of(fit: &Fit) -> Self {
         Self {
