@@ -1,4 +1,4 @@
-//! What was typed: the command line, as clap reads it. What it means is found in [`super::resolve`].
+//! The command line as typed and as clap reads it; [`super::resolve`] gives it its meaning.
 
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -284,7 +284,7 @@ pub(super) struct SimulatedNoise {
     pub(super) outlier_size: f64,
 }
 
-/// What a simulation measures.
+/// Measurements of a simulation.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Measurements")]
 pub(super) struct SimulatedPlan {
@@ -460,7 +460,7 @@ pub(super) struct Inverse {
     pub(super) poses: Option<PathBuf>,
 }
 
-/// What forward and inverse kinematics share.
+/// Arguments that forward and inverse kinematics share.
 #[derive(Debug, Args)]
 pub(super) struct Kinematic {
     /// Measurement folder, needed for piecewise tracks, and for reduced arms unless --robot was
@@ -488,7 +488,7 @@ pub(super) struct Completions {
     pub(super) shell: Shell,
 }
 
-/// What is computed from.
+/// Input of a computation.
 #[derive(Debug, Default, Args)]
 pub(super) struct Input {
     /// Measurement folder; without it, the measurements that are built in
@@ -503,7 +503,7 @@ pub(super) struct Input {
     pub(super) seed: Option<u64>,
 }
 
-/// Which robot.
+/// Choice of the robot.
 #[derive(Debug, Default, Args)]
 pub(super) struct Robot {
     /// Description of the robot; without it, the built-in Gantry-Tau
@@ -521,7 +521,7 @@ impl Robot {
     }
 }
 
-/// Which variant.
+/// Choice of the variant.
 #[derive(Debug, Args)]
 pub(super) struct Variant {
     /// Variant of the robot, such as Nominal, Piecewise, Full, FullPiecewise or BestPerLink

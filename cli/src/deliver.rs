@@ -11,14 +11,14 @@ use tau_report as report;
 use super::kept::Kept;
 use super::{Console, Failure, arguments};
 
-/// What a command hands over.
+/// Result of a command.
 #[derive(Debug, Default)]
 pub(super) struct Outcome {
-    /// What it says: printed, unless quiet or another output goes to standard output.
+    /// Summary: printed, unless quiet or another output goes to standard output.
     pub(super) summary: String,
-    /// What was asked for: printed, unless JSON goes to standard output.
+    /// Data that were asked for: printed, unless JSON goes to standard output.
     pub(super) data: String,
-    /// What the user should know: printed on standard error, unless quiet.
+    /// Remarks for the user: printed on standard error, unless quiet.
     pub(super) remarks: Vec<String>,
     /// Files to write, with their content.
     pub(super) files: Vec<(PathBuf, String)>,
@@ -26,7 +26,7 @@ pub(super) struct Outcome {
     pub(super) json: Option<(Value, Target)>,
 }
 
-/// Where JSON goes.
+/// Destination of JSON.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) enum Target {
     StandardOutput,
@@ -34,7 +34,7 @@ pub(super) enum Target {
 }
 
 impl Target {
-    /// Where the JSON that was asked for goes; a file that can't be written, or is read, is an error already here.
+    /// Destination of the JSON that was asked for; a file that can't be written, or is read, is an error already here.
     pub(super) fn resolve(json: &arguments::Json, kept: &Kept) -> Result<Option<Self>, InputError> {
         let path = json.target.as_deref();
         match path {

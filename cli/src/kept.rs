@@ -1,4 +1,4 @@
-//! What a command reads is not written over.
+//! Inputs of a command, which it must not overwrite.
 
 use std::fs;
 use std::path::{Path, PathBuf};

@@ -1,6 +1,6 @@
 //! The command line `tau`.
 //!
-//! What was typed ([`arguments`]) is resolved into what it means ([`resolve`]), so that mistakes are
+//! Arguments as typed ([`arguments`]) are resolved into their meaning ([`resolve`]), so that mistakes are
 //! answered before any work is done. A command then computes an [`Outcome`]; only after it has succeeded
 //! is anything written ([`deliver`]).
 
@@ -80,19 +80,19 @@ pub fn main() -> ExitCode {
     ExitCode::from(code)
 }
 
-/// Which streams are terminals.
+/// Streams that are terminals.
 #[derive(Debug, Clone, Copy)]
 struct Terminals {
     out: bool,
     err: bool,
 }
 
-/// Where a command prints.
+/// Output streams of a command.
 struct Console<'a> {
     out: &'a mut dyn Write,
     err: &'a mut dyn Write,
     terminals: Terminals,
-    /// Whether only errors and data are printed.
+    /// True if only errors and data are printed.
     quiet: bool,
 }
 
@@ -101,7 +101,7 @@ struct Console<'a> {
 enum Failure {
     /// The input is wrong, or an output can't be written.
     Input(InputError),
-    /// What was asked for can't be computed, or a check failed.
+    /// The result can't be computed, or a check failed.
     Failed(String),
     /// Nobody reads standard output any more.
     ReaderGone,

@@ -29,7 +29,7 @@ impl Bar {
     }
 }
 
-/// What is being done, where it is not known how much there is to do; removed when the work ends.
+/// Progress of work of unknown length; removed when the work ends.
 pub(super) struct Spinner(ProgressBar);
 
 impl Spinner {

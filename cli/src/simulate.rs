@@ -56,7 +56,7 @@ pub(super) fn run(arguments: &arguments::Simulate) -> Result<Outcome, Failure> {
     })
 }
 
-/// What was typed, as the simulation takes it.
+/// The arguments, as the simulation takes them.
 pub(super) fn request(arguments: &arguments::Simulate) -> Request {
     let arguments::Simulate { noise, plan, .. } = arguments;
     Request {

@@ -1,4 +1,8 @@
 //! A checked model, compiled: what the emitter prints and the interpreter runs.
+//!
+//! Links of the same form share one family; an instance says which parameters and data it takes. Names inside a
+//! family are by role, so that equal code is equal text. Parameters that an effect may have (`optional param`) and a
+//! variant does not take are constants of the expressions and cost nothing.
 
 use std::sync::Arc;
 
@@ -48,7 +52,7 @@ pub struct CompiledVariant {
 pub struct Family {
     /// Name, unique within the variant, in snake case.
     pub name: String,
-    /// Which residual.
+    /// Kind of the residual.
     pub kind: ResidualKind,
     /// The equation, for documentation.
     pub equation: &'static str,
@@ -69,7 +73,7 @@ pub struct Family {
 /// A family applied to a link, a cluster or a cart.
 #[derive(Debug, Clone)]
 pub struct CompiledInstance {
-    /// Which residual.
+    /// Kind of the residual.
     pub kind: ResidualKind,
     /// Index of the link, cluster or track.
     pub of: usize,
@@ -77,7 +81,7 @@ pub struct CompiledInstance {
     pub family: usize,
     /// Index of each parameter in [`CompiledVariant::parameters`].
     pub parameters: Vec<usize>,
-    /// What fills each datum.
+    /// Source of each datum.
     pub inputs: Vec<Input>,
 }
 
@@ -122,7 +126,7 @@ impl Family {
         ))
     }
 
-    /// Whether another family has the same code, sizes and names.
+    /// True if another family has the same code, sizes and names.
     pub fn same_code(&self, other: &Self) -> bool {
         (self.kind, self.shape, &self.data, &self.parameters)
             == (other.kind, other.shape, &other.data, &other.parameters)
@@ -164,7 +168,7 @@ impl CompiledRobot {
     }
 }
 
-/// Whether two models have the same variant at an index; its effects may stand at other places in the
+/// True if two models have the same variant at an index; its effects may stand at other places in the
 /// models.
 fn is_same_variant(one: &Model, other: &Model, index: usize) -> bool {
     let (Some(of_one), Some(of_other)) = (one.variants.get(index), other.variants.get(index))
@@ -351,7 +355,7 @@ mod tests {
             variant Shifted = Plain + shift(one);
         }";
 
-    /// What is taken over is what would be compiled, and what differs is compiled.
+    /// Families taken over are those that would be compiled; families that differ are compiled.
     #[test]
     fn a_robot_extended_is_the_robot_compiled() {
         let before = compile(&check_text(TEXT).unwrap(), TEXT);

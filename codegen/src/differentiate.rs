@@ -2,6 +2,9 @@
 //!
 //! The adjoint of a rotation chain `Ra (Rb (Rg p))` is the chain of inverse turns applied to the
 //! adjoint vector, so it stays factored, and an angle's derivative costs three operations.
+//!
+//! A select is differentiated branch by branch and the choice is made behind the partial derivatives, so that an
+//! infinite derivative in the branch not taken does not reach the result.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -78,7 +81,7 @@ fn accumulate(
     totals
 }
 
-/// What an expression's adjoint adds to those of its children.
+/// Contributions of an expression's adjoint to those of its children.
 fn partials(g: &mut Graph, expr: Expr, adjoint: Expr) -> [Option<(Expr, Expr)>; 3] {
     match g.node(expr) {
         Node::Constant(_) | Node::Symbol(_) | Node::Select { .. } => [None; 3],

@@ -26,7 +26,7 @@ impl Expr {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct Symbol(pub u32);
 
-/// What an expression depends on at most.
+/// The most that an expression depends on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Stage {
     /// Nothing.
@@ -201,7 +201,7 @@ impl Graph {
         self.nodes[expr.index()]
     }
 
-    /// What an expression depends on at most.
+    /// The most that an expression depends on.
     pub fn stage(&self, expr: Expr) -> Stage {
         self.stages[expr.index()]
     }
@@ -216,7 +216,7 @@ impl Graph {
         self.nodes.len()
     }
 
-    /// Whether there are no nodes.
+    /// True if there are no nodes.
     pub fn is_empty(&self) -> bool {
         self.nodes.is_empty()
     }
@@ -241,7 +241,7 @@ impl Graph {
         }
     }
 
-    /// Whether an expression is the constant zero.
+    /// True if an expression is the constant zero.
     pub fn is_zero(&self, expr: Expr) -> bool {
         self.constant_value(expr) == Some(0.0)
     }
@@ -427,7 +427,7 @@ impl Graph {
 
     /// An elementary function.
     pub fn apply(&mut self, function: Elementary, a: Expr) -> Expr {
-        // What is exact folds: functions of zero, and roots, which every machine rounds alike. The others depend
+        // Exact values fold: functions of zero, and roots, which every machine rounds alike. The others depend
         // on the machine's library, and generated text must not.
         if self.is_zero(a) {
             match function {

@@ -25,7 +25,7 @@ pub use tau_model_dsl as language;
 use proc_macro2::{Ident, Span, TokenStream, TokenTree};
 use quote::quote;
 
-/// What `tau_model!` expands to.
+/// Expansion of `tau_model!`.
 ///
 /// On error: the errors at their tokens, and the bare type, so that its uses elsewhere raise no errors
 /// of their own.

@@ -5,7 +5,7 @@ use std::fmt;
 
 use crate::graph::Elementary;
 
-/// Where an instruction takes a value from.
+/// Source of an instruction's value.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Operand {
     /// A number.
@@ -151,7 +151,7 @@ impl Program {
         counts
     }
 
-    /// How often each temporary is read, outputs included.
+    /// Number of reads of each temporary, outputs included.
     pub fn uses(&self) -> Vec<usize> {
         let mut uses = vec![0; self.operations.len()];
         let reads = self
@@ -167,7 +167,7 @@ impl Program {
         uses
     }
 
-    /// Which inputs are read, outputs included.
+    /// Inputs that are read, outputs included.
     pub fn reads(&self) -> Vec<bool> {
         let mut reads = vec![false; self.inputs.len()];
         for operand in self

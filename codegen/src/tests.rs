@@ -46,7 +46,7 @@ fn construction_simplifies() {
     assert_eq!(g.turn(zero, x, one), (x, one));
 }
 
-/// What would fold to an infinity stays an operation: Rust has no literal for it.
+/// An operation that would fold to an infinity stays: Rust has no literal for it.
 #[test]
 fn constants_fold_while_they_are_finite() {
     let mut g = Graph::new();

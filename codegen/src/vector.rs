@@ -1,4 +1,7 @@
 //! Vectors and rotations of expressions.
+//!
+//! A rotation about an axis is a node of the graph, a *turn*, until differentiation is done, so that chains stay
+//! factored. Where all angles are data and the vector is a parameter, the matrix is data and replaces the chain.
 
 use crate::graph::{Elementary, Expr, Graph, Stage};
 

@@ -11,7 +11,7 @@ use tau_robot::effects;
 use tau_robot::robot::{Arm, Variant};
 
 use super::formula::{Formulas, Series};
-use super::generic::{self, Family, Stands};
+use super::generic::{self, Family, Placement};
 use super::probes::Probes;
 pub(super) use scope::Scope;
 use scope::actions;
@@ -27,7 +27,7 @@ pub(super) struct Candidate {
     pub(super) name: String,
     /// Places as the description writes them.
     pub(super) places: String,
-    /// What it is, for an unnamed family.
+    /// Description of an unnamed family.
     pub(super) family: Option<Family>,
     /// The parameter whose range is searched, by index of its component.
     pub(super) search: Option<(usize, (f64, f64))>,
@@ -42,7 +42,7 @@ pub(super) struct ParameterKind {
     /// At no effect.
     pub(super) none: f64,
     pub(super) tolerance: Option<f64>,
-    /// Whether it joins the effect only where it earns its place.
+    /// True if it joins the effect only where it earns its place.
     is_optional: bool,
 }
 
@@ -59,7 +59,7 @@ pub(super) struct Entry {
 }
 
 impl Entry {
-    /// What moves one probe, apart from any effect.
+    /// Slopes that move one probe, apart from any effect.
     pub(super) fn plain(probe: usize, slopes: Vec<Option<Vec<f64>>>) -> Self {
         Self {
             term: 0,
@@ -82,8 +82,8 @@ pub(super) fn all(model: &Model, base: &Variant, families: &[Family]) -> Vec<Can
             .iter()
             .find(|family| family.name == effect.name)
             .cloned();
-        let stands = family.as_ref().map(|family| family.stands);
-        if let (Some(family), Some(Stands::AtAll)) = (&family, stands) {
+        let placement = family.as_ref().map(|family| family.placement);
+        if let (Some(family), Some(Placement::PerPlace)) = (&family, placement) {
             let each: Vec<Place> = effects::places(model, effect)
                 .into_iter()
                 .filter(|place| !matches!(place, Place::AllCarts | Place::AllLinks))
@@ -100,8 +100,8 @@ pub(super) fn all(model: &Model, base: &Variant, families: &[Family]) -> Vec<Can
                 .parameters
                 .iter()
                 .any(|parameter| parameter.search.is_some());
-            let is_wanted = match stands {
-                Some(Stands::Common) => is_common,
+            let is_wanted = match placement {
+                Some(Placement::Shared) => is_common,
                 Some(_) => !is_common,
                 None => !(is_searched && is_common),
             };
@@ -187,7 +187,7 @@ impl Candidate {
         }
     }
 
-    /// Whether it has a name of its own.
+    /// True if it has a name of its own.
     pub(super) fn is_named(&self) -> bool {
         !self.name.starts_with(generic::UNNAMED)
     }
@@ -227,19 +227,19 @@ impl Candidate {
             .collect()
     }
 
-    /// Whether a parameter is the searched one.
+    /// True if a parameter is the searched one.
     pub(super) fn is_searched(&self, parameter: usize) -> bool {
         self.search
             .is_some_and(|(searched, _)| searched == parameter)
     }
 
-    /// Whether a value of the searched parameter is one that the description allows.
+    /// True if a value of the searched parameter is one that the description allows.
     pub(super) fn allows(&self, value: f64) -> bool {
         self.search
             .is_some_and(|(_, (low, high))| (low..=high).contains(&value))
     }
 
-    /// Whether it has the columns of another, at any value of what is searched.
+    /// True if it has the columns of another, at any value of what is searched.
     pub(super) fn looks_like(&self, other: &Self, model: &Model) -> bool {
         self.place == other.place
             && self.further == other.further
@@ -280,10 +280,10 @@ impl Candidate {
             .collect()
     }
 
-    /// What the effect adds per parameter in `wanted`, term by term.
+    /// Derivatives of the effect by each parameter in `wanted`, term by term.
     ///
     /// # Errors
-    /// What the measurements lack, in words.
+    /// The column or set that the measurements lack, in words.
     pub(super) fn entries(
         &self,
         model: &Model,

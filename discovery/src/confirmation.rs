@@ -1,4 +1,10 @@
-//! Does a candidate predict what it was not fitted to? Blocks of neighbours are held out in turn.
+//! Held-out likelihood of a candidate: blocks of neighbours are held out in turn.
+//!
+//! Noise scales, outlier weights, the linearisation and a searched value come from all data: only the amplitudes, and
+//! what else the linear model fits, are held out. Predictions are scored by their likelihood, not by squares: where the
+//! other blocks hardly determine one, as next to a held-out stretch of a track, the square of its error is large by
+//! nature. Both models come from one factor, because the first columns of a Cholesky factor are the factor of the
+//! first columns.
 
 use std::cmp::Ordering;
 use std::collections::BTreeMap;
@@ -11,7 +17,7 @@ use tau_estimation::numerics::projection::{Subspace, inverse_factor};
 use tau_estimation::samples::Sample;
 
 use super::constants::Constants;
-use super::view::View;
+use super::linear_model::LinearModel;
 
 const RESAMPLES: usize = 400;
 
@@ -22,7 +28,7 @@ const RESAMPLES: usize = 400;
 /// and Raftery, J. Am. Stat. Assoc. 102, 2007) weighs an error by how well the other blocks determine the
 /// prediction, where the square of the error would make much of what they hardly do.
 pub(super) fn held_out_gain(
-    view: &View,
+    view: &LinearModel,
     subspace: &Subspace,
     samples: &[Sample],
     seed: u64,
@@ -96,8 +102,7 @@ fn folds(samples: &[Sample], folds: usize) -> Vec<usize> {
         .collect()
 }
 
-/// Share of a direction's squares that other rows are taken to hold at least: a direction of which they hold
-/// nothing is predicted to be zero, give or take much.
+/// Ridge for directions that the other folds do not determine, as a share of a direction's squares.
 const TOLD: f64 = 1e-6;
 
 /// Rows as a fit to all others predicts them, by a model and by any that has the first of its columns alone.
@@ -154,7 +159,7 @@ mod tests {
     use tau_estimation::joint::Row;
     use tau_estimation::numerics::projection::Basis;
 
-    /// What holds everywhere is confirmed, what only fits the noise is not.
+    /// A signal that holds everywhere is confirmed, one that only fits the noise is not.
     #[test]
     fn what_predicts_nothing_is_not_confirmed() {
         let (joint, samples) = of_set_1();
@@ -166,7 +171,7 @@ mod tests {
             let column = DMatrix::from_fn(rows.len(), 1, |row, _| column(rows[row]));
             let measured = &noise + &column * size;
             let basis = Basis::of(&constant).unwrap();
-            let view = View {
+            let view = LinearModel {
                 residuals: basis.residuals_after(&measured),
                 q: basis.q,
                 factors: vec![1.0; rows.len()],

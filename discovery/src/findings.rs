@@ -1,4 +1,4 @@
-//! What a search found, put together.
+//! Assembly of the results of a search.
 
 use std::collections::BTreeSet;
 
@@ -10,14 +10,14 @@ use tau_robot::robot::Robot;
 use tau_robot::robot_file::Noise;
 use tau_runtime::Owner;
 
-use super::bench::Bench;
+use super::candidate_set::CandidateSet;
 use super::evidence::{self, whiteness::Series};
+use super::linear_model::LinearModel;
 use super::results::{
     Considered, Discovery, Estimate, FoundEffect, Gap, LeftOut, Rival, SerialCorrelation, Status,
     Unseen, Validation, Verdict, Whiteness,
 };
 use super::search::{Found, Search};
-use super::view::View;
 use super::{Error, Input, Outcome, floor, misfit, results, structure, text};
 
 /// Chance in white noise below which residuals are said to follow each other.
@@ -25,9 +25,9 @@ const SERIAL: f64 = 0.01;
 /// Chance below which one of all dimensions is said to lie far from the robot file.
 const UNLIKELY: f64 = 0.01;
 
-/// What was known before the search: of the experiment, and of the base.
+/// Knowledge before the search: of the experiment, and of the base.
 pub(super) struct Beforehand {
-    pub(super) view: View,
+    pub(super) view: LinearModel,
     pub(super) detectable: Vec<results::Detectable>,
     pub(super) cannot_see: Vec<Unseen>,
     pub(super) ambiguous: Vec<results::Ambiguous>,
@@ -143,7 +143,7 @@ pub(super) fn finish(
 /// Structure that has no name.
 fn unnamed(search: &Search<'_>, noise: Noise) -> Vec<results::Unnamed> {
     let (fit, bench) = (&search.state.fit, &search.bench);
-    let view = View::of(fit);
+    let view = LinearModel::of(fit);
     let families = search.state.unnamed.iter().chain(&search.left);
     families
         .flat_map(|&(family, searched)| structure::unnamed(bench, &view, family, searched))
@@ -152,7 +152,7 @@ fn unnamed(search: &Search<'_>, noise: Noise) -> Vec<results::Unnamed> {
 }
 
 /// Samples that were left out.
-fn left_out(fit: &Fit, bench: &Bench, robot: &Robot) -> Vec<LeftOut> {
+fn left_out(fit: &Fit, bench: &CandidateSet, robot: &Robot) -> Vec<LeftOut> {
     let samples = bench.samples.iter().zip(&fit.weights);
     samples
         .filter(|(_, weight)| **weight == 0.0)

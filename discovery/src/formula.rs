@@ -20,7 +20,7 @@ pub(super) struct Dual {
     slopes: BTreeMap<usize, Series>,
 }
 
-/// What formulas read, at every sample; an error says what the measurements lack.
+/// Values of a readable quantity at every sample; an error says what the measurements lack.
 pub(super) type Reader<'a> = dyn Fn(Readable) -> Result<Vec<f64>, &'static str> + 'a;
 
 impl Series {
@@ -175,7 +175,7 @@ impl<'a> Formulas<'a> {
         }
     }
 
-    /// Whether all terms of an effect are zero, whatever they read.
+    /// True if all terms of an effect are zero, whatever they read.
     pub(super) fn vanish(&self, effect: &Effect) -> bool {
         // Numbers that no formula singles out.
         let reader = |_: Readable| Ok(vec![0.3719, 0.8171, 1.4387, 31.7]);
@@ -192,7 +192,7 @@ impl<'a> Formulas<'a> {
         })
     }
 
-    /// Whether a term has any of the wanted derivatives.
+    /// True if a term has any of the wanted derivatives.
     pub(super) fn concern(&self, term: &Term) -> bool {
         term.formula.parts().any(|part| match part {
             Formula::Parameter(index, component) => {
@@ -326,7 +326,7 @@ impl<'a> Formulas<'a> {
     }
 }
 
-/// What a term adds to each component of its target.
+/// Formulas of a term, one for each component of its target.
 fn components_of(term: &Term) -> &[Formula] {
     match &term.formula {
         Formula::Vector(components) => &components[..],

@@ -7,7 +7,7 @@ use tau_codegen::language::Model;
 /// Start of the names of unnamed families; no catalogue may use it.
 pub const UNNAMED: &str = "unnamed_";
 
-/// What an unnamed family moves, and as a function of what.
+/// An unnamed family: the displacement, and the quantity that it follows.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Family {
     pub(super) name: String,
@@ -15,18 +15,18 @@ pub(super) struct Family {
     pub(super) direction: String,
     /// `q`, `time`, `load`, …
     pub(super) against: &'static str,
-    pub(super) stands: Stands,
+    pub(super) placement: Placement,
 }
 
-/// Where a family stands.
+/// Placement of a family.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Stands {
+pub(super) enum Placement {
     /// At one place.
-    Alone,
+    Single,
     /// At all places at once, with amplitudes of their own.
-    AtAll,
+    PerPlace,
     /// At all places at once, with the same amplitudes.
-    Common,
+    Shared,
 }
 
 /// Periods of what repeats along a track: racks, pinions, rails on a cart; joints and cables on a link.
@@ -125,15 +125,21 @@ pub(super) fn families(model: &Model, (low_m, high_m): (f64, f64)) -> (String, V
             families.add("cart", axis, "commands", &travels);
         }
         for (axes, name) in [(shift, "shift"), (turn, "turn")] {
-            families.bundle(("cart", Stands::Alone), name, &axes, "q", &legendre[..3]);
             families.bundle(
-                ("cart", Stands::Alone),
+                ("cart", Placement::Single),
+                name,
+                &axes,
+                "q",
+                &legendre[..3],
+            );
+            families.bundle(
+                ("cart", Placement::Single),
                 name,
                 &axes,
                 "direction",
                 &DIRECTION[..2],
             );
-            families.bundle(("cart", Stands::Alone), name, &axes, "load", &LOAD);
+            families.bundle(("cart", Placement::Single), name, &axes, "load", &LOAD);
         }
         families.of_all("cart", "along", "temperature", &WARM_TRAVEL);
         families.of_all("cart", "along", "direction", &DIRECTION[..1]);
@@ -153,16 +159,16 @@ pub(super) fn families(model: &Model, (low_m, high_m): (f64, f64)) -> (String, V
         families.add("tcp", axis, "temperature", &TEMPERATURE);
         families.add("tcp", axis, "position", &PLACE);
     }
-    families.bundle(("tcp", Stands::Alone), "vector", &axes, "time", &TIME);
+    families.bundle(("tcp", Placement::Single), "vector", &axes, "time", &TIME);
     families.bundle(
-        ("tcp", Stands::Alone),
+        ("tcp", Placement::Single),
         "vector",
         &axes,
         "temperature",
         &TEMPERATURE,
     );
     families.bundle(
-        ("tcp", Stands::Alone),
+        ("tcp", Placement::Single),
         "vector",
         &axes,
         "position",
@@ -185,10 +191,10 @@ struct Families {
 impl Families {
     /// One axis as a function of something.
     fn add(&mut self, subject: &str, axis: &str, against: &'static str, basis: &[&str]) {
-        self.bundle((subject, Stands::Alone), axis, &[axis], against, basis);
+        self.bundle((subject, Placement::Single), axis, &[axis], against, basis);
     }
 
-    /// What repeats along a track.
+    /// A wave along a track.
     fn periodic(&mut self, subject: &str, axis: &str, range: &str) {
         let name = format!("{UNNAMED}{subject}_{axis}_periodic");
         let _ = writeln!(
@@ -201,11 +207,11 @@ impl Families {
             name,
             direction: axis.into(),
             against: "q",
-            stands: Stands::Alone,
+            placement: Placement::Single,
         });
     }
 
-    /// What grows with the distance from the origin.
+    /// A displacement that grows with the distance from the origin.
     fn scale(&mut self) {
         let name = format!("{UNNAMED}tcp_scale_position");
         let _ = writeln!(
@@ -216,33 +222,39 @@ impl Families {
             name,
             direction: "position".into(),
             against: "position",
-            stands: Stands::Alone,
+            placement: Placement::Single,
         });
     }
 
     /// The same everywhere.
     fn common(&mut self, subject: &str, axis: &str, against: &'static str, basis: &[&str]) {
-        self.bundle((subject, Stands::Common), axis, &[axis], against, basis);
+        self.bundle((subject, Placement::Shared), axis, &[axis], against, basis);
     }
 
     /// The same at all places at once.
     fn of_all(&mut self, subject: &str, axis: &str, against: &'static str, basis: &[&str]) {
-        self.bundle((subject, Stands::AtAll), axis, &[axis], against, basis);
+        self.bundle(
+            (subject, Placement::PerPlace),
+            axis,
+            &[axis],
+            against,
+            basis,
+        );
     }
 
     /// Several axes, each with amplitudes of its own.
     fn bundle(
         &mut self,
-        (subject, stands): (&str, Stands),
+        (subject, placement): (&str, Placement),
         direction: &str,
         axes: &[&str],
         against: &'static str,
         basis: &[&str],
     ) {
-        let at = match stands {
-            Stands::Alone => "",
-            Stands::AtAll => "_all",
-            Stands::Common => "_common",
+        let at = match placement {
+            Placement::Single => "",
+            Placement::PerPlace => "_all",
+            Placement::Shared => "_common",
         };
         let name = format!("{UNNAMED}{subject}{at}_{direction}_{against}");
         let (mut parameters, mut terms) = (String::new(), String::new());
@@ -283,7 +295,7 @@ impl Families {
             name,
             direction,
             against: if against == "stretch" { "q" } else { against },
-            stands,
+            placement,
         });
     }
 }

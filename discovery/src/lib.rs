@@ -1,15 +1,16 @@
-//! What the model lacks: where it disagrees with the measurements, which effect is missing, how much of
-//! the gap that closes, and what remains.
+//! Discovery of the effects that a model lacks: its misfit, the missing effects, the part of the gap that
+//! they close, and the rest.
 //!
-//! All sets are fitted at once; every effect of a catalogue is scored at every place by what the base
-//! leaves of it, beside unnamed rivals; effects are added one at a time, each confirmed on blocks that
-//! were held out, until nothing significant is left. Validation poses take no part in anything.
+//! All sets are fitted at once; every effect of a catalogue is scored at every place beside unnamed
+//! families. A `search` goes from model to model, each of a better `score` than the one before;
+//! `significance` is one policy for all. Whatever joins is confirmed on blocks that were held out. Validation poses take no part in anything. `docs/discovery-method.md` has the formulas.
 
 mod base;
-mod bench;
+mod candidate_set;
 mod candidates;
 mod confirmation;
 pub mod constants;
+mod detectability;
 mod evidence;
 mod findings;
 #[cfg(test)]
@@ -17,6 +18,7 @@ mod fixture;
 mod floor;
 mod formula;
 mod generic;
+mod linear_model;
 mod misfit;
 mod probes;
 mod response;
@@ -26,12 +28,10 @@ mod score;
 mod search;
 mod separation;
 mod serial;
-mod sight;
 mod significance;
 mod structural;
 mod structure;
 mod text;
-mod view;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Instant;
@@ -55,10 +55,11 @@ pub use tau_estimation::calibration::Error;
 pub use text::DISCOVERED;
 
 use base::base_fit;
-use bench::Bench;
+use candidate_set::CandidateSet;
 use evidence::whiteness::Series;
 use findings::{Beforehand, finish};
 pub use generic::UNNAMED;
+use linear_model::LinearModel;
 use misfit::misfits;
 use probes::Probes;
 use results::{Gap, Misfit};
@@ -66,16 +67,15 @@ use score::Yardstick;
 use search::Search;
 use structural::FullArm;
 use structural::piecewise::Found;
-use view::View;
 
-/// How to search.
+/// Options of a search.
 #[derive(Debug, Clone)]
 pub struct Options {
-    /// Which poses take part and which only show the gap.
+    /// The split into poses that take part and poses that only show the gap.
     pub split: Split,
     /// Seed of the resamples.
     pub seed: u64,
-    /// What verdicts depend on.
+    /// Constants on which verdicts depend.
     pub constants: Constants,
     /// Rules that are left out, to see what they are worth.
     pub without: BTreeSet<Rule>,
@@ -86,7 +86,7 @@ pub struct Options {
 /// A part of the method that can be left out.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Rule {
-    /// What joins the model has to predict blocks that were held out.
+    /// Held-out blocks must be predicted better by what joins the model.
     HeldOut,
     /// Serial noise inflates what it could imitate.
     Serial,
@@ -123,7 +123,7 @@ impl Default for Options {
     }
 }
 
-/// What discovery works on.
+/// Input of a search.
 #[derive(Clone, Copy)]
 struct Input<'a> {
     robot: &'a Robot,
@@ -134,10 +134,10 @@ struct Input<'a> {
     options: &'a Options,
 }
 
-/// What was found, with the model as fitted.
+/// Result of a discovery, with the model as fitted.
 #[derive(Debug, Clone)]
 pub struct Outcome {
-    /// What was found.
+    /// The result.
     pub discovery: Discovery,
     /// Fitted value of each parameter of the discovered variant, by name, SI.
     pub values: BTreeMap<String, f64>,
@@ -300,7 +300,7 @@ fn fitted(input: &Input<'_>) -> Result<(Fit, Vec<Sample>), Error> {
     base_fit(input, &model, index, variant_of(input.robot, input.base)?)
 }
 
-/// Where the base disagrees with the measurements, and its error at the tool.
+/// Misfit of the base, and its error at the tool.
 fn shortfall(input: &Input<'_>) -> Result<(Vec<Misfit>, Gap), Error> {
     let (fit, samples) = fitted(input)?;
     let machine = fit.joint.machine.with_values(fit.joint.values(&fit.fitted));
@@ -393,7 +393,7 @@ fn begun<'a>(
     );
     let (before_floor, probes) = (before_floor?, probes?);
     let constants = input.options.constants;
-    let mut bench = Bench::new(
+    let mut bench = CandidateSet::new(
         model,
         variant,
         &families,
@@ -401,9 +401,9 @@ fn begun<'a>(
         probes,
         (&fit, constants),
     );
-    let view = View::of(&fit);
+    let view = LinearModel::of(&fit);
     let table = bench.table(&view);
-    let (detectable, cannot_see) = sight::sight(&mut bench, &view, &table);
+    let (detectable, cannot_see) = detectability::detectability(&mut bench, &view, &table);
     bench.weigh();
     let table = bench.in_sight(table);
     let (ambiguous, (misfit, serial)) = parallel::both(

@@ -1,4 +1,4 @@
-//! Where model and measurement disagree.
+//! Misfit of model and measurement by place.
 
 use nalgebra::{DMatrix, DVector};
 use tau_estimation::joint::Component;

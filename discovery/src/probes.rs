@@ -1,4 +1,4 @@
-//! How residuals answer to what effects may add to: derivatives, by the generated equations.
+//! Derivatives of residuals by the targets of effects, from the generated equations.
 
 use nalgebra::DMatrix;
 use tau_codegen::compile::compile_some;

@@ -1,8 +1,12 @@
-//! How a linear model answers to displacements, sample by sample.
+//! Responses of a linear model to displacements, sample by sample.
 //!
 //! A candidate's column is a sum over a few probes of what it adds to each at every sample. So all that
 //! scoring needs of a column are products of the probes with the model's basis, with its residuals and
 //! with each other, summed over the rows of each sample: the columns themselves are never formed.
+//!
+//! The basis of a model without one of its effects lacks a few directions of the whole one's, so the Gram matrices of
+//! all candidates change by as many products of known vectors ([`Responses::without`]): a table for each effect costs
+//! little more than one for all.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
@@ -12,8 +16,8 @@ use nalgebra::{DMatrix, DMatrixView, DVector, DVectorView};
 use tau_estimation::numerics::parallel;
 
 use super::candidates::Entry;
+use super::linear_model::LinearModel;
 use super::probes::{Probe, Probes};
-use super::view::View;
 
 /// Products of probes with a model.
 #[derive(Clone, Default)]
@@ -67,7 +71,11 @@ impl Products {
 }
 
 impl Responses {
-    pub(super) fn of(view: &View, probes: &Probes, pairs: &BTreeSet<(usize, usize)>) -> Self {
+    pub(super) fn of(
+        view: &LinearModel,
+        probes: &Probes,
+        pairs: &BTreeSet<(usize, usize)>,
+    ) -> Self {
         // Rows of the basis stand together.
         let basis = view.q.transpose();
         let (by_basis, by_residual) = parallel::map(&probes.all, |probe| {
@@ -110,7 +118,7 @@ impl Responses {
         }
     }
 
-    /// What the model leaves of the Gram matrix of columns of which its basis absorbs `absorbed`.
+    /// Gram matrix of columns beside the model, whose basis absorbs `absorbed` of them.
     pub(super) fn left(&self, gram: &DMatrix<f64>, absorbed: DMatrixView<'_, f64>) -> DMatrix<f64> {
         let mut left = gram.clone();
         for (i, of_i) in absorbed.column_iter().enumerate() {
@@ -127,7 +135,7 @@ impl Responses {
     }
 
     /// Sums over each sample's rows of each probe times a vector over the rows.
-    pub(super) fn sums(view: &View, probes: &Probes, vector: &[f64]) -> Vec<DVector<f64>> {
+    pub(super) fn sums(view: &LinearModel, probes: &Probes, vector: &[f64]) -> Vec<DVector<f64>> {
         let of_probe = probes.all.iter().map(|probe| {
             let mut sums = DVector::zeros(probe.samples.len());
             for moved in &probe.rows {
@@ -148,7 +156,7 @@ pub(super) struct Displacements {
     members: Vec<Vec<(usize, usize)>>,
 }
 
-/// What columns add to one probe.
+/// Contributions of columns to one probe.
 struct Part {
     probe: usize,
     /// Samples × columns, by columns.
@@ -318,7 +326,7 @@ fn summed(mut numbers: impl ExactSizeIterator<Item = f64>) -> f64 {
 #[cfg(test)]
 pub(super) mod tests {
     use super::super::candidates;
-    use super::super::view::Freed;
+    use super::super::linear_model::Freed;
     use super::*;
     use tau_estimation::joint::{Component, Row};
     use tau_estimation::numerics::distribution::Random;
@@ -355,13 +363,13 @@ pub(super) mod tests {
         (jacobian, measured, probes, candidate)
     }
 
-    pub(crate) fn view(q: Arc<DMatrix<f64>>, residuals: &DVector<f64>) -> View {
+    pub(crate) fn view(q: Arc<DMatrix<f64>>, residuals: &DVector<f64>) -> LinearModel {
         let row = |row: usize| Row {
             sample: row / 2,
             component: Component::Closure,
             residual: row % 2,
         };
-        View {
+        LinearModel {
             residuals: residuals - &*q * q.tr_mul(residuals),
             q,
             factors: vec![1.0; ROWS],
@@ -402,7 +410,7 @@ pub(super) mod tests {
         let mut pairs = BTreeSet::new();
         candidate.pairs(0..2, &mut pairs);
         let factors: Vec<f64> = (0..10).map(|_| number()).collect();
-        let view = View {
+        let view = LinearModel {
             q: Arc::new(DMatrix::zeros(10, 1)),
             residuals: DVector::zeros(10),
             factors,

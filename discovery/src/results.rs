@@ -1,11 +1,11 @@
-//! What discovery finds, as plain data: the report and the JSON are written from this.
+//! Results of discovery, as plain data: the report and the JSON are written from this.
 
 use std::collections::BTreeMap;
 
 use serde::Serialize;
 use tau_estimation::evaluation::Summary;
 
-/// Where model and measurement disagree, what is missing, how much of the gap it closes, what remains.
+/// Result of a discovery: misfit, missing effects, the gap that they close, and the rest.
 #[derive(Debug, Clone, Serialize)]
 pub struct Discovery {
     /// Name of the variant that the search started from.
@@ -36,14 +36,14 @@ pub struct Discovery {
     pub considered: Vec<Considered>,
     /// Effects that these measurements cannot show.
     pub cannot_see: Vec<Unseen>,
-    /// What could be found, before residuals are looked at.
+    /// Detectable effects, before residuals are looked at.
     pub detectable: Vec<Detectable>,
-    /// Which of them could not be told apart, the closest first.
+    /// Pairs of them that could not be told apart, the closest first.
     pub ambiguous: Vec<Ambiguous>,
-    /// Whether residuals of set 1 follow each other in the order of measurement; nothing where there
+    /// Serial correlation of the residuals of set 1 in the order of measurement; nothing where there
     /// are too few poses.
     pub whiteness: Option<Whiteness>,
-    /// What the residuals show of each effect that has parameters; by name and place those of `effects`.
+    /// Residuals' evidence for each effect that has parameters; by name and place those of `effects`.
     pub evidence: Vec<Evidence>,
     /// Structure that no effect of the catalogue explains.
     pub unnamed: Vec<Unnamed>,
@@ -65,7 +65,7 @@ pub struct Discovery {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Status {
-    /// What is missing has names, and nothing significant is left.
+    /// Missing effects have names, and nothing significant is left.
     Explained,
     /// The base explains the measurements already.
     NothingMissing,
@@ -92,7 +92,7 @@ pub struct Validation {
     pub before: Gap,
     /// With what was found.
     pub after: Gap,
-    /// Whether these poses took no part in the search; they do where the split has all poses on both sides.
+    /// True if these poses took no part in the search; they do where the split has all poses on both sides.
     pub held_out: bool,
 }
 
@@ -160,7 +160,7 @@ pub struct NoiseScale {
 pub struct FoundEffect {
     /// Name in the catalogue.
     pub name: String,
-    /// Where it acts.
+    /// Its place.
     pub place: String,
     /// Parameters, SI.
     pub parameters: BTreeMap<String, Estimate>,
@@ -170,7 +170,7 @@ pub struct FoundEffect {
     pub chi2_drop: f64,
     /// Fall of the mean position error on the validation poses (µm).
     pub heldout_drop_um: f64,
-    /// What else would explain the same residuals.
+    /// Other explanations of the same residuals.
     pub rivals: Vec<Rival>,
     /// Name of the parameter that was searched.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -208,7 +208,7 @@ pub struct Estimate {
 pub struct Rival {
     /// Name in the catalogue.
     pub name: String,
-    /// Where it would act; several places, each with amplitudes of its own, are separated by commas.
+    /// Its place; several places, each with amplitudes of its own, are separated by commas.
     pub place: String,
     /// Cosine between the two signals, after what the model absorbs.
     pub cosine: f64,
@@ -221,15 +221,15 @@ pub struct Rival {
 pub struct Considered {
     /// Name in the catalogue.
     pub name: String,
-    /// Where it would act.
+    /// Its place.
     pub place: String,
     /// Of its score beside the base.
     pub p_value: f64,
-    /// What became of it.
+    /// Its verdict.
     pub verdict: Verdict,
 }
 
-/// What became of a candidate; in JSON by its [`words`](Self::words).
+/// Verdict on a candidate; in JSON by its [`words`](Self::words).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Verdict {
     /// It is in the model, under its name.
@@ -274,7 +274,7 @@ impl Serialize for Verdict {
 pub struct Unseen {
     /// Name in the catalogue.
     pub name: String,
-    /// Where it would act.
+    /// Its place.
     pub place: String,
     /// Why not, in words.
     pub why: String,
@@ -285,7 +285,7 @@ pub struct Unseen {
 pub struct Detectable {
     /// Name in the catalogue.
     pub name: String,
-    /// Where it would act.
+    /// Its place.
     pub place: String,
     /// The parameter that the amplitude is of.
     pub parameter: String,
@@ -302,11 +302,11 @@ pub struct Detectable {
 pub struct Ambiguous {
     /// Name in the catalogue.
     pub name: String,
-    /// Where it would act.
+    /// Its place.
     pub place: String,
     /// Name of the effect that could be taken for it.
     pub with_name: String,
-    /// Where that would act.
+    /// The place of that effect.
     pub with_place: String,
     /// Share of what the base leaves of the first one's signal that the second explains, with
     /// amplitudes of the size of their tolerances: above 0.64 ambiguous, above 0.99 identical.
@@ -343,16 +343,16 @@ pub struct SerialCorrelation {
     pub portmanteau_p_value: f64,
 }
 
-/// What the residuals show of an effect.
+/// Evidence for an effect in the residuals.
 #[derive(Debug, Clone, Serialize)]
 pub struct Evidence {
     /// Name in the catalogue.
     pub name: String,
-    /// Where it acts.
+    /// Its place.
     pub place: String,
     /// One for each motion that it adds to.
     pub residuals: Vec<Pattern>,
-    /// Where something was searched.
+    /// Score over the search, for a searched parameter.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub spectrum: Option<Spectrum>,
 }
@@ -361,9 +361,9 @@ pub struct Evidence {
 /// was found is in the model but this effect; after: it is too.
 #[derive(Debug, Clone, Serialize)]
 pub struct Pattern {
-    /// What moves: a cart, a link, `tcp`, or several.
+    /// Moving part: a cart, a link, `tcp`, or several.
     pub place: String,
-    /// How it moves: `along`, `roll`, `length`, `position x`, …
+    /// Its motion: `along`, `roll`, `length`, `position x`, …
     pub target: String,
     /// `um` or `urad`.
     pub unit: &'static str,
@@ -418,7 +418,7 @@ pub struct Spectrum {
 pub struct Unnamed {
     /// Cart, link or `tcp`.
     pub place: String,
-    /// What moves.
+    /// Its motion.
     pub direction: String,
     /// As a function of what.
     pub against: String,

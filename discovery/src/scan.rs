@@ -43,7 +43,7 @@ pub(super) struct Scores {
     ranks: Vec<usize>,
     /// For each grid point, coefficients of an orthonormal basis, by columns; where its rank is lower, the rest is zero.
     coefficients: Vec<f64>,
-    /// What the model's basis absorbs of the columns.
+    /// Products of the columns with the model's basis.
     absorbed: Arc<DMatrix<f64>>,
     /// Gram matrix of the columns at each grid point.
     grams: Arc<Vec<DMatrix<f64>>>,

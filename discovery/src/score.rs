@@ -1,6 +1,6 @@
-//! The score of a whole model: how well it fits, less what its effects cost.
+//! The score of a whole model: its misfit, −2 ln L, and the cost of its effects; the lower, the better.
 
-use super::view::View;
+use super::linear_model::LinearModel;
 use tau_estimation::joint::Component;
 use tau_estimation::joint::fit::Fit;
 use tau_estimation::samples::Sample;
@@ -40,7 +40,7 @@ impl Yardstick {
     /// of it, an outlier counts as one that is just none, and priors count as measurements.
     ///
     /// `view` is the fit with what unnamed families take up.
-    pub(crate) fn misfit(&self, fit: &Fit, view: &View) -> f64 {
+    pub(crate) fn misfit(&self, fit: &Fit, view: &LinearModel) -> f64 {
         let mut sums = [0.0; Component::ALL.len()];
         for (row, at) in view.rows.iter().enumerate() {
             let square = if fit.weights[at.sample] == 0.0 {

@@ -1,4 +1,8 @@
 //! A climb from model to model, each of a better score than the one before.
+//!
+//! The linear model predicts the change of score of each move, and the best are refitted: scores are of first order,
+//! and a strong effect bends by more than noise, which families with many columns follow. Models visited are
+//! remembered, so that the climb ends.
 
 mod moves;
 mod review;
@@ -9,13 +13,13 @@ mod tests;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
-use super::bench::{Bench, Table};
+use super::candidate_set::{CandidateSet, Table};
 use super::confirmation::held_out_gain;
+use super::linear_model::LinearModel;
 use super::results::{Gap, Step};
 use super::score::Yardstick;
 use super::serial;
 use super::text;
-use super::view::View;
 use super::{Error, Input, Rule};
 use moves::{Joining, Move};
 pub(crate) use review::Found;
@@ -31,12 +35,12 @@ const ROUNDING: f64 = 1e-6;
 /// The search, and the best model so far.
 pub(crate) struct Search<'a> {
     pub(crate) input: &'a Input<'a>,
-    pub(crate) bench: Bench,
+    pub(crate) bench: CandidateSet,
     /// Index of the base in the model's variants, and number of effects that it has already.
     variant: usize,
     own_effects: usize,
     base: State,
-    /// Whether a family beats every name beside the base.
+    /// True if a family beats every name beside the base.
     starts_with_family: bool,
     pub(crate) state: State,
     /// Score of the model as it stands: −2 ln L and what its effects cost.
@@ -44,13 +48,13 @@ pub(crate) struct Search<'a> {
     pub(crate) yardstick: Yardstick,
     /// Degrees of freedom of the base's residuals.
     degrees: f64,
-    /// What each candidate costs.
+    /// Cost of each candidate.
     costs: BTreeMap<usize, f64>,
     /// Models that were tried, from wherever, with their scores where they converged.
     visited: BTreeMap<Composition, Option<f64>>,
     /// Candidates that passed the score but not their confirmation.
     pub(crate) unconfirmed: BTreeSet<usize>,
-    /// By how much each effect lowered the mean error on the validation poses when it joined (µm).
+    /// Fall of the mean error on the validation poses when each effect joined (µm).
     drops_um: BTreeMap<usize, f64>,
     pub(crate) steps: Vec<Step>,
     pub(crate) gaps: Vec<Gap>,
@@ -67,7 +71,7 @@ impl<'a> Search<'a> {
     /// with which scores shall compare.
     pub(crate) fn new(
         input: &'a Input<'a>,
-        bench: Bench,
+        bench: CandidateSet,
         (variant, own_effects): (usize, usize),
         fit: Fit,
         first: Table,
@@ -213,7 +217,7 @@ impl<'a> Search<'a> {
         is_newest.then(|| start_of(&self.bench, beside, score))?
     }
 
-    /// Whether a candidate predicts blocks that were held out, and is more than serial noise would imitate.
+    /// True if a candidate predicts blocks that were held out, and is more than serial noise would imitate.
     fn is_confirmed(&self, Joining { score, beside }: &Joining) -> bool {
         let Some((_, subspace)) = self.bench.subspace(beside, score.candidate, score.searched)
         else {
@@ -240,8 +244,8 @@ impl<'a> Search<'a> {
             ) > 0.0
     }
 
-    /// By how much serial noise makes the score of a subspace too large.
-    pub(crate) fn inflation(&self, view: &View, subspace: &Subspace) -> f64 {
+    /// Factor by which serial noise makes the score of a subspace too large.
+    pub(crate) fn inflation(&self, view: &LinearModel, subspace: &Subspace) -> f64 {
         if self.is_without(Rule::Serial) {
             return 1.0;
         }
@@ -249,7 +253,7 @@ impl<'a> Search<'a> {
         serial::inflation(view, subspace, &self.bench.samples, least)
     }
 
-    /// Whether the model is better with something more at a cost; each case leaves a sum of squares with the unnamed
+    /// True if the model is better with something more at a cost; each case leaves a sum of squares with the unnamed
     /// families or without.
     pub(crate) fn is_better_with(&self, cost: f64, cases: [(f64, bool); 2]) -> bool {
         let now = self.state.view(&self.bench).total();
@@ -306,7 +310,7 @@ impl<'a> Search<'a> {
     }
 
     /// Scores beside the model as it stands.
-    fn table(&mut self, view: &Arc<View>, with_families: bool) -> Table {
+    fn table(&mut self, view: &Arc<LinearModel>, with_families: bool) -> Table {
         if let Some(known) = &self.known[usize::from(with_families)] {
             return known.clone();
         }

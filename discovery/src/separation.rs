@@ -1,4 +1,4 @@
-//! Which further measurement would tell an effect from its rival.
+//! Proposal of the measurement that would tell an effect from its rival.
 
 use nalgebra::{Cholesky, DMatrix, DVector};
 use tau_estimation::joint::fit::Fit;
@@ -6,7 +6,7 @@ use tau_estimation::numerics::distribution::detectable_noncentrality;
 use tau_estimation::numerics::products::transposed_times;
 use tau_estimation::samples::{Sample, Treatment};
 
-use super::bench::Bench;
+use super::candidate_set::CandidateSet;
 use super::candidates::{self, Candidate};
 
 /// Further poses that are proposed.
@@ -27,7 +27,7 @@ pub(super) struct Signal<'a> {
 /// been fitted to it, over the old rows and those of the poses that are repeated: those where the
 /// signal is predicted worst.
 pub(super) fn separate_by(
-    bench: &Bench,
+    bench: &CandidateSet,
     fit: &Fit,
     own: &Signal<'_>,
     rivals: &[Signal<'_>],
@@ -96,7 +96,7 @@ struct Products {
 }
 
 fn system(
-    bench: &Bench,
+    bench: &CandidateSet,
     fit: &Fit,
     own: &Signal<'_>,
     rivals: &[Signal<'_>],
@@ -197,7 +197,7 @@ impl Products {
         self.square += other.square;
     }
 
-    /// What base and rival leave of the signal.
+    /// Energy of the signal beside base and rival.
     fn separation(&self) -> f64 {
         self.solved()
             .map_or(0.0, |x| (self.square - x.dot(&self.signal)).max(0.0))

@@ -1,4 +1,7 @@
-//! Noise that follows itself: how much less such residuals say.
+//! Variance inflation under AR(1) noise.
+//!
+//! A fit absorbs what is smooth, so residuals follow each other less than the noise did. Moments of quadratic forms
+//! behind a fit are traces of small matrices, by which correlation and variance are corrected.
 
 use std::collections::BTreeMap;
 
@@ -8,13 +11,13 @@ use tau_estimation::numerics::products::transposed_times;
 use tau_estimation::numerics::projection::Subspace;
 use tau_estimation::samples::Sample;
 
-use super::view::View;
+use super::linear_model::LinearModel;
 
 const STRONGEST: f64 = 0.95;
 /// Rounds in which correlations are corrected for what the fit does to residuals.
 const ROUNDS: usize = 4;
 
-/// By how much the statistic of a signal is too large because the noise is serial, at least 1.
+/// Factor by which the statistic of a signal is too large because the noise is serial, at least 1.
 ///
 /// Residuals of one kind follow each other in the order in which they were measured. Their correlation ρ
 /// from one to the next is told from their differences, in which smooth structure hardly shows: of a
@@ -27,7 +30,12 @@ const ROUNDS: usize = 4;
 /// 1935).
 ///
 /// A correlation counts if it exceeds `least` standard deviations of that of independent residuals.
-pub(super) fn inflation(view: &View, subspace: &Subspace, samples: &[Sample], least: f64) -> f64 {
+pub(super) fn inflation(
+    view: &LinearModel,
+    subspace: &Subspace,
+    samples: &[Sample],
+    least: f64,
+) -> f64 {
     let signal = &subspace.u * subspace.u.tr_mul(&view.residuals);
     let residuals = &view.residuals - &signal;
     let kinds: Vec<Kind> = chains(&view.rows, &view.factors, samples)
@@ -97,7 +105,7 @@ struct Kind {
     q: DMatrix<f64>,
     /// Number of pairs of successive differences.
     pairs: f64,
-    /// How differences of the residuals correlate.
+    /// Correlation of successive differences of the residuals.
     ratio: f64,
 }
 
@@ -144,7 +152,7 @@ impl Kind {
         (0.5 * products, 0.5 * squares)
     }
 
-    /// Whether independent noise would hardly leave residuals that follow each other as these do.
+    /// True if independent noise would hardly leave residuals that follow each other as these do.
     fn is_serial(&self, least: f64) -> bool {
         let (products, squares) = self.differences(self.q.as_slice(), self.q.as_slice());
         let white = (-self.pairs - products) / (2.0 * self.pairs - squares);
@@ -318,7 +326,7 @@ mod tests {
                         None => fresh,
                     };
                 }
-                let view = View {
+                let view = LinearModel {
                     residuals: basis.residuals_after(&noise),
                     q: basis.q.clone(),
                     factors: vec![1.0; count],

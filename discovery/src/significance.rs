@@ -88,7 +88,7 @@ impl Significance {
         self.fall(rank, self.threshold_at(level, Null::plain(rank)))
     }
 
-    /// What all effects and families of a model cost beside their own: odds that there is one more.
+    /// Cost of the number of effects and families of a model: odds that there is one more.
     pub(crate) fn cost_of_number(&self, count: usize) -> f64 {
         -2.0 * self.constants.further.ln() * count.saturating_sub(1) as f64
     }

@@ -15,7 +15,7 @@ use tau_robot::robot::{Arm, Owner, Robot, TrackModel, TrackShape, Variant};
 use tau_codegen::language::check_text;
 
 use super::Error;
-use super::bench::f_form;
+use super::candidate_set::f_form;
 use super::constants::Constants;
 use super::results::{Considered, Discovery, FoundEffect, Gap, Misfit, Status, Step, Verdict};
 use super::text;
@@ -23,7 +23,7 @@ use super::text;
 /// Name of the candidate by which all links get closures of their own, and its place.
 const FULL_ARM: (&str, &str) = ("full_arm", "all");
 
-/// What a variant takes for the same or for straight.
+/// Structure of a variant.
 struct Structure {
     arm: Arm,
     tracks: Vec<TrackModel>,
@@ -136,7 +136,7 @@ fn of_effects(variant: &Variant) -> BTreeSet<(usize, &str)> {
         .collect()
 }
 
-/// Whether the links of a base's clusters differ, where the base takes them for one.
+/// Test of a full arm: do the links of a cluster differ, where the base takes them for one?
 pub(super) struct FullArm {
     is_significant: bool,
     p_value: f64,
@@ -228,7 +228,7 @@ impl FullArm {
     }
 }
 
-/// What a reduced arm takes for zero, one row each, by the unknowns of a full one: by how much each link of a
+/// Constraints of a reduced arm on the unknowns of a full one, one row each: by how much each link of a
 /// cluster differs from the first in length, in direction of its path and, the plate being oriented as it
 /// mostly is, in where it stands. `None` where no cluster has links to tie.
 fn ties(full: &Fit, samples: &[Sample]) -> Option<DMatrix<f64>> {

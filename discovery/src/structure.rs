@@ -9,15 +9,15 @@ use tau_kinematics::Surroundings;
 use tau_robot::robot::Input;
 use tau_robot::robot_file::Noise;
 
-use super::bench::Bench;
+use super::candidate_set::CandidateSet;
+use super::linear_model::LinearModel;
 use super::results::Unnamed;
-use super::view::View;
 
 /// A displacement that carries less than this share of what its family explains is not reported.
 const LEAST_SHARE: f64 = 0.1;
 
 /// Crowds of samples that lie far off in one stretch of a track.
-pub(super) fn crowds(fit: &Fit, bench: &Bench, noise: Noise) -> Vec<Unnamed> {
+pub(super) fn crowds(fit: &Fit, bench: &CandidateSet, noise: Noise) -> Vec<Unnamed> {
     let deviations = fit
         .joint
         .deviations(&fit.fitted, &fit.scales, &bench.samples);
@@ -48,17 +48,22 @@ pub(super) fn crowds(fit: &Fit, bench: &Bench, noise: Noise) -> Vec<Unnamed> {
         .collect()
 }
 
-/// What an unnamed family explains beside a model, displacement by displacement.
+/// Structure that an unnamed family explains beside a model, displacement by displacement.
 pub(super) fn unnamed(
-    bench: &Bench,
-    view: &View,
+    bench: &CandidateSet,
+    view: &LinearModel,
     family: usize,
     searched: Option<f64>,
 ) -> Vec<Unnamed> {
     found(bench, view, family, searched).unwrap_or_default()
 }
 
-fn found(bench: &Bench, view: &View, family: usize, searched: Option<f64>) -> Option<Vec<Unnamed>> {
+fn found(
+    bench: &CandidateSet,
+    view: &LinearModel,
+    family: usize,
+    searched: Option<f64>,
+) -> Option<Vec<Unnamed>> {
     let candidate = &bench.candidates[family];
     let described = candidate.family.as_ref()?;
     let (_, subspace) = bench.subspace(view, family, searched)?;
@@ -118,9 +123,9 @@ fn found(bench: &Bench, view: &View, family: usize, searched: Option<f64>) -> Op
     Some(unnamed)
 }
 
-impl Bench {
+impl CandidateSet {
     /// Sum of squares of what a displacement does to the residuals.
-    fn signal(&self, view: &View, probe: usize, values: &[f64]) -> f64 {
+    fn signal(&self, view: &LinearModel, probe: usize, values: &[f64]) -> f64 {
         let rows = self.probes.all[probe].rows.iter();
         rows.map(|moved| (moved.derivative * view.factors[moved.row] * values[moved.place]).powi(2))
             .sum()
@@ -153,7 +158,7 @@ impl Bench {
 fn covariates(
     against: &str,
     probe: usize,
-    bench: &Bench,
+    bench: &CandidateSet,
     samples: &[usize],
 ) -> Vec<(String, Vec<f64>)> {
     let cart = |track: &usize| bench.probes.carts[*track].contains(&probe);

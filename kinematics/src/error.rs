@@ -11,7 +11,7 @@ pub enum Error {
     Missing {
         /// Name of the link or cluster.
         closure: String,
-        /// What is missing.
+        /// The missing quantity.
         what: Missing,
     },
     /// A closure, or a derivative of it, is infinite or not a number.
@@ -52,7 +52,7 @@ pub enum Error {
     Inconsistent {
         /// Mismatch of the link lengths at best (m), root mean square.
         mismatch_m: f64,
-        /// What was allowed (m).
+        /// Allowed deviation (m).
         allowed_m: f64,
     },
     /// No way of assembling the arm was found at these commands.

@@ -11,7 +11,7 @@ use super::{Error, Pose, newton};
 /// Below this smallest singular value a pose counts as singular: a micrometre of error in a link
 /// moves the plate by ten millimetres.
 const SINGULAR: f64 = 1e-4;
-/// How often the way from one set of commands to the next is halved before giving up.
+/// Most halvings of the way from one set of commands to the next.
 const HALVINGS: u32 = 8;
 /// Largest root mean square mismatch of the link lengths (m) at which [`Machine::forward`] takes a pose
 /// for that of the commands. Only a machine with more links than hold the plate has any: noise and what
@@ -128,7 +128,7 @@ impl Machine {
         };
         self.follow(from, &halfway, halvings - 1)
             .and_then(|halfway| self.follow(&middle, &to.at(halfway.pose), halvings - 1))
-            // What is wrong half way says less than what is wrong where it leads.
+            // An error half way says less than one at its end.
             .or(result)
     }
 

@@ -10,7 +10,7 @@ use super::Pose;
 use super::paths::Path;
 use super::statics::{Forces, Statics};
 
-/// What is known besides the samples themselves.
+/// Knowledge besides the samples themselves.
 #[derive(Debug, Clone, Default)]
 pub struct Surroundings {
     /// Path of each cart, in the measurement frame, where set 2 has it.
@@ -71,7 +71,7 @@ impl<'a> From<&'a TcpPose> for Sample<'a> {
     }
 }
 
-/// What a family takes and nothing gives.
+/// A quantity that a family takes and nothing gives.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Missing {
     /// A command.
@@ -89,7 +89,7 @@ pub enum Missing {
 }
 
 impl Missing {
-    /// Whether it is a column of the table that the samples come from.
+    /// True for a column of the table that the samples come from.
     pub fn is_column(self) -> bool {
         matches!(self, Self::Direction | Self::Time | Self::Temperature)
     }

@@ -9,7 +9,7 @@ use super::machine::{Machine, POSE_COLUMNS};
 use super::newton::{self, Settled};
 use super::{Error, Pose};
 
-/// What is known when commands are sought.
+/// Options of a search for commands.
 #[derive(Debug, Clone)]
 pub struct InverseOptions {
     /// Pose and commands (m) nearby, such as those before on a path: of two solutions the nearer one
@@ -77,7 +77,7 @@ impl Reached {
 }
 
 impl Machine {
-    /// Whether the orientation follows from the position, so that a full pose can't be asked for
+    /// True if the orientation follows from the position, so that a full pose can't be asked for
     /// freely: a full arm with three closures more than commands, such as the Gantry-Tau.
     pub fn orientation_follows(&self) -> bool {
         self.variant.arm == Arm::Full && self.closure_count() >= self.robot.commands + 3

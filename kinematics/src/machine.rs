@@ -194,7 +194,7 @@ impl Scratch {
             &mut residual,
             &mut self.jacobian,
         );
-        // What comes next would turn in circles on a number that is none.
+        // Later steps would turn in circles on a number that is none.
         if !residual.iter().chain(&self.jacobian).all(|v| v.is_finite()) {
             return Err(Error::NotFinite {
                 closure: machine.closure_name(instance).to_owned(),

@@ -41,9 +41,9 @@ impl From<&Ident> for Location {
 /// One mistake in a description.
 #[derive(Debug, Clone)]
 pub struct Diagnostic {
-    /// What is wrong, in lower case and without a full stop.
+    /// The mistake, in lower case and without a full stop.
     pub message: String,
-    /// How to mend it.
+    /// The remedy.
     pub help: Option<String>,
     /// The first token concerned.
     pub span: Span,
@@ -113,7 +113,7 @@ impl From<&Diagnostic> for syn::Error {
 /// All mistakes of a description, in the order of the text as far as it was read.
 #[derive(Debug, Clone)]
 pub struct Errors {
-    /// Whether the robot is `pub`, and its name, where they could be read: a macro that fails still
+    /// Visibility (`pub`) and name of the robot, where they could be read: a macro that fails still
     /// declares the type, so that its uses elsewhere raise no errors of their own.
     pub robot: Option<(bool, Ident)>,
     /// The mistakes; never empty.

@@ -9,7 +9,7 @@ pub struct Model {
     pub name: String,
     /// Lines of its doc comment.
     pub docs: Vec<String>,
-    /// Whether the description says `pub`.
+    /// True if the description says `pub`.
     pub public: bool,
     /// Tracks in order of declaration.
     pub tracks: Vec<Track>,
@@ -139,12 +139,12 @@ pub enum TrackShape {
     Piecewise,
 }
 
-/// How a variant models one track.
+/// A variant's model of one track.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct TrackModel {
     /// Straight or interpolated.
     pub shape: TrackShape,
-    /// Whether each link has its own direction (or rotation).
+    /// True if each link has its own direction (or rotation).
     pub per_link: bool,
 }
 
@@ -168,7 +168,7 @@ pub struct Variant {
 pub struct EffectUse {
     /// Index of the effect.
     pub effect: usize,
-    /// Where it acts.
+    /// Its place.
     pub place: Place,
     /// Optional parameters that it takes, as indices in [`Effect::parameters`], ascending; the others
     /// stay at their nominal values and are no parameters of the variant.
@@ -176,13 +176,13 @@ pub struct EffectUse {
 }
 
 impl EffectUse {
-    /// Whether a parameter of the effect, given with its index, is one here.
+    /// True if a parameter of the effect, given with its index, is one here.
     pub fn takes(&self, index: usize, parameter: &EffectParameter) -> bool {
         !parameter.optional || self.with.contains(&index)
     }
 }
 
-/// Where an effect acts.
+/// Place of an effect.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Place {
     /// The cart of a track; for an effect that reads another cart (`q(source)`), with that other track.
@@ -202,7 +202,7 @@ pub enum Place {
     Tcp,
 }
 
-/// What kind of thing an effect acts on.
+/// Kind of an effect's subject.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Subject {
     /// `on cart`.
@@ -222,11 +222,11 @@ pub struct Effect {
     pub name: String,
     /// Lines of its doc comment.
     pub docs: Vec<String>,
-    /// What it acts on.
+    /// Its subject.
     pub subject: Subject,
     /// Its parameters, in order; `search` parameters among them.
     pub parameters: Vec<EffectParameter>,
-    /// What it adds, in order.
+    /// Its terms, in order.
     pub terms: Vec<Term>,
 }
 
@@ -236,7 +236,7 @@ impl Effect {
         self.terms.iter().flat_map(|term| term.formula.quantities())
     }
 
-    /// Whether one of its terms reads a quantity.
+    /// True if one of its terms reads a quantity.
     pub fn reads(&self, quantity: Readable) -> bool {
         self.quantities().any(|own| own == quantity)
     }
@@ -286,20 +286,20 @@ pub struct EffectParameter {
     pub tolerance: Option<f64>,
     /// Range to search, SI, where it is declared with `search`.
     pub search: Option<(f64, f64)>,
-    /// Whether it is left out unless a use of the effect names it.
+    /// True if it is left out unless a use of the effect names it.
     pub optional: bool,
 }
 
 /// `target += formula;`
 #[derive(Debug, Clone, PartialEq)]
 pub struct Term {
-    /// What is added to.
+    /// Its target.
     pub target: Target,
     /// The amount; a vector exactly where the target is one.
     pub formula: Formula,
 }
 
-/// What an effect may add to.
+/// Target of an effect's term.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Target {
     /// Displacement of the cart along its track (m).

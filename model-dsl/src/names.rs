@@ -41,7 +41,7 @@ pub(crate) fn reserved(name: &Ident) -> Option<Diagnostic> {
     )
 }
 
-/// Whether a word begins something of Rust that has no meaning in a model.
+/// True if a word begins something of Rust that has no meaning in a model.
 pub(crate) fn is_rust(word: &str) -> bool {
     KEYWORDS.contains(&word) && !matches!(word, "in" | "pub" | "_")
 }

@@ -64,7 +64,7 @@ pub(super) fn table(table: &Table, class: &str) -> Markup {
     }
 }
 
-/// Whether a row has no name and belongs to the one above it: no page should part them.
+/// True if a row has no name and belongs to the one above it: no page should part them.
 fn continues(row: &[Cell]) -> bool {
     matches!(row.first(), Some(Cell::Text(name)) if name.is_empty())
 }

@@ -16,7 +16,7 @@ struct Difference<'a> {
     sigmas: f64,
 }
 
-/// What the fit says besides the variant's own results; `closure` are those of the ordinary fit.
+/// Results of the fit besides the variant's own; `closure` are those of the ordinary fit.
 pub fn terminal(
     found: &ErrorsInVariables,
     fitted: &VariantResult,

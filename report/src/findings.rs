@@ -1,4 +1,4 @@
-//! What the study found, in plain sentences.
+//! Findings of the study, in plain sentences.
 
 use tau::assumptions::TrackLinearity;
 use tau::evaluation::VariantResult;
@@ -16,7 +16,7 @@ pub(super) fn best(study: &Study) -> Option<&VariantResult> {
         .min_by(|a, b| a.position_um.mean.total_cmp(&b.position_um.mean))
 }
 
-/// Which poses took part, and why: set 2 decides on the range, or without it the robot file.
+/// Selection of poses, with its reason: set 2 decides on the range, or without it the robot file.
 pub(super) fn poses(poses: PoseCounts, has_cart_poses: bool) -> String {
     let dropped = poses.total.saturating_sub(poses.in_range);
     let range = if has_cart_poses {
@@ -48,13 +48,13 @@ pub(super) fn poses(poses: PoseCounts, has_cart_poses: bool) -> String {
     )
 }
 
-/// Whether a study's folder has a set 2.
+/// True if a study's folder has a set 2.
 pub(super) fn has_cart_poses(study: &Study) -> bool {
     let mut tracks = study.assumptions.linearity.iter();
     tracks.any(|track| !track.points.is_empty())
 }
 
-/// Whether the validation poses took no part in calibration.
+/// True if the validation poses took no part in calibration.
 pub(super) fn held_out(poses: PoseCounts) -> bool {
     poses.calibration + poses.validation <= poses.in_range
 }
@@ -68,7 +68,7 @@ pub(super) fn noise((position, rotation): (f64, f64)) -> String {
     )
 }
 
-/// Which variant is best, and against the first one.
+/// The best variant, against the first one.
 pub(super) fn comparison(study: &Study) -> Option<String> {
     let best = best(study)?;
     let first = study.variants.first()?;
@@ -139,7 +139,7 @@ pub(super) fn errors(study: &Study) -> Option<String> {
     })
 }
 
-/// What the checks of the assumptions say, one sentence each.
+/// Results of the checks of the assumptions, one sentence each.
 pub(super) fn assumptions(study: &Study) -> Vec<String> {
     let mut sentences = Vec::new();
     let found = &study.assumptions;
@@ -226,7 +226,7 @@ pub(super) fn spacing_mm(tracks: &[TrackLinearity]) -> Option<f64> {
     gaps.get(gaps.len() / 2).copied()
 }
 
-/// How many combinations only the prior determines.
+/// Number of combinations that only the prior determines.
 pub(super) fn undetermined(variant: &VariantResult) -> String {
     match variant.undetermined.len() {
         0 => format!("{}: the data determine every parameter.", variant.name),

@@ -161,7 +161,7 @@ fn summary(study: &Study) -> Markup {
     }
 }
 
-/// What became of the base in a search.
+/// Label of the base after a search.
 fn extended(found: &Discovery) -> &'static str {
     if is_base(found) {
         "fitted to all sets"
@@ -189,7 +189,7 @@ fn errors(study: &Study, figures: &[Figure]) -> Markup {
     }
 }
 
-/// What discovery found, its parts named apart from the sections.
+/// The section on discovery, its parts named apart from the sections.
 fn lacking(study: &Study, figures: &[Figure]) -> Section {
     let setting = Setting::from(study);
     let parts = study.discovery.as_ref().map_or_else(Vec::new, |found| {

@@ -1,6 +1,6 @@
 //! Results as JSON, with the field names that other programs read.
 //!
-//! What does not apply is `null`: the orientation of a reduced arm, the direction of a piecewise track. So
+//! Values that do not apply are `null`: the orientation of a reduced arm, the direction of a piecewise track. So
 //! is a number that is not finite.
 
 use serde_json::{Map, Value, json};
@@ -46,7 +46,7 @@ pub fn discovery(discovery: &Discovery) -> Value {
     json!(discovery)
 }
 
-/// How many poses took which part.
+/// Numbers of poses by the part that they took.
 pub fn poses(poses: PoseCounts) -> Value {
     json!({
         "total": poses.total,

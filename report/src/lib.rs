@@ -1,4 +1,4 @@
-//! What a study or a discovery found, for people and for programs: terminal tables, JSON, figures and an HTML report.
+//! Results of a study or a discovery, for people and for programs: terminal tables, JSON, figures, an HTML report.
 //!
 //! All of it is written from [`Study`](tau::study::results::Study) or
 //! [`Discovery`](tau::discovery::Discovery) alone, and nothing here computes more than a mean or a largest

@@ -226,7 +226,7 @@ pub(super) fn sensitivity(sensitivity: &Sensitivity) -> Vec<Table> {
         .collect()
 }
 
-/// How the solver ended for each variant.
+/// End of the solver for each variant.
 pub(super) fn solver(study: &Study) -> Table {
     let count = |count: usize| Cell::Number(count.to_string());
     let rows = study

@@ -57,7 +57,7 @@ pub fn study(study: &Study) -> String {
     printable(&text)
 }
 
-/// What is missing, how sure, how much it matters, what else it could be, and what remains.
+/// Discovery in words: missing effects, their certainty and weight, rivals, and the rest.
 pub fn discovery(found: &Discovery) -> String {
     use discovery::{findings, tables};
     let mut text = wrap(&findings::verdict(found), "") + &wrap(&findings::gap(found), "") + "\n";

@@ -1,4 +1,4 @@
-//! What holds for every form of output.
+//! Properties of every form of output.
 
 use roxmltree::{Document, Node};
 use tau::assumptions::Assumptions;

@@ -18,14 +18,14 @@ use super::{figures, html, json};
 ///
 /// # Errors
 ///
-/// What the file system says, with the path it says it of.
+/// An error of the file system, with its path.
 pub fn write_study(folder: &Path, study: &Study) -> io::Result<Vec<PathBuf>> {
     let files = study_files(folder, study);
     write_files(&files)?;
     Ok(files.into_iter().map(|(path, _)| path).collect())
 }
 
-/// What [`write_study`] writes: paths and contents.
+/// Files of [`write_study`]: paths and contents.
 pub fn study_files(folder: &Path, study: &Study) -> Vec<(PathBuf, String)> {
     let figures = figures::all(study);
     let mut files = vec![

@@ -22,11 +22,11 @@ pub struct InputError {
 pub struct Problem {
     /// The file, as the user named it, or the option, such as `--split`.
     pub source: String,
-    /// Where in the source; absent where the source as a whole is wrong.
+    /// Place in the source; absent where the source as a whole is wrong.
     pub place: Option<Place>,
-    /// What was found and what was expected, lower case, without a full stop.
+    /// Found and expected, lower case, without a full stop.
     pub message: String,
-    /// How to mend it.
+    /// The remedy.
     pub help: Option<String>,
 }
 

@@ -1,4 +1,7 @@
 //! A robot and its variants at run time, whether compiled in or read from a `.tau` file.
+//!
+//! The tables are owned, unlike those of `tau_runtime`, which are statics of generated code: interpreted robots could
+//! not lend statics without leaking them.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -71,7 +74,7 @@ pub struct Variant {
 /// A residual family applied to a link, a cluster or a cart.
 #[derive(Clone)]
 pub struct Instance {
-    /// Which residual.
+    /// Kind of its residual.
     pub kind: ResidualKind,
     /// Index of the link (full arm), the cluster (reduced arm) or the track (sets 2 and 3).
     pub of: usize,

@@ -15,7 +15,7 @@ pub struct Shape {
     pub residuals: usize,
 }
 
-/// Where the entries of a Jacobian stand, in compressed rows.
+/// Places of a Jacobian's entries, in compressed rows.
 ///
 /// Row `i` holds the entries `row_starts[i]..row_starts[i + 1]`; `columns` gives the parameter of each.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -32,7 +32,7 @@ impl Pattern<'_> {
         self.columns.len()
     }
 
-    /// Whether no residual depends on any parameter.
+    /// True if no residual depends on any parameter.
     pub const fn is_empty(&self) -> bool {
         self.columns.is_empty()
     }

@@ -1,4 +1,7 @@
-//! What generated code consists of, and the residual family it makes.
+//! The parts of generated code, and the residual family made of them.
+//!
+//! Each formula is written once, generic over what holds the numbers; single-sample functions and loops over lanes
+//! are made of it here. Preparation stays per sample, since trigonometry is most of it.
 
 use core::marker::PhantomData;
 

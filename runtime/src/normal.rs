@@ -1,4 +1,7 @@
 //! Normal equations of a residual family, accumulated without storing its Jacobian.
+//!
+//! A few blocks at a time are linearised into scratch space that stays in the first cache, and products of columns
+//! are added to sums in lanes, for any family that has blocks: no code per family.
 
 use crate::lanes::{Kernel, LANES, Lanes, vectorized};
 use crate::{BlockFamily, Pattern, Shape};

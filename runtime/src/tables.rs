@@ -1,4 +1,4 @@
-//! What a robot's variants are made of, as data.
+//! Parts of a robot's variants, as data.
 
 use crate::ResidualFamily;
 
@@ -41,7 +41,7 @@ pub struct Link {
     pub actuated_by: Option<usize>,
 }
 
-/// Whether closure is written per link or per cluster.
+/// The arm's closures: per link or per cluster.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Arm {
     /// One closure equation per cluster, plate offsets folded into the track offsets
@@ -60,12 +60,12 @@ pub enum TrackShape {
     Piecewise,
 }
 
-/// How a variant models one track.
+/// A variant's model of one track.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct TrackModel {
     /// Straight or interpolated.
     pub shape: TrackShape,
-    /// Whether each link has a direction (or rotation) of its own.
+    /// True if each link has a direction (or rotation) of its own.
     pub per_link: bool,
 }
 
@@ -95,7 +95,7 @@ pub struct EffectUse {
     pub places: &'static [&'static str],
 }
 
-/// What a parameter belongs to.
+/// Owner of a parameter.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Owner {
     /// A link, by index.
@@ -122,7 +122,7 @@ pub enum Owner {
 pub struct Parameter {
     /// Full name, such as `l1.track_offset.x` or `rack_pitch(two).sine`.
     pub name: &'static str,
-    /// What it belongs to.
+    /// Its owner.
     pub owner: Owner,
     /// `length`, `plate_joint`, `track_offset`, `track_direction`, `track_rotation`, `translation`,
     /// `rotation`, `position`, or the name of an effect's parameter.
@@ -177,7 +177,7 @@ impl Parameter {
     }
 }
 
-/// Which residual an instance writes.
+/// Kind of an instance's residual.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ResidualKind {
     /// `L² − ‖T + R P − C(q)‖²` (m²) at a pose of set 1: of a link, or of a cluster where the arm is reduced.
@@ -198,7 +198,7 @@ pub enum ResidualKind {
 /// A residual family applied to a link, a cluster or a cart.
 #[derive(Clone, Copy)]
 pub struct Instance {
-    /// Which residual.
+    /// Kind of its residual.
     pub kind: ResidualKind,
     /// Index of the link (full arm), cluster (reduced arm) or track (`CartPose`, `CartPosition`).
     pub of: usize,

@@ -9,7 +9,7 @@ use super::effect::Conditions;
 use super::machine::{Machine, Pose, Rod, least_norm};
 use super::random::Random;
 
-/// How the true machine differs from its drawings.
+/// Differences of the true machine from its drawings.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Build {
     /// Exactly as the robot file says.

@@ -20,7 +20,7 @@ pub struct Conditions {
     pub temperature_c: f64,
 }
 
-/// What an error of a cart can depend on.
+/// State of a cart on which its errors can depend.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CartReading {
     /// Command of the cart (m).
@@ -48,7 +48,7 @@ pub struct CartError {
     pub turn_rad: [f64; 3],
 }
 
-/// What an error of a link can depend on.
+/// State of a link on which its errors can depend.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LinkReading {
     /// Length without errors, at command zero (m).
@@ -76,7 +76,7 @@ pub struct LinkError {
     pub joint_m: [f64; 3],
 }
 
-/// What an error of the tracker can depend on.
+/// State of the measurement on which the tracker's errors can depend.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TcpReading {
     /// True position of the TCP (m).
@@ -94,7 +94,7 @@ pub type LinkFunction = dyn Fn(&LinkReading) -> LinkError + Send + Sync;
 /// Error of the measured TCP position (m) as a function.
 pub type TcpFunction = dyn Fn(&TcpReading) -> [f64; 3] + Send + Sync;
 
-/// What an error does.
+/// Physics of an error.
 #[derive(Clone)]
 pub enum Physics {
     /// Displaces a cart.
@@ -110,13 +110,13 @@ pub enum Physics {
 pub struct Effect {
     /// Name, of the catalogue where it is one of those.
     pub name: String,
-    /// Where it acts.
+    /// Its place.
     pub place: Place,
-    /// Whether the catalogue has it.
+    /// True if the catalogue has it.
     pub listed: bool,
     /// Parameters, SI, in the order of the catalogue; empty for one that is not listed.
     pub parameters: Vec<(String, Vec<f64>)>,
-    /// What it does.
+    /// Its physics.
     pub physics: Physics,
 }
 
@@ -176,7 +176,7 @@ impl Effect {
     }
 }
 
-/// What a listed effect acts on.
+/// Subject of a listed effect.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Subject {
     Cart,
@@ -190,7 +190,7 @@ pub(crate) struct Parameter {
     pub(crate) name: &'static str,
     pub(crate) components: usize,
     pub(crate) unit: &'static str,
-    /// Whether the effect means nothing without it: a period.
+    /// True if the effect means nothing without it: a period.
     pub(crate) required: bool,
 }
 
@@ -421,7 +421,7 @@ fn tcp(error: impl Fn(&TcpReading) -> [f64; 3] + Send + Sync + 'static) -> Physi
     Physics::Tcp(Arc::new(error))
 }
 
-/// What a wheel or a rack does once every `period` of travel.
+/// The wave of a wheel or a rack, once every `period` of travel.
 fn wave(sine: f64, cosine: f64, period: f64) -> impl Fn(f64) -> f64 + Send + Sync + 'static {
     let (radius, phase) = (sine.hypot(cosine), cosine.atan2(sine));
     move |q| radius * (TAU * (q / period) + phase).sin()

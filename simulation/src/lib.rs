@@ -43,7 +43,7 @@ const MOUNTING_M: f64 = 0.15;
 /// Distance of the trackers of sets 2 and 3 from the machine (m).
 const TRACKER_M: (f64, f64) = (3.0, 6.0);
 
-/// What to simulate. The defaults are those of the prototype's measurements.
+/// A simulation. The defaults are those of the prototype's measurements.
 #[derive(Clone)]
 pub struct Simulation {
     /// The robot.
@@ -53,7 +53,7 @@ pub struct Simulation {
     /// Name of the variant whose simplifications the true machine keeps: with a reduced arm, parallel
     /// links; without paths per link, carts that do not turn. `None`: none of them.
     pub variant: Option<String>,
-    /// How the true machine differs from its drawings.
+    /// Differences of the true machine from its drawings.
     pub build: Build,
     /// Physical errors.
     pub effects: Vec<Effect>,
@@ -100,11 +100,11 @@ pub struct SimulatedFolder {
     pub folder: Folder,
     /// The robot file that belongs to them.
     pub file: RobotFile,
-    /// What was hidden.
+    /// The hidden truth.
     pub truth: Truth,
 }
 
-/// What was hidden.
+/// The hidden truth.
 #[derive(Debug, Clone)]
 pub struct Truth {
     /// The machine as built, with its effects.

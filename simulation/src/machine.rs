@@ -43,7 +43,7 @@ pub struct Machine {
     pub tracks: usize,
     /// Number of commands.
     pub commands: usize,
-    /// What the arm carries.
+    /// The load that the arm carries.
     pub payload: Option<Payload>,
     /// Physical errors.
     pub effects: Vec<Effect>,
@@ -363,7 +363,7 @@ impl Machine {
         Some((tensions, loads))
     }
 
-    /// What the tracker's errors add to a measured TCP position (m).
+    /// Sum of the tracker's errors at a measured TCP position (m).
     pub fn measuring_error(&self, pose: Pose, conditions: &Conditions) -> Vector3<f64> {
         let reading = TcpReading {
             position_m: pose.position_m.into(),

@@ -68,7 +68,7 @@ impl<'a> Generator<'a> {
         }
     }
 
-    /// What the measurements of one pose have in common.
+    /// Deviate that the measurements of one pose share.
     pub(super) fn pose(&mut self) -> f64 {
         self.fresh()
     }

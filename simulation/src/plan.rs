@@ -1,4 +1,4 @@
-//! Where to measure: poses, points on the tracks, order, time, temperature and side of approach.
+//! The plan of measurements: poses, points on the tracks, order, time, temperature and side of approach.
 
 use nalgebra::Vector3;
 
@@ -7,7 +7,7 @@ use super::effect::Conditions;
 use super::machine::{Machine, track_frame};
 use super::random::Random;
 
-/// Where the TCP is measured in set 1.
+/// Choice of the TCP's positions in set 1.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Poses {
     /// A grid about the pose at all commands zero: layers along the mean track, rows across, columns up,
@@ -50,7 +50,7 @@ pub struct TrackPoints {
     /// Random displacement of each point within the track, as a share of the step, as ISO 230-2 asks
     /// for against aliasing.
     pub jitter: f64,
-    /// Whether each point is measured on the way back, too.
+    /// True if each point is measured on the way back, too.
     pub both_ways: bool,
 }
 
@@ -127,7 +127,7 @@ pub(super) struct Stops {
     pub(super) left_out: usize,
 }
 
-/// What planning needs to know.
+/// Input of a plan.
 pub(super) struct Planner<'a> {
     /// The machine of the drawings.
     pub(super) nominal: &'a Machine,

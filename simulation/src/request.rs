@@ -32,7 +32,7 @@ pub struct Request {
     pub effects: Vec<String>,
     /// Seed of all random numbers.
     pub seed: u64,
-    /// Whether the machine is exactly that of the robot file, instead of drawn from its tolerances.
+    /// True if the machine is exactly that of the robot file, instead of drawn from its tolerances.
     pub exact: bool,
     /// Noise of positions to state and to apply, in place of the file's (m).
     pub noise_position_m: Option<f64>,
@@ -40,7 +40,7 @@ pub struct Request {
     pub noise_rotation_rad: Option<f64>,
     /// True noise of sets 1, 2 and 3 over the stated one.
     pub noise_scale: [f64; 3],
-    /// Whether the noise has heavy tails (Student's t of three degrees of freedom).
+    /// True if the noise has heavy tails (Student's t of three degrees of freedom).
     pub heavy_tails: bool,
     /// Share of the variance that the coordinates of a pose have in common.
     pub common_noise: f64,
@@ -56,17 +56,17 @@ pub struct Request {
     pub grid_step_m: Option<[f64; 3]>,
     /// Number of TCP poses: those of the grid end there.
     pub poses: Option<usize>,
-    /// Whether the TCP poses are random instead of on the grid.
+    /// True if the TCP poses are random instead of on the grid.
     pub random: bool,
     /// Random displacement of grid and track points, as a share of the step.
     pub jitter: f64,
     /// Number of points on each track in set 2.
     pub track_points: usize,
-    /// Whether set 2 is measured both ways.
+    /// True if set 2 is measured both ways.
     pub both_ways: bool,
     /// Number of random poses in set 3.
     pub cart_poses: usize,
-    /// Whether poses are approached from random sides.
+    /// True if poses are approached from random sides.
     pub random_approach: bool,
     /// Temperature at the start (°C).
     pub temperature_c: f64,
@@ -109,7 +109,7 @@ impl Default for Request {
     }
 }
 
-/// What was simulated, for the command line to say.
+/// A summary of the simulation, for the command line.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Summary {
     /// Number of rows of sets 1, 2 and 3.
@@ -135,7 +135,7 @@ impl Request {
         Ok(Summary::of(&simulated))
     }
 
-    /// What the request means.
+    /// The simulation that the request describes.
     ///
     /// # Errors
     /// All mistakes of the options at once.

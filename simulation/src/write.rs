@@ -36,7 +36,7 @@ impl SimulatedFolder {
     /// Checks that the folder will be taken for measurements of the robot.
     ///
     /// # Errors
-    /// What reading it would answer, by the names that its files would have.
+    /// Answer of a reader of the folder, by the names that its files would have.
     pub(super) fn check(&self, folder: &Path, robot: &Robot) -> Result<(), InputError> {
         let texts = self.texts();
         let text = |name: &str| {
@@ -65,7 +65,7 @@ impl SimulatedFolder {
     ///
     /// # Errors
     /// There is a file or a folder of that name that is not empty: measurements are never overwritten.
-    /// What the file system says otherwise.
+    /// Any other error of the file system.
     pub fn write(&self, folder: &Path) -> Result<(), InputError> {
         let shown = folder.display().to_string();
         let failed = |error: &std::io::Error| {

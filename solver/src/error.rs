@@ -1,4 +1,4 @@
-//! What can go wrong.
+//! Errors of the solver.
 
 use std::fmt;
 
@@ -22,14 +22,14 @@ pub enum Error {
     InvalidParameter {
         /// Name of the parameter.
         name: String,
-        /// What is wrong with it.
+        /// The reason.
         reason: String,
     },
     /// A block's data, weights, loss or parameter indices do not fit its residual family.
     InvalidBlock {
         /// Label of the block.
         label: String,
-        /// What is wrong with it.
+        /// The reason.
         reason: String,
     },
     /// The number of values passed differs from the number of parameters of the problem.

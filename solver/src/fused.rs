@@ -1,7 +1,7 @@
 //! The linear model of a part from its normal equations, which residual families accumulate without
 //! storing a Jacobian.
 //!
-//! What the iteration sees is the Cholesky factor: with `[J r]ᵀ[J r] = [R c; 0 ρ]ᵀ[R c; 0 ρ]`, the small
+//! The iteration sees the Cholesky factor: with `[J r]ᵀ[J r] = [R c; 0 ρ]ᵀ[R c; 0 ρ]`, the small
 //! problem `½‖R y + c‖² + ½ρ²` is the same function of the step as `½‖J y + r‖²`, and nothing after it
 //! need know.
 //!
@@ -124,7 +124,7 @@ impl<'p> Fused<'p> {
         })
     }
 
-    /// Whether the normal equations were given up for the stored Jacobian.
+    /// True if the normal equations were given up for the stored Jacobian.
     pub(crate) fn is_stored(&self) -> bool {
         self.stored.is_some()
     }
@@ -275,7 +275,7 @@ impl Piece<'_> {
         is_finite
     }
 
-    /// Where the first residual of a range is that is not finite, of a block of so many samples.
+    /// Place of the first residual of a range that is not finite, in a block of so many samples.
     fn not_finite(&self, range: usize, values: &[Lanes], samples: usize) -> NonFinite {
         let (residuals, first) = (self.family.shape().residuals, range * RANGE);
         let is_wrong = |&index: &usize| {
@@ -351,7 +351,7 @@ fn factor(matrix: &mut [f64], n: usize) -> bool {
         }
         let pivot = entries[0];
         if row == n {
-            // What no step removes: zero where rounding leaves less.
+            // Part that no step removes: zero where rounding leaves less.
             entries[0] = pivot.max(0.0).sqrt();
             return pivot.is_finite();
         }

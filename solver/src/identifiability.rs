@@ -1,4 +1,4 @@
-//! What the data say about the parameters, priors aside.
+//! Information of the data about the parameters, priors aside.
 
 use faer::Mat;
 
@@ -12,7 +12,7 @@ use crate::{Error, Problem};
 /// Shares below this are left out of a combination.
 const LEAST_SHARE: f64 = 1e-9;
 
-/// How well the data alone determine the free parameters.
+/// Information of the data alone about the free parameters.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Identifiability {
     /// Number of free parameters.

@@ -21,7 +21,7 @@ pub(crate) struct Jacobian {
     pub(crate) columns: Vec<usize>,
     pub(crate) values: Vec<f64>,
     pub(crate) column_count: usize,
-    /// Where the columns are, for large matrices.
+    /// Entries by column, for large matrices.
     by_column: Option<ByColumn>,
 }
 

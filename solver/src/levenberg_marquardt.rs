@@ -126,13 +126,13 @@ struct Model {
     size: f64,
 }
 
-/// What came of a trial step.
+/// Outcome of a trial step.
 struct Trial {
     /// Decrease of the cost; −∞ where it is not finite.
     decrease: f64,
     /// Decrease that the linear model predicted.
     predicted: f64,
-    /// Whether both decreases are too small to tell from rounding, and the step is taken in the hope of
+    /// True if both decreases are too small to tell from rounding, and the step is taken in the hope of
     /// a better linear model.
     polishing: bool,
     accepted: bool,

@@ -28,7 +28,7 @@ impl<'p> Linearization<'p> {
         }
     }
 
-    /// Whether [`Self::jacobian`] comes from the normal equations.
+    /// True if [`Self::jacobian`] comes from the normal equations.
     pub(crate) fn is_fused(&self) -> bool {
         matches!(self, Self::Fused(fused) if !fused.is_stored())
     }

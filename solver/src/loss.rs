@@ -1,6 +1,6 @@
 //! Robust losses.
 
-/// What a whitened residual r costs: ½ρ(r²).
+/// Cost of a whitened residual r: ½ρ(r²).
 ///
 /// The parameter is the size of r, in standard deviations, beyond which the loss departs from the
 /// square. Losses bound the pull of outliers; [`Loss::Tukey`] ignores what lies beyond its threshold

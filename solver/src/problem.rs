@@ -26,7 +26,7 @@ pub struct Prior {
 }
 
 impl Prior {
-    /// What it costs a parameter to be `x`.
+    /// Cost of a parameter at `x`.
     pub(crate) fn cost(&self, x: f64) -> f64 {
         let r = (x - self.mean) / self.sigma;
         0.5 * r * r
@@ -38,15 +38,15 @@ impl Prior {
 pub struct Parameter {
     /// Name in reports and errors.
     pub name: String,
-    /// Where the search starts; moved to the nearest bound if outside.
+    /// Start of the search; moved to the nearest bound if outside.
     pub start: f64,
-    /// What is known of it beforehand.
+    /// Prior knowledge of it.
     pub prior: Option<Prior>,
     /// Least admissible value, −∞ where there is none.
     pub lower: f64,
     /// Greatest admissible value, +∞ where there is none.
     pub upper: f64,
-    /// Whether it stays at its start.
+    /// True if it stays at its start.
     pub fixed: bool,
 }
 
@@ -84,7 +84,7 @@ impl Parameter {
         self
     }
 
-    /// Whether the solver may move it.
+    /// True if the solver may move it.
     pub(crate) fn is_free(&self) -> bool {
         !self.fixed && self.lower < self.upper
     }
@@ -139,7 +139,7 @@ impl<'a> Block<'a> {
     /// Applies `family` to the samples in `data`, a row-major array of `shape().data` numbers each.
     ///
     /// `parameters` gives, for each parameter of the family, its index in [`Problem::parameters`].
-    /// What depends on data alone is computed here, once. A family without data has one sample.
+    /// Values that depend on data alone are computed here, once. A family without data has one sample.
     pub fn new(
         label: impl Into<String>,
         family: &'a dyn ResidualFamily,
@@ -199,7 +199,7 @@ impl<'a> Block<'a> {
         self.samples
     }
 
-    /// Whether samples have parameters of their own.
+    /// True if samples have parameters of their own.
     pub(crate) fn has_sample_parameters(&self) -> bool {
         !self.sample_parameters.is_empty()
     }

@@ -4,7 +4,7 @@ use std::fmt;
 
 use crate::Method;
 
-/// How to solve. The defaults converge to the accuracy that the arithmetic allows.
+/// Options of the solver. The defaults converge to the accuracy that the arithmetic allows.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Options {
     /// Most iterations per part; an iteration is one linearisation.
@@ -52,7 +52,7 @@ pub enum Termination {
 }
 
 impl Termination {
-    /// Whether a minimum was reached.
+    /// True if a minimum was reached.
     pub fn converged(self) -> bool {
         self != Self::MaxIterations
     }
@@ -89,7 +89,7 @@ pub struct Iteration {
     pub trust_radius: f64,
     /// Levenberg-Marquardt damping that kept the step within the radius.
     pub damping: f64,
-    /// Whether the step was taken.
+    /// True if the step was taken.
     pub accepted: bool,
 }
 
@@ -130,7 +130,7 @@ pub struct Solution {
 }
 
 impl Solution {
-    /// Whether every part reached a minimum.
+    /// True if every part reached a minimum.
     pub fn converged(&self) -> bool {
         self.termination.converged()
     }

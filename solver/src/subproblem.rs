@@ -273,7 +273,7 @@ impl Subproblem {
         };
     }
 
-    /// Whether a parameter is at a bound through which the gradient pushes it.
+    /// True if a parameter is at a bound through which the gradient pushes it.
     fn is_blocked(&self, j: usize) -> bool {
         (self.lower[j] >= 0.0 && self.gradient[j] >= 0.0)
             || (self.upper[j] <= 0.0 && self.gradient[j] <= 0.0)

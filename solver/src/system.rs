@@ -16,7 +16,7 @@ const BATCH: usize = 64;
 /// on how many threads there are.
 const SHARED_BATCHES: usize = 8;
 
-/// Where a number that is not finite turned up.
+/// Origin of a number that is not finite.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct NonFinite {
     pub(crate) block: usize,
@@ -38,7 +38,7 @@ impl NonFinite {
     }
 }
 
-/// What the residuals of a system are wanted for.
+/// Purpose of an evaluation of the residuals.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Content {
     /// Data and priors, losses as squares of equal gradient and, where safe, equal curvature.
@@ -60,7 +60,7 @@ struct Piece {
     layout: SampleLayout,
 }
 
-/// Where the entries of a sample stand.
+/// Places of the entries of a sample.
 #[derive(PartialEq, Eq)]
 struct SampleLayout {
     /// For each residual, the end of its entries among those of the sample.
@@ -69,7 +69,7 @@ struct SampleLayout {
     slots: Vec<usize>,
 }
 
-/// What a thread writes of a piece: some samples' rows.
+/// Part of a piece that a thread writes: some samples' rows.
 struct Batch<'a> {
     /// First sample of the block, and their number.
     first: usize,

@@ -36,8 +36,8 @@ pub mod input_error {
 pub mod kinematics {
     pub use tau_kinematics::{
         AssemblyMode, Closures, Error, Forces, InverseOptions, LARGEST_MISMATCH_M, Machine,
-        POSE_COLUMNS, Path, Pose, Reached, Sample, Segment, Statics, Surroundings, track_axes, xyz,
-        xyz_angles, zyz,
+        Missing, POSE_COLUMNS, Path, Pose, Reached, Sample, Segment, Statics, Surroundings,
+        track_axes, xyz, xyz_angles, zyz,
     };
 }
 

@@ -244,7 +244,7 @@ impl<'a> Setup<'a> {
         }
     }
 
-    /// Whether a position says all that can be asked for.
+    /// True if a position says all that can be asked for.
     fn is_given_by_position(&self) -> bool {
         self.machine.variant.arm == Arm::Reduced || self.machine.orientation_follows()
     }

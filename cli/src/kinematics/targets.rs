@@ -13,10 +13,10 @@ use tau_robot::measurements::{Conditions, Shape, plausible};
 
 use super::super::arguments::Numbers;
 
-/// What was asked for, once.
+/// One target.
 #[derive(Debug, Clone)]
 pub(super) struct Row {
-    /// Where it was asked for.
+    /// Its place in the input.
     pub(super) source: String,
     /// Its number: of the file, or counted.
     pub(super) pose: u32,
@@ -100,7 +100,7 @@ fn check_count(option: &str, numbers: &[f64], expected: &[usize]) -> Result<(), 
     ))
 }
 
-/// What a CSV asks for.
+/// Kind of targets in a CSV.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Asked {
     /// The poses at its commands; a pose in the same row is the start.
@@ -121,7 +121,7 @@ pub(super) fn of_file(
     let directions: Vec<String> = (1..=shape.commands)
         .map(|n| format!("{DIRECTION}{n}"))
         .collect();
-    // What the program writes can be read again: commands are no strangers beside poses.
+    // Output of the program can be read again: commands are no strangers beside poses.
     let known = ["pose", TIME, TEMPERATURE]
         .iter()
         .chain(&POSITION)

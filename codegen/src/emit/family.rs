@@ -250,7 +250,7 @@ fn body(program: &Program, split: usize) -> Body {
     }
 }
 
-/// How tightly an expression binds.
+/// Precedence of an expression.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum Binding {
     Sum,
@@ -266,7 +266,7 @@ struct Writer<'a> {
 }
 
 impl Writer<'_> {
-    /// Whether a temporary is written inside its only reader instead of having a name.
+    /// True if a temporary is written inside its only reader instead of having a name.
     fn is_inline(&self, index: usize) -> bool {
         self.uses[index] == 1
             && self.program.names[index].is_none()

@@ -83,7 +83,7 @@ pub struct Clash {
     pub of: String,
     /// Both, and the name in common.
     pub message: String,
-    /// How to mend it.
+    /// The remedy.
     pub help: &'static str,
 }
 

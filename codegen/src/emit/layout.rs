@@ -1,7 +1,8 @@
 //! Statements as lines.
 //!
 //! Bodies of functions are nearly all of generated code and simple, so that laying them out takes no syntax
-//! tree: the formatter sees the items around them alone.
+//! tree: the formatter sees the items around them alone. The macro reads the same text as tokens; a test holds a
+//! file's tokens against the expansion.
 
 /// Characters in a line.
 pub(super) const WIDTH: usize = 100;
@@ -62,7 +63,7 @@ fn place_to_break(line: &str, width: usize) -> Option<usize> {
     best.map(|(_, at)| at)
 }
 
-/// How tightly what stands at either side of a space belongs together; `None` where no line may end.
+/// Strength of the bond at either side of a space; `None` where no line may end.
 fn tightness(bytes: &[u8], at: usize) -> Option<u8> {
     let before = at.checked_sub(1).and_then(|before| bytes.get(before));
     let is_operator = bytes.get(at + 2) == Some(&b' ');

@@ -20,7 +20,7 @@ pub use handles::{Clash, clashes};
 
 use crate::compile::{CompiledRobot, Family};
 
-/// Where generated code finds the runtime crate.
+/// Path by which generated code finds the runtime crate.
 #[derive(Debug, Clone)]
 pub struct Paths {
     /// Rooted path of `tau_runtime`.
@@ -128,7 +128,7 @@ fn module(
     }
 }
 
-/// What the module of a variant names of the runtime crate.
+/// Imports of a variant's module from the runtime crate.
 fn imports(paths: &Paths) -> TokenStream {
     let runtime = &paths.runtime;
     quote! {
@@ -242,7 +242,7 @@ fn pack_lists(text: &str) -> String {
     packed
 }
 
-/// What `tau_model!` expands to: a module of the robot's items, and beside it the type of its name.
+/// Expansion of `tau_model!`: a module of the robot's items, and beside it the type of its name.
 pub fn expansion(compiled: &CompiledRobot, name: &Ident, paths: &Paths) -> TokenStream {
     let items = robot(compiled, paths);
     let module = Ident::new(&snake_case(&compiled.model.name), Span::mixed_site());

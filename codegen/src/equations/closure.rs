@@ -1,4 +1,8 @@
-//! The closure equation.
+//! The closure equation, by parameters and by pose.
+//!
+//! `closure_by_pose` is the same equation with other columns: the plate's translation, its rotation *vector* and the
+//! commands. ZYZ angles, which trackers report and which are the input, are singular at β = 0, where a Stewart
+//! platform stands at home; so the rotation is perturbed on the left and differentiated at zero.
 
 use std::collections::BTreeMap;
 

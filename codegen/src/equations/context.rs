@@ -9,7 +9,7 @@ use super::Parameter;
 use crate::graph::{Expr, Graph, Stage};
 use crate::vector::Vector;
 
-/// Whether data-only work is hoisted.
+/// Treatment of data-only work.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Staging {
     /// Data-only work goes into `prepare`.
@@ -26,7 +26,7 @@ pub(super) struct PoseSymbols {
     pub(super) commands: Vec<Expr>,
 }
 
-/// What equations are written in: a graph and the symbols made so far.
+/// Workspace of equations: a graph and the symbols made so far.
 #[derive(Debug)]
 pub struct Context<'a> {
     pub(super) model: &'a Model,

@@ -6,7 +6,7 @@ use tau_runtime::{Input, Owner};
 use super::Context;
 use crate::graph::{Elementary, Expr, Graph};
 
-/// Where a formula is evaluated.
+/// Place at which a formula is evaluated.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Scope {
     /// Index of the effect in the variant.
@@ -19,9 +19,9 @@ pub(super) struct Scope {
     pub(super) source: Option<usize>,
     /// The link whose tension is read.
     pub(super) link: Option<usize>,
-    /// What `length` belongs to.
+    /// Owner of `length`.
     pub(super) length_of: Option<Owner>,
-    /// Whether `x`, `y`, `z` are the measured position of this residual (set 1), or the TCP's elsewhere.
+    /// True if `x`, `y`, `z` are the measured position of this residual (set 1), or the TCP's elsewhere.
     pub(super) at_tcp: bool,
 }
 

@@ -23,7 +23,7 @@ use tau_runtime::{Input, ResidualKind, Shape};
 /// Residuals of one link, cluster or cart, differentiated, not yet lowered.
 #[derive(Debug)]
 pub struct Equations {
-    /// Which residual.
+    /// Kind of the residual.
     pub kind: ResidualKind,
     /// Index of the link, cluster or track.
     pub of: usize,
@@ -85,7 +85,7 @@ impl Equations {
         }
     }
 
-    /// Whether other equations lower to the same code: the links, clusters and carts of one form differ
+    /// True if other equations lower to the same code: the links, clusters and carts of one form differ
     /// in what fills data and parameters alone.
     pub fn same_form(&self, other: &Self) -> bool {
         fn symbols<T>(of: &[(T, Expr)]) -> impl Iterator<Item = Expr> {

@@ -8,7 +8,7 @@ use tau_runtime::Owner;
 pub struct Parameter {
     /// Full name, such as `l1.track_offset.x`.
     pub name: String,
-    /// What it belongs to.
+    /// Its owner.
     pub owner: Owner,
     /// `length`, `plate_joint`, `track_offset`, `track_direction`, `track_rotation`, `translation`,
     /// `rotation`, `position`, or the name of an effect's parameter.

@@ -1,4 +1,7 @@
 //! Residuals of targets on the carts: sets 2 and 3.
+//!
+//! Tracker frames of these sets may be anything, so that measured poses come registered near the frame of set 1.
+//! Frame and mounting are then small parameters, without a singularity in reach.
 
 use tau_runtime::{Input, Owner, ResidualKind};
 

@@ -33,7 +33,7 @@ impl Graph {
             .collect()
     }
 
-    /// Whether the expressions, node by node, depend on a symbol: indexed by [`Expr::index`].
+    /// Dependence of the expressions, node by node, on a symbol: indexed by [`Expr::index`].
     pub fn dependence(&self, depends: impl Fn(Symbol) -> bool) -> Vec<bool> {
         let mut result = vec![false; self.nodes.len()];
         for (index, node) in self.nodes.iter().enumerate() {
@@ -105,7 +105,7 @@ impl Graph {
     }
 }
 
-/// What the children of a node have become; places that it has no children for mean nothing.
+/// Images of a node's children; places that it has no children for mean nothing.
 fn images_of(node: Node, images: &ExprMap<Expr>) -> [Expr; 4] {
     let mut of_children = [Expr(0); 4];
     for (image, child) in of_children.iter_mut().zip(node.children()) {

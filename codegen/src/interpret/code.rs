@@ -1,4 +1,9 @@
 //! A program as instructions on slots, and their execution.
+//!
+//! Nearly all instructions are one: up to six products with their signs, added up in the program's order. A term
+//! that is no product is multiplied by one, which costs less than to store a value, to read it again and to decode
+//! another instruction. Values that nothing else reads go straight to the output; slots are reused, so that they stay
+//! in cache. Inputs are copied into slots: reading them where they stand costs more in strides and checks.
 
 mod translation;
 
@@ -19,7 +24,7 @@ type Slot = [Lanes; CHUNK];
 /// Most products that one instruction adds up: as many as the closure equation does for a component of its rod.
 const MOST: usize = 6;
 
-/// What an instruction does with its operands a, b, c and d.
+/// Operation of an instruction on its operands a, b, c and d.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Action {
     /// `± a * b ± c * d ± …`, so many products, each rounded, added up from the first on. Signs are factors, which
@@ -32,7 +37,7 @@ enum Action {
     Select,
 }
 
-/// Where a result goes.
+/// Destination of a result.
 #[derive(Debug, Clone, Copy)]
 enum Target {
     Slot(usize),
@@ -202,7 +207,7 @@ impl Kernel for Run<'_> {
     }
 }
 
-/// What instructions run on: the numbers of one sample, or blocks.
+/// Operands of instructions: the numbers of one sample, or blocks.
 trait Numbers: Sized {
     type Result;
 

@@ -92,7 +92,7 @@ pub(super) fn emit(
 
 struct Writer {
     program: Program,
-    /// Where each value is stored, under its sign.
+    /// Place of each value, under its sign.
     stored: Vec<Operand>,
     /// Negated copies already made.
     negated: FxHashMap<usize, Operand>,

@@ -7,6 +7,11 @@
 //!    value, computed once per sample.
 //! 4. Every sum may be stored with either sign; signs are chosen so that few negations remain, and the
 //!    rest becomes straight-line code (`form`, `signs`, `instructions`).
+//!
+//! The stage is a property of an expression: constant, data or parameter-dependent by what it contains. The
+//! closure equation with ten derivatives takes 56 operations per iteration once its data-only work is prepared,
+//! 69 in one piece; a test pins the counts. Additions and multiplications stay apart and in one order: no back
+//! end may fuse them, so that single samples, blocks and the interpreter agree bit for bit.
 
 mod form;
 mod instructions;
@@ -93,7 +98,7 @@ pub fn lower(
     }
 }
 
-/// What must be prepared: data-only expressions that parameter-dependent ones, or results, read.
+/// Prepared values: data-only expressions that parameter-dependent ones, or results, read.
 fn prepared(graph: &Graph, roots: &[Expr]) -> Vec<Expr> {
     let is_data = |expr: Expr| {
         graph.stage(expr) <= Stage::Data && !matches!(graph.node(expr), Node::Constant(_))

@@ -1,4 +1,6 @@
 //! Flattening of sums and products, grouping by stage, common factors.
+//!
+//! Data-only parts of a sum or a product stand together, so that each becomes one prepared value.
 
 use super::form::core;
 use crate::graph::{Expr, ExprMap, Graph, Node, Stage};

@@ -1,4 +1,4 @@
-//! Which values to store negated, so that few negations remain.
+//! Choice of the values to store negated, so that few negations remain.
 //!
 //! A sum can be computed with either sign at no cost unless all its terms come out negative; the sign of
 //! a product follows from its factors; results and arguments of functions need the true sign. A local
@@ -202,13 +202,13 @@ impl<'a> Search<'a> {
         reaches
     }
 
-    /// Whether any reader needs the value with the other sign.
+    /// True if any reader needs the value with the other sign.
     fn needs_copy(&self, value: usize) -> bool {
         let mut needs = self.needs.get(value).iter();
         needs.any(|&minus| minus != self.signs[value])
     }
 
-    /// Whether all terms of a sum come out negative.
+    /// True if all terms of a sum come out negative.
     fn is_negative_sum(&self, sum: usize, terms: &[(bool, usize)]) -> bool {
         terms
             .iter()

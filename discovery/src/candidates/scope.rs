@@ -1,4 +1,4 @@
-//! Where a term of an effect acts at a place, and what the words of its formula mean there.
+//! Actions of an effect's terms at a place, and the meaning of the words of their formulas there.
 
 use tau_codegen::language::model::{Model, Place, Readable, Target, Term};
 use tau_estimation::samples::Sample;
@@ -7,14 +7,14 @@ use tau_robot::robot::Input;
 
 use super::super::probes::Probes;
 
-/// Where a term acts.
+/// Action of a term on a probe.
 pub(super) struct Action {
     /// Indices of the probes of the target's components, which act on the same samples.
     pub(super) probes: Vec<usize>,
     pub(super) scope: Scope,
 }
 
-/// What a formula's words mean.
+/// Meaning of a formula's words.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Scope {
     command: Option<usize>,
@@ -24,7 +24,7 @@ pub(crate) struct Scope {
     length: Option<f64>,
 }
 
-/// Where a term of an effect acts at a place.
+/// Actions of a term of an effect at a place.
 pub(super) fn actions(place: Place, model: &Model, term: &Term, probes: &Probes) -> Vec<Action> {
     let none = Scope::NOWHERE;
     let on_cart = |track: usize, source: Option<usize>, component: usize| Action {
@@ -89,7 +89,7 @@ impl Scope {
         length: None,
     };
 
-    /// Whether there is a cart whose command `q` is.
+    /// True if there is a cart whose command `q` is.
     pub(crate) fn has_command(&self) -> bool {
         self.command.is_some()
     }

@@ -1,4 +1,4 @@
-//! Which candidates can't be told apart, whatever the residuals.
+//! Pairs of candidates that can't be told apart, whatever the residuals.
 
 use std::ops::Range;
 
@@ -7,9 +7,9 @@ use tau_estimation::numerics::parallel;
 use tau_estimation::numerics::products::transposed_times;
 use tau_estimation::numerics::projection::orthonormal;
 
-use crate::bench::Bench;
+use crate::candidate_set::CandidateSet;
+use crate::linear_model::LinearModel;
 use crate::results::Ambiguous;
-use crate::view::View;
 
 /// Share of a signal from which on the statistics of the two correlate by 0.8: noise may well make the wrong one
 /// the better (the rule of geodesy, where wrong identification becomes likelier than missed detection).
@@ -17,7 +17,7 @@ const AMBIGUOUS: f64 = 0.64;
 
 /// Pairs of named candidates that would show of which one explains more than [`AMBIGUOUS`] of what a
 /// model leaves of the other's signal, the closest first.
-pub(crate) fn ambiguous(bench: &Bench, view: &View) -> Vec<Ambiguous> {
+pub(crate) fn ambiguous(bench: &CandidateSet, view: &LinearModel) -> Vec<Ambiguous> {
     let (columns, blocks) = columns(bench, view);
     let rows = columns.nrows();
     let absorbed = view.q.rows(0, rows).transpose() * &columns;
@@ -63,7 +63,7 @@ pub(crate) fn ambiguous(bench: &Bench, view: &View) -> Vec<Ambiguous> {
 }
 
 /// Columns of all named candidates in units of a model's noise, and where each stands.
-fn columns(bench: &Bench, view: &View) -> (DMatrix<f64>, Vec<(usize, Range<usize>)>) {
+fn columns(bench: &CandidateSet, view: &LinearModel) -> (DMatrix<f64>, Vec<(usize, Range<usize>)>) {
     let indices: Vec<usize> = (0..bench.candidates.len()).collect();
     let blocks = parallel::map(&indices, |&index| bench.shown_columns(index));
     let width = blocks.iter().flatten().map(DMatrix::ncols).sum();
@@ -85,7 +85,7 @@ fn columns(bench: &Bench, view: &View) -> (DMatrix<f64>, Vec<(usize, Range<usize
     (columns, places)
 }
 
-/// What a model leaves of a candidate's columns.
+/// Signal of a candidate beside a model.
 struct Signal {
     candidate: usize,
     place: Range<usize>,

@@ -9,14 +9,14 @@ pub(super) mod whiteness;
 use nalgebra::{Cholesky, DVector};
 use tau_estimation::numerics::parallel;
 
+use super::linear_model::LinearModel;
 use super::results::Evidence;
 use super::search::Search;
-use super::view::View;
 
 /// The evidence for each effect that was found; `base` is the model that the search started from.
-pub(super) fn of_effects(search: &Search<'_>, base: &View) -> Vec<Evidence> {
+pub(super) fn of_effects(search: &Search<'_>, base: &LinearModel) -> Vec<Evidence> {
     let (bench, fit) = (&search.bench, &search.state.fit);
-    let view = View::of(fit);
+    let view = LinearModel::of(fit);
     let effects: Vec<usize> = (0..search.state.members.len()).collect();
     parallel::map(&effects, |&effect| {
         let accepted = search.state.members[effect];

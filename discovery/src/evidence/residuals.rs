@@ -6,12 +6,12 @@ use nalgebra::{DMatrix, DVector};
 use tau_codegen::language::Model;
 use tau_codegen::language::model::{Readable, Target, Term};
 
-use crate::bench::Bench;
+use crate::candidate_set::CandidateSet;
 use crate::candidates::{Candidate, Entry, Scope};
+use crate::linear_model::LinearModel;
 use crate::probes::{Moved, Probe};
 use crate::results::{Bin, Pattern};
 use crate::structure::correlation;
-use crate::view::View;
 
 /// Bins along a quantity that takes more values than that.
 const BINS: usize = 12;
@@ -27,15 +27,15 @@ struct Point {
     before: f64,
     after: f64,
     information: f64,
-    /// What the model absorbs of the sample's products, in its basis.
+    /// Part of the sample's products in the model's basis.
     absorbed: DVector<f64>,
 }
 
 /// One pattern for each motion that a candidate with these parameter values adds to. `view` is the
 /// model with it, `before` are the residuals without it.
 pub(super) fn patterns(
-    bench: &Bench,
-    view: &View,
+    bench: &CandidateSet,
+    view: &LinearModel,
     before: &DVector<f64>,
     candidate: usize,
     values: &[f64],
@@ -78,7 +78,7 @@ pub(super) fn patterns(
             let readable = covariate(bench, described, values, &group, read)?;
             let (against, against_unit) = quantity(&bench.model, readable, group[0].scope);
             let period = period(described, values, readable);
-            // What moves is the same whichever term moves it.
+            // The displacement is the same whichever term moves it.
             let mut probes = BTreeSet::new();
             group.retain(|entry| probes.insert(entry.probe));
             let mut points = Vec::new();
@@ -108,7 +108,7 @@ pub(super) fn patterns(
 
 /// Of the quantities that a term reads, the one that the effect follows best.
 fn covariate(
-    bench: &Bench,
+    bench: &CandidateSet,
     described: &Candidate,
     values: &[f64],
     group: &[&Entry],
@@ -151,7 +151,7 @@ fn covariate(
         .map(|(_, readable)| readable)
 }
 
-fn series(bench: &Bench, entry: &Entry, readable: Readable) -> Option<Vec<f64>> {
+fn series(bench: &CandidateSet, entry: &Entry, readable: Readable) -> Option<Vec<f64>> {
     entry
         .scope
         .read(
@@ -174,14 +174,14 @@ fn period(described: &Candidate, values: &[f64], readable: Readable) -> Option<f
     Some(values[searched]).filter(|period| is_length && *period > 0.0)
 }
 
-fn probe<'a>(bench: &'a Bench, entry: &Entry) -> &'a Probe {
+fn probe<'a>(bench: &'a CandidateSet, entry: &Entry) -> &'a Probe {
     &bench.probes.all[entry.probe]
 }
 
-/// What would explain the residuals of each sample by this motion alone, by least squares.
+/// Motion that would explain the residuals of each sample by itself, by least squares.
 fn displacements(
-    bench: &Bench,
-    view: &View,
+    bench: &CandidateSet,
+    view: &LinearModel,
     before: &DVector<f64>,
     entry: &Entry,
     at: &[f64],

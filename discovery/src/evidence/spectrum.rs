@@ -2,11 +2,11 @@
 
 use nalgebra::DVector;
 
-use crate::bench::{Bench, Table, f_form};
+use crate::candidate_set::{CandidateSet, Table, f_form};
+use crate::linear_model::LinearModel;
 use crate::response::Responses;
 use crate::results::Spectrum;
 use crate::significance::Null;
-use crate::view::View;
 
 /// Stretches of the grid of which the highest point is kept: as data, and as a curve to draw.
 const POINTS: usize = 48;
@@ -15,9 +15,9 @@ const CURVE: usize = 600;
 /// The spectrum of a searched candidate. `base` is the model in which it was scored first, `residuals`
 /// are those of other models, without and with the effect, each row in units of noise times `factors`.
 pub(super) fn spectrum(
-    bench: &Bench,
+    bench: &CandidateSet,
     first: &Table,
-    base: &View,
+    base: &LinearModel,
     candidate: usize,
     residuals: [&DVector<f64>; 2],
     factors: &[f64],
@@ -75,8 +75,8 @@ fn highest(points: &[[f64; 3]], stretches: usize) -> Vec<[f64; 3]> {
         .collect()
 }
 
-/// What a model leaves of residuals that were weighted with other factors.
-fn left_by(base: &View, residuals: &DVector<f64>, factors: &[f64]) -> DVector<f64> {
+/// Remainder of residuals, weighted with other factors, beside a model.
+fn left_by(base: &LinearModel, residuals: &DVector<f64>, factors: &[f64]) -> DVector<f64> {
     let mut rescaled = DVector::zeros(base.residuals.len());
     for (row, (from, to)) in factors.iter().zip(&base.factors).enumerate() {
         if *from > 0.0 {

@@ -1,12 +1,12 @@
-//! Whether residuals follow each other in the order in which they were measured.
+//! Serial correlation of residuals in the order of measurement.
 
 use nalgebra::{DMatrix, DVector};
 use tau_estimation::numerics::distribution::chi2_survival;
 use tau_estimation::numerics::products::transposed_times;
 use tau_estimation::samples::Sample;
 
+use crate::linear_model::LinearModel;
 use crate::results::SerialCorrelation;
-use crate::view::View;
 
 /// Most lags that are looked at together.
 const LAGS: usize = 10;
@@ -15,7 +15,7 @@ const LEAST_SAMPLES: usize = 10;
 
 /// Residuals of set 1 by pose in the order of measurement, with what the fit absorbs of them.
 pub(crate) struct Series {
-    /// Whether by the column of time; otherwise by the rows of the file.
+    /// True if the order is by the column of time, not by the rows of the file.
     pub(crate) is_by_time: bool,
     /// Pose after pose, those of one pose together.
     residuals: DVector<f64>,
@@ -27,7 +27,7 @@ pub(crate) struct Series {
 
 impl Series {
     /// `None` where set 1 has too few poses.
-    pub(crate) fn of(view: &View, samples: &[Sample]) -> Option<Self> {
+    pub(crate) fn of(view: &LinearModel, samples: &[Sample]) -> Option<Self> {
         let mut rows_of: Vec<(usize, Vec<usize>)> = Vec::new();
         for (row, at) in view.rows.iter().enumerate() {
             if samples[at.sample].set == 1 && view.factors[row] > 0.0 {

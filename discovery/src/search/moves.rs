@@ -1,12 +1,17 @@
 //! Moves from one model to its neighbours, with the change of score that the linear model predicts.
+//!
+//! Places of one effect are a set: the first step towards "one and three" would often be "all", of which single steps
+//! find no way back. So an effect joins at as many places as pay, too, and one common amplitude is exchanged for several
+//! and back. Optional parameters, such as a second harmonic, are moves of their own: they would take columns, and
+//! power with them, from every effect that has none.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use tau_codegen::language::model::Place;
 
-use super::super::bench::{Score, Table};
-use super::super::view::View;
+use super::super::candidate_set::{Score, Table};
+use super::super::linear_model::LinearModel;
 use super::Search;
 use super::state::{Member, Unnamed};
 use tau_estimation::numerics::parallel;
@@ -26,12 +31,12 @@ pub(super) struct Move {
 #[derive(Clone)]
 pub(super) struct Joining {
     pub(super) score: Score,
-    pub(super) beside: Arc<View>,
+    pub(super) beside: Arc<LinearModel>,
 }
 
 /// A model without one of its effects or families.
 pub(super) struct Without {
-    pub(super) view: Arc<View>,
+    pub(super) view: Arc<LinearModel>,
     pub(super) table: Table,
 }
 
@@ -74,7 +79,12 @@ impl Search<'_> {
             || members.any(|member| member.candidate == candidate)
     }
 
-    fn additions(&mut self, view: &Arc<View>, table: &Table, with_families: bool) -> Vec<Move> {
+    fn additions(
+        &mut self,
+        view: &Arc<LinearModel>,
+        table: &Table,
+        with_families: bool,
+    ) -> Vec<Move> {
         let (total, count) = (view.total(), self.state.count());
         let dearer = self.number(count + 1) - self.number(count);
         let mut best: Option<(f64, Score)> = None;
@@ -122,7 +132,7 @@ impl Search<'_> {
     }
 
     /// The model with one candidate more.
-    fn with(&self, score: &Score, predicted: f64, view: &Arc<View>) -> Move {
+    fn with(&self, score: &Score, predicted: f64, view: &Arc<LinearModel>) -> Move {
         let (mut members, mut unnamed) = (self.state.members.clone(), self.state.unnamed.clone());
         if self.bench.candidates[score.candidate].is_named() {
             members.push(Member::plain(score.candidate));
@@ -140,7 +150,7 @@ impl Search<'_> {
         }
     }
 
-    fn removals(&mut self, view: &View) -> Vec<Move> {
+    fn removals(&mut self, view: &LinearModel) -> Vec<Move> {
         let (total, count) = (view.total(), self.state.count());
         let cheaper = self.number(count) - self.number(count.saturating_sub(1));
         let mut moves = Vec::new();
@@ -173,7 +183,7 @@ impl Search<'_> {
     }
 
     /// Effects with their optional parameters.
-    fn extensions(&self, view: &View) -> Vec<Move> {
+    fn extensions(&self, view: &LinearModel) -> Vec<Move> {
         let mut moves = Vec::new();
         for (index, member) in self.state.members.iter().enumerate() {
             let optional = self.bench.candidates[member.candidate].optional();
@@ -199,7 +209,7 @@ impl Search<'_> {
     }
 
     /// One amplitude for all places in the stead of an effect's own at several.
-    fn common_placements(&mut self, view: &View) -> Vec<Move> {
+    fn common_placements(&mut self, view: &LinearModel) -> Vec<Move> {
         let effect_of =
             |search: &Self, member: &Member| search.bench.candidates[member.candidate].effect;
         let effects: BTreeSet<usize> = (self.state.members.iter())
@@ -251,7 +261,12 @@ impl Search<'_> {
     }
 
     /// Other candidates in the stead of an effect or a family.
-    fn exchanges(&mut self, view: &Arc<View>, table: &Table, with_families: bool) -> Vec<Move> {
+    fn exchanges(
+        &mut self,
+        view: &Arc<LinearModel>,
+        table: &Table,
+        with_families: bool,
+    ) -> Vec<Move> {
         let members: Vec<usize> = (0..self.state.members.len()).collect();
         let whole = self.state.unnamed.is_empty().then_some(table);
         let without = parallel::map(&members, |&member| {
@@ -299,7 +314,7 @@ impl Search<'_> {
     /// Each candidate in the stead of one that has left the model, whose cost is `saved`.
     fn instead(
         &mut self,
-        view: &View,
+        view: &LinearModel,
         without: &Without,
         (members, unnamed): (Vec<Member>, Vec<Unnamed>),
         saved: f64,
@@ -362,7 +377,7 @@ impl Search<'_> {
     }
 
     /// The places of a candidate's effect that pay, one after the other, beside a model without any of them.
-    pub(super) fn places(&mut self, view: &Arc<View>, candidate: usize) -> Option<Places> {
+    pub(super) fn places(&mut self, view: &Arc<LinearModel>, candidate: usize) -> Option<Places> {
         let effect = self.bench.candidates[candidate].effect;
         let mut places = Places {
             joining: vec![],
@@ -415,7 +430,12 @@ impl Search<'_> {
     }
 
     /// The score of a candidate without a search from its subspace.
-    pub(super) fn score_of(&self, view: &View, candidate: usize, subspace: &Subspace) -> Score {
+    pub(super) fn score_of(
+        &self,
+        view: &LinearModel,
+        candidate: usize,
+        subspace: &Subspace,
+    ) -> Score {
         let statistic = subspace.statistic(&view.residuals);
         (self.bench).score_of(view, candidate, statistic, subspace.rank() as f64)
     }

@@ -3,9 +3,9 @@
 
 use std::collections::BTreeSet;
 
-use super::super::bench::{Score, f_form};
+use super::super::candidate_set::{Score, f_form};
+use super::super::linear_model::LinearModel;
 use super::super::separation::{Signal, separate_by};
-use super::super::view::View;
 use super::Search;
 use super::moves::Without;
 use super::state::Unnamed;
@@ -15,7 +15,7 @@ use tau_estimation::numerics::projection::Subspace;
 /// Harmonics of a found period that are looked at.
 const HARMONICS: std::ops::RangeInclusive<u32> = 2..=4;
 
-/// What is said of an effect of the final model.
+/// Results on an effect of the final model.
 pub(crate) struct Found {
     /// Chance of its score anywhere in its own search, beside all others.
     pub(crate) p_value: f64,
@@ -34,7 +34,7 @@ pub(crate) struct FoundRival {
 }
 
 impl Search<'_> {
-    /// What is said of each effect.
+    /// Results on each effect.
     pub(crate) fn found(&mut self) -> Vec<Found> {
         let members: Vec<usize> = (0..self.state.members.len()).collect();
         let view = std::sync::Arc::new(self.state.view(&self.bench));
@@ -47,7 +47,7 @@ impl Search<'_> {
             .collect()
     }
 
-    fn found_of(&mut self, member: usize, view: &View, without: &Without) -> Found {
+    fn found_of(&mut self, member: usize, view: &LinearModel, without: &Without) -> Found {
         let candidate = self.state.members[member].candidate;
         let own = self
             .state
@@ -78,12 +78,12 @@ impl Search<'_> {
         }
     }
 
-    /// What else would explain the residuals as well as an effect: models with it in the effect's stead whose score
+    /// Rivals of an effect: candidates that stand in its stead in a model whose score
     /// is as good.
     fn rivals(
         &mut self,
         member: usize,
-        view: &View,
+        view: &LinearModel,
         without: &Without,
         own: &Subspace,
     ) -> Vec<FoundRival> {
@@ -152,7 +152,7 @@ impl Search<'_> {
             .collect()
     }
 
-    /// Whether a score is significant among all candidates.
+    /// True if a score is significant among all candidates.
     pub(crate) fn is_significant(&self, score: &Score) -> bool {
         let is_named = self.bench.candidates[score.candidate].is_named();
         score.p_value <= self.bench.significance.level(is_named)
@@ -203,7 +203,7 @@ impl Search<'_> {
     /// strongest harmonic's period and the p-value of all.
     fn harmonics(
         &self,
-        view: &View,
+        view: &LinearModel,
         member: usize,
         acts_on: &BTreeSet<usize>,
     ) -> Option<(usize, f64, f64)> {
@@ -262,7 +262,7 @@ impl Search<'_> {
 
 /// Cosine between the signal of an effect and what a rival can make of it, whose subspaces follow each other, each
 /// without what is in those before.
-fn cosine(view: &View, own: &Subspace, rival: &[Subspace]) -> f64 {
+fn cosine(view: &LinearModel, own: &Subspace, rival: &[Subspace]) -> f64 {
     let signal = &own.u * own.u.tr_mul(&view.residuals);
     let made = rival
         .iter()

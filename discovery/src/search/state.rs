@@ -3,8 +3,8 @@
 use nalgebra::{Cholesky, DVector};
 use std::collections::BTreeSet;
 
-use super::super::bench::{Bench, Score};
-use super::super::view::{Freed, View};
+use super::super::candidate_set::{CandidateSet, Score};
+use super::super::linear_model::{Freed, LinearModel};
 use super::super::{Error, Input};
 use tau_estimation::calibration::Prepared;
 use tau_estimation::joint::Joint;
@@ -18,7 +18,7 @@ use tau_robot::robot::Owner;
 pub(crate) struct Member {
     /// Index of the candidate.
     pub(crate) candidate: usize,
-    /// Whether its optional parameters are in the model.
+    /// True if its optional parameters are in the model.
     pub(crate) extended: bool,
 }
 
@@ -34,7 +34,7 @@ impl Member {
 /// An unnamed family in a model, with the value of what is searched.
 pub(crate) type Unnamed = (usize, Option<f64>);
 
-/// What a model consists of, whatever the order.
+/// Composition of a model, whatever the order.
 pub(crate) type Composition = (BTreeSet<Member>, BTreeSet<usize>);
 
 /// A model as fitted.
@@ -46,11 +46,11 @@ pub(crate) struct State {
     pub(crate) unnamed: Vec<Unnamed>,
 }
 
-/// What all models of a search share.
+/// Context that all models of a search share.
 #[derive(Clone, Copy)]
 pub(crate) struct Context<'a> {
     pub(crate) input: &'a Input<'a>,
-    pub(crate) bench: &'a Bench,
+    pub(crate) bench: &'a CandidateSet,
     /// Index of the base in the model's variants, and number of effects that it has.
     pub(crate) variant: usize,
     pub(crate) own_effects: usize,
@@ -67,19 +67,19 @@ impl State {
     }
 
     /// The linear model, with what its families take up.
-    pub(crate) fn view(&self, bench: &Bench) -> View {
-        with_families(View::of(&self.fit), bench, &self.unnamed)
+    pub(crate) fn view(&self, bench: &CandidateSet) -> LinearModel {
+        with_families(LinearModel::of(&self.fit), bench, &self.unnamed)
     }
 
     /// The linear model without one of its families.
-    pub(crate) fn view_without_family(&self, bench: &Bench, family: usize) -> View {
+    pub(crate) fn view_without_family(&self, bench: &CandidateSet, family: usize) -> LinearModel {
         let mut others = self.unnamed.clone();
         others.remove(family);
-        with_families(View::of(&self.fit), bench, &others)
+        with_families(LinearModel::of(&self.fit), bench, &others)
     }
 
     /// The linear model without some of its effects.
-    pub(crate) fn view_without(&self, context: &Context<'_>, members: &[usize]) -> View {
+    pub(crate) fn view_without(&self, context: &Context<'_>, members: &[usize]) -> LinearModel {
         let own = members
             .iter()
             .flat_map(|&member| self.columns_of(context, member));
@@ -94,11 +94,11 @@ impl State {
             .rows_mut(rows, self.fit.residuals.len() - rows)
             .fill(0.0);
         let removed: BTreeSet<usize> = own.collect();
-        let view = View::without(&self.fit, &removed, &contribution);
+        let view = LinearModel::without(&self.fit, &removed, &contribution);
         with_families(view, context.bench, &self.unnamed)
     }
 
-    /// What the linear model gives back without one of its effects.
+    /// Directions that the linear model no longer absorbs without one of its effects.
     pub(crate) fn freed(&self, context: &Context<'_>, member: usize) -> Freed {
         let columns = self.columns_of(context, member);
         let offsets = self.offsets(context, member);
@@ -110,7 +110,7 @@ impl State {
         &self,
         context: &Context<'_>,
         member: usize,
-        without: &View,
+        without: &LinearModel,
     ) -> Subspace {
         let rows = self.fit.joint.rows.len();
         let mut columns = (self.fit.jacobian).select_columns(&self.columns_of(context, member));
@@ -216,7 +216,7 @@ impl State {
         } = *input;
         let mut prepared =
             Prepared::new(robot, &variant, file, Some(folder), &division.calibration)?;
-        // What was found is there: its prior keeps what the data do not tell within what is plausible,
+        // A found effect is there: its prior keeps what the data do not tell within what is plausible,
         // and must not pull back what they do.
         let found = own_effects..own_effects + members.len();
         let implausible = input.options.constants.implausible;
@@ -264,7 +264,7 @@ pub(crate) fn composition(members: &[Member], unnamed: &[Unnamed]) -> Compositio
     )
 }
 
-fn with_families(view: View, bench: &Bench, unnamed: &[Unnamed]) -> View {
+fn with_families(view: LinearModel, bench: &CandidateSet, unnamed: &[Unnamed]) -> LinearModel {
     unnamed.iter().fold(view, |view, &(family, searched)| {
         match bench.subspace(&view, family, searched) {
             Some((_, subspace)) => view.with(&subspace),
@@ -274,7 +274,11 @@ fn with_families(view: View, bench: &Bench, unnamed: &[Unnamed]) -> View {
 }
 
 /// Start values of a candidate's parameters where a score sees it, those that a model takes.
-pub(crate) fn start_of(bench: &Bench, view: &View, score: &Score) -> Option<Vec<f64>> {
+pub(crate) fn start_of(
+    bench: &CandidateSet,
+    view: &LinearModel,
+    score: &Score,
+) -> Option<Vec<f64>> {
     let described = &bench.candidates[score.candidate];
     let mut values = described.none();
     let (_, subspace) = bench.subspace(view, score.candidate, score.searched)?;

@@ -106,7 +106,7 @@ fn the_misfit_is_that_of_the_estimated_noise() {
     let input = case.input();
     let (search, _) = begun(&input, None, &mut |_| {}).unwrap();
     let fit = &search.state.fit;
-    let view = View::of(fit);
+    let view = LinearModel::of(fit);
     let mut expected = view.residuals.rows_range(view.rows.len()..).norm_squared();
     for component in tau_estimation::joint::Component::ALL {
         let (sum, degrees, _) = fit.misfit(|row| fit.joint.rows[row].component == component);

@@ -1,7 +1,9 @@
 //! Tracks that follow the measured points of their carts, where straight ones leave structure.
 //!
-//! That a track's points take up what is left says where the cart goes, not why. So it gets no name: what it
-//! takes up is reported as structure without one, and names come first.
+//! A track through its points fits whatever the cart does as a function of its command: a description, no cause. So
+//! it gets no name: what it takes up is reported as unnamed structure. It is a move like others: it counts where the
+//! search from the base with that track ends in a better score, the points' own cost included. The points carry the
+//! noise of set 2, so that following them may cost more at the tool than it explains.
 
 use std::time::Instant;
 use tau_estimation::numerics::distribution::chi2_survival;
@@ -10,13 +12,13 @@ use tau_estimation::numerics::projection::Subspace;
 
 use nalgebra::Vector3;
 
-use super::super::bench::f_form;
+use super::super::candidate_set::f_form;
 use super::super::candidates::{self, Entry};
+use super::super::linear_model::LinearModel;
 use super::super::results::{Considered, Discovery, PiecewiseTrack, Step, Unnamed, Verdict};
 use super::super::score::Yardstick;
 use super::super::search::Search;
 use super::super::significance::Null;
-use super::super::view::View;
 use super::super::{Error, Input, Outcome, search_from, text};
 use super::{Structure, with_structure};
 use tau_estimation::calibration::Line;
@@ -30,29 +32,29 @@ const NAME: &str = "piecewise_track";
 /// structure of a track runs over more than one in so many.
 const MOST_KNOTS: usize = 64;
 
-/// What was found from a base, and what its straight tracks leave.
+/// Result of a search from a base, with the tests of its straight tracks.
 pub(in super::super) struct Found {
     pub(in super::super) outcome: Outcome,
     /// Score of the model that was found.
     score: f64,
     /// By which it compares with models of other bases.
     yardstick: Yardstick,
-    /// What points of each straight track would take up.
+    /// Test of each straight track.
     tracks: Vec<TrackTest>,
 }
 
-/// What the measured points of a straight track would take up of what a search left.
+/// Test of a straight track: would its measured points take up what a search left?
 pub(in super::super) struct TrackTest {
     track: usize,
     place: String,
     p_value: f64,
     statistic: f64,
-    /// What the points cost in the score of a model.
+    /// Cost of the points in the score of a model.
     cost: f64,
-    /// Whether the linear model predicts a better score.
+    /// True if the linear model predicts a better score.
     is_wanted: bool,
     verdict: Verdict,
-    /// How far its points lie off a straight line.
+    /// Distances of its points from a straight line.
     unnamed: Vec<Unnamed>,
 }
 
@@ -111,7 +113,7 @@ fn bent(
     }
     let discovery = &mut found.outcome.discovery;
     discovery.considered.extend(notes);
-    // What no family describes is described by the points, whether the model follows them or not.
+    // The points describe what no family does, whether the model follows them or not.
     let mut wanted = tracks.iter().filter(|track| track.is_wanted);
     if let Some(track) = wanted.find(|track| !track.unnamed.is_empty())
         && discovery.unnamed.is_empty()
@@ -156,7 +158,7 @@ fn with_piecewise(robot: &Robot, base: &str, track: usize) -> Result<(Robot, Str
     with_structure(robot, variant, &structure, &format!("Piecewise{suffix}"))
 }
 
-/// What the measured points of each straight track would take up, free to move, beside what was found.
+/// Tests of all straight tracks beside what was found, their measured points free to move.
 pub(in super::super) fn tracks(search: &Search<'_>, base: &Variant) -> Vec<TrackTest> {
     let straight: Vec<(usize, Vec<f64>)> = base
         .tracks
@@ -194,7 +196,7 @@ fn thinned(knots: &[f64]) -> Vec<f64> {
 
 fn of_track(search: &Search<'_>, track: usize, knots: &[f64]) -> TrackTest {
     let bench = &search.bench;
-    let view = &View::of(&search.state.fit);
+    let view = &LinearModel::of(&search.state.fit);
     let count = knots.len();
     let entries: Vec<Entry> = (0..3)
         .map(|axis| {
@@ -258,7 +260,7 @@ fn of_track(search: &Search<'_>, track: usize, knots: &[f64]) -> TrackTest {
     }
 }
 
-/// How far measured points lie off a straight track: along the axes where that is more than their noise.
+/// Distances of measured points from a straight track: along the axes where they exceed their noise.
 fn off_line(search: &Search<'_>, track: usize) -> Vec<Unnamed> {
     let input = search.input;
     let mut points: Vec<(f64, Vector3<f64>)> = search

@@ -1,5 +1,9 @@
 //! A Jacobian by groups of rows that depend on the same few columns: a closure knows the parameters of its
 //! own links, a cart those of its own track, and a sample that is left out none.
+//!
+//! Columns of a row are known from its family, once for a descent. Rows of a group have one kind of noise, so that a
+//! new estimate of it is a factor of the group's products, and the degrees of freedom that a fit takes from each kind
+//! are traces of them with the covariance.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;

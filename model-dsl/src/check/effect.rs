@@ -15,7 +15,7 @@ use crate::units::Dimension;
 /// An effect with what is known about it beyond the model.
 pub(super) struct CheckedEffect {
     pub(super) effect: Effect,
-    /// What it acts on; `None` after an error.
+    /// Its subject; `None` after an error.
     pub(super) subject: Option<Subject>,
 }
 
@@ -283,7 +283,7 @@ fn term(
     })
 }
 
-/// How to mend a formula that is off by a factor.
+/// Remedy for a formula that is off by a factor.
 fn mismatch_help(factor: Dimension, expected: Dimension) -> String {
     if factor.angle != 0 && (Dimension { angle: 0, ..factor }) == Dimension::NUMBER {
         return "divide an angle by `1 rad` to make a number of it".to_owned();

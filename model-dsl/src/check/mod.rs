@@ -1,6 +1,6 @@
 //! Syntax tree to model: names are resolved and units verified.
 //!
-//! What has an error stays in scope, poisoned, so that its uses raise no errors of their own.
+//! A declaration with an error stays in scope, poisoned, so that its uses raise no errors of their own.
 
 mod call;
 mod effect;

@@ -112,7 +112,7 @@ fn unit_list(dimension: Option<Dimension>) -> String {
     names.join(", ")
 }
 
-/// How to write something of a dimension.
+/// Example of a value of a dimension.
 pub(super) fn unit_help(dimension: Dimension) -> String {
     if dimension == Dimension::NUMBER {
         return "write a number without unit".to_owned();

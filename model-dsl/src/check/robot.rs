@@ -105,7 +105,7 @@ pub(super) fn geometry(robot: &syntax::Robot, diagnostics: &mut Diagnostics) -> 
     geometry
 }
 
-/// What a robot must have as a whole.
+/// Requirements on a robot as a whole.
 fn whole(
     robot: &syntax::Robot,
     geometry: &Geometry,

@@ -10,7 +10,7 @@ use crate::names::{article, nearest};
 use crate::syntax;
 use crate::units::{Dimension, find_unit};
 
-/// What the formulas of one effect may name.
+/// Names that the formulas of one effect may use.
 pub(super) struct Scope<'a> {
     pub(super) effect: &'a syntax::Effect,
     pub(super) subject: Option<Subject>,
@@ -21,7 +21,7 @@ pub(super) struct Scope<'a> {
 struct Declaration<'a> {
     name: &'a Ident,
     parameter: EffectParameter,
-    /// Whether the dimension is known.
+    /// True if the dimension is known.
     sound: bool,
     used: bool,
 }

@@ -163,7 +163,7 @@ pub(super) fn common(left: Dimension, right: Dimension) -> Option<Dimension> {
     }
 }
 
-/// How to mend two dimensions that do not go together.
+/// Remedy for two dimensions that do not go together.
 pub(super) fn different_help(left: Dimension, right: Dimension) -> String {
     if left == Dimension::NUMBER {
         format!("give the number a unit, such as `1 {}`", right.si_unit())

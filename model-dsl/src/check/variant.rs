@@ -16,7 +16,7 @@ pub(super) struct Context<'a> {
     pub(super) effects: &'a [CheckedEffect],
 }
 
-/// What one variant declares itself.
+/// Declarations of a variant's own.
 enum Own {
     Structure {
         arm: Arm,
@@ -199,7 +199,7 @@ impl Context<'_> {
         }
     }
 
-    /// What a reduced arm does not go with.
+    /// Reports conflicts of a reduced arm.
     fn reduced(&self, arm: Location, per_links: &[Location], diagnostics: &mut Diagnostics) {
         for location in per_links {
             let message = "tracks per link need the links, but the arm is reduced";
@@ -293,7 +293,7 @@ impl Context<'_> {
                     .iter()
                     .any(|other| (other.effect, other.place) == (used.effect, used.place));
                 effects.push(used.clone());
-                // What a base does wrong is reported at the base.
+                // Mistakes of a base are reported at the base.
                 if member != index {
                     continue;
                 }

@@ -3,7 +3,7 @@
 use crate::model::{Function, Readable, Subject, Target};
 use crate::units::{Dimension, find_unit};
 
-/// What an effect may add to: name, target, dimension, whether it is a vector.
+/// Targets of effects: name, target, dimension, whether it is a vector.
 pub(super) const TARGETS: [(&str, Target, Dimension, bool); 9] = [
     ("along", Target::Along, Dimension::LENGTH, false),
     ("horizontal", Target::Horizontal, Dimension::LENGTH, false),
@@ -126,7 +126,7 @@ pub(super) const FUNCTIONS: [(&str, Function, usize); 12] = [
     ("max", Function::Max, 2),
 ];
 
-/// What a word means in every formula, if it does.
+/// Meaning of a word in every formula, if it has one.
 pub(super) fn meaning(name: &str) -> Option<&'static str> {
     if find_quantity(name).is_some() {
         Some("a quantity that formulas read")

@@ -54,7 +54,7 @@ impl<'a> Parser<'a> {
         start.into().to(self.last.into())
     }
 
-    /// What comes next, in words.
+    /// The next token, in words.
     pub(super) fn found(&self) -> String {
         if self.at_end() {
             return match self.close {
@@ -77,7 +77,7 @@ impl<'a> Parser<'a> {
         self.cursor.ident().map(|(word, _)| word)
     }
 
-    /// Whether one of some words comes next.
+    /// True if one of some words comes next.
     pub(super) fn at_any(&self, words: &[&str]) -> bool {
         self.word()
             .is_some_and(|found| words.iter().any(|word| found == word))
@@ -131,12 +131,12 @@ impl<'a> Parser<'a> {
         Ok(names)
     }
 
-    /// Whether an operator comes next; of several characters, they must stand together.
+    /// True if an operator comes next; of several characters, they must stand together.
     pub(super) fn at(&self, operator: &str) -> bool {
         after(self.cursor, operator).is_some()
     }
 
-    /// Whether a word and then `+=` come next.
+    /// True if a word and then `+=` come next.
     pub(super) fn at_term(&self) -> bool {
         self.cursor
             .ident()
@@ -257,7 +257,7 @@ impl<'a> Parser<'a> {
         }
     }
 
-    /// Whether code of Rust begins here, which has no meaning in a model.
+    /// True if code of Rust begins here, which has no meaning in a model.
     pub(super) fn at_rust(&self) -> bool {
         self.word().is_some_and(|word| is_rust(&word.to_string()))
     }

@@ -9,7 +9,7 @@ use crate::diagnostics::{Diagnostic, Diagnostics};
 use crate::names::nearest;
 use crate::syntax::{Effect, ParameterName, Parameters, Term};
 
-/// What the items of an effect may begin with; terms begin with their target.
+/// Words that begin the items of an effect; terms begin with their target.
 const STARTS: [&str; 12] = [
     "param",
     "optional",
@@ -73,7 +73,7 @@ pub(super) fn effect(
     Ok(effect)
 }
 
-/// Whether a parameter or a term begins here. The name of a target alone is not enough: `length` is a
+/// True if a parameter or a term begins here. The name of a target alone is not enough: `length` is a
 /// dimension too.
 fn begins(parser: &Parser<'_>) -> bool {
     parser.at_any(&["param", "optional", "search"]) || parser.at_term()

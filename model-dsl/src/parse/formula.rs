@@ -35,7 +35,7 @@ fn node(parser: &Parser<'_>, kind: ExpressionKind, start: &Start, depth: usize) 
     })
 }
 
-/// Where an expression begins.
+/// Begin of an expression.
 struct Start(proc_macro2::Span);
 
 fn sum(parser: &mut Parser<'_>) -> Parse<Node> {

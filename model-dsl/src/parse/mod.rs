@@ -90,7 +90,7 @@ pub(crate) fn description(
     description
 }
 
-/// What stands where one of some keywords was expected.
+/// Diagnostic of a token that stands where one of some keywords was expected.
 fn unknown_item(parser: &mut Parser<'_>, keywords: &[&str]) -> Diagnostic {
     if let Some(rust) = parser.skip_rust() {
         return Diagnostic::new(rust, "this Rust code has no meaning in a model").help(

@@ -33,18 +33,18 @@ fn show(formula: &Formula) -> String {
     }
 }
 
-/// What a formula for `along` is read as.
+/// A formula for `along`, as read.
 fn read(formula: &str) -> String {
     let model = model(&with_formula(formula));
     show(&model.effects[0].terms[1].formula)
 }
 
-/// What is wrong with a formula for `along`.
+/// The mistake in a formula for `along`.
 fn wrong(formula: &str) -> String {
     errors(&with_formula(formula))
 }
 
-/// What a formula for `position` is read as, with a vector `rate` and a scalar `gain`.
+/// A formula for `position`, as read, with a vector `rate` and a scalar `gain`.
 fn read_vector(formula: &str) -> String {
     let model = model(&robot(&format!(
         "effect drift on tcp {{

@@ -1,4 +1,4 @@
-//! What descriptions mean.
+//! Meaning of descriptions.
 
 use super::{GANTRY_TAU, model, robot};
 use crate::Model;

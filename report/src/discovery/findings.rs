@@ -1,4 +1,4 @@
-//! What discovery found, in plain sentences.
+//! Findings of discovery, in plain sentences.
 
 use tau::discovery::results::{FoundEffect, LeftOut, Unnamed};
 use tau::discovery::{Discovery, Status};
@@ -41,16 +41,16 @@ pub(crate) fn verdict(found: &Discovery) -> String {
     }
 }
 
-/// What is said where the measurements scatter far beyond their noise and nothing follows anything.
+/// The verdict where measurements scatter far beyond their noise and nothing follows anything.
 fn noisy(base: &str, factor: f64) -> String {
     format!(
-        "Of what is missing from {base} these measurements show nothing significant; yet their noise is {} times the \
-         stated one. Either less was stated than there is, or something acts that follows nothing that was recorded.",
+        "No effect missing from {base} is significant in these measurements. Yet their noise is {} times the stated \
+         one: either less was stated than there is, or something acts that follows nothing that was recorded.",
         general(factor, 2)
     )
 }
 
-/// How far the error at the tool falls, and how far it could.
+/// The fall of the error at the tool, beside the possible one.
 pub(crate) fn gap(found: &Discovery) -> String {
     let (before, after) = (found.validation.before, found.validation.after);
     let um = |value: f64| general(value, 3);
@@ -102,12 +102,12 @@ pub(crate) fn gap(found: &Discovery) -> String {
     )
 }
 
-/// Whether nothing joined the model.
+/// True if nothing joined the model.
 pub(crate) fn is_base(found: &Discovery) -> bool {
     found.effects.is_empty() && found.piecewise_tracks.is_empty()
 }
 
-/// What an effect is and where it acts.
+/// Name and place of an effect.
 pub(crate) fn headline(words: &Words, effect: &FoundEffect) -> String {
     let FoundEffect { name, place, .. } = effect;
     format!("{} – {}", words.title(name), words.place(name, place))
@@ -134,7 +134,7 @@ pub(crate) fn effect(words: &Words, effect: &FoundEffect) -> Vec<String> {
     sentences
 }
 
-/// What else could be meant by an effect, and what would decide.
+/// Rivals of an effect, and the measurements that would decide.
 pub(crate) fn rivals(effect: &FoundEffect) -> Vec<String> {
     let mut sentences: Vec<String> = effect
         .rivals
@@ -232,7 +232,7 @@ pub(crate) fn ambiguous(found: &Discovery) -> Option<String> {
     }
 }
 
-/// What is left once everything that was found is in the model.
+/// The rest, once everything that was found is in the model.
 pub(crate) fn remains(found: &Discovery) -> Vec<String> {
     let um = |value: f64| general(value, 3);
     let mut sentences = Vec::new();
@@ -264,7 +264,7 @@ fn noise(found: &Discovery) -> Option<String> {
     ))
 }
 
-/// Whether what is left follows in time.
+/// Serial correlation of the rest, in words.
 fn serial(found: &Discovery) -> Option<String> {
     let whiteness = found.whiteness.as_ref()?;
     let after = whiteness.after;
@@ -288,7 +288,7 @@ fn serial(found: &Discovery) -> Option<String> {
     ))
 }
 
-/// What has no name, one entry for each track that follows its points and for everything else.
+/// Unnamed structure, one entry for each track that follows its points and for everything else.
 pub(crate) fn unnamed(words: &Words, found: &Discovery) -> Vec<String> {
     let is_of = |track: &str, structure: &&Unnamed| {
         structure.place == track && structure.against == "q" && bend(&structure.direction).is_some()
@@ -331,7 +331,7 @@ pub(crate) fn unnamed(words: &Words, found: &Discovery) -> Vec<String> {
     tracks.chain(others).collect()
 }
 
-/// How far something goes, where most, and over all samples.
+/// Size of unnamed structure: its largest value, and over all samples.
 fn extent(structure: &Unnamed) -> String {
     let curve = || {
         let finite = |point: &&[f64; 2]| point.iter().all(|value| value.is_finite());
@@ -360,7 +360,7 @@ fn extent(structure: &Unnamed) -> String {
     format!("by up to {most} {unit} {place} ({rms} {unit} rms)")
 }
 
-/// What a track does that runs off a straight line with even scale.
+/// Verb for a track that leaves a straight line with even scale.
 fn bend(direction: &str) -> Option<&'static str> {
     match direction {
         "along" => Some("runs unevenly along itself"),
@@ -370,7 +370,7 @@ fn bend(direction: &str) -> Option<&'static str> {
     }
 }
 
-/// What a part of the machine does in a direction.
+/// Verb for a part of the machine that moves in a direction.
 fn movement(direction: &str) -> String {
     match direction {
         "along" => "moves along its track".to_owned(),
@@ -391,7 +391,7 @@ pub(crate) fn unnamed_unit(structure: &Unnamed) -> &'static str {
     if is_rotation { "µrad" } else { "µm" }
 }
 
-/// What was left out as an outlier, set by set.
+/// Outliers, set by set.
 pub(crate) fn outliers(left_out: &[LeftOut]) -> Option<String> {
     if left_out.is_empty() {
         return None;

@@ -1,4 +1,4 @@
-//! How the figures of a discovery were obtained, in words.
+//! The method of a discovery, in words.
 
 use maud::{Markup, html};
 use tau::discovery::Discovery;
@@ -9,12 +9,12 @@ use super::words::Words;
 use crate::findings;
 use crate::number::general;
 
-/// What a search was given: the reader needs it to judge what was found.
+/// The input of a search, by which the reader judges its result.
 #[derive(Debug, Clone, Copy)]
 pub struct Setting {
-    /// How many poses took which part.
+    /// Numbers of poses by the part that they took.
     pub poses: PoseCounts,
-    /// Whether there is a set 2, whose range decides on the poses.
+    /// True if there is a set 2, whose range decides on the poses.
     pub has_cart_poses: bool,
     /// Stated noise: position (m) and rotation (rad), one standard deviation per axis.
     pub noise: (f64, f64),

@@ -1,4 +1,4 @@
-//! What discovery found, for a calibration engineer: sentences, tables and the sections of the report.
+//! Results of discovery for a calibration engineer: sentences, tables and the sections of the report.
 
 pub(super) mod findings;
 pub(super) mod method;

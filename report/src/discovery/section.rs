@@ -30,7 +30,7 @@ pub(crate) fn keys(found: &Discovery) -> Markup {
     }
 }
 
-/// How many errors were found, with and without a name.
+/// Number of errors found, with and without a name.
 fn count(found: &Discovery) -> String {
     let unnamed = findings::unnamed(&Words::of(found), found).len();
     match (found.effects.len(), unnamed) {
@@ -57,7 +57,7 @@ pub(crate) fn summary(found: &Discovery) -> Markup {
     }
 }
 
-/// What is wrong with the machine, how sure, how much it matters, what else could explain it, and what
+/// Errors of the machine, their certainty and weight, what else could explain them, and what
 /// remains.
 pub(crate) fn sentences(found: &Discovery) -> Markup {
     let rivals: Vec<String> = found
@@ -196,7 +196,7 @@ fn effects(found: &Discovery, figures: &[Figure]) -> Markup {
     }
 }
 
-/// Where model and measurement disagree, and what no name explains.
+/// Misfit by place, and unnamed structure.
 fn disagreement(found: &Discovery, figures: &[Figure]) -> Markup {
     html! {
         p {
@@ -231,7 +231,7 @@ fn candidates(found: &Discovery) -> Markup {
     }
 }
 
-/// What could and what could not be found, whatever the residuals.
+/// Detectable and undetectable effects, whatever the residuals.
 fn sight(found: &Discovery) -> Markup {
     html! {
         p {

@@ -12,7 +12,7 @@ use crate::tables::{Cell, Table, columns, number, text};
 /// Above this chance, more than the expected residuals are no excess.
 const EXCESS: f64 = 0.05;
 
-/// What each step adds to the model: the base first, then the effects that came and went.
+/// Labels of the steps: the base first, then the effects that came and went.
 pub(crate) fn labels(found: &Discovery) -> Vec<String> {
     let mut before: Vec<&str> = vec![&found.base];
     found

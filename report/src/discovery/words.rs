@@ -1,4 +1,4 @@
-//! What an effect is, where it acts and how large it is, in words: from its description alone, so that a
+//! Name, place and size of an effect, in words: from its description alone, so that a
 //! user's own effects read like those that ship.
 
 use std::f64::consts::TAU;
@@ -23,7 +23,7 @@ pub(crate) struct Words {
     model: Option<Model>,
 }
 
-/// What a parameter's value is worth.
+/// Worth of a parameter's value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Worth {
     Known,
@@ -98,7 +98,7 @@ impl Words {
         described.unwrap_or_else(|| name.to_owned())
     }
 
-    /// What an effect is: the first sentence of its description, or else its name.
+    /// Title of an effect: the first sentence of its description, or else its name.
     pub(crate) fn title(&self, name: &str) -> String {
         let (first, _) = self.docs(name);
         if !first.is_empty() {
@@ -111,7 +111,7 @@ impl Words {
         capital(&name.replace('_', " "))
     }
 
-    /// What else its description says.
+    /// The rest of its description.
     pub(crate) fn more(&self, name: &str) -> Option<String> {
         Some(self.docs(name).1).filter(|more| !more.is_empty())
     }
@@ -125,7 +125,7 @@ impl Words {
         (first.to_owned(), rest.trim().to_owned())
     }
 
-    /// Where an effect acts.
+    /// Place of an effect.
     pub(crate) fn place(&self, name: &str, place: &str) -> String {
         let subject = self.effect(name).map(|effect| effect.subject);
         match (place, subject) {
@@ -281,7 +281,7 @@ impl Words {
     }
 }
 
-/// Whether a value belongs to a parameter: vectors have one for each component.
+/// True if a value belongs to a parameter: vectors have one for each component.
 fn is_of(parameter: &EffectParameter, name: &str) -> bool {
     let rest = name.strip_prefix(parameter.name.as_str());
     rest.is_some_and(|rest| {

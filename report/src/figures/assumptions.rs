@@ -1,4 +1,4 @@
-//! What the models assume, against what was measured: Figures 4, 5 and 6, and set 2 against set 3.
+//! Assumptions of the models against measurements: Figures 4, 5 and 6, and set 2 against set 3.
 
 use tau::assumptions::PathDeviation;
 use tau::study::results::Study;

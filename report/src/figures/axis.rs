@@ -9,7 +9,7 @@ pub(super) struct Axis {
     pub(super) range: (f64, f64),
     /// Position and text of each tick.
     pub(super) ticks: Vec<(f64, String)>,
-    /// Whether lines are drawn across the panel at the ticks.
+    /// True if lines are drawn across the panel at the ticks.
     pub(super) grid: bool,
 }
 

@@ -35,7 +35,7 @@ pub(super) enum Marker {
     Cross,
 }
 
-/// How a series is drawn.
+/// Style of a series.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Style {
     pub(super) color: RGBColor,
@@ -79,7 +79,7 @@ pub(super) fn series(index: usize) -> Style {
 pub(super) const STRONG: RGBColor = RGBColor(0x00, 0x5a, 0x8f);
 /// Fill of the bar behind it, lighter in grey too.
 pub(super) const PALE: RGBColor = RGBColor(0x5b, 0x9b, 0xc8);
-/// What should catch the eye.
+/// Colour of what should catch the eye.
 pub(super) const ACCENT: RGBColor = RGBColor(0xc0, 0x4a, 0x00);
 
 /// A rectangle: left, top, width, height.
@@ -124,7 +124,7 @@ impl Grid {
     }
 }
 
-/// Where a text stands relative to its point.
+/// Position of a text relative to its point.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Anchor {
     Left,
@@ -403,7 +403,7 @@ impl<'a> Sheet<'a> {
     }
 }
 
-/// Which axes of a panel carry labels.
+/// Axes of a panel that carry labels.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Show {
     pub(super) x: bool,

@@ -1,4 +1,4 @@
-//! What discovery found: the gap step by step, and structure without a name.
+//! Figures of discovery: the gap step by step, and structure without a name.
 
 use tau::discovery::Discovery;
 

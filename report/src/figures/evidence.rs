@@ -1,4 +1,4 @@
-//! What the residuals show of each effect that was found.
+//! Evidence in the residuals for each effect that was found.
 
 use tau::discovery::Discovery;
 use tau::discovery::results::{Evidence, FoundEffect, Pattern, Spectrum};
@@ -120,7 +120,7 @@ fn residuals(words: &Words, index: usize, evidence: &Evidence) -> Option<Figure>
     })
 }
 
-/// What means say of a quantity with two values.
+/// Remark on quantities with two values.
 fn two_values(evidence: &Evidence) -> &'static str {
     let has_two = |pattern: &Pattern| pattern.bins.len() == 2;
     if evidence.residuals.iter().any(has_two) {

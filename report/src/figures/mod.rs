@@ -28,9 +28,9 @@ pub struct Figure {
     pub file_name: String,
     /// Its number in the paper, if it has one there.
     pub number: Option<u32>,
-    /// What is drawn, in a few words.
+    /// Title, in a few words.
     pub title: String,
-    /// How it was obtained and how to read it, in sentences.
+    /// Origin and reading of the figure, in sentences.
     pub caption: String,
     /// The SVG document.
     pub svg: String,

@@ -1,4 +1,4 @@
-//! Whether a folder suffices for a robot: enough poses, within the reach of its links.
+//! Checks of a folder against a robot: enough poses, within the reach of its links.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -127,7 +127,7 @@ const LARGE_COMMAND_M: f64 = 20.0;
 
 const FRAME_ADVICE: &str = "are the poses in the frame, and in the units, in which the robot file gives the track offsets?";
 
-/// What the reach of a link follows from.
+/// Nominal dimensions from which the reach of a link follows.
 struct Reach<'a> {
     link: &'a str,
     length_m: f64,

@@ -10,7 +10,7 @@ pub mod table;
 pub use read::{Shape, Texts};
 pub use selection::{Division, PoseCounts, Poses, Split};
 
-/// What a measurement folder holds, SI units.
+/// Content of a measurement folder, SI units.
 #[derive(Debug, Clone, Default)]
 pub struct Folder {
     /// The folder, as the user named it.
@@ -21,7 +21,7 @@ pub struct Folder {
     pub cart_poses: Vec<CartPose>,
     /// Set 3, `cart_positions.csv`, in file order; empty where there is none.
     pub cart_positions: Vec<CartPosition>,
-    /// What the reader noticed: optional columns missing, unknown columns ignored, sets missing.
+    /// Remarks of the reader: optional columns missing, unknown columns ignored, sets missing.
     pub remarks: Vec<String>,
 }
 

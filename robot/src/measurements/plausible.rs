@@ -1,4 +1,4 @@
-//! Whether numbers can be what their columns say: the right unit, in range, not all the same.
+//! Plausibility of columns: the right unit, in range, not all the same.
 
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;

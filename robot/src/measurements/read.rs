@@ -22,7 +22,7 @@ const CART_POSITIONS: &str = "cart_positions.csv";
 /// Optional columns of sets 2 and 3.
 const OPTIONAL: [&str; 3] = [TIME, TEMPERATURE, DIRECTION];
 
-/// What of a robot its measurements must fit.
+/// Sizes of a robot that its measurements must fit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Shape {
     /// Number of commands `q1_m, q2_m, …`.

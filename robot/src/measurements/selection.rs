@@ -1,4 +1,4 @@
-//! Which poses take part: those in the measured range, split into calibration and validation.
+//! Selection of poses: those in the measured range, split into calibration and validation.
 
 use std::collections::BTreeSet;
 use std::str::FromStr;
@@ -50,7 +50,7 @@ impl Folder {
     }
 }
 
-/// Which poses calibrate and which validate.
+/// The split of poses into calibration and validation.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum Split {
     /// `alternate`: the 1st, 3rd, 5th … calibrate, the 2nd, 4th, 6th … validate.
@@ -79,7 +79,7 @@ pub struct Division {
 }
 
 impl Division {
-    /// Whether no pose does both.
+    /// True if no pose does both.
     pub fn is_disjoint(&self) -> bool {
         let calibration: BTreeSet<usize> = self.calibration.iter().copied().collect();
         !self
@@ -172,7 +172,7 @@ impl FromStr for Split {
     }
 }
 
-/// How many poses took which part.
+/// Numbers of poses by the part that they took.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct PoseCounts {
     /// In the file.
@@ -188,9 +188,9 @@ pub struct PoseCounts {
 /// Poses of a folder that take part.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Poses {
-    /// How many took which part.
+    /// Their numbers by the part that they took.
     pub counts: PoseCounts,
-    /// Which calibrate and which validate, by index.
+    /// Indices of those that calibrate and of those that validate.
     pub division: Division,
 }
 

@@ -1,4 +1,4 @@
-//! What the files of a folder, and tables that are asked about, have in common.
+//! Common ground of a folder's files and of tables that are asked about.
 
 use std::path::Path;
 

@@ -294,7 +294,7 @@ fn not_a_number(text: &str) -> (String, Option<&'static str>) {
     (format!("found `{text}`, expected a number"), help)
 }
 
-/// What separates the columns of a header in place of commas.
+/// Separator of a header's columns, where it is no comma.
 fn foreign_separator(header: &str) -> Option<(char, &'static str)> {
     if header.contains(',') {
         return None;

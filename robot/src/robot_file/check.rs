@@ -1,4 +1,4 @@
-//! Whether a `robot.toml` fits its robot: names that exist, values for every link.
+//! Checks of a `robot.toml` against its robot: names that exist, values for every link.
 
 use std::collections::BTreeMap;
 

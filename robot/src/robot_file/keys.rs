@@ -71,7 +71,7 @@ pub fn effect_key(parameter: &Parameter) -> Option<&str> {
     Some(&parameter.name[..=parameter.name.rfind(')')?])
 }
 
-/// What a file gives for a quantity.
+/// A file's value of a quantity.
 pub fn quantity_of<'a>(values: &'a LinkValues, quantity: &str) -> Option<&'a Value> {
     match quantity {
         "length" => values.length.as_ref(),

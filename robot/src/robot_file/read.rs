@@ -56,7 +56,7 @@ struct Document<'a> {
     mistakes: Mistakes<'a>,
 }
 
-/// What the components of a value are.
+/// Meaning of a value's components.
 #[derive(Clone, Copy)]
 enum Kind {
     /// One number above zero, at most a length of a link.
@@ -77,7 +77,7 @@ impl<'a> Document<'a> {
             mistakes: Mistakes::new(source),
         };
         let (root, errors) = DeTable::parse_recoverable(source.text);
-        // What follows a mistake of syntax is mostly its consequence.
+        // Mistakes behind one of syntax are mostly its consequence.
         let start = |error: &toml::de::Error| error.span().map_or(0, |span| span.start);
         if let Some(error) = errors.into_iter().min_by_key(start) {
             let place = error.span().unwrap_or(0..0);

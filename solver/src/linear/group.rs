@@ -23,7 +23,7 @@ pub(super) struct Pattern {
     pub(super) products: Vec<usize>,
 }
 
-/// Where an entry of a row belongs.
+/// Column of an entry of a row.
 #[derive(Clone, Copy)]
 pub(super) enum Entry {
     /// Column of the group.
@@ -64,7 +64,7 @@ pub(super) struct Sums {
     pub(super) scaled: Vec<f64>,
 }
 
-/// What groups say of the kept parameters: lower triangle of the normal matrix, and gradient.
+/// Information of groups about the kept parameters: lower triangle of the normal matrix, and gradient.
 #[derive(Clone)]
 pub(super) struct Normal {
     pub(super) matrix: Vec<f64>,

@@ -120,7 +120,7 @@ pub(crate) fn new_solver(
     Ok((method, solver))
 }
 
-/// Whether elimination leaves a problem that is small and much smaller.
+/// True if elimination leaves a problem that is small and much smaller.
 pub(crate) fn pays(elimination: &Elimination, columns: usize) -> bool {
     elimination.kept.len() <= REDUCED_COLUMNS && 2 * elimination.kept.len() <= columns
 }

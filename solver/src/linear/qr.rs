@@ -110,7 +110,7 @@ pub(crate) fn triangularize(matrix: &mut [f64], width: usize, columns: usize) {
 pub(crate) struct RowReduction {
     qr: Qr,
     filled: usize,
-    /// Whether the rows are a triangle as they came.
+    /// True if the rows are a triangle as they came.
     is_triangle: bool,
 }
 

@@ -14,7 +14,7 @@ use crate::linear::{LEAST_DAMPING, LinearSolver};
 /// Most parameters of a group.
 pub(crate) const MAX_GROUP: usize = 12;
 
-/// Which parameters are eliminated.
+/// Choice of the parameters that are eliminated.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Elimination {
     /// Groups of columns that share no row with each other, each ascending.
@@ -138,7 +138,7 @@ pub(crate) struct Schur {
     /// For each kept column, its place among the kept ones.
     place: Vec<usize>,
     workspace: Workspace,
-    /// What is known of the kept parameters whatever the damping.
+    /// Information about the kept parameters that is the same for any damping.
     base: RowReduction,
     /// The same with damping or held parameters, if there are any.
     reduced: RowReduction,
@@ -380,7 +380,7 @@ impl Group {
         columns.zip(row[self.columns.len()..].iter().copied())
     }
 
-    /// Whether the triangle has no pivot that is only rounding.
+    /// True if the triangle has no pivot that is only rounding.
     fn is_regular(&self) -> bool {
         let own = self.columns.len();
         let rows = self.damped.chunks_exact(self.width());

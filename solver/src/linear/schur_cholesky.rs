@@ -57,7 +57,7 @@ pub(crate) struct SchurCholesky {
     kept_place: Vec<Option<usize>>,
     /// For each eliminated column: class, group of it, place in the group.
     eliminated: Vec<(u32, u32, u32)>,
-    /// What the other rows say of the kept parameters.
+    /// Information of the other rows about the kept parameters.
     base: Normal,
     factor: Option<Llt<f64>>,
     kept_step: Mat<f64>,
@@ -123,7 +123,7 @@ fn portions(classes: &mut [Class]) -> Vec<Vec<Portion<'_>>> {
 }
 
 impl SchurCholesky {
-    /// What this method eliminates: small groups with few rows.
+    /// Elimination of this method: small groups with few rows.
     pub(crate) fn elimination(jacobian: &Jacobian) -> Elimination {
         Elimination::detect(jacobian).with_few_rows(jacobian, MOST_ROWS)
     }

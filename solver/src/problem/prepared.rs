@@ -1,4 +1,4 @@
-//! What a family makes of samples once, and asking it for their residuals.
+//! Samples as a family prepares them once, and evaluation of their residuals.
 
 use tau_runtime::{BlockFamily, LANES, Lanes, ResidualFamily, block_count};
 

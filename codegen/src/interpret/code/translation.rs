@@ -5,7 +5,7 @@ use rustc_hash::FxHashMap;
 use super::{Action, Code, Instruction, MOST, Target};
 use crate::program::{Operand, Operation, Program};
 
-/// Where a value is before slots are given out.
+/// Place of a value before slots are given out.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum Source {
     /// A slot that all samples share.
@@ -24,7 +24,7 @@ pub(super) struct Translation<'a> {
     /// Index of each constant, by its bits.
     constant_places: FxHashMap<u64, usize>,
     shared: Vec<Instruction>,
-    /// Where each temporary is; `None` for those that are still to be computed.
+    /// Place of each temporary; `None` for those that are still to be computed.
     temporaries: Vec<Option<Source>>,
     /// Sums that a single later operation reads: they may become part of it.
     pending: Vec<Option<Vec<Term>>>,
@@ -45,7 +45,7 @@ struct Step {
     action: Action,
     operands: Vec<[Source; 2]>,
     signs: Vec<f64>,
-    /// What it computes.
+    /// Its result.
     temporary: usize,
 }
 
@@ -54,7 +54,7 @@ impl Step {
         self.operands.iter().flatten().copied()
     }
 
-    /// Whether all samples share what it computes.
+    /// True if all samples share what it computes.
     fn is_shared(&self) -> bool {
         let mut sources = self.sources();
         sources.all(|source| matches!(source, Source::Shared(_)))
@@ -118,7 +118,7 @@ impl<'a> Translation<'a> {
         self.program.inputs.len() - self.samples
     }
 
-    /// Where an operand is; one that is still to be computed is computed now.
+    /// Place of an operand; one that is still to be computed is computed now.
     fn source(&mut self, operand: Operand) -> Source {
         match operand {
             Operand::Constant(value) => {

@@ -1,24 +1,24 @@
-//! What these measurements could show at all, before residuals are looked at.
+//! Detectability: effects that these measurements could show, before residuals are looked at.
 
 use tau_codegen::language::Model;
 use tau_codegen::language::model::{Place, Readable};
 use tau_estimation::numerics::parallel;
 use tau_estimation::samples::Sample;
 
-use super::bench::{Bench, Table};
+use super::candidate_set::{CandidateSet, Table};
 use super::candidates::Candidate;
+use super::linear_model::LinearModel;
 use super::results::{Detectable, Unseen};
 use super::significance::Null;
-use super::view::View;
 
 /// Below this fraction, report "absorbed by the base" rather than "implausibly large".
 const MOSTLY_ABSORBED: f64 = 0.01;
 
-/// The table of what can be detected beside a model, scored in `table`, and of what cannot; candidates out of
-/// sight are hidden.
-pub(super) fn sight(
-    bench: &mut Bench,
-    view: &View,
+/// Detectable and undetectable effects beside a model, scored in `table`; undetectable candidates are hidden, that
+/// is, they take no part in the search and cost no significance.
+pub(super) fn detectability(
+    bench: &mut CandidateSet,
+    view: &LinearModel,
     table: &Table,
 ) -> (Vec<Detectable>, Vec<Unseen>) {
     let (mut detectable, mut unseen) = (Vec::new(), Vec::new());
@@ -113,7 +113,7 @@ pub(super) fn sight(
     (detectable, unseen)
 }
 
-/// Which quantity that an effect reads hardly changes, in words.
+/// The quantity that an effect reads and that hardly changes, in words.
 fn constant(model: &Model, candidate: &Candidate, samples: &[Sample]) -> Option<String> {
     let spread = |of: &dyn Fn(&Sample) -> Option<f64>| {
         // With set 1 alone an effect has to vary: another level in sets 2 and 3, which have frames and

@@ -10,11 +10,11 @@ use tau_estimation::numerics::projection::{Subspace, orthonormal};
 use tau_estimation::samples::Sample;
 
 use super::super::candidates::{self, Candidate};
+use super::super::linear_model::LinearModel;
 use super::super::response::{Displacements, Responses};
 use super::super::scan::{Band, LEAST_SHOWN, Scores, global_p, lengths, lobe, peaks};
 use super::super::significance::Null;
-use super::super::view::View;
-use super::{Bench, Score, Table, f_form};
+use super::{CandidateSet, Score, Table, f_form};
 
 /// A searched candidate and the bands that cover its range, by their places.
 pub(super) struct Scan {
@@ -61,11 +61,11 @@ impl Point {
     }
 }
 
-impl Bench {
+impl CandidateSet {
     /// The best of each scan; `bands` are the scores of all bands so far.
     pub(super) fn scan_scores(
         &self,
-        view: &View,
+        view: &LinearModel,
         responses: &Responses,
         scans: &Scans,
         bands: &[Arc<Scores>],
@@ -79,7 +79,7 @@ impl Bench {
 
     fn scan_score(
         &self,
-        view: &View,
+        view: &LinearModel,
         responses: &Responses,
         scan: &Scan,
         bands: &[Arc<Scores>],
@@ -286,7 +286,7 @@ impl Bench {
     /// Columns of a searched candidate at a value of what is searched.
     pub(super) fn at(
         &self,
-        view: &View,
+        view: &LinearModel,
         candidate: usize,
         value: f64,
     ) -> Option<(DMatrix<f64>, Subspace)> {
@@ -309,7 +309,7 @@ impl Bench {
         Some(self.scanned(scan, &table.bands))
     }
 
-    /// Columns of a named candidate that is in sight, in units of the stated noise; of a searched one,
+    /// Columns of a detectable candidate with a name, in units of the stated noise; of a searched one,
     /// in the middle of its range.
     pub(in super::super) fn shown_columns(&self, candidate: usize) -> Option<DMatrix<f64>> {
         let described = &self.candidates[candidate];
@@ -326,7 +326,7 @@ impl Bench {
     }
 }
 
-/// Which of some bands cover a range without going beyond it or into each other, and what they leave of it.
+/// Bands that cover a range without going beyond it or into each other, and the rest of it.
 fn covered(
     (low, high): (f64, f64),
     mut bands: Vec<(usize, (f64, f64))>,

@@ -3,18 +3,18 @@
 use nalgebra::DVector;
 use tau_estimation::numerics::distribution::Random;
 
+use super::super::linear_model::LinearModel;
 use super::super::response::Responses;
-use super::super::view::View;
-use super::Bench;
+use super::CandidateSet;
 use super::searched::Scans;
 
 /// Number of null scans.
 const SCANS: usize = 24;
 
-impl Bench {
+impl CandidateSet {
     /// Residuals of which each unit has a random sign, as sums over the samples of each probe, unless upcrossings have
     /// been counted.
-    pub(super) fn nulls(&self, view: &View, scans: &Scans) -> Vec<Vec<DVector<f64>>> {
+    pub(super) fn nulls(&self, view: &LinearModel, scans: &Scans) -> Vec<Vec<DVector<f64>>> {
         if scans.bands.iter().all(|band| band.crossings().is_some()) {
             return vec![];
         }

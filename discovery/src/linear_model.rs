@@ -1,4 +1,4 @@
-//! What a fit leaves for candidates to explain: a basis of what is absorbed, and the residuals beside it.
+//! The linear model of a fit: a basis of what it absorbs, and the residuals beside it.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -10,11 +10,11 @@ use tau_estimation::numerics::grouped::Grouped;
 use tau_estimation::numerics::products::transposed_times;
 use tau_estimation::numerics::projection::{Basis, Subspace};
 
-/// What a model gives back without some of its parameters.
+/// Directions that a model no longer absorbs without some of its parameters.
 pub(super) struct Freed {
     /// Orthonormal directions, in its basis.
     pub(super) directions: DMatrix<f64>,
-    /// What the parameters contribute along each, less the residuals' sign.
+    /// Contribution of the parameters along each, less the residuals' sign.
     pub(super) amounts: DVector<f64>,
 }
 
@@ -39,7 +39,7 @@ impl Freed {
 
 /// A linear model at its minimum.
 #[derive(Clone)]
-pub(super) struct View {
+pub(super) struct LinearModel {
     /// Orthonormal basis of what the model absorbs.
     pub(super) q: Arc<DMatrix<f64>>,
     /// Whitened residuals, priors last, orthogonal to it.
@@ -51,7 +51,7 @@ pub(super) struct View {
     pub(super) degrees: f64,
 }
 
-impl View {
+impl LinearModel {
     /// The model as fitted.
     pub(super) fn of(fit: &Fit) -> Self {
         Self {
@@ -113,7 +113,7 @@ impl View {
         taken
     }
 
-    /// What the model leaves of columns.
+    /// Columns less their projection on the model.
     pub(super) fn remainder(&self, columns: &DMatrix<f64>) -> DMatrix<f64> {
         columns - &*self.q * transposed_times(&self.q, columns)
     }

@@ -20,15 +20,15 @@ use tau_robot::robot::Variant;
 use super::candidates::{self, Candidate, Entry};
 use super::constants::Constants;
 use super::generic::Family;
+use super::linear_model::{Freed, LinearModel};
 use super::probes::Probes;
 use super::response::{Displacements, Responses};
 use super::scan::{Band, Scores, lengths};
 use super::significance::{Null, Significance};
-use super::view::{Freed, View};
 use searched::{Scan, Scans, reach};
 
 /// Candidates with their columns.
-pub(super) struct Bench {
+pub(super) struct CandidateSet {
     pub(super) model: Model,
     pub(super) candidates: Vec<Candidate>,
     pub(super) samples: Vec<Sample>,
@@ -56,14 +56,14 @@ pub(super) struct Bench {
     degrees: f64,
 }
 
-/// What a candidate adds to the Jacobian.
+/// Columns of a candidate in the Jacobian.
 enum Columns {
     Plain(Vec<Entry>),
     Searched(Band),
     Later,
 }
 
-/// How well a candidate explains what a model leaves.
+/// Score of a candidate beside a model.
 #[derive(Debug, Clone)]
 pub(super) struct Score {
     /// Index of the candidate.
@@ -71,7 +71,7 @@ pub(super) struct Score {
     pub(super) statistic: f64,
     /// By the F form; over the whole search where there is one.
     pub(super) p_value: f64,
-    /// How it is distributed where the candidate does nothing.
+    /// Its distribution where the candidate does nothing.
     pub(super) null: Null,
     /// Best value of the searched parameter.
     pub(super) searched: Option<f64>,
@@ -92,9 +92,9 @@ pub(super) struct Table {
     pub(super) scores: Vec<Score>,
     responses: Responses,
     plain: Arc<Plain>,
-    /// Of each band that took part, by its place in the bench: those of unnamed families last.
+    /// Of each band that took part, by its place in the set: those of unnamed families last.
     bands: Vec<Arc<Scores>>,
-    /// Whether unnamed families with a search take part.
+    /// True if unnamed families with a search take part.
     has_families: bool,
 }
 
@@ -114,15 +114,15 @@ impl Table {
 
 /// The candidates without a search beside a model.
 struct Plain {
-    /// What the model's basis absorbs of all columns.
+    /// Products of all columns with the model's basis.
     absorbed: Arc<DMatrix<f64>>,
-    /// Of each candidate, by its place in the bench: Gram matrix of its columns, and coefficients of an
+    /// Of each candidate, by its place in the set: Gram matrix of its columns, and coefficients of an
     /// orthonormal basis of what is left of them.
     grams: Arc<Vec<DMatrix<f64>>>,
     coefficients: Vec<DMatrix<f64>>,
 }
 
-impl Bench {
+impl CandidateSet {
     pub(super) fn new(
         model: Model,
         base: &Variant,
@@ -231,13 +231,17 @@ impl Bench {
         entries.iter().map(|entry| entry.probe).collect()
     }
 
-    fn responses(&self, view: &View) -> Responses {
+    fn responses(&self, view: &LinearModel) -> Responses {
         Responses::of(view, &self.probes, &self.pairs)
     }
 
     /// For each candidate of a table its column that shows best for its tolerance, and its rank; of a
     /// searched one, in the middle of its range. `None` where the model absorbs all of them.
-    pub(super) fn best_columns(&self, view: &View, table: &Table) -> Vec<Option<(Column, f64)>> {
+    pub(super) fn best_columns(
+        &self,
+        view: &LinearModel,
+        table: &Table,
+    ) -> Vec<Option<(Column, f64)>> {
         let mut best = vec![None; self.candidates.len()];
         let plain = &table.plain;
         for ((candidate, place), (gram, coefficients)) in
@@ -297,7 +301,7 @@ impl Bench {
     /// where that is nothing.
     pub(super) fn subspace(
         &self,
-        view: &View,
+        view: &LinearModel,
         candidate: usize,
         searched: Option<f64>,
     ) -> Option<(DMatrix<f64>, Subspace)> {
@@ -307,10 +311,10 @@ impl Bench {
         self.expanded(view, candidate, &self.candidates[candidate].none())
     }
 
-    /// What a model leaves of some parameters of a candidate at given values of all.
+    /// Subspace of some parameters of a candidate beside a model, at given values of all.
     pub(super) fn subspace_of(
         &self,
-        view: &View,
+        view: &LinearModel,
         candidate: usize,
         values: &[f64],
         parameters: &[usize],
@@ -321,7 +325,7 @@ impl Bench {
     /// The columns of a candidate at given values of its parameters, row by row.
     fn expanded(
         &self,
-        view: &View,
+        view: &LinearModel,
         candidate: usize,
         values: &[f64],
     ) -> Option<(DMatrix<f64>, Subspace)> {
@@ -332,7 +336,7 @@ impl Bench {
     /// The same by parameters of one's choice.
     fn expanded_by(
         &self,
-        view: &View,
+        view: &LinearModel,
         candidate: usize,
         values: &[f64],
         parameters: &[usize],
@@ -344,7 +348,7 @@ impl Bench {
         (subspace.rank() > 0).then_some((columns, subspace))
     }
 
-    /// What a candidate adds per parameter in `wanted`, at given values of all.
+    /// Derivatives of a candidate by each parameter in `wanted`, at given values of all.
     pub(super) fn entries(
         &self,
         candidate: usize,
@@ -388,17 +392,17 @@ impl Bench {
     }
 
     /// Scores every candidate beside a model.
-    pub(super) fn table(&self, view: &View) -> Table {
+    pub(super) fn table(&self, view: &LinearModel) -> Table {
         self.scored(view, self.responses(view), None)
     }
 
     /// Scores every candidate beside a model without some of its parameters.
-    pub(super) fn table_without(&self, whole: &Table, freed: Freed, view: &View) -> Table {
+    pub(super) fn table_without(&self, whole: &Table, freed: Freed, view: &LinearModel) -> Table {
         let responses = whole.responses.without(freed.directions, &freed.amounts);
         self.scored(view, responses, Some(whole))
     }
 
-    fn scored(&self, view: &View, responses: Responses, known: Option<&Table>) -> Table {
+    fn scored(&self, view: &LinearModel, responses: Responses, known: Option<&Table>) -> Table {
         // The plain candidates are one task beside the bands, and the longest.
         let tasks: Vec<Option<usize>> = std::iter::once(None)
             .chain((0..self.scans.bands.len()).map(Some))
@@ -447,7 +451,7 @@ impl Bench {
     }
 
     /// Adds the unnamed families with a search to a table.
-    pub(super) fn with_family_scans(&self, view: &View, mut table: Table) -> Table {
+    pub(super) fn with_family_scans(&self, view: &LinearModel, mut table: Table) -> Table {
         let families = self.family_scans();
         let responses = &table.responses;
         let nulls = self.nulls(view, families);
@@ -463,7 +467,7 @@ impl Bench {
     }
 
     /// Scores of all candidates without a search.
-    fn plain_scores(&self, view: &View, responses: &Responses, plain: &Plain) -> Vec<Score> {
+    fn plain_scores(&self, view: &LinearModel, responses: &Responses, plain: &Plain) -> Vec<Score> {
         let products = self.columns.score(responses);
         self.places
             .iter()
@@ -484,7 +488,7 @@ impl Bench {
     /// Score of a candidate without a search from its statistic.
     pub(super) fn score_of(
         &self,
-        view: &View,
+        view: &LinearModel,
         candidate: usize,
         statistic: f64,
         rank: f64,
@@ -500,7 +504,7 @@ impl Bench {
     }
 }
 
-/// What one task of a table yields.
+/// Result of one task of a table.
 enum Scored {
     Plain(Vec<Score>, Plain),
     Band(Scores),
