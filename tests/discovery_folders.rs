@@ -519,3 +519,19 @@ fn rows_stand_in_any_order_where_times_are_given() {
     assert!((lag1(&shuffled) - lag1(&in_order)).abs() < 1e-6);
     assert!(lag1(&shuffled) > 0.3);
 }
+
+/// A search never ends worse than a step it took: strong backlash, approached from random sides, stays.
+#[test]
+fn a_strong_effect_is_not_taken_out_again() {
+    for seed in [5034, 5088] {
+        let options = format!("--variant Full --seed {seed} --random-approach");
+        let folder = simulated(&options, &["backlash(one):gap=5e-4"]);
+        let found = found(&folder, "");
+        assert_eq!(effects(&found), ["backlash(one)"], "{seed}");
+        assert_eq!(found["status"], "explained", "{seed}");
+        let means = list(&found, "steps").iter();
+        let means: Vec<f64> = means.map(|step| step["mean_um"].as_f64().unwrap()).collect();
+        let last = found["validation"]["after"]["mean_um"].as_f64().unwrap();
+        assert!(means.iter().all(|mean| last < 1.1 * mean), "{seed}: {means:?}");
+    }
+}

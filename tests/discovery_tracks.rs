@@ -129,7 +129,7 @@ fn a_track_with_a_single_bump_stays_straight() {
         .considered
         .iter()
         .find(|own| own.name == "piecewise_track");
-    assert_eq!(noted.unwrap().verdict, Verdict::NotTheBest);
+    assert_eq!(noted.unwrap().verdict, Verdict::NotConfirmed);
 }
 
 /// Root mean square of how far a curve lies off a shape, less a straight line, which the track itself may have.

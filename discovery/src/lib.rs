@@ -348,7 +348,7 @@ fn search_from(
         || finish(input, &search, &of_effects, beforehand),
         || structural::piecewise::tracks(&search, variant),
     );
-    let mut found = Found::new(search, tracks, outcome?);
+    let mut found = Found::new(search, tracks, outcome?)?;
     found.outcome.discovery.seconds = started.elapsed().as_secs_f64();
     Ok(found)
 }

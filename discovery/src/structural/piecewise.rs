@@ -5,7 +5,9 @@
 //! search from the base with that track ends in a better score, the points' own cost included. The points carry the
 //! noise of set 2, so that following them may cost more at the tool than it explains.
 
+use std::collections::BTreeMap;
 use std::time::Instant;
+use tau_estimation::evaluation::evaluate;
 use tau_estimation::numerics::distribution::chi2_survival;
 use tau_estimation::numerics::parallel;
 use tau_estimation::numerics::projection::Subspace;
@@ -39,6 +41,8 @@ pub(in super::super) struct Found {
     score: f64,
     /// By which it compares with models of other bases.
     yardstick: Yardstick,
+    /// Squares of the errors at the tool (µm²) on the poses that took part, by their numbers.
+    errors_um2: BTreeMap<u32, f64>,
     /// Test of each straight track.
     tracks: Vec<TrackTest>,
 }
@@ -107,6 +111,12 @@ fn bent(
             note.verdict = Verdict::NotTheBest;
             continue;
         }
+        // Points know nothing of set 1, so that it holds them out: where they bring in more noise than there is
+        // structure, a straight track is the better one.
+        if !there.predicts_better_than(&found) {
+            note.verdict = Verdict::NotConfirmed;
+            continue;
+        }
         let mut outcome = bent(&input_there, there, started, progress)?;
         track.precede(input.base, found.outcome.discovery, &mut outcome.discovery);
         return Ok(outcome);
@@ -125,17 +135,32 @@ fn bent(
 }
 
 impl Found {
+    /// # Errors
+    /// A pose can't be predicted.
     pub(in super::super) fn new(
         search: Search<'_>,
         tracks: Vec<TrackTest>,
         outcome: Outcome,
-    ) -> Self {
-        Self {
+    ) -> Result<Self, Error> {
+        let fit = &search.state.fit;
+        let machine = fit.joint.machine.with_values(fit.joint.values(&fit.fitted));
+        let errors = evaluate(&machine, search.input.folder, &outcome.poses)?.errors;
+        let errors = errors.iter().map(|error| (error.pose, error.length_um().powi(2)));
+        Ok(Self {
+            errors_um2: errors.collect(),
             outcome,
             score: search.score,
             yardstick: search.yardstick,
             tracks,
-        }
+        })
+    }
+
+    /// Compares the errors at the tool over the poses that both have.
+    fn predicts_better_than(&self, other: &Self) -> bool {
+        let both = self.errors_um2.iter();
+        let both = both.filter_map(|(pose, own)| Some((own, other.errors_um2.get(pose)?)));
+        let (own, others) = both.fold((0.0, 0.0), |sum, of| (sum.0 + of.0, sum.1 + of.1));
+        own < others
     }
 }
 
