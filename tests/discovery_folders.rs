@@ -530,8 +530,13 @@ fn a_strong_effect_is_not_taken_out_again() {
         assert_eq!(effects(&found), ["backlash(one)"], "{seed}");
         assert_eq!(found["status"], "explained", "{seed}");
         let means = list(&found, "steps").iter();
-        let means: Vec<f64> = means.map(|step| step["mean_um"].as_f64().unwrap()).collect();
+        let means: Vec<f64> = means
+            .map(|step| step["mean_um"].as_f64().unwrap())
+            .collect();
         let last = found["validation"]["after"]["mean_um"].as_f64().unwrap();
-        assert!(means.iter().all(|mean| last < 1.1 * mean), "{seed}: {means:?}");
+        assert!(
+            means.iter().all(|mean| last < 1.1 * mean),
+            "{seed}: {means:?}"
+        );
     }
 }

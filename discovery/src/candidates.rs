@@ -187,6 +187,11 @@ impl Candidate {
         }
     }
 
+    /// Number of places at which it has amplitudes of its own.
+    pub(super) fn place_count(&self) -> usize {
+        1 + self.further.len()
+    }
+
     /// True if it has a name of its own.
     pub(super) fn is_named(&self) -> bool {
         !self.name.starts_with(generic::UNNAMED)

@@ -1,8 +1,8 @@
-//! Every constant that can change a verdict, in one place, so that each can be left out or scaled.
+//! The constants of the decision, in one place, so that each can be scaled to see what it does.
 
 macro_rules! constants {
     ($($(#[doc = $doc:literal])+ $name:ident: $default:expr;)+) => {
-        /// The constants of the method. `docs/discovery-benchmark.md` shows what half and double of each do.
+        /// The constants of the decision. `docs/discovery-benchmark.md` shows what scaling some of them does.
         #[derive(Debug, Clone, Copy, PartialEq)]
         pub struct Constants {
             $($(#[doc = $doc])+ pub $name: f64,)+

@@ -21,7 +21,7 @@ use super::score::Yardstick;
 use super::serial;
 use super::text;
 use super::{Error, Input, Rule};
-use moves::{Joining, Move};
+use moves::{Joining, Move, Without};
 pub(crate) use review::Found;
 use state::{Composition, Context, Member, State, start_of};
 use tau_estimation::evaluation::evaluate;
@@ -31,6 +31,8 @@ use tau_estimation::numerics::projection::Subspace;
 const MAX_EFFECTS: usize = 10;
 /// A better score is one that is better by more than rounding.
 const ROUNDING: f64 = 1e-6;
+/// A fit whose score changes by less, as much as a descent leaves of χ², has the scores that were known.
+const SAME: f64 = 0.1;
 
 /// The search, and the best model so far.
 pub(crate) struct Search<'a> {
@@ -62,6 +64,8 @@ pub(crate) struct Search<'a> {
     pub(crate) first: Table,
     /// Scores beside the model as it stands, with those of periodic families or without.
     known: [Option<Table>; 2],
+    /// The model without each of its effects.
+    without: Option<Arc<Vec<Without>>>,
     /// Structure that is left where the effects act.
     pub(crate) left: Vec<state::Unnamed>,
 }
@@ -101,6 +105,7 @@ impl<'a> Search<'a> {
             steps: vec![],
             gaps: vec![],
             known: [Some(first.clone()), None],
+            without: None,
             first: first.clone().without_model(),
             left: vec![],
         };
@@ -134,8 +139,14 @@ impl<'a> Search<'a> {
         }
         if !self.state.members.is_empty() {
             progress("settling what was found");
-            self.state.fit = self.state.fit.clone().settled()?;
-            self.known = [None, None];
+            let mut settled = self.state.clone();
+            settled.fit = settled.fit.settled()?;
+            let score = self.score_of_state(&settled);
+            if (score - self.score).abs() > SAME {
+                self.go_to(settled, score);
+            } else {
+                (self.state, self.score) = (settled, score);
+            }
             self.restate()?;
         }
         if !self.is_without(Rule::Left) {
@@ -144,17 +155,21 @@ impl<'a> Search<'a> {
         Ok(())
     }
 
+    /// Moves that exchange nothing come first, since they take a table of scores less for each effect.
     fn climb(&mut self, names_first: bool, progress: &mut dyn FnMut(&str)) -> Result<(), Error> {
-        let mut with_families = !names_first;
-        while self.state.count() < MAX_EFFECTS {
-            let moves = self.moves(with_families);
-            if self.stepped(moves, progress)? {
-                with_families = !names_first;
-            } else if with_families {
-                break;
-            } else {
-                with_families = true;
+        let kinds: &[(bool, bool)] = if names_first {
+            &[(false, false), (true, false), (false, true), (true, true)]
+        } else {
+            &[(false, true), (true, true)]
+        };
+        'climb: while self.state.count() < MAX_EFFECTS {
+            for &(exchange, with_families) in kinds {
+                let moves = self.moves(exchange, with_families);
+                if self.stepped(moves, progress)? {
+                    continue 'climb;
+                }
             }
+            break;
         }
         Ok(())
     }
@@ -301,6 +316,7 @@ impl<'a> Search<'a> {
         self.state = state;
         self.score = score;
         self.known = [None, None];
+        self.without = None;
     }
 
     /// Score of a model: the lower, the better.

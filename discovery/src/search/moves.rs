@@ -12,6 +12,7 @@ use tau_codegen::language::model::Place;
 
 use super::super::candidate_set::{Score, Table};
 use super::super::linear_model::LinearModel;
+use super::super::significance::Null;
 use super::Search;
 use super::state::{Member, Unnamed};
 use tau_estimation::numerics::parallel;
@@ -49,15 +50,20 @@ pub(super) struct Places {
 }
 
 impl Search<'_> {
-    /// All neighbours that the linear model predicts to be better, the best first.
-    pub(super) fn moves(&mut self, with_families: bool) -> Vec<Move> {
+    /// Neighbours that the linear model predicts to be better, the best first: those that candidates join or leave,
+    /// or those in which one takes the place of another, which take a table of scores for each effect.
+    pub(super) fn moves(&mut self, exchange: bool, with_families: bool) -> Vec<Move> {
         let view = Arc::new(self.state.view(&self.bench));
         let table = self.table(&view, with_families);
-        let mut moves = self.additions(&view, &table, with_families);
-        moves.extend(self.common_placements(&view));
-        moves.extend(self.removals(&view));
-        moves.extend(self.extensions(&view));
-        moves.extend(self.exchanges(&view, &table, with_families));
+        let mut moves = if exchange {
+            self.exchanges(&view, &table, with_families)
+        } else {
+            let mut moves = self.additions(&view, &table, with_families);
+            moves.extend(self.common_placements(&view));
+            moves.extend(self.removals(&view));
+            moves.extend(self.extensions(&view));
+            moves
+        };
         moves.retain(|change| change.predicted < 0.0);
         moves.sort_by(|a, b| a.predicted.total_cmp(&b.predicted));
         moves
@@ -268,17 +274,20 @@ impl Search<'_> {
         with_families: bool,
     ) -> Vec<Move> {
         let members: Vec<usize> = (0..self.state.members.len()).collect();
-        let whole = self.state.unnamed.is_empty().then_some(table);
-        let without = parallel::map(&members, |&member| {
-            self.without(member, whole, with_families)
-        });
+        let without = self.without_each(table);
         let mut moves = Vec::new();
-        for (member, without) in members.into_iter().zip(without) {
+        for (member, without) in members.into_iter().zip(without.iter()) {
             let mut others = self.state.members.clone();
             let removed = others.remove(member);
             let saved = self.cost_of(removed);
             let unnamed = self.state.unnamed.clone();
-            moves.extend(self.instead(view, &without, (others.clone(), unnamed.clone()), saved));
+            moves.extend(self.instead(
+                view,
+                without,
+                (others.clone(), unnamed.clone()),
+                saved,
+                with_families,
+            ));
             if self.is_common(removed.candidate)
                 && let Some(places) = self.places(&without.view, removed.candidate)
                 && places.joining.len() > 1
@@ -306,7 +315,7 @@ impl Search<'_> {
                 view: Arc::new(beside),
             };
             let rest = (self.state.members.clone(), unnamed);
-            moves.extend(self.instead(view, &without, rest, saved));
+            moves.extend(self.instead(view, &without, rest, saved, true));
         }
         moves
     }
@@ -318,11 +327,13 @@ impl Search<'_> {
         without: &Without,
         (members, unnamed): (Vec<Member>, Vec<Unnamed>),
         saved: f64,
+        with_families: bool,
     ) -> Vec<Move> {
         let total = without.view.total();
         let mut moves = Vec::new();
         for score in &without.table.scores {
-            if self.is_in_model(score.candidate) {
+            let is_named = self.bench.candidates[score.candidate].is_named();
+            if self.is_in_model(score.candidate) || !(is_named || with_families) {
                 continue;
             }
             let predicted =
@@ -349,27 +360,26 @@ impl Search<'_> {
         moves
     }
 
-    /// The model without one of its effects, and the scores there; `whole` are those beside the model with it.
-    pub(super) fn without(
-        &self,
-        member: usize,
-        whole: Option<&Table>,
-        with_families: bool,
-    ) -> Without {
+    /// The model without each of its effects, and the scores there; `table` are those beside the model with all.
+    pub(super) fn without_each(&mut self, table: &Table) -> Arc<Vec<Without>> {
+        if let Some(known) = &self.without {
+            return Arc::clone(known);
+        }
+        let members: Vec<usize> = (0..self.state.members.len()).collect();
+        let whole = self.state.unnamed.is_empty().then_some(table);
+        let without = parallel::map(&members, |&member| self.without(member, whole));
+        Arc::clone(self.without.insert(Arc::new(without)))
+    }
+
+    fn without(&self, member: usize, whole: Option<&Table>) -> Without {
         let view = self.state.view_without(&self.context(), &[member]);
-        let mut table = match whole {
+        let table = match whole {
             Some(whole) => {
                 let freed = self.state.freed(&self.context(), member);
                 self.bench.table_without(whole, freed, &view)
             }
             None => self.bench.table(&view),
         };
-        if !with_families {
-            let candidates = &self.bench.candidates;
-            table
-                .scores
-                .retain(|score| candidates[score.candidate].is_named());
-        }
         Without {
             view: Arc::new(view),
             table,
@@ -442,10 +452,18 @@ impl Search<'_> {
 
     /// The cost of a candidate in a model, by the null distribution of its first score.
     pub(super) fn cost(&mut self, score: &Score) -> f64 {
-        let is_named = self.bench.candidates[score.candidate].is_named();
+        let candidate = &self.bench.candidates[score.candidate];
+        let (is_named, places) = (candidate.is_named(), candidate.place_count());
         let significance = &self.bench.significance;
         let known = self.costs.entry(score.candidate);
-        *known.or_insert_with(|| significance.cost(score.null, is_named))
+        *known.or_insert_with(|| {
+            if places == 1 {
+                return significance.cost(score.null, is_named);
+            }
+            // At several places with amplitudes of its own it is as many effects.
+            let each = Null::plain((score.null.rank / places as f64).max(1.0));
+            places as f64 * significance.cost(each, is_named) + significance.cost_of_number(places)
+        })
     }
 
     /// The cost of an effect in the model.

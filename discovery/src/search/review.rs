@@ -39,11 +39,10 @@ impl Search<'_> {
         let members: Vec<usize> = (0..self.state.members.len()).collect();
         let view = std::sync::Arc::new(self.state.view(&self.bench));
         let table = self.table(&view, true);
-        let whole = self.state.unnamed.is_empty().then_some(&table);
-        let without = parallel::map(&members, |&member| self.without(member, whole, true));
-        let found = members.iter().zip(without);
+        let without = self.without_each(&table);
+        let found = members.iter().zip(without.iter());
         found
-            .map(|(&member, without)| self.found_of(member, &view, &without))
+            .map(|(&member, without)| self.found_of(member, &view, without))
             .collect()
     }
 

@@ -145,7 +145,9 @@ impl Found {
         let fit = &search.state.fit;
         let machine = fit.joint.machine.with_values(fit.joint.values(&fit.fitted));
         let errors = evaluate(&machine, search.input.folder, &outcome.poses)?.errors;
-        let errors = errors.iter().map(|error| (error.pose, error.length_um().powi(2)));
+        let errors = errors
+            .iter()
+            .map(|error| (error.pose, error.length_um().powi(2)));
         Ok(Self {
             errors_um2: errors.collect(),
             outcome,

@@ -22,7 +22,7 @@ pub struct Sample {
     pub track: Option<usize>,
     /// Number of the pose or point in the file.
     pub number: u32,
-    /// What is measured together: samples of one unit share their errors' sign in sign flips and their
+    /// Number of the unit that was measured together: its samples share their sign in null scans and their
     /// fold in confirmation.
     pub unit: usize,
     /// Commands (m).
