@@ -125,7 +125,9 @@ impl<'a> Search<'a> {
     /// stones to nowhere. The better end counts.
     pub(crate) fn run(&mut self, progress: &mut dyn FnMut(&str)) -> Result<(), Error> {
         self.climb(true, progress)?;
-        if self.starts_with_family && !self.is_without(Rule::SecondStart) {
+        // Where one effect is all that was found, to exchange it for a family has been tried already.
+        let may_differ = self.state.count() > 1 || !self.state.unnamed.is_empty();
+        if self.starts_with_family && may_differ && !self.is_without(Rule::SecondStart) {
             let first = (self.state.clone(), self.score);
             let notes = (self.steps.clone(), self.gaps.clone(), self.drops_um.clone());
             self.go_to(self.base.clone(), self.score_of_state(&self.base));

@@ -121,7 +121,7 @@ impl Search<'_> {
         // Where the effect that fits best can act at several places, these may all be in one move: the first step
         // alone would often be the amplitude that all places have in common.
         if let Some((_, score)) = best
-            && let Some(places) = self.places(view, score.candidate)
+            && let Some(places) = self.places(view, score.candidate, &[])
             && places.joining.len() > 1
         {
             let more = self.number(count + places.joining.len()) - self.number(count);
@@ -281,28 +281,9 @@ impl Search<'_> {
             let removed = others.remove(member);
             let saved = self.cost_of(removed);
             let unnamed = self.state.unnamed.clone();
-            moves.extend(self.instead(
-                view,
-                without,
-                (others.clone(), unnamed.clone()),
-                saved,
-                with_families,
-            ));
-            if self.is_common(removed.candidate)
-                && let Some(places) = self.places(&without.view, removed.candidate)
-                && places.joining.len() > 1
-            {
-                let count = self.state.count();
-                let more = self.number(count + places.joining.len() - 1) - self.number(count);
-                let (now, before) = (view.total(), without.view.total());
-                let predicted = self.change(now, before) + places.change - saved + more;
-                others.extend(places.members());
-                moves.push(Move {
-                    members: others,
-                    unnamed,
-                    predicted,
-                    joining: places.joining,
-                });
+            moves.extend(self.instead(view, without, (others, unnamed), saved, with_families));
+            if self.is_common(removed.candidate) {
+                moves.extend(self.split(view, removed));
             }
         }
         for family in 0..self.state.unnamed.len() {
@@ -360,6 +341,40 @@ impl Search<'_> {
         moves
     }
 
+    /// The places of an effect that pay, each with an amplitude of its own, in the stead of one that is common to all
+    /// and of those that it has beside that.
+    fn split(&mut self, view: &LinearModel, common: Member) -> Option<Move> {
+        let effect_of =
+            |search: &Self, member: &Member| search.bench.candidates[member.candidate].effect;
+        let effect = effect_of(self, &common);
+        let (own, others): (Vec<usize>, Vec<usize>) = (0..self.state.members.len())
+            .partition(|&k| effect_of(self, &self.state.members[k]) == effect);
+        let without = Arc::new(self.state.view_without(&self.context(), &own));
+        let leaving: Vec<usize> = own
+            .iter()
+            .map(|&k| self.state.members[k].candidate)
+            .collect();
+        let places = self.places(&without, common.candidate, &leaving)?;
+        if places.joining.len() < 2 {
+            return None;
+        }
+        let saved: f64 = own
+            .iter()
+            .map(|&k| self.cost_of(self.state.members[k]))
+            .sum();
+        let count = self.state.count();
+        let more = self.number(count + places.joining.len() - own.len()) - self.number(count);
+        let predicted = self.change(view.total(), without.total()) + places.change - saved + more;
+        let mut members: Vec<Member> = others.iter().map(|&k| self.state.members[k]).collect();
+        members.extend(places.members());
+        Some(Move {
+            members,
+            unnamed: self.state.unnamed.clone(),
+            predicted,
+            joining: places.joining,
+        })
+    }
+
     /// The model without each of its effects, and the scores there; `table` are those beside the model with all.
     pub(super) fn without_each(&mut self, table: &Table) -> Arc<Vec<Without>> {
         if let Some(known) = &self.without {
@@ -387,7 +402,14 @@ impl Search<'_> {
     }
 
     /// The places of a candidate's effect that pay, one after the other, beside a model without any of them.
-    pub(super) fn places(&mut self, view: &Arc<LinearModel>, candidate: usize) -> Option<Places> {
+    ///
+    /// Candidates that are `leaving` count as if they were not in the model.
+    pub(super) fn places(
+        &mut self,
+        view: &Arc<LinearModel>,
+        candidate: usize,
+        leaving: &[usize],
+    ) -> Option<Places> {
         let effect = self.bench.candidates[candidate].effect;
         let mut places = Places {
             joining: vec![],
@@ -401,7 +423,7 @@ impl Search<'_> {
                 described.effect == effect
                     && described.search.is_none()
                     && !self.is_common(place)
-                    && !self.is_in_model(place)
+                    && (leaving.contains(&place) || !self.is_in_model(place))
                     && !self.bench.hidden.contains(&place)
             })
             .collect();

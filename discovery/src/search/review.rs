@@ -121,7 +121,7 @@ impl Search<'_> {
             if !described.is_named() || !tried.insert(described.effect) {
                 continue;
             }
-            let Some(places) = self.places(&without.view, candidate) else {
+            let Some(places) = self.places(&without.view, candidate, &[]) else {
                 continue;
             };
             let candidates: Vec<(usize, Option<f64>)> = places
