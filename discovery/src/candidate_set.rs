@@ -475,7 +475,7 @@ impl CandidateSet {
             .filter(|((candidate, _), c)| !self.hidden.contains(candidate) && c.ncols() > 0)
             .map(|((candidate, place), c)| {
                 let own = products.rows(place.start, place.len());
-                self.score_of(
+                Self::score_of(
                     view,
                     *candidate,
                     c.tr_mul(&own).norm_squared(),
@@ -487,7 +487,6 @@ impl CandidateSet {
 
     /// Score of a candidate without a search from its statistic.
     pub(super) fn score_of(
-        &self,
         view: &LinearModel,
         candidate: usize,
         statistic: f64,

@@ -208,7 +208,7 @@ impl<'a> Search<'a> {
         let fit = if change.members == self.state.members {
             self.state.fit.clone()
         } else {
-            progress(&&format!(
+            progress(&format!(
                 "trying {}",
                 self.labels_of(&change.members).join(" + ")
             ));

@@ -10,7 +10,7 @@ use std::sync::Arc;
 
 use tau_codegen::language::model::Place;
 
-use super::super::candidate_set::{Score, Table};
+use super::super::candidate_set::{CandidateSet, Score, Table};
 use super::super::linear_model::LinearModel;
 use super::super::significance::Null;
 use super::Search;
@@ -239,7 +239,7 @@ impl Search<'_> {
             let Some((_, subspace)) = self.bench.subspace(&without, common, None) else {
                 continue;
             };
-            let score = self.score_of(&without, common, &subspace);
+            let score = Self::score_of(&without, common, &subspace);
             let saved: f64 = own
                 .iter()
                 .map(|&k| self.cost_of(self.state.members[k]))
@@ -433,7 +433,7 @@ impl Search<'_> {
         loop {
             let scored = parallel::map(&open, |&place| {
                 let (_, subspace) = self.bench.subspace(&beside, place, None)?;
-                Some((self.score_of(&beside, place, &subspace), subspace))
+                Some((Self::score_of(&beside, place, &subspace), subspace))
             });
             let mut best: Option<(f64, Score, Subspace)> = None;
             for (score, subspace) in scored.into_iter().flatten() {
@@ -462,14 +462,9 @@ impl Search<'_> {
     }
 
     /// The score of a candidate without a search from its subspace.
-    pub(super) fn score_of(
-        &self,
-        view: &LinearModel,
-        candidate: usize,
-        subspace: &Subspace,
-    ) -> Score {
+    pub(super) fn score_of(view: &LinearModel, candidate: usize, subspace: &Subspace) -> Score {
         let statistic = subspace.statistic(&view.residuals);
-        (self.bench).score_of(view, candidate, statistic, subspace.rank() as f64)
+        CandidateSet::score_of(view, candidate, statistic, subspace.rank() as f64)
     }
 
     /// The cost of a candidate in a model, by the null distribution of its first score.
