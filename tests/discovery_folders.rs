@@ -11,7 +11,7 @@ use tau::simulation::{Effect, LinkError, Physics, Simulation, simulate};
 use tau_model_dsl::model::Place;
 use tempfile::TempDir;
 
-use crate::support::{fields, gantry_tau, prototype, tau_in};
+use crate::support::{gantry_tau, prototype, tau_in};
 
 /// A trial's measurements in a folder of their own, without what was hidden in them.
 fn trial(name: &str) -> TempDir {
