@@ -1,10 +1,10 @@
 //! Calibration: from nominal values and measured TCP poses to the parameters of a variant.
 
 mod cost;
-mod error;
-mod nominal;
+pub(crate) mod error;
+pub(crate) mod nominal;
 mod output;
-mod registration;
+pub(crate) mod registration;
 pub mod searched;
 mod stated;
 

@@ -16,7 +16,9 @@ use tau_robot::robot_file::Noise;
 use tau_runtime::ResidualFamily;
 use tau_solver::{Block, Parameter};
 
-use crate::calibration::{Error, MOUNTING_M, Nominal};
+use crate::calibration::error::Error;
+use crate::calibration::nominal::Nominal;
+use crate::calibration::registration::MOUNTING_M;
 use crate::samples::Sample;
 use true_pose::TruePose;
 use whitened::WhitenedPose;

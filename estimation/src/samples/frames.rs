@@ -8,7 +8,7 @@ use tau_robot::robot_file::RobotFile;
 
 use tau_runtime::Owner;
 
-use crate::calibration::{Line, NominalTrack, Registration, set_2, set_3};
+use crate::calibration::registration::{Line, NominalTrack, Registration, set_2, set_3};
 
 /// How well set 1 alone tells the direction of a track, and its place (m): parts of the tolerances of a
 /// drawing, so that targets' unknown places decide little.

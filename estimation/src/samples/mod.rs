@@ -10,7 +10,7 @@ use tau_robot::input_error::InputError;
 use tau_robot::measurements::{Conditions, Folder, TcpPose};
 use tau_robot::robot::{Input, Instance, Robot};
 
-use crate::calibration::Error;
+use crate::calibration::error::Error;
 use frames::Frames;
 
 /// A measured pose of the TCP (set 1), of a cart (set 2) or position of a cart (set 3).

@@ -5,8 +5,10 @@ use tau_kinematics::Machine;
 use tau_robot::input_error::InputError;
 use tau_robot::measurements::Folder;
 
-use crate::calibration::Error;
-use crate::calibration::{Line, MOUNTING_M, NominalTrack, Registration, set_2, set_3};
+use crate::calibration::error::Error;
+use crate::calibration::registration::{
+    Line, MOUNTING_M, NominalTrack, Registration, set_2, set_3,
+};
 use crate::samples::frames::fitted_track;
 
 /// Another numbering has to fit so many times better to be the right one.
