@@ -28,7 +28,7 @@ fn package(description: &str) -> PathBuf {
     let model = tau_codegen::language::check_text(description).unwrap();
     let compiled = tau_codegen::compile(&model, description);
     let facade = "[package]\nname = \"tau\"\nversion = \"0.0.0\"\nedition = \"2024\"\n\n\
-        [dependencies]\ntau-macro = { path = \"ROOT/model-dsl/macro\" }\n\
+        [dependencies]\ntau-macro = { path = \"ROOT/macro\" }\n\
         tau-runtime = { path = \"ROOT/runtime\" }\n\n[lib]\npath = \"lib.rs\"\n";
     let files = [
         ("Cargo.toml", rooted(manifest)),

@@ -121,7 +121,7 @@ fn downstream() -> Result<String, String> {
         "facade/Cargo.toml",
         &format!(
             "[package]\nname = \"tau\"\nversion = \"0.0.0\"\nedition = \"2024\"\n\n[dependencies]\n\
-             tau-macro = {{ path = \"{root}/model-dsl/macro\" }}\n\
+             tau-macro = {{ path = \"{root}/macro\" }}\n\
              tau-runtime = {{ path = \"{root}/runtime\" }}\n"
         ),
     )?;

@@ -164,7 +164,7 @@ pub struct FoundEffect {
     pub place: String,
     /// Parameters, SI.
     pub parameters: BTreeMap<String, Estimate>,
-    /// Chance of such a score anywhere in the candidate's search, without an effect.
+    /// Chance of such a score beside all that was found, anywhere in the candidate's search, without an effect.
     pub p_value: f64,
     /// Fall of χ².
     pub chi2_drop: f64,

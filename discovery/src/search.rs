@@ -28,6 +28,7 @@ use tau_estimation::evaluation::evaluate;
 use tau_estimation::joint::fit::Fit;
 use tau_estimation::numerics::projection::Subspace;
 
+/// Most effects and families of a model: machines have fewer, and a base that lacks more is another machine's.
 const MAX_EFFECTS: usize = 10;
 /// A better score is one that is better by more than rounding.
 const ROUNDING: f64 = 1e-6;
@@ -242,11 +243,9 @@ impl<'a> Search<'a> {
         };
         let inflation = self.inflation(beside, &subspace);
         if inflation > 1.0 {
-            let is_named = self.bench.candidates[score.candidate].is_named();
-            let cost = self.bench.significance.cost(score.null, is_named);
             let total = beside.total();
-            let gain = -self.degrees * (1.0 - score.statistic / inflation / total).ln();
-            if gain < cost {
+            let change = self.change(total, total - score.statistic / inflation);
+            if change + self.cost_of(Member::plain(score.candidate)) > 0.0 {
                 return false;
             }
         }

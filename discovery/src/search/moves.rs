@@ -14,7 +14,7 @@ use super::super::candidate_set::{CandidateSet, Score, Table};
 use super::super::linear_model::LinearModel;
 use super::super::significance::Null;
 use super::Search;
-use super::state::{Member, Unnamed};
+use super::state::{Member, State, Unnamed};
 use tau_estimation::numerics::parallel;
 use tau_estimation::numerics::projection::Subspace;
 
@@ -78,6 +78,11 @@ impl Search<'_> {
         self.bench.significance.cost_of_number(count)
     }
 
+    /// Index of a member's effect in the catalogue.
+    fn effect_of(&self, member: Member) -> usize {
+        self.bench.candidates[member.candidate].effect
+    }
+
     fn is_in_model(&self, candidate: usize) -> bool {
         let mut unnamed = self.state.unnamed.iter();
         let mut members = self.state.members.iter();
@@ -111,7 +116,10 @@ impl Search<'_> {
                 best = Some((predicted, score.clone()));
             }
             if is_named || with_families {
-                moves.push(self.with(score, predicted, view));
+                let State {
+                    members, unnamed, ..
+                } = &self.state;
+                moves.push(self.joined((members, unnamed), score, view, predicted));
             }
         }
         if count == 0 {
@@ -137,9 +145,15 @@ impl Search<'_> {
         moves
     }
 
-    /// The model with one candidate more.
-    fn with(&self, score: &Score, predicted: f64, view: &Arc<LinearModel>) -> Move {
-        let (mut members, mut unnamed) = (self.state.members.clone(), self.state.unnamed.clone());
+    /// The move to a model of these effects and families and a candidate more, scored beside a model without it.
+    fn joined(
+        &self,
+        (members, unnamed): (&[Member], &[Unnamed]),
+        score: &Score,
+        beside: &Arc<LinearModel>,
+        predicted: f64,
+    ) -> Move {
+        let (mut members, mut unnamed) = (members.to_vec(), unnamed.to_vec());
         if self.bench.candidates[score.candidate].is_named() {
             members.push(Member::plain(score.candidate));
         } else {
@@ -151,7 +165,7 @@ impl Search<'_> {
             predicted,
             joining: vec![Joining {
                 score: score.clone(),
-                beside: Arc::clone(view),
+                beside: Arc::clone(beside),
             }],
         }
     }
@@ -216,15 +230,13 @@ impl Search<'_> {
 
     /// One amplitude for all places in the stead of an effect's own at several.
     fn common_placements(&mut self, view: &LinearModel) -> Vec<Move> {
-        let effect_of =
-            |search: &Self, member: &Member| search.bench.candidates[member.candidate].effect;
         let effects: BTreeSet<usize> = (self.state.members.iter())
-            .map(|member| effect_of(self, member))
+            .map(|member| self.effect_of(*member))
             .collect();
         let mut moves = Vec::new();
         for effect in effects {
             let own: Vec<usize> = (0..self.state.members.len())
-                .filter(|&k| effect_of(self, &self.state.members[k]) == effect)
+                .filter(|&k| self.effect_of(self.state.members[k]) == effect)
                 .collect();
             let common = (0..self.bench.candidates.len()).find(|&candidate| {
                 self.bench.candidates[candidate].effect == effect
@@ -322,21 +334,7 @@ impl Search<'_> {
             if predicted >= 0.0 {
                 continue;
             }
-            let (mut members, mut unnamed) = (members.clone(), unnamed.clone());
-            if self.bench.candidates[score.candidate].is_named() {
-                members.push(Member::plain(score.candidate));
-            } else {
-                unnamed.push((score.candidate, score.searched));
-            }
-            moves.push(Move {
-                members,
-                unnamed,
-                predicted,
-                joining: vec![Joining {
-                    score: score.clone(),
-                    beside: Arc::clone(&without.view),
-                }],
-            });
+            moves.push(self.joined((&members, &unnamed), score, &without.view, predicted));
         }
         moves
     }
@@ -344,11 +342,9 @@ impl Search<'_> {
     /// The places of an effect that pay, each with an amplitude of its own, in the stead of one that is common to all
     /// and of those that it has beside that.
     fn split(&mut self, view: &LinearModel, common: Member) -> Option<Move> {
-        let effect_of =
-            |search: &Self, member: &Member| search.bench.candidates[member.candidate].effect;
-        let effect = effect_of(self, &common);
+        let effect = self.effect_of(common);
         let (own, others): (Vec<usize>, Vec<usize>) = (0..self.state.members.len())
-            .partition(|&k| effect_of(self, &self.state.members[k]) == effect);
+            .partition(|&k| self.effect_of(self.state.members[k]) == effect);
         let without = Arc::new(self.state.view_without(&self.context(), &own));
         let leaving: Vec<usize> = own
             .iter()
