@@ -366,6 +366,28 @@ fn a_description_of_ones_own_is_compiled_at_run_time() {
     }
 }
 
+/// Names that Rust could not tell apart are refused, where the description declares them.
+#[test]
+fn names_that_would_be_one_in_generated_code_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let text = "robot Slide {
+    track one;
+    cluster arm on one { link l1; }
+    variant Robot { arm full; tracks linear; }
+}
+";
+    fs::write(folder.path().join("slide.tau"), text).unwrap();
+    let ran = tau_in(folder.path(), "tau generate DIR/slide.tau --out DIR/code");
+    assert_eq!(ran.code, 2);
+    assert!(ran.err.contains("slide.tau:4:13"), "{}", ran.err);
+    assert!(
+        ran.err.contains("`ROBOT` is the robot itself"),
+        "{}",
+        ran.err
+    );
+    assert!(!folder.path().join("code").exists());
+}
+
 #[test]
 fn quiet_commands_print_only_what_was_asked_for() {
     let folder = tempfile::tempdir().unwrap();

@@ -17,8 +17,11 @@ pub(super) fn run(arguments: &arguments::Generate) -> Result<Outcome, Failure> {
     let source = &arguments.description;
     let name = source.display().to_string();
     let text = read(source, "the description of a robot (.tau)")?;
-    let model = language::check_text(&text)
-        .map_err(|errors| InputError::of_description(&name, &text, &errors))?;
+    let located = |errors| InputError::of_description(&name, &text, &errors);
+    let tokens = language::tokens(&text).map_err(located)?;
+    let model = language::check_tokens(tokens.clone()).map_err(located)?;
+    let compiled = tau_codegen::compile(&model, &text);
+    tau_codegen::check_names(&compiled, &tokens).map_err(located)?;
     let path = arguments
         .out
         .join(emit::snake_case(&model.name))
@@ -33,7 +36,7 @@ pub(super) fn run(arguments: &arguments::Generate) -> Result<Outcome, Failure> {
         shell_word(&arguments.out)
     );
     let code = emit::file(
-        &tau_codegen::compile(&model, &text),
+        &compiled,
         &one_line(&source.display().to_string().replace('\\', "/")),
         &one_line(&command),
     );

@@ -24,43 +24,60 @@ pub use tau_model_dsl as language;
 
 use proc_macro2::{Ident, Span, TokenStream, TokenTree};
 use quote::quote;
+use tau_model_dsl::{Diagnostic, Errors};
 
 /// Expansion of `tau_model!`.
 ///
 /// On error: the errors at their tokens, and the bare type, so that its uses elsewhere raise no errors
 /// of their own.
 pub fn expand(description: &TokenStream, paths: &emit::Paths) -> TokenStream {
-    match language::check_tokens(description.clone()) {
-        Ok(model) => {
-            let name = declared(description.clone(), "robot", &model.name);
-            let compiled = compile(&model, &description.to_string());
-            let clashes = emit::clashes(&compiled);
-            if clashes.is_empty() {
-                return emit::expansion(&compiled, &name, paths);
-            }
-            let messages = clashes.iter().map(|clash| {
-                let keyword = if clash.of == model.name {
-                    "robot"
-                } else {
-                    "variant"
-                };
-                let place = declared(description.clone(), keyword, &clash.of).span();
-                syn::Error::new(place, clash).into_compile_error()
-            });
-            bare(&messages.collect(), model.public, &name)
+    let expansion = language::check_tokens(description.clone()).and_then(|model| {
+        let compiled = compile(&model, &description.to_string());
+        check_names(&compiled, description)?;
+        let name = declared(description, "robot", &model.name);
+        Ok(emit::expansion(&compiled, &name, paths))
+    });
+    expansion.unwrap_or_else(|errors| {
+        let messages = errors.diagnostics.iter();
+        let messages = messages
+            .map(|diagnostic| syn::Error::from(diagnostic).into_compile_error())
+            .collect();
+        match &errors.robot {
+            Some((public, name)) => bare(&messages, *public, name),
+            None => messages,
         }
-        Err(errors) => {
-            let messages = errors
-                .diagnostics
-                .iter()
-                .map(|diagnostic| syn::Error::from(diagnostic).into_compile_error())
-                .collect();
-            match &errors.robot {
-                Some((public, name)) => bare(&messages, *public, name),
-                None => messages,
-            }
+    })
+}
+
+/// Refuses names that would be one name of generated code.
+///
+/// # Errors
+/// Each [clash](emit::clashes), where the description declares the robot or the variant.
+pub fn check_names(compiled: &CompiledRobot, description: &TokenStream) -> Result<(), Errors> {
+    let model = &compiled.model;
+    let clashes = emit::clashes(compiled).into_iter().map(|clash| {
+        let keyword = if clash.of == model.name {
+            "robot"
+        } else {
+            "variant"
+        };
+        let span = declared(description, keyword, &clash.of).span();
+        Diagnostic {
+            message: clash.message,
+            help: Some(clash.help.to_owned()),
+            span,
+            end: span,
         }
+    });
+    let diagnostics: Vec<Diagnostic> = clashes.collect();
+    if diagnostics.is_empty() {
+        return Ok(());
     }
+    let name = declared(description, "robot", &model.name);
+    Err(Errors {
+        robot: Some((model.public, name)),
+        diagnostics,
+    })
 }
 
 /// Errors, and the robot's bare type.
@@ -70,8 +87,8 @@ fn bare(messages: &TokenStream, public: bool, name: &Ident) -> TokenStream {
 }
 
 /// A name with the span that it has where the description declares it: after `robot` or `variant`.
-fn declared(description: TokenStream, keyword: &str, name: &str) -> Ident {
-    find(description, keyword, name).unwrap_or_else(|| Ident::new(name, Span::call_site()))
+fn declared(description: &TokenStream, keyword: &str, name: &str) -> Ident {
+    find(description.clone(), keyword, name).unwrap_or_else(|| Ident::new(name, Span::call_site()))
 }
 
 fn find(tokens: TokenStream, keyword: &str, name: &str) -> Option<Ident> {

@@ -96,6 +96,10 @@ pub fn effects_from_text(text: &str, into: &Model) -> Result<Model, Errors> {
     Ok(model)
 }
 
-fn tokens(text: &str) -> Result<TokenStream, Errors> {
+/// Reads a text as tokens, with the places in it.
+///
+/// # Errors
+/// Where the text holds what is no token.
+pub fn tokens(text: &str) -> Result<TokenStream, Errors> {
     TokenStream::from_str(text).map_err(|error| Errors::from_lexer(text, &error))
 }
