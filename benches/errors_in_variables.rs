@@ -227,7 +227,7 @@ struct Peer {
 struct Contender {
     name: &'static str,
     program: PathBuf,
-    /// What follows the file on its command line.
+    /// Arguments after the file on its command line.
     arguments: Vec<String>,
 }
 

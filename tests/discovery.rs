@@ -79,7 +79,7 @@ trials! {
     what_no_catalogue_lists_gets_no_name = "11";
 }
 
-/// What has no name may have a place in the model: the points of the track through which the cart goes.
+/// Structure without a name may have a place in the model: the points of the track through which the cart goes.
 #[test]
 fn a_track_with_a_bump_follows_its_points_without_a_name() {
     for (base, effects) in [("Full", vec![]), ("Nominal", vec!["full_arm(all)"])] {
@@ -166,7 +166,7 @@ fn a_machine_with_a_reduced_arm_lacks_nothing() {
     assert!(found.considered[0].p_value > 0.005);
 }
 
-/// Where nothing is hidden, points that carry noise get no name, nor do carts that turn as they go; and the
+/// If nothing is hidden, points that carry noise get no name, nor do carts that turn as they go; and the
 /// residuals are as large as the stated noise says.
 #[test]
 fn the_noise_of_measured_points_gets_no_name() {
@@ -183,7 +183,7 @@ fn the_noise_of_measured_points_gets_no_name() {
     }
 }
 
-/// What other blocks hardly tell of a held-out stretch of a measured path does not hide what they tell of an
+/// A held-out stretch of a measured path, which other blocks hardly determine, does not hide what they tell of an
 /// effect.
 #[test]
 fn an_effect_is_confirmed_beside_measured_points() {

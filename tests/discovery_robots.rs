@@ -12,7 +12,7 @@ position_m = 1e-5
 rotation_rad = 4e-5
 ";
 
-/// What is several times as large as expected bends by more than noise, and families with many columns follow the bend
+/// An effect several times as large as expected bends by more than noise, and families with many columns follow the bend
 /// where the effect's own derivatives at zero do not.
 #[test]
 fn a_strong_effect_has_its_name() {
@@ -29,7 +29,7 @@ fn a_strong_effect_has_its_name() {
     assert_eq!(found["status"], "explained");
 }
 
-/// What a description says to expect of an effect is no reason to overlook it. The robot file gives no dimensions: they
+/// An expected effect of a description is not overlooked. The robot file gives no dimensions: they
 /// are the description's as well.
 #[test]
 fn an_effect_of_the_expected_size_is_found() {

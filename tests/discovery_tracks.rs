@@ -15,7 +15,7 @@ use crate::support::{gantry_tau, prototype};
 /// vertically (m).
 type Bump = (f64, f64, [f64; 2]);
 
-/// How far a cart lies off at a command.
+/// Deviation of a cart at a command (m).
 fn path(bumps: &[Bump], q_m: f64) -> [f64; 2] {
     let mut off = [0.0; 2];
     for (middle, length, height) in bumps {

@@ -1,4 +1,4 @@
-//! What the documentation shows is true.
+//! Statements of the documentation, checked.
 
 use std::path::{Path, PathBuf};
 

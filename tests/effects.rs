@@ -168,7 +168,7 @@ fn all_effects_together_agree_with_dual_numbers() {
     }
 }
 
-/// What an effect on a cart touches is seen in all three sets, by the same parameters.
+/// An effect on a cart is seen in all three sets, by the same parameters.
 #[test]
 fn an_effect_on_a_cart_is_seen_in_every_set() {
     let (text, _) = every_effect(GANTRY_TAU, &["Full"]);

@@ -1,4 +1,4 @@
-//! What discovery writes, compiled: the generated code of `discovered.tau`, what `tau_model!` makes of the
+//! Files that discovery writes, compiled: the generated code of `discovered.tau`, what `tau_model!` makes of the
 //! same text, and the run-time model agree bit for bit.
 
 use std::fmt::Write as _;

@@ -19,7 +19,7 @@ struct Closure {
     /// Index of the command, and number of commands of the robot.
     command: usize,
     commands: usize,
-    /// Whether pose and commands are parameters, and the derivatives by them.
+    /// True if pose and commands are parameters, with derivatives by them.
     by_pose: bool,
     row_starts: [u32; 2],
     columns: Vec<u32>,

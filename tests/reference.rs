@@ -22,7 +22,7 @@ pub(crate) struct Point {
     pub(crate) parameters: Vec<f64>,
 }
 
-/// What to differentiate by.
+/// Variables of a derivative.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum By {
     /// A parameter of the variant.

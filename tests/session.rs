@@ -1,4 +1,4 @@
-//! What a session answers bad input with is what the command line prints.
+//! A session answers bad input as the command line does.
 
 use std::fs;
 use std::path::Path;

@@ -1,4 +1,4 @@
-//! What several themes need: the prototype's robot and measurements, and random numbers from a seed.
+//! Common to several themes: the prototype's robot and measurements, and random numbers from a seed.
 
 use std::ffi::OsString;
 use std::fs;
@@ -82,7 +82,7 @@ pub(crate) fn paper_file() -> RobotFile {
     file
 }
 
-/// What a command line did.
+/// Outcome of a command line.
 pub(crate) struct Ran {
     pub(crate) code: u8,
     pub(crate) out: String,

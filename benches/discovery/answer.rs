@@ -15,7 +15,7 @@ pub(crate) struct True {
     pub(crate) p_value: Option<f64>,
 }
 
-/// What the search said.
+/// The answer of a search.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub(crate) struct Found {
     pub(crate) status: String,

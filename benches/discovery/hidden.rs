@@ -1,4 +1,4 @@
-//! What is hidden in a trial: an effect at a place, of any size.
+//! The hidden effect of a trial: an effect at a place, of any size.
 
 use std::f64::consts::TAU;
 use std::sync::Arc;

@@ -54,7 +54,7 @@ struct Arguments {
     /// Runs nothing and prints the tables of trials that were written before, by one run or several
     #[arg(long, num_args = 1..)]
     read: Vec<PathBuf>,
-    /// What `cargo bench` adds.
+    /// An argument that `cargo bench` adds.
     #[arg(long, hide = true)]
     bench: bool,
 }

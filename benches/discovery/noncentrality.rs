@@ -1,4 +1,4 @@
-//! How much of an effect a measurement could show at best: λ = ‖M·g‖², with g the whitened noise-free
+//! The part of an effect that a measurement shows at best: λ = ‖M·g‖², with g the whitened noise-free
 //! signal and M what the base leaves.
 //!
 //! Signals are differences of simulated measurements, and the base's derivatives those of the virtual
@@ -247,7 +247,7 @@ fn cart_rows(
     all.next += if set == 0 { 6 } else { 3 };
 }
 
-/// What an effect does to noise-free measurements, in standard deviations.
+/// Signal of an effect in noise-free measurements, in standard deviations.
 pub(crate) fn signal(
     without: &SimulatedFolder,
     with: &SimulatedFolder,

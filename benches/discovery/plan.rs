@@ -1,4 +1,4 @@
-//! Which trials there are.
+//! The list of trials.
 
 use tau::simulation::{Noise, Tails};
 use tau_codegen::language::Model;
@@ -63,7 +63,7 @@ impl Section {
     }
 }
 
-/// What is hidden.
+/// The hidden effects.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) enum Subject {
     /// Nothing.
@@ -93,7 +93,7 @@ pub(crate) struct Case {
     pub(crate) index: usize,
 }
 
-/// What was asked for.
+/// The trials asked for.
 pub(crate) struct Plan {
     pub(crate) sections: Vec<Section>,
     pub(crate) trials: Option<usize>,

@@ -1,4 +1,4 @@
-//! What a trial's answer is worth, and what shares of trials say.
+//! Verdict on a trial's answer, and shares of trials with their intervals.
 
 use std::collections::BTreeSet;
 
@@ -14,7 +14,7 @@ const RANGE_M: f64 = 1.35;
 /// Effects that are slow in time, which serial noise looks like.
 const SLOW: [&str; 3] = ["tracker_drift", "link_thermal", "track_thermal"];
 
-/// What a trial's answer is worth.
+/// Verdict on a trial's answer.
 #[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 #[expect(
     clippy::struct_excessive_bools,
@@ -43,7 +43,7 @@ pub(crate) struct Verdict {
     pub(crate) hits: usize,
     pub(crate) names: usize,
     pub(crate) hidden: usize,
-    /// Where the hidden effect's name is right and it has a period: within 1 %, in the main lobe.
+    /// For a hidden effect with a period and the right name: within 1 %, in the main lobe.
     pub(crate) period: Option<[bool; 2]>,
     /// Share of the gap that the oracle closes, where that can be told.
     pub(crate) share: Option<f64>,

@@ -249,7 +249,7 @@ fn several(title: &str, key: Key, records: &[&Record]) -> String {
     table(title, &columns, &rows) + &missed(title, records)
 }
 
-/// What was missed and what was named in its place, effect by effect.
+/// Effects that were missed, with the names given in their place.
 fn missed(title: &str, records: &[&Record]) -> String {
     let mut counts: BTreeMap<&str, (usize, usize, BTreeMap<String, usize>)> = BTreeMap::new();
     for record in records {
@@ -336,7 +336,7 @@ fn withheld(records: &[&Record]) -> String {
         + &confusion("What it was named", records)
 }
 
-/// What each kind was named, how often.
+/// Names that each kind was given, with their counts.
 fn confusion(title: &str, records: &[&Record]) -> String {
     let rows: Vec<Vec<String>> = groups(records, OF_KIND)
         .iter()

@@ -53,18 +53,18 @@ pub(crate) struct Record {
     pub(crate) seed: u64,
     /// λ that was aimed at.
     pub(crate) noncentrality: f64,
-    /// Whether an effect of plausible size reaches that λ.
+    /// True if an effect of plausible size reaches that λ.
     pub(crate) visible: bool,
     pub(crate) random_approach: bool,
     pub(crate) warming_k: f64,
     pub(crate) truth: Vec<True>,
-    /// What kept the search from ending.
+    /// The error that ended the search.
     pub(crate) failure: Option<String>,
     pub(crate) found: Option<Found>,
     pub(crate) verdict: Option<Verdict>,
 }
 
-/// What all trials share.
+/// Context of all trials.
 pub(crate) struct Laboratory {
     robot: Robot,
     pub(crate) model: Model,

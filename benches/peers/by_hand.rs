@@ -44,7 +44,7 @@ pub(crate) fn plain(data: &[f64], parameters: &[f64; 10], r: &mut [f64], j: &mut
     }
 }
 
-/// What of a sample does not depend on parameters.
+/// The part of a sample's residual that does not depend on parameters.
 pub(crate) fn prepare(sample: &[f64; WIDTH]) -> [f64; PREPARED] {
     let [q, x, y, z, alpha, beta, gamma] = *sample;
     let ((sa, ca), (sb, cb), (sg, cg)) = (alpha.sin_cos(), beta.sin_cos(), gamma.sin_cos());

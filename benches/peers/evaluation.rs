@@ -383,7 +383,7 @@ pub(crate) fn print() {
     table(&contenders.list, &peers, &machine, operations_of);
 }
 
-/// What generated code takes on this machine.
+/// Instruction set that generated code takes on this machine.
 fn chosen_at_run_time() -> &'static str {
     #[cfg(target_arch = "x86_64")]
     {
@@ -397,7 +397,7 @@ fn chosen_at_run_time() -> &'static str {
     "any"
 }
 
-/// What this machine can do, from the same run.
+/// Limits of this machine, from the same run.
 struct Machine {
     /// Multiply-adds from registers, two operations each (1/s).
     flops: Option<f64>,

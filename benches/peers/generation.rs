@@ -1,4 +1,4 @@
-//! What descriptions cost: expansion, operations, lines, and compilation in a user's crate.
+//! The cost of descriptions: expansion, operations, lines, and compilation in a user's crate.
 
 use std::fs;
 use std::process::Command;

@@ -1,4 +1,4 @@
-//! How time and memory grow with the work.
+//! Growth of time and memory with the work.
 
 use std::fmt::Write as _;
 use std::hint::black_box;
@@ -11,7 +11,7 @@ use tau_solver::{Options, solve};
 use crate::samples::{PARAMETERS, closure, data};
 use crate::{least_seconds, one_link};
 
-/// What grows, what is measured, and the sizes. Every size is measured in a process of its own.
+/// Quantity that grows, quantity that is measured, and the sizes. Every size is measured in a process of its own.
 const SERIES: [(&str, &str, &[usize]); 7] = [
     (
         "evaluate",

@@ -43,7 +43,7 @@ pub(crate) fn measured(samples: usize) -> Vec<f64> {
     data
 }
 
-/// Where the fit starts, which is also the priors' mean: drawing tolerances away from the truth.
+/// Start of the fit, which is also the priors' mean: drawing tolerances away from the truth.
 fn start() -> [f64; 10] {
     std::array::from_fn(|i| PARAMETERS[i] + 0.1 * PRIOR[i] * if i % 2 == 0 { 0.7 } else { -0.5 })
 }

@@ -4,7 +4,7 @@ use std::io::{BufRead, BufReader, Write};
 use std::path::Path;
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 
-/// What a program says of one of its contenders after a turn.
+/// A program's report on one of its contenders after a turn.
 pub(crate) struct Turn {
     pub(crate) name: String,
     /// Seconds per call.

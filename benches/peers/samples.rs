@@ -85,7 +85,7 @@ pub(crate) fn difference(rows: &[f64], reference: &[f64]) -> f64 {
         .fold(0.0, f64::max)
 }
 
-/// What programs of peers read: number of samples; parameters; then for each sample its data, its
+/// Input of the peers' programs: number of samples; parameters; then for each sample its data, its
 /// residual and derivatives.
 pub(crate) fn text(data: &[f64], reference: &[f64]) -> String {
     let mut text = format!("{}\n", data.len() / WIDTH);

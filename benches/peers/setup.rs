@@ -37,7 +37,7 @@ pub(crate) fn run(command: &mut Command) -> Result<String, String> {
     Err(said.unwrap_or("no message").trim().to_owned())
 }
 
-/// What a generator says of its own work.
+/// A generator's report on its own work.
 pub(crate) struct Generator {
     pub(crate) name: String,
     pub(crate) version: String,
@@ -130,7 +130,7 @@ pub(crate) fn ceres() -> Result<PathBuf, String> {
     Ok(program)
 }
 
-/// What was set up, or a line that says why it is left out.
+/// The result of a setup, or a line with the reason why it is left out.
 pub(crate) fn or_say<T>(what: &str, result: Result<T, String>) -> Option<T> {
     match result {
         Ok(found) => Some(found),

@@ -495,7 +495,7 @@ pub(super) struct Input {
     pub(super) folder: Option<PathBuf>,
     #[command(flatten)]
     pub(super) robot: Robot,
-    /// Which poses calibrate and which validate: alternate, all, first:N, fraction:F or fraction:F:SEED
+    /// Poses that calibrate, the others validate: alternate, all, first:N, fraction:F or fraction:F:SEED
     #[arg(long, value_name = "SPLIT", default_value = "alternate")]
     pub(super) split: Option<String>,
     /// Seed of the random choice of --split fraction:F

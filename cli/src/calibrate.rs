@@ -10,7 +10,7 @@ use super::deliver::{Outcome, Target, check_folder, pretty, written};
 use super::kept::Kept;
 use super::{Failure, arguments, resolve};
 
-/// What is written into the output folder.
+/// Files of the output folder.
 const FILES: [&str; 5] = [
     "robot.toml",
     "parameters.csv",

@@ -16,7 +16,7 @@ use super::{Console, Failure, arguments, resolve};
 
 /// Name of the description that is written.
 const DESCRIPTION: &str = "discovered.tau";
-/// What is written into the output folder.
+/// Files of the output folder.
 const FILES: [&str; 4] = [DESCRIPTION, "discovered.rs", "robot.toml", "report.html"];
 
 pub(super) fn run(

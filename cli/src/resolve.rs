@@ -1,4 +1,4 @@
-//! What the arguments mean: robot, parameters, measurements and variant, read and checked.
+//! Robot, parameters, measurements and variant that the arguments name, read and checked.
 
 use std::path::Path;
 
@@ -9,7 +9,7 @@ use tau_robot::input_error::both;
 
 use super::arguments;
 
-/// What a command computes from; mistakes of several sources are reported together.
+/// Input of a command; mistakes of several sources are reported together.
 pub(super) fn session(input: &arguments::Input) -> Result<Session, InputError> {
     open(robot(input.robot.model.as_deref())?, input)
 }
@@ -34,7 +34,7 @@ fn open(robot: Robot, input: &arguments::Input) -> Result<Session, InputError> {
     Ok(session.split(split))
 }
 
-/// Where measurements and parameters come from.
+/// Sources of measurements and parameters.
 pub(super) fn files(folder: Option<&Path>, robot: &arguments::Robot) -> Files {
     Files {
         folder: folder.map(Path::to_owned),
@@ -50,7 +50,7 @@ pub(super) fn robot(description: Option<&Path>) -> Result<Robot, InputError> {
     }
 }
 
-/// How to split the poses; the seed is that of `--seed` unless the text names its own.
+/// Split of the poses; the seed is that of `--seed` unless the text names its own.
 fn split(text: Option<&str>, seed: Option<u64>) -> Result<Split, InputError> {
     let text = text.unwrap_or("alternate");
     let has_own_seed = text.split(':').count() > 2;

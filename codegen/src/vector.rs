@@ -64,7 +64,7 @@ impl Rotation {
 
     /// Applies the rotation to a vector.
     ///
-    /// Where the angles are data and the vector is not, the matrix is data too and is worth having:
+    /// If the angles are data and the vector is not, the matrix is data too and is worth having:
     /// fifteen operations per iteration instead of eighteen. Elsewhere the factors stay apart.
     pub fn apply(&self, g: &mut Graph, vector: Vector, name: &str) -> Vector {
         let angles = self.0.iter().map(|&(_, angle)| g.stage(angle)).max();

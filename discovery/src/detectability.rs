@@ -70,7 +70,7 @@ pub(super) fn detectability(
             continue;
         }
         if let Some(why) = constant {
-            unseen.push(out_of_sight(why));
+            unseen.push(out_of_sight(why.to_owned()));
             continue;
         }
         let Some(((best, _), null)) = best_columns[index].zip(nulls[index]) else {
@@ -113,48 +113,34 @@ pub(super) fn detectability(
     (detectable, unseen)
 }
 
-/// The quantity that an effect reads and that hardly changes, in words.
-fn constant(model: &Model, candidate: &Candidate, samples: &[Sample]) -> Option<String> {
-    let spread = |of: &dyn Fn(&Sample) -> Option<f64>| {
-        // With set 1 alone an effect has to vary: another level in sets 2 and 3, which have frames and
-        // targets of their own, says nothing that could not have other causes.
-        let values = samples
-            .iter()
-            .filter(|sample| sample.set == 1)
-            .filter_map(of);
-        let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| {
-            (low.min(v), high.max(v))
-        });
-        high - low
+/// The quantity that an effect reads and that never changes, in words.
+///
+/// It has to vary in set 1: another level in sets 2 and 3, which have frames and targets of their own, says nothing
+/// that could not have other causes.
+fn constant(model: &Model, candidate: &Candidate, samples: &[Sample]) -> Option<&'static str> {
+    let is_constant = |of: &dyn Fn(&Sample) -> Option<f64>| {
+        let mut values = samples.iter().filter(|sample| sample.set == 1);
+        let first = values.next().and_then(of);
+        values.all(|sample| of(sample) == first)
     };
-    for readable in model.effects[candidate.effect].quantities() {
-        let (what, width, least, unit) = match readable {
-            Readable::Temperature => (
-                "temperature",
-                spread(&|s| s.conditions.temperature_c),
-                1.0,
-                "K",
-            ),
-            Readable::Time => ("time", spread(&|s| s.conditions.time_s), 1.0, "s"),
+    model.effects[candidate.effect]
+        .quantities()
+        .into_iter()
+        .find_map(|readable| match readable {
+            Readable::Temperature => is_constant(&|s| s.conditions.temperature_c)
+                .then_some("the temperature never changes"),
+            Readable::Time => {
+                is_constant(&|s| s.conditions.time_s).then_some("the time never changes")
+            }
             Readable::Direction => {
-                let commands = match candidate.place {
+                let mut commands = match candidate.place {
                     Place::Cart { track, .. } => track..track + 1,
                     _ => 0..model.tracks.len(),
                 };
-                let widest = commands
-                    .map(|command| spread(&|s| s.direction(command)))
-                    .fold(f64::NEG_INFINITY, f64::max);
-                ("side of approach", widest, 1.0, "")
+                commands
+                    .all(|command| is_constant(&|s| s.direction(command)))
+                    .then_some("the side of approach never changes")
             }
-            _ => continue,
-        };
-        if width < least {
-            return Some(
-                format!("the {what} hardly changes: by {width:.2} {unit}")
-                    .trim()
-                    .to_owned(),
-            );
-        }
-    }
-    None
+            _ => None,
+        })
 }

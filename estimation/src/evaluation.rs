@@ -1,4 +1,4 @@
-//! How well a machine predicts measured poses: Table I and Figure 8 of the paper.
+//! Errors of predicted poses: Table I and Figure 8 of the paper.
 
 use rayon::prelude::*;
 use tau_kinematics::{Machine, Sample};

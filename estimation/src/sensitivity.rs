@@ -1,4 +1,4 @@
-//! How much each parameter matters: Table III, Figures 9 and 10 of the paper.
+//! Influence of each parameter: Table III, Figures 9 and 10 of the paper.
 //!
 //! Twice, by independent ways that must agree: by steps of each parameter through forward kinematics,
 //! as the paper did, and by the implicit function theorem, `∂X/∂p = −(∂r/∂X)⁻¹ ∂r/∂p` with the pose X

@@ -56,7 +56,7 @@ fn parameters_have_the_names_of_their_constants() {
     assert_eq!(period.search, Some((4e-3, 50e-3)));
 }
 
-/// What a library can write that takes the handles of any robot.
+/// A library can take the handles of any robot.
 #[test]
 fn handles_are_generic_over_the_robot() {
     fn path<R: DeclaredRobot>(variant: VariantHandle<R>, parameter: ParameterHandle<R>) -> String {

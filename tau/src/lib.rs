@@ -39,7 +39,7 @@
 //! # }
 //! ```
 //!
-//! Where the robot is not known when the program is compiled, [`Robot::read`] compiles its description at run
+//! For a robot that is not known when the program is compiled, [`Robot::read`] compiles its description at run
 //! time, with the same numbers, and [`Session::open_with_robot`] takes it; variants and parameters then go by name.
 //!
 //! Input that can't be used is an [`InputError`]: every mistake with its file, line and column, and how to mend
@@ -76,7 +76,7 @@ pub use session::{Calibrated, Files, Session};
 #[cfg(feature = "discovery")]
 pub use tau_discovery as discovery;
 pub use tau_macro::tau_model;
-/// What generated code names: residual families, tables of robots, elementary functions.
+/// Items that generated code refers to: residual families, tables of robots, elementary functions.
 pub use tau_runtime as runtime;
 pub use tau_runtime::{DeclaredRobot, ParameterHandle, VariantHandle};
 #[cfg(feature = "simulation")]

@@ -1,5 +1,5 @@
-//! What a calibration reads and gives, room by room. What is public in the crates below for other crates of
-//! this workspace is left out.
+//! Inputs and results of a calibration, crate by crate. Items that the crates below export only for others of
+//! this workspace are left out.
 
 pub use nalgebra;
 pub use tau_estimation::{assumptions, evaluation, sensitivity};

@@ -1,4 +1,4 @@
-//! What a crate can do without any feature of `tau`: declare a robot and call its generated functions.
+//! Without any feature of `tau` a crate can declare a robot and call its generated functions.
 
 use tau::runtime::{Input, ResidualKind};
 use tau::tau_model;

@@ -1,4 +1,4 @@
-//! What mistakes are answered with: exit code 2, nothing on standard output, nothing written.
+//! Answers to mistakes: exit code 2, nothing on standard output, nothing written.
 
 use std::fs;
 use std::path::Path;

@@ -1,4 +1,4 @@
-//! What a user's crate looks like: it depends on `tau` alone, declares its robot with a variant and an
+//! A user's crate: it depends on `tau` alone, declares its robot with a variant and an
 //! effect of its own, calibrates it on a measurement folder, and reads the result.
 
 mod session;

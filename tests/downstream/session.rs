@@ -1,4 +1,4 @@
-//! What a session promises: the numbers do not depend on how the robot was compiled, mistakes are values with
+//! Promises of a session: the numbers do not depend on how the robot was compiled, mistakes are values with
 //! their places, and what is found is calibrated like what was declared.
 
 use std::fs;

@@ -1,4 +1,4 @@
-//! What the estimator makes of simulated measurements: its residuals vanish at the truth, and its
+//! The estimator on simulated measurements: its residuals vanish at the truth, and its
 //! calibrations reach the noise.
 
 use std::collections::BTreeMap;

@@ -159,7 +159,7 @@ fn compliance_is_in_equilibrium_with_the_deflected_arm() {
     );
 }
 
-/// What an effect adds to the distance between the joints of a link over its length, by hand; from the
+/// Contribution of an effect to the distance between the joints of a link over its length, by hand; from the
 /// unit vector u of the rod (cart to plate), the true state and the measured pose.
 struct Seen<'a> {
     link: usize,

@@ -251,7 +251,7 @@ fn a_grid_out_of_reach_is_refused() {
     );
 }
 
-/// What a request is refused for: option and message.
+/// Reason for which a request is refused: option and message.
 fn refusal(request: &Request) -> (String, String) {
     let error = refused(request);
     let problem = &error.problems()[0];

@@ -70,7 +70,7 @@ fn cases(root: &Path) -> Vec<PathBuf> {
     found
 }
 
-/// What stands inside the macro's braces, at the same lines and columns.
+/// The text inside the macro's braces, at the same lines and columns.
 fn description(source: &str) -> String {
     let start = source.find('{').unwrap() + 1;
     let end = source.find("}\n\nfn main").unwrap();

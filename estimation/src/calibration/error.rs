@@ -38,7 +38,7 @@ impl Error {
         }
     }
 
-    /// Whether the input is at fault, and not the computation.
+    /// True if the input is at fault, and not the computation.
     pub fn is_input(&self) -> bool {
         matches!(self, Self::Input(_))
     }

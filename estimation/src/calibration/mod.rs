@@ -28,10 +28,10 @@ pub use output::{LinkResult, ParameterEstimate};
 pub use registration::{Line, MOUNTING_M, NominalTrack, Registration, set_2, set_3};
 pub use stated::Stated;
 
-/// How to calibrate.
+/// Options of a calibration.
 #[derive(Debug, Clone, Default)]
 pub struct Options {
-    /// Where to start instead of at the nominal values: one value per parameter of the variant, SI.
+    /// Start in place of the nominal values: one value per parameter of the variant, SI.
     /// Priors and weights stay those of the nominal values.
     pub start: Option<Vec<f64>>,
     /// Options of the solver.
@@ -237,7 +237,7 @@ pub fn widest<'a>(commands_m: impl Iterator<Item = &'a f64>) -> f64 {
     (high - low).max(1e-3)
 }
 
-/// What a fit found of a variant.
+/// A fitted variant.
 pub(crate) struct Fitted {
     /// Value of each of the variant's parameters, SI.
     pub(crate) values: Vec<f64>,

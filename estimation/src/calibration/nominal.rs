@@ -23,7 +23,7 @@ pub struct Nominal {
     pub tolerance: Option<f64>,
 }
 
-/// What nominal values follow from.
+/// Sources of nominal values.
 #[derive(Clone, Copy)]
 pub(crate) struct Sources<'a> {
     pub(crate) robot: &'a Robot,
@@ -171,7 +171,7 @@ impl<'a> Sources<'a> {
         section.get(name)
     }
 
-    /// What the file gives for all joints on the cart of a link or cluster.
+    /// The file's values for all joints on the cart of a link or cluster.
     fn shared_values(&self, owner: Owner) -> Option<&'a LinkValues> {
         let cluster = match owner {
             Owner::Link(link) => self.robot.links.get(link)?.cluster,

@@ -1,4 +1,4 @@
-//! What a calibration hands on: estimates, Table II, the calibrated robot file.
+//! Output of a calibration: estimates, Table II, the calibrated robot file.
 
 use tau_kinematics::{Machine, xyz, xyz_angles};
 use tau_robot::measurements::TcpPose;

@@ -21,7 +21,7 @@ pub struct Line {
     pub direction: Vector3<f64>,
 }
 
-/// What a robot file says of a track: the mean over the joints that ride on its cart.
+/// A track by the robot file: the mean over the joints that ride on its cart.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct NominalTrack {
     /// Reference point of the cart at q = 0, and direction, in the measurement frame.

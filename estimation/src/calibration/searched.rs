@@ -1,4 +1,4 @@
-//! Where the fit of a searched parameter starts.
+//! Start of a searched parameter.
 
 use tau_robot::robot::Variant;
 use tau_solver::{Options, Parameter, Problem};

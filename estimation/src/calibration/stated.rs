@@ -7,7 +7,7 @@ use tau_robot::robot_file::RobotFile;
 
 use super::{Calibration, Error, Fitted, Prepared, finish};
 
-/// What a fit found of a variant.
+/// A fitted variant, as it is stated.
 pub struct Stated<'a> {
     /// Value of each of the variant's parameters, SI.
     pub values: Vec<f64>,

@@ -125,7 +125,7 @@ impl AllSets {
         problem::values(&self.machine, &self.residuals.used, &solution.parameters)
     }
 
-    /// How well each group of [`Component::ALL`] is met at a solution, in units of the stated noise. That of
+    /// Misfit of each group of [`Component::ALL`] at a solution, in units of the stated noise. That of
     /// set 1 counts one for each closure: its six measured coordinates pay for the pose's six unknowns.
     pub(super) fn misfits(&self, solution: &Solution) -> [Misfit; 4] {
         let mut misfits = [Misfit::default(); 4];

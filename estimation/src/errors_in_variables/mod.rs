@@ -50,7 +50,7 @@ pub struct ErrorsInVariables {
     pub calibration: Calibration,
     /// The fit of set 1 by closures that it started from.
     pub closure_fit: Calibration,
-    /// How each group of measurements is met.
+    /// Fit of each group of measurements.
     pub groups: Vec<GroupFit>,
     /// Standard deviation of a link's length at the true pose that was assumed (m).
     pub closure_m: f64,
@@ -58,10 +58,10 @@ pub struct ErrorsInVariables {
     pub unknowns: usize,
 }
 
-/// How a group of measurements is met.
+/// Fit of a group of measurements.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GroupFit {
-    /// Which measurements.
+    /// The measurements.
     pub group: Component,
     /// Number of residuals.
     pub residuals: usize,
@@ -74,7 +74,7 @@ pub struct GroupFit {
 
 /// Fits a variant to all sets of a folder; `poses` are those of set 1 that take part, by index.
 ///
-/// Where a group of measurements is met significantly worse than its stated noise (the model lacks
+/// If a group of measurements is met significantly worse than its stated noise (the model lacks
 /// something), its noise is estimated instead, so that it neither overrides the others nor pretends to
 /// standard deviations that it can't have.
 ///

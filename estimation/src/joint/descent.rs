@@ -21,7 +21,7 @@ use crate::numerics::projection::{Damped, Normal};
 use crate::samples::Sample;
 use crate::samples::outliers;
 
-/// Where a descent ends.
+/// End of a descent.
 #[derive(Debug, Clone, Copy)]
 struct End {
     /// A fall of χ² this small is no progress.
@@ -75,7 +75,7 @@ pub(crate) struct Descent {
     pub(crate) residuals: DVector<f64>,
     /// Their derivatives.
     pub(crate) normal: Normal,
-    /// Whether the last descent reached a minimum.
+    /// True if the last descent reached a minimum.
     pub(crate) is_settled: bool,
 }
 
@@ -331,7 +331,7 @@ impl Descent {
     }
 }
 
-/// What rows with some factors are to be multiplied by to have others; those left out, and priors, stay as they are.
+/// Ratios that carry rows with some factors to others; those left out, and priors, stay as they are.
 fn ratios(to: &[f64], from: &[f64], rows: usize) -> Vec<f64> {
     let of_rows = to.iter().zip(from);
     let mut ratios: Vec<f64> = of_rows
@@ -341,7 +341,7 @@ fn ratios(to: &[f64], from: &[f64], rows: usize) -> Vec<f64> {
     ratios
 }
 
-/// Whether estimates of the noise differ by next to nothing.
+/// True if estimates of the noise differ by next to nothing.
 fn is_same(a: &[f64; 4], b: &[f64; 4]) -> bool {
     a.iter()
         .zip(b)

@@ -49,13 +49,13 @@ pub struct Joint {
     /// Derivatives of all rows, in units of the stated noise, by the displacements of the points that
     /// piecewise tracks pass through: unknowns of the fit behind the parameters.
     knots: DMatrix<f64>,
-    /// Which rows, those of the priors too, depend on which columns.
+    /// Dependence of rows, those of the priors too, on columns.
     pub(crate) groups: Groups,
     /// Sample, component and place within the sample of each row.
     pub rows: Vec<Row>,
 }
 
-/// What a residual belongs to.
+/// Origin of a residual.
 #[derive(Debug, Clone, Copy)]
 pub struct Row {
     /// Index of the sample.
@@ -190,7 +190,7 @@ impl Joint {
             .collect()
     }
 
-    /// How far each sample lies off at some values, those left out like the others.
+    /// Deviation of each sample at some values, those left out like the others.
     pub fn deviations(
         &self,
         fitted: &[f64],

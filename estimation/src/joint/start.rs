@@ -1,4 +1,4 @@
-//! Where the fit of all sets starts.
+//! Start of the fit of all sets.
 
 use nalgebra::Vector3;
 use tau_kinematics::track_axes;
@@ -11,7 +11,7 @@ use crate::joint::variant::{TURNING, TURNING_RATES};
 use crate::samples::Sample;
 
 impl Joint {
-    /// Where the fit of all sets starts: values that fit set 1, and carts that turn as set 2 sees them.
+    /// Start of the fit of all sets: values that fit set 1, and carts that turn as set 2 sees them.
     pub fn start(&self, values: &[f64], samples: &[Sample], noise: Noise) -> Vec<f64> {
         let variant = &self.machine.variant;
         let mut values = values.to_vec();

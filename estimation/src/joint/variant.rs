@@ -31,7 +31,7 @@ effect unnamed_turning on cart {
 /// Name of the effect by which piecewise paths stretch with their cart's turning.
 const STRETCHING: &str = "unnamed_stretching";
 
-/// What the straight paths of a cart's links can do and piecewise ones cannot: a cart that turns in
+/// Motions that straight paths of a cart's links allow and piecewise ones do not: a cart that turns in
 /// proportion to its command carries its joints by different amounts along the track, but paths as measured
 /// turn and do not stretch. So that nothing that every full arm takes up by itself gets a name.
 const STRETCHES: &str = "

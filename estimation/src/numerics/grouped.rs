@@ -16,7 +16,7 @@ use crate::numerics::products::transposed_times;
 /// Rows that are fewer share a group with others of their kind, whatever columns these have.
 const FEWEST: usize = 16;
 
-/// Which rows depend on which columns.
+/// Dependence of rows on columns.
 #[derive(Clone, Default)]
 pub(crate) struct Groups {
     patterns: Arc<Vec<Pattern>>,
@@ -270,7 +270,7 @@ impl Grouped {
         self.groups.patterns.iter().zip(&self.blocks)
     }
 
-    /// What is made of each group, on all cores.
+    /// Result of some work on each group, on all cores.
     fn map<R: Send>(&self, work: impl Fn(&Pattern, &Block) -> R + Sync) -> Vec<R> {
         let groups: Vec<(&Pattern, &Block)> = self.iter().collect();
         parallel::map(&groups, |(pattern, block)| work(pattern, block))

@@ -78,7 +78,7 @@ impl Basis {
         q.remove_columns(0, left.ncols().min(left.nrows()))
     }
 
-    /// What a least-squares fit of the columns leaves of residuals: `e − Q·Qᵀe`.
+    /// Remainder of residuals after a least-squares fit of the columns: `e − Q·Qᵀe`.
     pub fn residuals_after(&self, residuals: &DVector<f64>) -> DVector<f64> {
         residuals - &*self.q * self.q.tr_mul(residuals)
     }
@@ -170,12 +170,12 @@ impl Normal {
         self.jacobian.gradient(residuals)
     }
 
-    /// What a step adds to the residuals, to first order.
+    /// Change of the residuals by a step, to first order.
     pub fn moved(&self, step: &DVector<f64>) -> DVector<f64> {
         self.jacobian.moved(step)
     }
 
-    /// How many degrees of freedom the fit absorbs of the rows of each kind; `b` is [`Self::inverse_factor`].
+    /// Degrees of freedom that the fit absorbs of the rows of each kind; `b` is [`Self::inverse_factor`].
     pub fn absorbed<const KINDS: usize>(&self, b: &DMatrix<f64>) -> [f64; KINDS] {
         self.jacobian.traces(&(b * b.transpose()))
     }

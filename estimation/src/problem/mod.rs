@@ -57,7 +57,7 @@ impl Component {
     }
 }
 
-/// How the noise of the measured poses meets the closures.
+/// Treatment of the measured poses' noise in the closures.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Closures {
     /// Each closure for itself, with the standard deviation that its pose's noise gives it.

@@ -42,7 +42,7 @@ struct Part {
     data: Vec<usize>,
     /// For each parameter its place among the shared ones.
     parameters: Vec<usize>,
-    /// Where pose and commands come before the parameters: the commands' places among the data.
+    /// For families in which pose and commands come before the parameters: the commands' places among the data.
     commands: Option<Vec<usize>>,
 }
 

@@ -1,4 +1,4 @@
-//! Where the tracker stood in sets 2 and 3, roughly: the fit does the rest.
+//! Approximate frames of the tracker in sets 2 and 3: the fit does the rest.
 
 use nalgebra::Vector3;
 use tau_kinematics::{Machine, Pose, xyz, zyz};
@@ -10,7 +10,7 @@ use tau_runtime::Owner;
 
 use crate::calibration::registration::{Line, NominalTrack, Registration, set_2, set_3};
 
-/// How well set 1 alone tells the direction of a track, and its place (m): parts of the tolerances of a
+/// Uncertainty of a track's direction (rad) and place (m) by set 1 alone: parts of the tolerances of a
 /// drawing, so that targets' unknown places decide little.
 const DIRECTION: f64 = 1e-3;
 const OFFSET_M: f64 = 1e-3;
@@ -48,7 +48,7 @@ impl Frames {
     }
 }
 
-/// What the offsets of the joints on a cart belong to.
+/// Owners of the offsets of the joints on a cart.
 pub(crate) fn joints_on(machine: &Machine, track: usize) -> Vec<Owner> {
     let robot = &machine.robot;
     match machine.variant.arm {

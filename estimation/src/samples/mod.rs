@@ -275,7 +275,7 @@ fn moved_equally(robot: &Robot, command_m: f64) -> Vec<f64> {
         .collect()
 }
 
-/// How a measurement is repeated.
+/// Conditions under which a measurement is repeated.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Treatment {
     /// As it was.

@@ -1,4 +1,4 @@
-//! Whether the carts of sets 2 and 3 are numbered like the tracks.
+//! Check that the carts of sets 2 and 3 are numbered like the tracks.
 
 use nalgebra::Vector3;
 use tau_kinematics::Machine;

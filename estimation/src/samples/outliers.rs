@@ -19,7 +19,7 @@ const CROWDED: f64 = 1e-3;
 /// Rounds in which lines through a cart's points are freed of outliers.
 const ROUNDS: usize = 4;
 
-/// How far each sample lies off: its sum of squares over that which a sample of its set and cart shows,
+/// Deviation of each sample: its sum of squares over that which a sample of its set and cart shows,
 /// as a χ² of its number of residuals.
 ///
 /// `sums` holds each sample's sum of squares and number of residuals. The scale is the largest that

@@ -1,4 +1,4 @@
-//! Where the plate stands while carts are measured.
+//! The plate's pose while carts are measured.
 
 use std::collections::BTreeMap;
 
@@ -7,7 +7,7 @@ use tau_robot::robot_file::RobotFile;
 
 use super::Sample;
 
-/// Where the plate stands in sets 2 and 3, and what the arm weighs on its carts. In set 2 all carts move equally, which
+/// The plate's pose in sets 2 and 3, and the weight of the arm on its carts. In set 2 all carts move equally, which
 /// changes the load where their tracks are not parallel.
 pub fn place_plates(machine: &Machine, file: &RobotFile, samples: &mut [Sample]) {
     let known: Vec<(Vec<f64>, Pose)> = samples

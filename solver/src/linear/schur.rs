@@ -1,6 +1,6 @@
 //! Schur elimination of small groups of parameters, by orthogonal transformations.
 //!
-//! Where parameters form many small groups that share no residual (the pose of each sample, the points
+//! If parameters form many small groups that share no residual (the pose of each sample, the points
 //! of a bundle adjustment), each group is eliminated from its own rows, and what the rows still say of
 //! the other parameters joins the reduced problem. The elimination is by QR, not by the normal
 //! equations (N. Demmel et al., "Square Root Bundle Adjustment for Large-Scale Reconstruction", 2021),

@@ -1,4 +1,4 @@
-//! Where measurements and parameters come from.
+//! Sources of measurements and parameters.
 
 use std::path::{Path, PathBuf};
 
@@ -7,7 +7,7 @@ use tau_robot::measurements::{Folder, Shape, Texts};
 use tau_robot::robot_file::RobotFile;
 use tau_robot::{InputError, Robot, prototype};
 
-/// Where measurements and parameters come from: a folder, as `Files::from("measurements")`, with the `robot.toml`
+/// Sources of measurements and parameters: a folder, as `Files::from("measurements")`, with the `robot.toml`
 /// in it or another; or by default what ships with the library, [`prototype`].
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Files {

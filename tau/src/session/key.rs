@@ -1,11 +1,11 @@
-//! What names variants and parameters: handles, which the compiler checks, and names, which are looked up.
+//! Keys of variants and parameters: handles, which the compiler checks, and names, which are looked up.
 
 use tau_estimation::calibration::{Calibration, ParameterEstimate};
 use tau_robot::robot::Variant;
 use tau_robot::{InputError, Robot};
 use tau_runtime::{DeclaredRobot, ParameterHandle, VariantHandle};
 
-/// What names a variant of the robot `R`: its handle, such as `Gantry::RUNOUT`, or its name.
+/// Key of a variant of the robot `R`: its handle, such as `Gantry::RUNOUT`, or its name.
 #[diagnostic::on_unimplemented(
     message = "`{Self}` does not name a variant of `{R}`",
     note = "variants are named by handles of the same robot, such as `{R}::NOMINAL`, or by name"
@@ -18,7 +18,7 @@ pub trait VariantKey<R>: Sealed {
     fn variant_of(self, robot: &Robot) -> Result<&Variant, InputError>;
 }
 
-/// What names a parameter of a variant of the robot `R`: its handle, such as
+/// Key of a parameter of a variant of the robot `R`: its handle, such as
 /// `gantry::runout::RUNOUT_TWO_PERIOD`, or its name.
 #[diagnostic::on_unimplemented(
     message = "`{Self}` does not name a parameter of `{R}`",

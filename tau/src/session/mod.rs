@@ -251,7 +251,7 @@ impl<R> Session<R> {
         evaluation::evaluate(machine, &self.folder, &poses)
     }
 
-    /// How much each parameter matters at the poses that validate, by steps of a size in SI units: see
+    /// Influence of each parameter at the poses that validate, by steps of a size in SI units: see
     /// [`analyse`](sensitivity::analyse).
     ///
     /// # Errors

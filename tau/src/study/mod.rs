@@ -13,10 +13,10 @@ use tau_robot::robot::{Arm, Robot, TrackShape, Variant};
 use crate::session::Session;
 use results::Study;
 
-/// How far a study is.
+/// Progress of a study.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Progress<'a> {
-    /// What is being done.
+    /// The step under way.
     pub doing: &'a str,
     /// Steps done.
     pub done: usize,

@@ -1,4 +1,4 @@
-//! What a study finds, as plain data: the report, the terminal tables and the JSON are written from this.
+//! Results of a study, as plain data: the report, the terminal tables and the JSON are written from this.
 
 use tau_discovery::Discovery;
 use tau_estimation::assumptions::Assumptions;
@@ -11,9 +11,9 @@ use tau_robot::measurements::PoseCounts;
 pub struct Study {
     /// Name of the robot.
     pub robot: String,
-    /// Where the measurements came from, as the user named it.
+    /// Source of the measurements, as the user named it.
     pub folder: String,
-    /// How many poses took which part.
+    /// Numbers of poses in each part.
     pub poses: PoseCounts,
     /// Stated noise: position (m) and rotation (rad), one standard deviation per axis.
     pub noise: (f64, f64),
@@ -23,7 +23,7 @@ pub struct Study {
     pub assumptions: Assumptions,
     /// Table III, where a variant with a full arm was calibrated.
     pub sensitivity: Option<Sensitivity>,
-    /// What the variant that discovery starts from lacks, where the search succeeded.
+    /// The effects that the base of discovery lacks, where the search succeeded.
     pub discovery: Option<Discovery>,
     /// Remarks for the reader: poses dropped, columns missing, and so on.
     pub remarks: Vec<String>,

@@ -1,4 +1,4 @@
-//! What programs of peers share: data to compute on, and turns with the benchmark.
+//! Parts common to the peers' programs: data to compute on, and turns with the benchmark.
 
 use std::io::{BufRead, Write};
 use std::time::Instant;
