@@ -336,7 +336,8 @@ impl Reference<'_> {
         let mounting = self.vector(owner, "position");
         let [a, b, c] = self.vector(Owner::Frame(set), "rotation");
         let seen_from = product(&product(&about_z(c), &about_y(b)), &about_x(a));
-        let position = plus(point, plus(mounting, cross(turn, mounting)));
+        let turned = rotated(turn);
+        let position = plus(point, apply(&turned, mounting));
         let predicted = plus(
             apply(&seen_from, position),
             self.vector(Owner::Frame(set), "translation"),
@@ -348,14 +349,8 @@ impl Reference<'_> {
             let mounted = product(&product(&about_z(c), &about_y(b)), &about_x(a));
             let [alpha, beta, gamma] = [0, 1, 2].map(|i| self.datum(Input::Angle(i)));
             let measured = product(&product(&about_z(alpha), &about_y(beta)), &about_z(gamma));
-            let one = Dual64::from(1.0);
-            let small = [
-                [one, -turn[2], turn[1]],
-                [turn[2], one, -turn[0]],
-                [-turn[1], turn[0], one],
-            ];
             let error = product(
-                &product(&product(&seen_from, &small), &mounted),
+                &product(&product(&seen_from, &turned), &mounted),
                 &transpose(&measured),
             );
             for (i, j) in [(2, 1), (0, 2), (1, 0)] {
@@ -510,6 +505,31 @@ fn cross(a: V, b: V) -> V {
         a[1] * b[2] - a[2] * b[1],
         a[2] * b[0] - a[0] * b[2],
         a[0] * b[1] - a[1] * b[0],
+    ]
+}
+
+/// The matrix of the quaternion (1, r), normalised, with r half the rotation vector and a part in twelve of its square
+/// more.
+fn rotated(turn: V) -> M {
+    let r = turn.map(|component| component * 0.5 * (dot(turn, turn) / 12.0 + 1.0));
+    let w = (dot(r, r) + 1.0).sqrt().recip();
+    let [x, y, z] = r.map(|component| component * w);
+    [
+        [
+            (y * y + z * z) * -2.0 + 1.0,
+            (x * y - z * w) * 2.0,
+            (x * z + y * w) * 2.0,
+        ],
+        [
+            (x * y + z * w) * 2.0,
+            (x * x + z * z) * -2.0 + 1.0,
+            (y * z - x * w) * 2.0,
+        ],
+        [
+            (x * z - y * w) * 2.0,
+            (y * z + x * w) * 2.0,
+            (x * x + y * y) * -2.0 + 1.0,
+        ],
     ]
 }
 

@@ -88,6 +88,49 @@ impl Rotation {
     }
 }
 
+/// The rotation by a rotation vector ω, as Rodrigues parameters r = tan(|ω|/2)·ω/|ω|.
+///
+/// The tangent by its series, which is smooth at zero: r = ω/2·(1 + |ω|²/12). The angle is off by |ω|⁵/120, a tenth of
+/// a microradian at 100 mrad; the matrix is orthogonal to rounding at any.
+#[derive(Debug, Clone, Copy)]
+pub struct RotationVector {
+    /// r, and 2/(1 + |r|²); `None` where ω is zero.
+    parameters: Option<(Vector, Expr)>,
+}
+
+impl RotationVector {
+    /// By ω (rad).
+    pub fn new(g: &mut Graph, vector: Vector) -> Self {
+        if vector.iter().all(|&component| g.is_zero(component)) {
+            return Self { parameters: None };
+        }
+        let (one, two) = (g.constant(1.0), g.constant(2.0));
+        let (half, cubic) = (g.constant(0.5), g.constant(1.0 / 24.0));
+        let square = dot(g, vector, vector);
+        let bend = g.multiply(cubic, square);
+        let factor = g.add(half, bend);
+        let r = scale(g, factor, vector);
+        let square = dot(g, r, r);
+        let denominator = g.add(one, square);
+        let factor = g.divide(two, denominator);
+        Self {
+            parameters: Some((r, factor)),
+        }
+    }
+
+    /// Applies the rotation to a vector: v + 2/(1 + |r|²)·(r × v + r × (r × v)).
+    pub fn apply(&self, g: &mut Graph, vector: Vector) -> Vector {
+        let Some((r, factor)) = self.parameters else {
+            return vector;
+        };
+        let first = cross(g, r, vector);
+        let second = cross(g, r, first);
+        let both = add(g, first, second);
+        let change = scale(g, factor, both);
+        add(g, vector, change)
+    }
+}
+
 /// `a + b`
 pub fn add(g: &mut Graph, a: Vector, b: Vector) -> Vector {
     [g.add(a[0], b[0]), g.add(a[1], b[1]), g.add(a[2], b[2])]

@@ -1,8 +1,8 @@
 //! The motion of a cart: paths of its joints, and what effects add.
 //!
 //! A track's frame is v̂, ẑ × v̂ normalised, and the third. Each link's path has its own v̂; directions on one cart
-//! differ by parts in ten thousand, which matters for no displacement of less than a millimetre. A cart's rotation is
-//! the small one that explains, by least squares, how its joints' paths differ: one joint has none, and with two the
+//! differ by parts in ten thousand, which matters for no displacement of less than a millimetre. A cart's rotation vector
+//! is the small one that explains, by least squares, how its joints' paths differ: one joint has none, and with two the
 //! rotation about the line between them is taken as none.
 //!
 //! The segment of a piecewise track is data: its end points, relative to the path's point at q = 0, and the
@@ -227,7 +227,7 @@ impl Context<'_> {
         position
     }
 
-    /// Reference point of a cart at the command, and its small rotation since q = 0, both with effects.
+    /// Reference point of a cart at the command, and its rotation vector since q = 0, both with effects.
     ///
     /// The point is the mean path of the joints; the rotation is the one that explains, in the sense
     /// of least squares, how the joints' paths differ from the mean.

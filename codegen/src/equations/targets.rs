@@ -9,7 +9,7 @@ use super::closure::symbol;
 use super::{Context, Equations, SparseRows};
 use crate::differentiate::gradient;
 use crate::graph::{Expr, Symbol};
-use crate::vector::{self, Rotation, Vector};
+use crate::vector::{self, Rotation, RotationVector, Vector};
 
 /// Position and rotation of a cart's target in set 2: predicted minus measured, m and rad.
 ///
@@ -50,8 +50,8 @@ fn residuals(context: &mut Context<'_>, track: usize, set: u8) -> Vec<Expr> {
     let measured = context.vector_datum(Input::Position);
 
     let g = &mut context.g;
-    let swing = vector::cross(g, rotation, mounting);
-    let lever = vector::add(g, mounting, swing);
+    let rotation = RotationVector::new(g, rotation);
+    let lever = rotation.apply(g, mounting);
     let position = vector::add(g, point, lever);
     let seen = frame.apply(g, position, "frame");
     let predicted = vector::add(g, seen, translation);
@@ -65,8 +65,7 @@ fn residuals(context: &mut Context<'_>, track: usize, set: u8) -> Vec<Expr> {
         let mounting_columns = Rotation::xyz(mounting_angles).columns(g);
         let mut twice: Vector = vector::zero(g);
         for (measured, mounted) in measured_columns.iter().zip(mounting_columns) {
-            let swing = vector::cross(g, rotation, mounted);
-            let turned = vector::add(g, mounted, swing);
+            let turned = rotation.apply(g, mounted);
             let predicted = frame.apply(g, turned, "frame");
             let part = vector::cross(g, *measured, predicted);
             twice = vector::add(g, twice, part);

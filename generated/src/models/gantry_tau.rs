@@ -18,43 +18,43 @@
 //   full::closure_by_pose_l2a: 0 / 43 / 61
 //   full::closure_by_pose_l3a: 0 / 43 / 61
 //   full::cart_pose_one: 33 / 153 / 541
-//   full::cart_pose_two: 33 / 236 / 1168
-//   full::cart_pose_three: 33 / 377 / 2605
+//   full::cart_pose_two: 33 / 313 / 1809
+//   full::cart_pose_three: 33 / 454 / 3246
 //   full::cart_position_one: 0 / 39 / 79
-//   full::cart_position_two: 0 / 86 / 340
-//   full::cart_position_three: 0 / 227 / 1141
+//   full::cart_position_two: 0 / 118 / 555
+//   full::cart_position_three: 0 / 259 / 1356
 //   full_piecewise::closure: 39 / 55 / 92
 //   full_piecewise::closure_by_pose_l1: 7 / 71 / 107
 //   full_piecewise::closure_by_pose_l2a: 7 / 71 / 107
 //   full_piecewise::closure_by_pose_l3a: 7 / 71 / 107
 //   full_piecewise::cart_pose_one: 47 / 174 / 606
-//   full_piecewise::cart_pose_two: 47 / 278 / 1391
-//   full_piecewise::cart_pose_three: 47 / 440 / 2922
+//   full_piecewise::cart_pose_two: 47 / 355 / 2031
+//   full_piecewise::cart_pose_three: 47 / 517 / 3547
 //   full_piecewise::cart_position_one: 14 / 60 / 144
-//   full_piecewise::cart_position_two: 14 / 128 / 472
-//   full_piecewise::cart_position_three: 14 / 290 / 1323
+//   full_piecewise::cart_position_two: 14 / 160 / 687
+//   full_piecewise::cart_position_three: 14 / 322 / 1522
 //   best_per_link::closure_l1: 25 / 34 / 56
 //   best_per_link::closure_l2a: 39 / 55 / 92
 //   best_per_link::closure_by_pose_l1: 0 / 43 / 61
 //   best_per_link::closure_by_pose_l2a: 7 / 71 / 107
 //   best_per_link::closure_by_pose_l3a: 0 / 43 / 61
 //   best_per_link::cart_pose_one: 33 / 153 / 541
-//   best_per_link::cart_pose_two: 47 / 278 / 1391
-//   best_per_link::cart_pose_three: 33 / 377 / 2605
+//   best_per_link::cart_pose_two: 47 / 355 / 2031
+//   best_per_link::cart_pose_three: 33 / 454 / 3246
 //   best_per_link::cart_position_one: 0 / 39 / 79
-//   best_per_link::cart_position_two: 14 / 128 / 472
-//   best_per_link::cart_position_three: 0 / 227 / 1141
+//   best_per_link::cart_position_two: 14 / 160 / 687
+//   best_per_link::cart_position_three: 0 / 259 / 1356
 //   full_rack::closure_l1: 25 / 34 / 56
 //   full_rack::closure_l2a: 26 / 56 / 118
 //   full_rack::closure_by_pose_l1: 0 / 43 / 61
 //   full_rack::closure_by_pose_l2a: 0 / 66 / 96
 //   full_rack::closure_by_pose_l3a: 0 / 43 / 61
 //   full_rack::cart_pose_one: 33 / 153 / 541
-//   full_rack::cart_pose_two: 34 / 265 / 1325
-//   full_rack::cart_pose_three: 33 / 377 / 2605
+//   full_rack::cart_pose_two: 34 / 342 / 1966
+//   full_rack::cart_pose_three: 33 / 454 / 3246
 //   full_rack::cart_position_one: 0 / 39 / 79
-//   full_rack::cart_position_two: 1 / 115 / 497
-//   full_rack::cart_position_three: 0 / 227 / 1141
+//   full_rack::cart_position_two: 1 / 147 / 712
+//   full_rack::cart_position_three: 0 / 259 / 1356
 
 ///The full-size Gantry-Tau of Dressler et al. 2010.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -5293,8 +5293,8 @@ pub mod full {
     /// Parameters: `joint1_track_offset_x`, `joint1_track_offset_y`, `joint1_track_offset_z`, `joint1_track_direction_x`, `joint1_track_direction_y`, `joint1_track_direction_z`, `joint2_track_offset_x`, `joint2_track_offset_y`, `joint2_track_offset_z`, `joint2_track_direction_x`, `joint2_track_direction_y`, `joint2_track_direction_z`, `frame_translation_x`, `frame_translation_y`, `frame_translation_z`, `frame_rotation_x`, `frame_rotation_y`, `frame_rotation_z`, `target_position_x`, `target_position_y`, `target_position_z`, `target_rotation_x`, `target_rotation_y`, `target_rotation_z`.
     ///
     /// Once per sample: 33 operations (4 additions, 23 multiplications, 6 functions).
-    /// Residuals: 236 operations (96 additions, 125 multiplications, 3 divisions, 12 functions).
-    /// With the Jacobian: 1168 operations (462 additions, 653 multiplications, 21 divisions, 20 negations, 12 functions).
+    /// Residuals: 313 operations (126 additions, 171 multiplications, 4 divisions, 12 functions).
+    /// With the Jacobian: 1809 operations (750 additions, 999 multiplications, 28 divisions, 20 negations, 12 functions).
     #[derive(Debug, Clone, Copy)]
     pub struct CartPoseTwo;
     impl Formulas for CartPoseTwo {
@@ -5425,57 +5425,74 @@ pub mod full {
             let t69 = (t8 * t12 - t9 * t11) / t68;
             let t70 = (t9 * t10 - t7 * t12) / t68;
             let t71 = (t7 * t11 - t8 * t10) / t68;
-            let t80 = target_position_z * t70 - target_position_y * t71 + target_position_x
+            let t78 = 0.5 + 0.041666666666666664 * (t70 * t70 + t69 * t69 + t71 * t71);
+            let t79 = t69 * t78;
+            let t80 = t70 * t78;
+            let t81 = t71 * t78;
+            let t88 = 2.0 / (t80 * t80 + t79 * t79 + 1.0 + t81 * t81);
+            let t91 = target_position_z * t80 - target_position_y * t81;
+            let t94 = target_position_x * t81 - target_position_z * t79;
+            let t97 = target_position_y * t79 - target_position_x * t80;
+            let t114 = t88 * (t91 - t81 * t94 + t80 * t97) + target_position_x
                 + 0.5 * (t4 + joint1_track_offset_x + t1 + joint2_track_offset_x);
-            let t83 = target_position_x * t71 - target_position_z * t69 + target_position_y
+            let t116 = t88 * (t94 - t79 * t97 + t81 * t91) + target_position_y
                 + 0.5 * (t5 + joint1_track_offset_y + t2 + joint2_track_offset_y);
-            let t86 = target_position_y * t69 - target_position_x * t70 + target_position_z
+            let t118 = t88 * (t97 - t80 * t91 + t79 * t94) + target_position_z
                 + 0.5 * (t6 + joint1_track_offset_z + t3 + joint2_track_offset_z);
-            let t94 = t29 - sin_target_rotation_y * t70 - t30 * t71;
-            let t96 = sin_target_rotation_y * t69 + t30 + t29 * t71;
-            let t98 = t30 * t69 - t29 * t70 - sin_target_rotation_y;
-            let t107 = cos_frame_rotation_x * t83 - sin_frame_rotation_x * t86;
-            let t108 = sin_frame_rotation_x * t83 + cos_frame_rotation_x * t86;
-            let t113 = sin_frame_rotation_y * t108 + cos_frame_rotation_y * t80;
-            let t131 = cos_frame_rotation_x * t96 - sin_frame_rotation_x * t98;
-            let t132 = sin_frame_rotation_x * t96 + cos_frame_rotation_x * t98;
-            let t137 = cos_frame_rotation_y * t132 - sin_frame_rotation_y * t94;
-            let t138 = sin_frame_rotation_y * t132 + cos_frame_rotation_y * t94;
-            let t143 = cos_frame_rotation_z * t138 - sin_frame_rotation_z * t131;
-            let t144 = sin_frame_rotation_z * t138 + cos_frame_rotation_z * t131;
-            let t156 = t47 - t48 * t71 + t33 * t70;
-            let t158 = t47 * t71 + t48 - t33 * t69;
-            let t160 = t33 - t47 * t70 + t48 * t69;
-            let t165 = cos_frame_rotation_x * t158 - sin_frame_rotation_x * t160;
-            let t166 = sin_frame_rotation_x * t158 + cos_frame_rotation_x * t160;
-            let t171 = cos_frame_rotation_y * t166 - sin_frame_rotation_y * t156;
-            let t172 = sin_frame_rotation_y * t166 + cos_frame_rotation_y * t156;
-            let t177 = cos_frame_rotation_z * t172 - sin_frame_rotation_z * t165;
-            let t178 = sin_frame_rotation_z * t172 + cos_frame_rotation_z * t165;
-            let t190 = t53 - t54 * t71 + t35 * t70;
-            let t192 = t53 * t71 + t54 - t35 * t69;
-            let t194 = t35 - t53 * t70 + t54 * t69;
-            let t199 = cos_frame_rotation_x * t192 - sin_frame_rotation_x * t194;
-            let t200 = sin_frame_rotation_x * t192 + cos_frame_rotation_x * t194;
-            let t205 = cos_frame_rotation_y * t200 - sin_frame_rotation_y * t190;
-            let t206 = sin_frame_rotation_y * t200 + cos_frame_rotation_y * t190;
-            let t211 = cos_frame_rotation_z * t206 - sin_frame_rotation_z * t199;
-            let t212 = sin_frame_rotation_z * t206 + cos_frame_rotation_z * t199;
-            residuals[0][lane] = cos_frame_rotation_z * t113 - sin_frame_rotation_z * t107
+            let t121 = sin_target_rotation_y * t80 + t30 * t81;
+            let t124 = t29 * t81 + sin_target_rotation_y * t79;
+            let t127 = t30 * t79 - t29 * t80;
+            let t143 = t29 + t88 * (t80 * t127 - t81 * t124 - t121);
+            let t144 = t30 + t88 * (t124 - t81 * t121 - t79 * t127);
+            let t145 = t88 * (t80 * t121 + t127 + t79 * t124) - sin_target_rotation_y;
+            let t154 = cos_frame_rotation_x * t116 - sin_frame_rotation_x * t118;
+            let t155 = sin_frame_rotation_x * t116 + cos_frame_rotation_x * t118;
+            let t160 = sin_frame_rotation_y * t155 + cos_frame_rotation_y * t114;
+            let t178 = cos_frame_rotation_x * t144 - sin_frame_rotation_x * t145;
+            let t179 = sin_frame_rotation_x * t144 + cos_frame_rotation_x * t145;
+            let t184 = cos_frame_rotation_y * t179 - sin_frame_rotation_y * t143;
+            let t185 = sin_frame_rotation_y * t179 + cos_frame_rotation_y * t143;
+            let t190 = cos_frame_rotation_z * t185 - sin_frame_rotation_z * t178;
+            let t191 = sin_frame_rotation_z * t185 + cos_frame_rotation_z * t178;
+            let t199 = t33 * t80 - t48 * t81;
+            let t201 = t47 * t81 - t33 * t79;
+            let t204 = t48 * t79 - t47 * t80;
+            let t220 = t47 + t88 * (t199 - t81 * t201 + t80 * t204);
+            let t221 = t48 + t88 * (t201 - t79 * t204 + t81 * t199);
+            let t222 = t33 + t88 * (t204 - t80 * t199 + t79 * t201);
+            let t227 = cos_frame_rotation_x * t221 - sin_frame_rotation_x * t222;
+            let t228 = sin_frame_rotation_x * t221 + cos_frame_rotation_x * t222;
+            let t233 = cos_frame_rotation_y * t228 - sin_frame_rotation_y * t220;
+            let t234 = sin_frame_rotation_y * t228 + cos_frame_rotation_y * t220;
+            let t239 = cos_frame_rotation_z * t234 - sin_frame_rotation_z * t227;
+            let t240 = sin_frame_rotation_z * t234 + cos_frame_rotation_z * t227;
+            let t248 = t35 * t80 - t54 * t81;
+            let t250 = t53 * t81 - t35 * t79;
+            let t253 = t54 * t79 - t53 * t80;
+            let t269 = t53 + t88 * (t248 - t81 * t250 + t80 * t253);
+            let t270 = t54 + t88 * (t250 - t79 * t253 + t81 * t248);
+            let t271 = t35 + t88 * (t253 - t80 * t248 + t79 * t250);
+            let t276 = cos_frame_rotation_x * t270 - sin_frame_rotation_x * t271;
+            let t277 = sin_frame_rotation_x * t270 + cos_frame_rotation_x * t271;
+            let t282 = cos_frame_rotation_y * t277 - sin_frame_rotation_y * t269;
+            let t283 = sin_frame_rotation_y * t277 + cos_frame_rotation_y * t269;
+            let t288 = cos_frame_rotation_z * t283 - sin_frame_rotation_z * t276;
+            let t289 = sin_frame_rotation_z * t283 + cos_frame_rotation_z * t276;
+            residuals[0][lane] = cos_frame_rotation_z * t160 - sin_frame_rotation_z * t154
                 + frame_translation_x - x;
-            residuals[1][lane] = sin_frame_rotation_z * t113 + cos_frame_rotation_z * t107
+            residuals[1][lane] = sin_frame_rotation_z * t160 + cos_frame_rotation_z * t154
                 + frame_translation_y - y;
-            residuals[2][lane] = cos_frame_rotation_y * t108 - sin_frame_rotation_y * t80
+            residuals[2][lane] = cos_frame_rotation_y * t155 - sin_frame_rotation_y * t114
                 + frame_translation_z - z;
             residuals[3][lane] = 0.5
-                * (prepared_15 * t137 - prepared_4 * t212 - prepared_6 * t178 + prepared_5 * t144
-                + prepared_17 * t171 + prepared_8 * t205);
+                * (prepared_15 * t184 - prepared_4 * t289 - prepared_6 * t240 + prepared_5 * t191
+                + prepared_17 * t233 + prepared_8 * t282);
             residuals[4][lane] = 0.5
-                * (prepared_16 * t171 - prepared_7 * t205 - prepared_5 * t143 - prepared_14 * t137
-                + prepared_6 * t177 + prepared_4 * t211);
+                * (prepared_16 * t233 - prepared_7 * t282 - prepared_5 * t190 - prepared_14 * t184
+                + prepared_6 * t239 + prepared_4 * t288);
             residuals[5][lane] = 0.5
-                * (prepared_14 * t144 - prepared_8 * t211 - prepared_15 * t143 - prepared_16 * t178
-                - prepared_17 * t177 + prepared_7 * t212);
+                * (prepared_14 * t191 - prepared_8 * t288 - prepared_15 * t190 - prepared_16 * t240
+                - prepared_17 * t239 + prepared_7 * t289);
         }
         #[inline(always)]
         fn linearize<S: Samples>(
@@ -5544,391 +5561,574 @@ pub mod full {
             let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(frame_rotation_x);
             let t49 = t41 * sin_frame_rotation_x - sin_frame_rotation_z * cos_frame_rotation_x;
             let t50 = t41 * cos_frame_rotation_x + sin_frame_rotation_z * sin_frame_rotation_x;
-            let t60 = 0.5 * t50;
-            let t61 = 0.5 * t49;
-            let t62 = 0.5 * t42;
-            let t63 = sin_frame_rotation_z * sin_frame_rotation_y;
-            let t64 = sin_frame_rotation_z * cos_frame_rotation_y;
-            let t69 = sin_frame_rotation_x * t63 + cos_frame_rotation_z * cos_frame_rotation_x;
-            let t70 = cos_frame_rotation_x * t63 - cos_frame_rotation_z * sin_frame_rotation_x;
-            let t80 = 0.5 * t70;
-            let t81 = 0.5 * t69;
-            let t82 = 0.5 * t64;
-            let t83 = cos_frame_rotation_y * sin_frame_rotation_x;
-            let t84 = cos_frame_rotation_y * cos_frame_rotation_x;
-            let t94 = 0.5 * t84;
-            let t95 = 0.5 * t83;
-            let t96 = -0.5 * sin_frame_rotation_y;
-            let t97 = sin_frame_rotation_z * prepared_9;
-            let t98 = cos_frame_rotation_z * prepared_9;
-            let t103 = cos_frame_rotation_y * prepared_10 - sin_frame_rotation_y * t97;
-            let t104 = cos_frame_rotation_y * t97 + sin_frame_rotation_y * prepared_10;
-            let t109 = sin_frame_rotation_x * t103 - cos_frame_rotation_x * t98;
-            let t110 = cos_frame_rotation_x * t103 + sin_frame_rotation_x * t98;
-            let t113 = sin_frame_rotation_z * prepared_11;
-            let t114 = cos_frame_rotation_z * prepared_11;
-            let t119 = sin_frame_rotation_z * prepared_12;
-            let t120 = cos_frame_rotation_z * prepared_12;
-            let t129 = sin_frame_rotation_y * t98 - cos_frame_rotation_y * prepared_13;
-            let t130 = cos_frame_rotation_y * t98 + sin_frame_rotation_y * prepared_13;
-            let t135 = sin_frame_rotation_x * t129 - cos_frame_rotation_x * t97;
-            let t136 = cos_frame_rotation_x * t129 + sin_frame_rotation_x * t97;
-            let t151 = sin_frame_rotation_z * prepared_13 - cos_frame_rotation_z * prepared_10;
-            let t152 = cos_frame_rotation_z * prepared_13 + sin_frame_rotation_z * prepared_10;
-            let t153 = sin_frame_rotation_y * t151;
-            let t154 = cos_frame_rotation_y * t151;
-            let t159 = sin_frame_rotation_x * t153 + cos_frame_rotation_x * t152;
-            let t160 = cos_frame_rotation_x * t153 - sin_frame_rotation_x * t152;
-            let t167 = cos_target_rotation_z * t34 - sin_target_rotation_z * cos_target_rotation_x;
-            let t168 = sin_target_rotation_z * t34 + cos_target_rotation_z * cos_target_rotation_x;
-            let t173 = cos_target_rotation_z * t36 + sin_target_rotation_z * sin_target_rotation_x;
-            let t174 = sin_target_rotation_z * t36 - cos_target_rotation_z * sin_target_rotation_x;
-            let t181 = cos_frame_rotation_y * prepared_18 - sin_frame_rotation_y * t113;
-            let t182 = cos_frame_rotation_y * t113 + sin_frame_rotation_y * prepared_18;
-            let t185 = sin_frame_rotation_x * t181 - cos_frame_rotation_x * t114;
-            let t186 = sin_frame_rotation_x * t114 + cos_frame_rotation_x * t181;
-            let t195 = sin_frame_rotation_y * t119 + cos_frame_rotation_y * prepared_19;
-            let t196 = cos_frame_rotation_y * t119 - sin_frame_rotation_y * prepared_19;
-            let t199 = cos_frame_rotation_x * t120 + sin_frame_rotation_x * t195;
-            let t200 = cos_frame_rotation_x * t195 - sin_frame_rotation_x * t120;
-            let t228 = sin_frame_rotation_y * t114 + cos_frame_rotation_y * prepared_20;
-            let t229 = cos_frame_rotation_y * t114 - sin_frame_rotation_y * prepared_20;
-            let t232 = sin_frame_rotation_x * t228 - cos_frame_rotation_x * t113;
-            let t233 = sin_frame_rotation_x * t113 + cos_frame_rotation_x * t228;
-            let t242 = sin_frame_rotation_y * t120 + cos_frame_rotation_y * prepared_21;
-            let t243 = sin_frame_rotation_y * prepared_21 - cos_frame_rotation_y * t120;
-            let t246 = cos_frame_rotation_x * t119 - sin_frame_rotation_x * t242;
-            let t247 = sin_frame_rotation_x * t119 + cos_frame_rotation_x * t242;
-            let t277 = sin_frame_rotation_z * prepared_20 + cos_frame_rotation_z * prepared_18;
-            let t278 = sin_frame_rotation_z * prepared_18 - cos_frame_rotation_z * prepared_20;
-            let t279 = sin_frame_rotation_y * t277;
-            let t280 = cos_frame_rotation_y * t277;
-            let t285 = cos_frame_rotation_x * t278 - sin_frame_rotation_x * t279;
-            let t286 = cos_frame_rotation_x * t279 + sin_frame_rotation_x * t278;
-            let t297 = sin_frame_rotation_z * prepared_21 - cos_frame_rotation_z * prepared_19;
-            let t298 = cos_frame_rotation_z * prepared_21 + sin_frame_rotation_z * prepared_19;
-            let t299 = sin_frame_rotation_y * t297;
-            let t300 = cos_frame_rotation_y * t297;
-            let t305 = sin_frame_rotation_x * t299 + cos_frame_rotation_x * t298;
-            let t306 = cos_frame_rotation_x * t299 - sin_frame_rotation_x * t298;
-            let t341 = t8 * t8 + t7 * t7 + t9 * t9;
-            let t342 = (t8 * t12 - t9 * t11) / t341;
-            let t343 = (t9 * t10 - t7 * t12) / t341;
-            let t344 = (t7 * t11 - t8 * t10) / t341;
-            let t353 = target_position_z * t343 - target_position_y * t344 + target_position_x
+            let t51 = 0.5 * t50;
+            let t52 = 0.5 * t49;
+            let t53 = 0.5 * t42;
+            let t54 = sin_frame_rotation_z * sin_frame_rotation_y;
+            let t55 = sin_frame_rotation_z * cos_frame_rotation_y;
+            let t60 = sin_frame_rotation_x * t54 + cos_frame_rotation_z * cos_frame_rotation_x;
+            let t61 = cos_frame_rotation_x * t54 - cos_frame_rotation_z * sin_frame_rotation_x;
+            let t62 = 0.5 * t61;
+            let t63 = 0.5 * t60;
+            let t64 = 0.5 * t55;
+            let t65 = cos_frame_rotation_y * sin_frame_rotation_x;
+            let t66 = cos_frame_rotation_y * cos_frame_rotation_x;
+            let t67 = 0.5 * t66;
+            let t68 = 0.5 * t65;
+            let t69 = -0.5 * sin_frame_rotation_y;
+            let t70 = sin_frame_rotation_z * prepared_9;
+            let t71 = cos_frame_rotation_z * prepared_9;
+            let t76 = cos_frame_rotation_y * prepared_10 - sin_frame_rotation_y * t70;
+            let t77 = cos_frame_rotation_y * t70 + sin_frame_rotation_y * prepared_10;
+            let t82 = sin_frame_rotation_x * t76 - cos_frame_rotation_x * t71;
+            let t83 = cos_frame_rotation_x * t76 + sin_frame_rotation_x * t71;
+            let t84 = sin_frame_rotation_z * prepared_11;
+            let t85 = cos_frame_rotation_z * prepared_11;
+            let t90 = sin_frame_rotation_z * prepared_12;
+            let t91 = cos_frame_rotation_z * prepared_12;
+            let t100 = sin_frame_rotation_y * t71 - cos_frame_rotation_y * prepared_13;
+            let t101 = cos_frame_rotation_y * t71 + sin_frame_rotation_y * prepared_13;
+            let t106 = sin_frame_rotation_x * t100 - cos_frame_rotation_x * t70;
+            let t107 = cos_frame_rotation_x * t100 + sin_frame_rotation_x * t70;
+            let t120 = sin_frame_rotation_z * prepared_13 - cos_frame_rotation_z * prepared_10;
+            let t121 = cos_frame_rotation_z * prepared_13 + sin_frame_rotation_z * prepared_10;
+            let t122 = sin_frame_rotation_y * t120;
+            let t123 = cos_frame_rotation_y * t120;
+            let t128 = sin_frame_rotation_x * t122 + cos_frame_rotation_x * t121;
+            let t129 = cos_frame_rotation_x * t122 - sin_frame_rotation_x * t121;
+            let t134 = cos_target_rotation_z * t34 - sin_target_rotation_z * cos_target_rotation_x;
+            let t135 = sin_target_rotation_z * t34 + cos_target_rotation_z * cos_target_rotation_x;
+            let t140 = cos_target_rotation_z * t36 + sin_target_rotation_z * sin_target_rotation_x;
+            let t141 = sin_target_rotation_z * t36 - cos_target_rotation_z * sin_target_rotation_x;
+            let t144 = cos_frame_rotation_y * prepared_18 - sin_frame_rotation_y * t84;
+            let t145 = cos_frame_rotation_y * t84 + sin_frame_rotation_y * prepared_18;
+            let t148 = sin_frame_rotation_x * t144 - cos_frame_rotation_x * t85;
+            let t149 = sin_frame_rotation_x * t85 + cos_frame_rotation_x * t144;
+            let t152 = sin_frame_rotation_y * t90 + cos_frame_rotation_y * prepared_19;
+            let t153 = cos_frame_rotation_y * t90 - sin_frame_rotation_y * prepared_19;
+            let t156 = cos_frame_rotation_x * t91 + sin_frame_rotation_x * t152;
+            let t157 = cos_frame_rotation_x * t152 - sin_frame_rotation_x * t91;
+            let t160 = sin_frame_rotation_y * t85 + cos_frame_rotation_y * prepared_20;
+            let t161 = cos_frame_rotation_y * t85 - sin_frame_rotation_y * prepared_20;
+            let t164 = sin_frame_rotation_x * t160 - cos_frame_rotation_x * t84;
+            let t165 = sin_frame_rotation_x * t84 + cos_frame_rotation_x * t160;
+            let t168 = sin_frame_rotation_y * t91 + cos_frame_rotation_y * prepared_21;
+            let t169 = sin_frame_rotation_y * prepared_21 - cos_frame_rotation_y * t91;
+            let t172 = cos_frame_rotation_x * t90 - sin_frame_rotation_x * t168;
+            let t173 = sin_frame_rotation_x * t90 + cos_frame_rotation_x * t168;
+            let t178 = sin_frame_rotation_z * prepared_20 + cos_frame_rotation_z * prepared_18;
+            let t179 = sin_frame_rotation_z * prepared_18 - cos_frame_rotation_z * prepared_20;
+            let t180 = sin_frame_rotation_y * t178;
+            let t181 = cos_frame_rotation_y * t178;
+            let t186 = cos_frame_rotation_x * t179 - sin_frame_rotation_x * t180;
+            let t187 = cos_frame_rotation_x * t180 + sin_frame_rotation_x * t179;
+            let t192 = sin_frame_rotation_z * prepared_21 - cos_frame_rotation_z * prepared_19;
+            let t193 = cos_frame_rotation_z * prepared_21 + sin_frame_rotation_z * prepared_19;
+            let t194 = sin_frame_rotation_y * t192;
+            let t195 = cos_frame_rotation_y * t192;
+            let t200 = sin_frame_rotation_x * t194 + cos_frame_rotation_x * t193;
+            let t201 = cos_frame_rotation_x * t194 - sin_frame_rotation_x * t193;
+            let t215 = t8 * t8 + t7 * t7 + t9 * t9;
+            let t216 = (t8 * t12 - t9 * t11) / t215;
+            let t217 = (t9 * t10 - t7 * t12) / t215;
+            let t218 = (t7 * t11 - t8 * t10) / t215;
+            let t225 = 0.5 + 0.041666666666666664 * (t217 * t217 + t216 * t216 + t218 * t218);
+            let t226 = t216 * t225;
+            let t227 = t217 * t225;
+            let t228 = t218 * t225;
+            let t234 = t227 * t227 + t226 * t226 + 1.0 + t228 * t228;
+            let t235 = 2.0 / t234;
+            let t238 = target_position_z * t227 - target_position_y * t228;
+            let t241 = target_position_x * t228 - target_position_z * t226;
+            let t244 = target_position_y * t226 - target_position_x * t227;
+            let t252 = t238 - t228 * t241 + t227 * t244;
+            let t254 = t241 - t226 * t244 + t228 * t238;
+            let t256 = t244 - t227 * t238 + t226 * t241;
+            let t261 = t235 * t252 + target_position_x
                 + 0.5 * (t4 + joint1_track_offset_x + t1 + joint2_track_offset_x);
-            let t356 = target_position_x * t344 - target_position_z * t342 + target_position_y
+            let t263 = t235 * t254 + target_position_y
                 + 0.5 * (t5 + joint1_track_offset_y + t2 + joint2_track_offset_y);
-            let t359 = target_position_y * t342 - target_position_x * t343 + target_position_z
+            let t265 = t235 * t256 + target_position_z
                 + 0.5 * (t6 + joint1_track_offset_z + t3 + joint2_track_offset_z);
-            let t367 = t29 - sin_target_rotation_y * t343 - t30 * t344;
-            let t369 = sin_target_rotation_y * t342 + t30 + t29 * t344;
-            let t371 = t30 * t342 - t29 * t343 - sin_target_rotation_y;
-            let t388 = (target_position_x * t49 - target_position_y * t42) / t341;
-            let t390 = (target_position_z * t42 - target_position_x * t50) / t341;
-            let t392 = (target_position_y * t50 - target_position_z * t49) / t341;
-            let t395 = t344 * t388 + t343 * t390 + t342 * t392;
-            let t396 = t9 * 2.0;
-            let t398 = t8 * 2.0;
-            let t400 = t7 * 2.0;
-            let t409 = t11 * t388 - t395 * t400 - t12 * t390;
-            let t412 = t9 * t390 - t8 * t388;
-            let t416 = t10 * t390 - t395 * t396 - t11 * t392;
-            let t417 = t7 * t388 - t9 * t392;
-            let t421 = t12 * t392 - t395 * t398 - t10 * t388;
-            let t422 = t8 * t392 - t7 * t390;
-            let t453 = (target_position_x * t69 - target_position_y * t64) / t341;
-            let t455 = (target_position_z * t64 - target_position_x * t70) / t341;
-            let t457 = (target_position_y * t70 - target_position_z * t69) / t341;
-            let t460 = t344 * t453 + t343 * t455 + t342 * t457;
-            let t471 = t11 * t453 - t400 * t460 - t12 * t455;
-            let t474 = t9 * t455 - t8 * t453;
-            let t478 = t10 * t455 - t396 * t460 - t11 * t457;
-            let t479 = t7 * t453 - t9 * t457;
-            let t483 = t12 * t457 - t398 * t460 - t10 * t453;
-            let t484 = t8 * t457 - t7 * t455;
-            let t515 = (target_position_x * t83 + target_position_y * sin_frame_rotation_y) / t341;
-            let t517 = (target_position_x * t84 + target_position_z * sin_frame_rotation_y) / t341;
-            let t519 = (target_position_y * t84 - target_position_z * t83) / t341;
-            let t522 = t343 * t517 - t344 * t515 - t342 * t519;
-            let t533 = t400 * t522 + t11 * t515 + t12 * t517;
-            let t536 = t8 * t515 + t9 * t517;
-            let t540 = t396 * t522 - t10 * t517 - t11 * t519;
-            let t541 = t7 * t515 - t9 * t519;
-            let t545 = t398 * t522 - t10 * t515 + t12 * t519;
-            let t546 = t7 * t517 + t8 * t519;
-            let t570 = t109 * t344 - t104 - t110 * t343;
-            let t573 = t109 + t110 * t342 + t104 * t344;
-            let t576 = t110 - t109 * t342 - t104 * t343;
-            let t581 = sin_target_rotation_z * t573 + cos_target_rotation_z * t570;
-            let t591 = t130 - t136 * t343 + t135 * t344;
-            let t594 = t135 + t136 * t342 - t130 * t344;
-            let t597 = t136 - t135 * t342 + t130 * t343;
-            let t602 = sin_target_rotation_z * t594 + cos_target_rotation_z * t591;
-            let t612 = t154 - t160 * t343 + t159 * t344;
-            let t615 = t159 + t160 * t342 - t154 * t344;
-            let t618 = t160 - t159 * t342 + t154 * t343;
-            let t623 = sin_target_rotation_z * t615 + cos_target_rotation_z * t612;
-            let t632 = cos_frame_rotation_x * t356 - sin_frame_rotation_x * t359;
-            let t633 = sin_frame_rotation_x * t356 + cos_frame_rotation_x * t359;
-            let t638 = cos_frame_rotation_y * t633 - sin_frame_rotation_y * t353;
-            let t639 = sin_frame_rotation_y * t633 + cos_frame_rotation_y * t353;
-            let t644 = cos_frame_rotation_z * t639 - sin_frame_rotation_z * t632;
-            let t645 = sin_frame_rotation_z * t639 + cos_frame_rotation_z * t632;
-            let t656 = cos_frame_rotation_x * t369 - sin_frame_rotation_x * t371;
-            let t657 = sin_frame_rotation_x * t369 + cos_frame_rotation_x * t371;
-            let t662 = cos_frame_rotation_y * t657 - sin_frame_rotation_y * t367;
-            let t663 = sin_frame_rotation_y * t657 + cos_frame_rotation_y * t367;
-            let t668 = cos_frame_rotation_z * t663 - sin_frame_rotation_z * t656;
-            let t669 = sin_frame_rotation_z * t663 + cos_frame_rotation_z * t656;
-            let t681 = t167 - t168 * t344 + t33 * t343;
-            let t683 = t167 * t344 + t168 - t33 * t342;
-            let t685 = t33 - t167 * t343 + t168 * t342;
-            let t690 = cos_frame_rotation_x * t683 - sin_frame_rotation_x * t685;
-            let t691 = sin_frame_rotation_x * t683 + cos_frame_rotation_x * t685;
-            let t696 = cos_frame_rotation_y * t691 - sin_frame_rotation_y * t681;
-            let t697 = sin_frame_rotation_y * t691 + cos_frame_rotation_y * t681;
-            let t702 = cos_frame_rotation_z * t697 - sin_frame_rotation_z * t690;
-            let t703 = sin_frame_rotation_z * t697 + cos_frame_rotation_z * t690;
-            let t715 = t173 - t174 * t344 + t35 * t343;
-            let t717 = t173 * t344 + t174 - t35 * t342;
-            let t719 = t35 - t173 * t343 + t174 * t342;
-            let t724 = cos_frame_rotation_x * t717 - sin_frame_rotation_x * t719;
-            let t725 = sin_frame_rotation_x * t717 + cos_frame_rotation_x * t719;
-            let t730 = cos_frame_rotation_y * t725 - sin_frame_rotation_y * t715;
-            let t731 = sin_frame_rotation_y * t725 + cos_frame_rotation_y * t715;
-            let t736 = cos_frame_rotation_z * t731 - sin_frame_rotation_z * t724;
-            let t737 = sin_frame_rotation_z * t731 + cos_frame_rotation_z * t724;
-            let t786 = t185 * t344 - t182 - t186 * t343;
-            let t789 = t185 + t186 * t342 + t182 * t344;
-            let t792 = t186 - t185 * t342 - t182 * t343;
-            let t815 = t196 - t200 * t343 + t199 * t344;
-            let t818 = t199 + t200 * t342 - t196 * t344;
-            let t828 = sin_target_rotation_z * t789 + cos_target_rotation_z * t786;
-            let t862 =
-                (t109 * t173 + t104 * t174 + t167 * t185 + t168 * t182 + t29 * t199 - t30 * t196)
-                / t341;
-            let t864 =
-                (t35 * t104 + t110 * t173 + t167 * t186 + t33 * t182 + t29 * t200
-                + sin_target_rotation_y * t196) / t341;
-            let t866 =
-                (t110 * t174 - t35 * t109 + t168 * t186 - t33 * t185 + t30 * t200
-                + sin_target_rotation_y * t199) / t341;
-            let t869 = t343 * t864 - t344 * t862 - t342 * t866;
-            let t880 = t400 * t869 + t11 * t862 + t12 * t864;
-            let t887 = t396 * t869 - t10 * t864 - t11 * t866;
-            let t892 = t398 * t869 - t10 * t862 + t12 * t866;
-            let t894 = q * (t7 * t864 + t8 * t866);
-            let t895 = q * (t7 * t862 - t9 * t866);
-            let t896 = q * (t8 * t862 + t9 * t864);
-            let t912 = t229 - t233 * t343 + t232 * t344;
-            let t915 = t232 + t233 * t342 - t229 * t344;
-            let t918 = t233 - t232 * t342 + t229 * t343;
-            let t941 = t243 + t247 * t343 + t246 * t344;
-            let t944 = t246 - t247 * t342 - t243 * t344;
-            let t954 = sin_target_rotation_z * t915 + cos_target_rotation_z * t912;
-            let t988 =
-                (t135 * t173 - t130 * t174 + t167 * t232 - t168 * t229 + t29 * t246 - t30 * t243)
-                / t341;
-            let t990 =
-                (t35 * t130 - t136 * t173 - t167 * t233 + t33 * t229 + t29 * t247
-                - sin_target_rotation_y * t243) / t341;
-            let t992 =
-                (t136 * t174 - t35 * t135 + t168 * t233 - t33 * t232 - t30 * t247
-                + sin_target_rotation_y * t246) / t341;
-            let t995 = t344 * t988 + t343 * t990 + t342 * t992;
-            let t1006 = t11 * t988 - t400 * t995 - t12 * t990;
-            let t1013 = t10 * t990 - t396 * t995 - t11 * t992;
-            let t1018 = t12 * t992 - t398 * t995 - t10 * t988;
-            let t1020 = q * (t8 * t992 - t7 * t990);
-            let t1021 = q * (t7 * t988 - t9 * t992);
-            let t1022 = q * (t9 * t990 - t8 * t988);
-            let t1038 = t286 * t343 - t280 + t285 * t344;
-            let t1041 = t285 - t286 * t342 + t280 * t344;
-            let t1044 = t286 + t285 * t342 + t280 * t343;
-            let t1067 = t300 - t306 * t343 + t305 * t344;
-            let t1070 = t305 + t306 * t342 - t300 * t344;
-            let t1080 = sin_target_rotation_z * t1041 + cos_target_rotation_z * t1038;
-            let t1114 =
-                (t159 * t173 - t154 * t174 + t167 * t285 + t168 * t280 + t29 * t305 - t30 * t300)
-                / t341;
-            let t1116 =
-                (t35 * t154 - t160 * t173 + t167 * t286 - t33 * t280 - t29 * t306
-                - sin_target_rotation_y * t300) / t341;
-            let t1118 =
-                (t160 * t174 - t35 * t159 - t168 * t286 - t33 * t285 + t30 * t306
-                + sin_target_rotation_y * t305) / t341;
-            let t1121 = t344 * t1114 + t343 * t1116 + t342 * t1118;
-            let t1132 = t11 * t1114 - t400 * t1121 - t12 * t1116;
-            let t1139 = t10 * t1116 - t396 * t1121 - t11 * t1118;
-            let t1144 = t12 * t1118 - t398 * t1121 - t10 * t1114;
-            let t1146 = q * (t8 * t1118 - t7 * t1116);
-            let t1147 = q * (t7 * t1114 - t9 * t1118);
-            let t1148 = q * (t9 * t1116 - t8 * t1114);
-            residuals[0][lane] = t644 + frame_translation_x - x;
-            residuals[1][lane] = t645 + frame_translation_y - y;
-            residuals[2][lane] = t638 + frame_translation_z - z;
+            let t268 = sin_target_rotation_y * t227 + t30 * t228;
+            let t271 = t29 * t228 + sin_target_rotation_y * t226;
+            let t274 = t30 * t226 - t29 * t227;
+            let t282 = t227 * t274 - t228 * t271 - t268;
+            let t284 = t271 - t228 * t268 - t226 * t274;
+            let t286 = t227 * t268 + t274 + t226 * t271;
+            let t290 = t29 + t235 * t282;
+            let t291 = t30 + t235 * t284;
+            let t292 = t235 * t286 - sin_target_rotation_y;
+            let t298 = t50 * t235;
+            let t300 = t49 * t235;
+            let t302 = t42 * t235;
+            let t314 = t302 - t227 * t298 + t228 * t300;
+            let t318 = t300 + t226 * t298 - t228 * t302;
+            let t322 = t298 - t226 * t300 + t227 * t302;
+            let t342 = t235 * ((t50 * t256 + t49 * t254 + t42 * t252) / t234);
+            let t343 = t228 * t342;
+            let t348 = target_position_x * t318 - t343 - target_position_y * t314 - t241 * t302
+                + t238 * t300 - t343;
+            let t349 = t227 * t342;
+            let t354 = target_position_z * t314 - t349 - target_position_x * t322 + t244 * t302
+                - t238 * t298 - t349;
+            let t355 = t226 * t342;
+            let t360 = target_position_y * t322 - t355 - target_position_z * t318 - t244 * t300
+                + t241 * t298 - t355;
+            let t369 = 0.041666666666666664 * (t218 * t348 + t217 * t354 + t216 * t360);
+            let t370 = t218 * t369;
+            let t373 = t217 * t369;
+            let t376 = t216 * t369;
+            let t379 = (t370 + t225 * t348 + t370) / t215;
+            let t381 = (t373 + t225 * t354 + t373) / t215;
+            let t383 = (t376 + t225 * t360 + t376) / t215;
+            let t386 = t218 * t379 + t217 * t381 + t216 * t383;
+            let t387 = t9 * 2.0;
+            let t389 = t8 * 2.0;
+            let t391 = t7 * 2.0;
+            let t400 = t11 * t379 - t386 * t391 - t12 * t381;
+            let t403 = t9 * t381 - t8 * t379;
+            let t407 = t10 * t381 - t386 * t387 - t11 * t383;
+            let t408 = t7 * t379 - t9 * t383;
+            let t412 = t12 * t383 - t386 * t389 - t10 * t379;
+            let t413 = t8 * t383 - t7 * t381;
+            let t433 = t61 * t235;
+            let t435 = t60 * t235;
+            let t437 = t55 * t235;
+            let t449 = t437 - t227 * t433 + t228 * t435;
+            let t453 = t435 + t226 * t433 - t228 * t437;
+            let t457 = t433 - t226 * t435 + t227 * t437;
+            let t477 = t235 * ((t61 * t256 + t60 * t254 + t55 * t252) / t234);
+            let t478 = t228 * t477;
+            let t483 = target_position_x * t453 - t478 - target_position_y * t449 - t241 * t437
+                + t238 * t435 - t478;
+            let t484 = t227 * t477;
+            let t489 = target_position_z * t449 - t484 - target_position_x * t457 + t244 * t437
+                - t238 * t433 - t484;
+            let t490 = t226 * t477;
+            let t495 = target_position_y * t457 - t490 - target_position_z * t453 - t244 * t435
+                + t241 * t433 - t490;
+            let t504 = 0.041666666666666664 * (t218 * t483 + t217 * t489 + t216 * t495);
+            let t505 = t218 * t504;
+            let t508 = t217 * t504;
+            let t511 = t216 * t504;
+            let t514 = (t505 + t225 * t483 + t505) / t215;
+            let t516 = (t508 + t225 * t489 + t508) / t215;
+            let t518 = (t511 + t225 * t495 + t511) / t215;
+            let t521 = t218 * t514 + t217 * t516 + t216 * t518;
+            let t532 = t11 * t514 - t391 * t521 - t12 * t516;
+            let t535 = t9 * t516 - t8 * t514;
+            let t539 = t10 * t516 - t387 * t521 - t11 * t518;
+            let t540 = t7 * t514 - t9 * t518;
+            let t544 = t12 * t518 - t389 * t521 - t10 * t514;
+            let t545 = t8 * t518 - t7 * t516;
+            let t565 = t66 * t235;
+            let t567 = t65 * t235;
+            let t569 = sin_frame_rotation_y * t235;
+            let t581 = t228 * t567 - t569 - t227 * t565;
+            let t585 = t567 + t226 * t565 + t228 * t569;
+            let t589 = t565 - t226 * t567 - t227 * t569;
+            let t609 = t235 * ((t66 * t256 + t65 * t254 - sin_frame_rotation_y * t252) / t234);
+            let t610 = t228 * t609;
+            let t615 = target_position_x * t585 - t610 - target_position_y * t581 + t241 * t569
+                + t238 * t567 - t610;
+            let t616 = t227 * t609;
+            let t621 = target_position_z * t581 - t616 - target_position_x * t589 - t244 * t569
+                - t238 * t565 - t616;
+            let t622 = t226 * t609;
+            let t627 = target_position_y * t589 - t622 - target_position_z * t585 - t244 * t567
+                + t241 * t565 - t622;
+            let t636 = 0.041666666666666664 * (t218 * t615 + t217 * t621 + t216 * t627);
+            let t637 = t218 * t636;
+            let t640 = t217 * t636;
+            let t643 = t216 * t636;
+            let t646 = (t637 + t225 * t615 + t637) / t215;
+            let t648 = (t640 + t225 * t621 + t640) / t215;
+            let t650 = (t643 + t225 * t627 + t643) / t215;
+            let t653 = t218 * t646 + t217 * t648 + t216 * t650;
+            let t664 = t11 * t646 - t391 * t653 - t12 * t648;
+            let t667 = t8 * t646 - t9 * t648;
+            let t671 = t10 * t648 - t387 * t653 - t11 * t650;
+            let t672 = t7 * t646 - t9 * t650;
+            let t676 = t12 * t650 - t389 * t653 - t10 * t646;
+            let t677 = t8 * t650 - t7 * t648;
+            let t696 = t83 * t235;
+            let t697 = t82 * t235;
+            let t698 = t77 * t235;
+            let t704 = t228 * t697 - t698 - t227 * t696;
+            let t707 = t697 + t226 * t696 + t228 * t698;
+            let t710 = t696 - t226 * t697 - t227 * t698;
+            let t717 = t228 * t707 - t77 - t227 * t710;
+            let t720 = t82 + t226 * t710 - t228 * t704;
+            let t724 = t83 - t226 * t707 + t227 * t704;
+            let t729 = sin_target_rotation_z * t720 + cos_target_rotation_z * t717;
+            let t734 = t107 * t235;
+            let t735 = t106 * t235;
+            let t736 = t101 * t235;
+            let t742 = t736 - t227 * t734 + t228 * t735;
+            let t745 = t735 + t226 * t734 - t228 * t736;
+            let t748 = t734 - t226 * t735 + t227 * t736;
+            let t755 = t101 - t227 * t748 + t228 * t745;
+            let t758 = t106 + t226 * t748 - t228 * t742;
+            let t762 = t107 - t226 * t745 + t227 * t742;
+            let t767 = sin_target_rotation_z * t758 + cos_target_rotation_z * t755;
+            let t772 = t129 * t235;
+            let t773 = t128 * t235;
+            let t774 = t123 * t235;
+            let t780 = t774 - t227 * t772 + t228 * t773;
+            let t783 = t773 + t226 * t772 - t228 * t774;
+            let t786 = t772 - t226 * t773 + t227 * t774;
+            let t793 = t123 - t227 * t786 + t228 * t783;
+            let t796 = t128 + t226 * t786 - t228 * t780;
+            let t800 = t129 - t226 * t783 + t227 * t780;
+            let t805 = sin_target_rotation_z * t796 + cos_target_rotation_z * t793;
+            let t814 = cos_frame_rotation_x * t263 - sin_frame_rotation_x * t265;
+            let t815 = sin_frame_rotation_x * t263 + cos_frame_rotation_x * t265;
+            let t820 = cos_frame_rotation_y * t815 - sin_frame_rotation_y * t261;
+            let t821 = sin_frame_rotation_y * t815 + cos_frame_rotation_y * t261;
+            let t826 = cos_frame_rotation_z * t821 - sin_frame_rotation_z * t814;
+            let t827 = sin_frame_rotation_z * t821 + cos_frame_rotation_z * t814;
+            let t838 = cos_frame_rotation_x * t291 - sin_frame_rotation_x * t292;
+            let t839 = sin_frame_rotation_x * t291 + cos_frame_rotation_x * t292;
+            let t844 = cos_frame_rotation_y * t839 - sin_frame_rotation_y * t290;
+            let t845 = sin_frame_rotation_y * t839 + cos_frame_rotation_y * t290;
+            let t850 = cos_frame_rotation_z * t845 - sin_frame_rotation_z * t838;
+            let t851 = sin_frame_rotation_z * t845 + cos_frame_rotation_z * t838;
+            let t859 = t33 * t227 - t135 * t228;
+            let t861 = t134 * t228 - t33 * t226;
+            let t864 = t135 * t226 - t134 * t227;
+            let t872 = t859 - t228 * t861 + t227 * t864;
+            let t874 = t861 - t226 * t864 + t228 * t859;
+            let t876 = t864 - t227 * t859 + t226 * t861;
+            let t880 = t134 + t235 * t872;
+            let t881 = t135 + t235 * t874;
+            let t882 = t33 + t235 * t876;
+            let t887 = cos_frame_rotation_x * t881 - sin_frame_rotation_x * t882;
+            let t888 = sin_frame_rotation_x * t881 + cos_frame_rotation_x * t882;
+            let t893 = cos_frame_rotation_y * t888 - sin_frame_rotation_y * t880;
+            let t894 = sin_frame_rotation_y * t888 + cos_frame_rotation_y * t880;
+            let t899 = cos_frame_rotation_z * t894 - sin_frame_rotation_z * t887;
+            let t900 = sin_frame_rotation_z * t894 + cos_frame_rotation_z * t887;
+            let t908 = t35 * t227 - t141 * t228;
+            let t910 = t140 * t228 - t35 * t226;
+            let t913 = t141 * t226 - t140 * t227;
+            let t921 = t908 - t228 * t910 + t227 * t913;
+            let t923 = t910 - t226 * t913 + t228 * t908;
+            let t925 = t913 - t227 * t908 + t226 * t910;
+            let t929 = t140 + t235 * t921;
+            let t930 = t141 + t235 * t923;
+            let t931 = t35 + t235 * t925;
+            let t936 = cos_frame_rotation_x * t930 - sin_frame_rotation_x * t931;
+            let t937 = sin_frame_rotation_x * t930 + cos_frame_rotation_x * t931;
+            let t942 = cos_frame_rotation_y * t937 - sin_frame_rotation_y * t929;
+            let t943 = sin_frame_rotation_y * t937 + cos_frame_rotation_y * t929;
+            let t948 = cos_frame_rotation_z * t943 - sin_frame_rotation_z * t936;
+            let t949 = sin_frame_rotation_z * t943 + cos_frame_rotation_z * t936;
+            let t1007 = t149 * t235;
+            let t1009 = t148 * t235;
+            let t1011 = t145 * t235;
+            let t1021 = t228 * t1009 - t1011 - t227 * t1007;
+            let t1025 = t1009 + t226 * t1007 + t228 * t1011;
+            let t1029 = t1007 - t226 * t1009 - t227 * t1011;
+            let t1039 = t228 * t1025 - t145 - t227 * t1029;
+            let t1043 = t148 + t226 * t1029 - t228 * t1021;
+            let t1047 = t149 - t226 * t1025 + t227 * t1021;
+            let t1066 = t157 * t235;
+            let t1068 = t156 * t235;
+            let t1070 = t153 * t235;
+            let t1078 = t83 * t925 + t82 * t923 - t77 * t921 + t149 * t876 + t148 * t874
+                - t145 * t872 + t157 * t286 + t156 * t284 + t153 * t282;
+            let t1090 = t1068 + t226 * t1066 - t228 * t1070;
+            let t1094 = t1066 - t226 * t1068 + t227 * t1070;
+            let t1104 = t153 - t227 * t1094 + t228 * t1090;
+            let t1106 = t227 * t1066 - t228 * t1068 - t1070;
+            let t1110 = t156 + t226 * t1094 + t228 * t1106;
+            let t1121 = sin_target_rotation_z * t1043 + cos_target_rotation_z * t1039;
+            let t1156 = t235 * (t1078 / t234);
+            let t1157 = t228 * t1156;
+            let t1165 = t30 * t1106 - t1157 + t29 * t1090 - t271 * t1070 - t268 * t1068
+                - t135 * t1021 + t134 * t1025 + t861 * t1011 + t859 * t1009;
+            let t1170 = t1165 - t141 * t704 + t140 * t707 + t698 * t910 + t697 * t908 - t1157;
+            let t1171 = t227 * t1156;
+            let t1179 = sin_target_rotation_y * t1106 - t1171 - t29 * t1094 + t274 * t1070
+                + t268 * t1066 + t33 * t1021 - t134 * t1029 - t864 * t1011 - t859 * t1007;
+            let t1184 = t1179 - t140 * t710 - t698 * t913 - t696 * t908 + t35 * t704 - t1171;
+            let t1185 = t226 * t1156;
+            let t1193 = sin_target_rotation_y * t1090 - t1185 + t30 * t1094 - t274 * t1068
+                + t271 * t1066 - t33 * t1025 + t135 * t1029 - t864 * t1009 + t861 * t1007;
+            let t1198 = t1193 + t141 * t710 - t697 * t913 + t696 * t910 - t35 * t707 - t1185;
+            let t1207 = 0.041666666666666664 * (t218 * t1170 + t217 * t1184 + t216 * t1198);
+            let t1208 = t218 * t1207;
+            let t1211 = t217 * t1207;
+            let t1214 = t216 * t1207;
+            let t1217 = (t1208 + t225 * t1170 + t1208) / t215;
+            let t1219 = (t1211 + t225 * t1184 + t1211) / t215;
+            let t1221 = (t1214 + t225 * t1198 + t1214) / t215;
+            let t1224 = t218 * t1217 + t217 * t1219 + t216 * t1221;
+            let t1235 = t11 * t1217 - t391 * t1224 - t12 * t1219;
+            let t1242 = t10 * t1219 - t387 * t1224 - t11 * t1221;
+            let t1247 = t12 * t1221 - t389 * t1224 - t10 * t1217;
+            let t1249 = q * (t8 * t1221 - t7 * t1219);
+            let t1250 = q * (t7 * t1217 - t9 * t1221);
+            let t1251 = q * (t9 * t1219 - t8 * t1217);
+            let t1276 = t165 * t235;
+            let t1278 = t164 * t235;
+            let t1280 = t161 * t235;
+            let t1290 = t1280 - t227 * t1276 + t228 * t1278;
+            let t1294 = t1278 + t226 * t1276 - t228 * t1280;
+            let t1298 = t1276 - t226 * t1278 + t227 * t1280;
+            let t1308 = t161 - t227 * t1298 + t228 * t1294;
+            let t1312 = t164 + t226 * t1298 - t228 * t1290;
+            let t1316 = t165 - t226 * t1294 + t227 * t1290;
+            let t1335 = t173 * t235;
+            let t1337 = t172 * t235;
+            let t1339 = t169 * t235;
+            let t1347 = t107 * t925 + t106 * t923 + t101 * t921 + t165 * t876 + t164 * t874
+                + t161 * t872 - t173 * t286 + t172 * t284 + t169 * t282;
+            let t1359 = t1337 - t226 * t1335 - t228 * t1339;
+            let t1363 = t227 * t1339 - t1335 - t226 * t1337;
+            let t1373 = t169 - t227 * t1363 + t228 * t1359;
+            let t1375 = t228 * t1337 + t1339 + t227 * t1335;
+            let t1379 = t172 + t226 * t1363 - t228 * t1375;
+            let t1390 = sin_target_rotation_z * t1312 + cos_target_rotation_z * t1308;
+            let t1425 = t235 * (t1347 / t234);
+            let t1426 = t228 * t1425;
+            let t1434 = t29 * t1359 - t1426 - t30 * t1375 - t271 * t1339 - t268 * t1337
+                - t135 * t1290 + t134 * t1294 - t861 * t1280 + t859 * t1278;
+            let t1439 = t1434 - t141 * t742 + t140 * t745 - t736 * t910 + t735 * t908 - t1426;
+            let t1440 = t227 * t1425;
+            let t1448 = t274 * t1339 - t1440 - sin_target_rotation_y * t1375 - t29 * t1363
+                - t268 * t1335 + t33 * t1290 - t134 * t1298 + t864 * t1280 - t859 * t1276;
+            let t1453 = t1448 - t140 * t748 + t736 * t913 - t734 * t908 + t35 * t742 - t1440;
+            let t1454 = t226 * t1425;
+            let t1462 = sin_target_rotation_y * t1359 - t1454 + t30 * t1363 - t274 * t1337
+                - t271 * t1335 - t33 * t1294 + t135 * t1298 - t864 * t1278 + t861 * t1276;
+            let t1467 = t1462 + t141 * t748 - t735 * t913 + t734 * t910 - t35 * t745 - t1454;
+            let t1476 = 0.041666666666666664 * (t218 * t1439 + t217 * t1453 + t216 * t1467);
+            let t1477 = t218 * t1476;
+            let t1480 = t217 * t1476;
+            let t1483 = t216 * t1476;
+            let t1486 = (t1477 + t225 * t1439 + t1477) / t215;
+            let t1488 = (t1480 + t225 * t1453 + t1480) / t215;
+            let t1490 = (t1483 + t225 * t1467 + t1483) / t215;
+            let t1493 = t218 * t1486 + t217 * t1488 + t216 * t1490;
+            let t1504 = t11 * t1486 - t391 * t1493 - t12 * t1488;
+            let t1511 = t10 * t1488 - t387 * t1493 - t11 * t1490;
+            let t1516 = t12 * t1490 - t389 * t1493 - t10 * t1486;
+            let t1518 = q * (t8 * t1490 - t7 * t1488);
+            let t1519 = q * (t7 * t1486 - t9 * t1490);
+            let t1520 = q * (t9 * t1488 - t8 * t1486);
+            let t1545 = t187 * t235;
+            let t1547 = t186 * t235;
+            let t1549 = t181 * t235;
+            let t1559 = t227 * t1545 - t1549 + t228 * t1547;
+            let t1563 = t1547 - t226 * t1545 + t228 * t1549;
+            let t1567 = t1545 + t226 * t1547 + t227 * t1549;
+            let t1577 = t227 * t1567 - t181 + t228 * t1563;
+            let t1581 = t186 - t226 * t1567 - t228 * t1559;
+            let t1585 = t227 * t1559 - t187 - t226 * t1563;
+            let t1604 = t201 * t235;
+            let t1606 = t200 * t235;
+            let t1608 = t195 * t235;
+            let t1616 = t129 * t925 + t128 * t923 + t123 * t921 - t187 * t876 + t186 * t874
+                - t181 * t872 + t201 * t286 + t200 * t284 + t195 * t282;
+            let t1628 = t1606 + t226 * t1604 - t228 * t1608;
+            let t1632 = t1604 - t226 * t1606 + t227 * t1608;
+            let t1642 = t195 - t227 * t1632 + t228 * t1628;
+            let t1644 = t227 * t1604 - t228 * t1606 - t1608;
+            let t1648 = t200 + t226 * t1632 + t228 * t1644;
+            let t1659 = sin_target_rotation_z * t1581 + cos_target_rotation_z * t1577;
+            let t1694 = t235 * (t1616 / t234);
+            let t1695 = t228 * t1694;
+            let t1703 = t30 * t1644 - t1695 + t29 * t1628 - t271 * t1608 - t268 * t1606
+                - t135 * t1559 + t134 * t1563 + t861 * t1549 + t859 * t1547;
+            let t1708 = t1703 - t141 * t780 + t140 * t783 - t774 * t910 + t773 * t908 - t1695;
+            let t1709 = t227 * t1694;
+            let t1717 = sin_target_rotation_y * t1644 - t1709 - t29 * t1632 + t274 * t1608
+                + t268 * t1604 + t33 * t1559 + t134 * t1567 - t864 * t1549 + t859 * t1545;
+            let t1722 = t1717 - t140 * t786 + t774 * t913 - t772 * t908 + t35 * t780 - t1709;
+            let t1723 = t226 * t1694;
+            let t1731 = sin_target_rotation_y * t1628 - t1723 + t30 * t1632 - t274 * t1606
+                + t271 * t1604 - t33 * t1563 - t135 * t1567 - t864 * t1547 - t861 * t1545;
+            let t1736 = t1731 + t141 * t786 - t773 * t913 + t772 * t910 - t35 * t783 - t1723;
+            let t1745 = 0.041666666666666664 * (t218 * t1708 + t217 * t1722 + t216 * t1736);
+            let t1746 = t218 * t1745;
+            let t1749 = t217 * t1745;
+            let t1752 = t216 * t1745;
+            let t1755 = (t1746 + t225 * t1708 + t1746) / t215;
+            let t1757 = (t1749 + t225 * t1722 + t1749) / t215;
+            let t1759 = (t1752 + t225 * t1736 + t1752) / t215;
+            let t1762 = t218 * t1755 + t217 * t1757 + t216 * t1759;
+            let t1773 = t11 * t1755 - t391 * t1762 - t12 * t1757;
+            let t1780 = t10 * t1757 - t387 * t1762 - t11 * t1759;
+            let t1785 = t12 * t1759 - t389 * t1762 - t10 * t1755;
+            let t1787 = q * (t8 * t1759 - t7 * t1757);
+            let t1788 = q * (t7 * t1755 - t9 * t1759);
+            let t1789 = q * (t9 * t1757 - t8 * t1755);
+            residuals[0][lane] = t826 + frame_translation_x - x;
+            residuals[1][lane] = t827 + frame_translation_y - y;
+            residuals[2][lane] = t820 + frame_translation_z - z;
             residuals[3][lane] = 0.5
-                * (prepared_15 * t662 - prepared_4 * t737 - prepared_6 * t703 + prepared_5 * t669
-                + prepared_17 * t696 + prepared_8 * t730);
+                * (prepared_15 * t844 - prepared_4 * t949 - prepared_6 * t900 + prepared_5 * t851
+                + prepared_17 * t893 + prepared_8 * t942);
             residuals[4][lane] = 0.5
-                * (prepared_16 * t696 - prepared_7 * t730 - prepared_5 * t668 - prepared_14 * t662
-                + prepared_6 * t702 + prepared_4 * t736);
+                * (prepared_16 * t893 - prepared_7 * t942 - prepared_5 * t850 - prepared_14 * t844
+                + prepared_6 * t899 + prepared_4 * t948);
             residuals[5][lane] = 0.5
-                * (prepared_14 * t669 - prepared_8 * t736 - prepared_15 * t668 - prepared_16 * t703
-                - prepared_17 * t702 + prepared_7 * t737);
-            jacobian[0][lane] = t62 + t409;
-            jacobian[1][lane] = t61 + t421;
-            jacobian[2][lane] = t60 + t416;
-            jacobian[3][lane] = q * (t62 + t412);
-            jacobian[4][lane] = q * (t61 + t417);
-            jacobian[5][lane] = q * (t60 + t422);
-            jacobian[6][lane] = t62 - t409;
-            jacobian[7][lane] = t61 - t421;
-            jacobian[8][lane] = t60 - t416;
-            jacobian[9][lane] = q * (t62 - t412);
-            jacobian[10][lane] = q * (t61 - t417);
-            jacobian[11][lane] = q * (t60 - t422);
+                * (prepared_14 * t851 - prepared_8 * t948 - prepared_15 * t850 - prepared_16 * t900
+                - prepared_17 * t899 + prepared_7 * t949);
+            jacobian[0][lane] = t53 + t400;
+            jacobian[1][lane] = t52 + t412;
+            jacobian[2][lane] = t51 + t407;
+            jacobian[3][lane] = q * (t53 + t403);
+            jacobian[4][lane] = q * (t52 + t408);
+            jacobian[5][lane] = q * (t51 + t413);
+            jacobian[6][lane] = t53 - t400;
+            jacobian[7][lane] = t52 - t412;
+            jacobian[8][lane] = t51 - t407;
+            jacobian[9][lane] = q * (t53 - t403);
+            jacobian[10][lane] = q * (t52 - t408);
+            jacobian[11][lane] = q * (t51 - t413);
             jacobian[12][lane] = 1.0;
-            jacobian[13][lane] = t41 * t632 + sin_frame_rotation_z * t633;
-            jacobian[14][lane] = cos_frame_rotation_z * t638;
-            jacobian[15][lane] = -t645;
-            jacobian[16][lane] = t42 - t50 * t343 + t49 * t344;
-            jacobian[17][lane] = t49 + t50 * t342 - t42 * t344;
-            jacobian[18][lane] = t50 - t49 * t342 + t42 * t343;
-            jacobian[19][lane] = t82 + t471;
-            jacobian[20][lane] = t81 + t483;
-            jacobian[21][lane] = t80 + t478;
-            jacobian[22][lane] = q * (t82 + t474);
-            jacobian[23][lane] = q * (t81 + t479);
-            jacobian[24][lane] = q * (t80 + t484);
-            jacobian[25][lane] = t82 - t471;
-            jacobian[26][lane] = t81 - t483;
-            jacobian[27][lane] = t80 - t478;
-            jacobian[28][lane] = q * (t82 - t474);
-            jacobian[29][lane] = q * (t81 - t479);
-            jacobian[30][lane] = q * (t80 - t484);
+            jacobian[13][lane] = t41 * t814 + sin_frame_rotation_z * t815;
+            jacobian[14][lane] = cos_frame_rotation_z * t820;
+            jacobian[15][lane] = -t827;
+            jacobian[16][lane] = t42 - t227 * t322 + t228 * t318;
+            jacobian[17][lane] = t49 + t226 * t322 - t228 * t314;
+            jacobian[18][lane] = t50 - t226 * t318 + t227 * t314;
+            jacobian[19][lane] = t64 + t532;
+            jacobian[20][lane] = t63 + t544;
+            jacobian[21][lane] = t62 + t539;
+            jacobian[22][lane] = q * (t64 + t535);
+            jacobian[23][lane] = q * (t63 + t540);
+            jacobian[24][lane] = q * (t62 + t545);
+            jacobian[25][lane] = t64 - t532;
+            jacobian[26][lane] = t63 - t544;
+            jacobian[27][lane] = t62 - t539;
+            jacobian[28][lane] = q * (t64 - t535);
+            jacobian[29][lane] = q * (t63 - t540);
+            jacobian[30][lane] = q * (t62 - t545);
             jacobian[31][lane] = 1.0;
-            jacobian[32][lane] = t63 * t632 - cos_frame_rotation_z * t633;
-            jacobian[33][lane] = sin_frame_rotation_z * t638;
-            jacobian[34][lane] = t644;
-            jacobian[35][lane] = t64 - t70 * t343 + t69 * t344;
-            jacobian[36][lane] = t69 + t70 * t342 - t64 * t344;
-            jacobian[37][lane] = t70 - t69 * t342 + t64 * t343;
-            jacobian[38][lane] = t96 + t533;
-            jacobian[39][lane] = t95 + t545;
-            jacobian[40][lane] = t94 + t540;
-            jacobian[41][lane] = q * (t96 - t536);
-            jacobian[42][lane] = q * (t95 + t541);
-            jacobian[43][lane] = q * (t94 + t546);
-            jacobian[44][lane] = t96 - t533;
-            jacobian[45][lane] = t95 - t545;
-            jacobian[46][lane] = t94 - t540;
-            jacobian[47][lane] = q * (t96 + t536);
-            jacobian[48][lane] = q * (t95 - t541);
-            jacobian[49][lane] = q * (t94 - t546);
+            jacobian[32][lane] = t54 * t814 - cos_frame_rotation_z * t815;
+            jacobian[33][lane] = sin_frame_rotation_z * t820;
+            jacobian[34][lane] = t826;
+            jacobian[35][lane] = t55 - t227 * t457 + t228 * t453;
+            jacobian[36][lane] = t60 + t226 * t457 - t228 * t449;
+            jacobian[37][lane] = t61 - t226 * t453 + t227 * t449;
+            jacobian[38][lane] = t69 + t664;
+            jacobian[39][lane] = t68 + t676;
+            jacobian[40][lane] = t67 + t671;
+            jacobian[41][lane] = q * (t69 - t667);
+            jacobian[42][lane] = q * (t68 + t672);
+            jacobian[43][lane] = q * (t67 + t677);
+            jacobian[44][lane] = t69 - t664;
+            jacobian[45][lane] = t68 - t676;
+            jacobian[46][lane] = t67 - t671;
+            jacobian[47][lane] = q * (t69 + t667);
+            jacobian[48][lane] = q * (t68 - t672);
+            jacobian[49][lane] = q * (t67 - t677);
             jacobian[50][lane] = 1.0;
-            jacobian[51][lane] = cos_frame_rotation_y * t632;
-            jacobian[52][lane] = -t639;
-            jacobian[53][lane] = t83 * t344 - sin_frame_rotation_y - t84 * t343;
-            jacobian[54][lane] = t83 + t84 * t342 + sin_frame_rotation_y * t344;
-            jacobian[55][lane] = t84 - t83 * t342 - sin_frame_rotation_y * t343;
-            jacobian[56][lane] = t880;
-            jacobian[57][lane] = t892;
-            jacobian[58][lane] = t887;
-            jacobian[59][lane] = -t896;
-            jacobian[60][lane] = t895;
-            jacobian[61][lane] = t894;
-            jacobian[62][lane] = -t880;
-            jacobian[63][lane] = -t892;
-            jacobian[64][lane] = -t887;
-            jacobian[65][lane] = t896;
-            jacobian[66][lane] = -t895;
-            jacobian[67][lane] = -t894;
-            jacobian[68][lane] = t103 * t724 + t98 * t725 + t181 * t690 + t114 * t691 + t195 * t656
-                - t120 * t657;
-            jacobian[69][lane] = t119 * t662 - t97 * t730 - prepared_10 * t731 - t113 * t696
-                - prepared_18 * t697 - prepared_19 * t663;
-            jacobian[70][lane] = prepared_12 * t668 - prepared_9 * t736 - prepared_11 * t702;
+            jacobian[51][lane] = cos_frame_rotation_y * t814;
+            jacobian[52][lane] = -t821;
+            jacobian[53][lane] = t228 * t585 - sin_frame_rotation_y - t227 * t589;
+            jacobian[54][lane] = t65 + t226 * t589 - t228 * t581;
+            jacobian[55][lane] = t66 - t226 * t585 + t227 * t581;
+            jacobian[56][lane] = t1235;
+            jacobian[57][lane] = t1247;
+            jacobian[58][lane] = t1242;
+            jacobian[59][lane] = t1251;
+            jacobian[60][lane] = t1250;
+            jacobian[61][lane] = t1249;
+            jacobian[62][lane] = -t1235;
+            jacobian[63][lane] = -t1247;
+            jacobian[64][lane] = -t1242;
+            jacobian[65][lane] = -t1251;
+            jacobian[66][lane] = -t1250;
+            jacobian[67][lane] = -t1249;
+            jacobian[68][lane] = t76 * t936 + t71 * t937 + t144 * t887 + t85 * t888 + t152 * t838
+                - t91 * t839;
+            jacobian[69][lane] = t90 * t844 - t70 * t942 - prepared_10 * t943 - t84 * t893
+                - prepared_18 * t894 - prepared_19 * t845;
+            jacobian[70][lane] = prepared_12 * t850 - prepared_9 * t948 - prepared_11 * t899;
             jacobian[71][lane] = cos_target_rotation_x
-                * (sin_target_rotation_y * t828 + sin_target_rotation_z * t570
-                - cos_target_rotation_z * t573 + cos_target_rotation_y * t792)
+                * (sin_target_rotation_y * t1121 + sin_target_rotation_z * t717
+                - cos_target_rotation_z * t720 + cos_target_rotation_y * t1047)
                 - sin_target_rotation_x
-                * (sin_target_rotation_y * t581 + cos_target_rotation_y * t576
-                + cos_target_rotation_z * t789 - sin_target_rotation_z * t786);
+                * (sin_target_rotation_y * t729 + cos_target_rotation_y * t724
+                + cos_target_rotation_z * t1043 - sin_target_rotation_z * t1039);
             jacobian[72][lane] = cos_target_rotation_y
-                * (sin_target_rotation_x * t828 - t196 * t343 + t199 * t342 - t200
-                + cos_target_rotation_x * t581)
+                * (t227 * t1106 - t157 + cos_target_rotation_x * t729 + t226 * t1090
+                + sin_target_rotation_x * t1121)
                 - sin_target_rotation_y
-                * (cos_target_rotation_x * t576 + sin_target_rotation_x * t792
-                + sin_target_rotation_z * t818 + cos_target_rotation_z * t815);
-            jacobian[73][lane] = t173 * t573 - t174 * t570 + t167 * t789 - t168 * t786
+                * (cos_target_rotation_x * t724 + sin_target_rotation_x * t1047
+                + sin_target_rotation_z * t1110 + cos_target_rotation_z * t1104);
+            jacobian[73][lane] = t140 * t720 - t141 * t717 + t134 * t1043 - t135 * t1039
                 + cos_target_rotation_y
-                * (cos_target_rotation_z * t818 - sin_target_rotation_z * t815);
-            jacobian[74][lane] = t1006;
-            jacobian[75][lane] = t1018;
-            jacobian[76][lane] = t1013;
-            jacobian[77][lane] = t1022;
-            jacobian[78][lane] = t1021;
-            jacobian[79][lane] = t1020;
-            jacobian[80][lane] = -t1006;
-            jacobian[81][lane] = -t1018;
-            jacobian[82][lane] = -t1013;
-            jacobian[83][lane] = -t1022;
-            jacobian[84][lane] = -t1021;
-            jacobian[85][lane] = -t1020;
-            jacobian[86][lane] = t129 * t724 + t97 * t725 + t228 * t690 + t113 * t691 - t242 * t656
-                - t119 * t657;
-            jacobian[87][lane] = t98 * t730 + prepared_13 * t731 + t114 * t696 - prepared_20 * t697
-                - t120 * t662 + prepared_21 * t663;
-            jacobian[88][lane] = prepared_12 * t669 - prepared_9 * t737 - prepared_11 * t703;
+                * (cos_target_rotation_z * t1110 - sin_target_rotation_z * t1104);
+            jacobian[74][lane] = t1504;
+            jacobian[75][lane] = t1516;
+            jacobian[76][lane] = t1511;
+            jacobian[77][lane] = t1520;
+            jacobian[78][lane] = t1519;
+            jacobian[79][lane] = t1518;
+            jacobian[80][lane] = -t1504;
+            jacobian[81][lane] = -t1516;
+            jacobian[82][lane] = -t1511;
+            jacobian[83][lane] = -t1520;
+            jacobian[84][lane] = -t1519;
+            jacobian[85][lane] = -t1518;
+            jacobian[86][lane] = t100 * t936 + t70 * t937 + t160 * t887 + t84 * t888 - t168 * t838
+                - t90 * t839;
+            jacobian[87][lane] = t71 * t942 + prepared_13 * t943 + t85 * t893 - prepared_20 * t894
+                - t91 * t844 + prepared_21 * t845;
+            jacobian[88][lane] = prepared_12 * t851 - prepared_9 * t949 - prepared_11 * t900;
             jacobian[89][lane] = cos_target_rotation_x
-                * (sin_target_rotation_y * t954 + sin_target_rotation_z * t591
-                - cos_target_rotation_z * t594 + cos_target_rotation_y * t918)
+                * (sin_target_rotation_y * t1390 + sin_target_rotation_z * t755
+                - cos_target_rotation_z * t758 + cos_target_rotation_y * t1316)
                 - sin_target_rotation_x
-                * (sin_target_rotation_y * t602 + cos_target_rotation_y * t597
-                + cos_target_rotation_z * t915 - sin_target_rotation_z * t912);
+                * (sin_target_rotation_y * t767 + cos_target_rotation_y * t762
+                + cos_target_rotation_z * t1312 - sin_target_rotation_z * t1308);
             jacobian[90][lane] = cos_target_rotation_y
-                * (sin_target_rotation_x * t954 - t243 * t343 + t246 * t342 + t247
-                + cos_target_rotation_x * t602)
+                * (sin_target_rotation_x * t1390 - t227 * t1375 + t226 * t1359 + t173
+                + cos_target_rotation_x * t767)
                 - sin_target_rotation_y
-                * (cos_target_rotation_x * t597 + sin_target_rotation_x * t918
-                + sin_target_rotation_z * t944 + cos_target_rotation_z * t941);
-            jacobian[91][lane] = t173 * t594 - t174 * t591 + t167 * t915 - t168 * t912
+                * (cos_target_rotation_x * t762 + sin_target_rotation_x * t1316
+                + sin_target_rotation_z * t1379 + cos_target_rotation_z * t1373);
+            jacobian[91][lane] = t140 * t758 - t141 * t755 + t134 * t1312 - t135 * t1308
                 + cos_target_rotation_y
-                * (cos_target_rotation_z * t944 - sin_target_rotation_z * t941);
-            jacobian[92][lane] = t1132;
-            jacobian[93][lane] = t1144;
-            jacobian[94][lane] = t1139;
-            jacobian[95][lane] = t1148;
-            jacobian[96][lane] = t1147;
-            jacobian[97][lane] = t1146;
-            jacobian[98][lane] = -t1132;
-            jacobian[99][lane] = -t1144;
-            jacobian[100][lane] = -t1139;
-            jacobian[101][lane] = -t1148;
-            jacobian[102][lane] = -t1147;
-            jacobian[103][lane] = -t1146;
-            jacobian[104][lane] = t153 * t724 - t152 * t725 - t279 * t690 - t278 * t691
-                + t299 * t656 - t298 * t657;
-            jacobian[105][lane] = t151 * t730 - t277 * t696 + t297 * t662;
-            jacobian[106][lane] = prepared_13 * t736 + prepared_10 * t737 - prepared_20 * t702
-                + prepared_18 * t703 + prepared_21 * t668 + prepared_19 * t669;
+                * (cos_target_rotation_z * t1379 - sin_target_rotation_z * t1373);
+            jacobian[92][lane] = t1773;
+            jacobian[93][lane] = t1785;
+            jacobian[94][lane] = t1780;
+            jacobian[95][lane] = t1789;
+            jacobian[96][lane] = t1788;
+            jacobian[97][lane] = t1787;
+            jacobian[98][lane] = -t1773;
+            jacobian[99][lane] = -t1785;
+            jacobian[100][lane] = -t1780;
+            jacobian[101][lane] = -t1789;
+            jacobian[102][lane] = -t1788;
+            jacobian[103][lane] = -t1787;
+            jacobian[104][lane] = t122 * t936 - t121 * t937 - t180 * t887 - t179 * t888
+                + t194 * t838 - t193 * t839;
+            jacobian[105][lane] = t120 * t942 - t178 * t893 + t192 * t844;
+            jacobian[106][lane] = prepared_13 * t948 + prepared_10 * t949 - prepared_20 * t899
+                + prepared_18 * t900 + prepared_21 * t850 + prepared_19 * t851;
             jacobian[107][lane] = cos_target_rotation_x
-                * (sin_target_rotation_y * t1080 + sin_target_rotation_z * t612
-                - cos_target_rotation_z * t615 - cos_target_rotation_y * t1044)
+                * (sin_target_rotation_y * t1659 + sin_target_rotation_z * t793
+                - cos_target_rotation_z * t796 + cos_target_rotation_y * t1585)
                 - sin_target_rotation_x
-                * (sin_target_rotation_y * t623 + cos_target_rotation_y * t618
-                + cos_target_rotation_z * t1041 - sin_target_rotation_z * t1038);
+                * (sin_target_rotation_y * t805 + cos_target_rotation_y * t800
+                + cos_target_rotation_z * t1581 - sin_target_rotation_z * t1577);
             jacobian[108][lane] = cos_target_rotation_y
-                * (sin_target_rotation_x * t1080 - t300 * t343 + t305 * t342 - t306
-                + cos_target_rotation_x * t623)
+                * (t227 * t1644 - t201 + cos_target_rotation_x * t805 + t226 * t1628
+                + sin_target_rotation_x * t1659)
                 - sin_target_rotation_y
-                * (cos_target_rotation_x * t618 - sin_target_rotation_x * t1044
-                + sin_target_rotation_z * t1070 + cos_target_rotation_z * t1067);
-            jacobian[109][lane] = t173 * t615 - t174 * t612 + t167 * t1041 - t168 * t1038
+                * (cos_target_rotation_x * t800 + sin_target_rotation_x * t1585
+                + sin_target_rotation_z * t1648 + cos_target_rotation_z * t1642);
+            jacobian[109][lane] = t140 * t796 - t141 * t793 + t134 * t1581 - t135 * t1577
                 + cos_target_rotation_y
-                * (cos_target_rotation_z * t1070 - sin_target_rotation_z * t1067);
+                * (cos_target_rotation_z * t1648 - sin_target_rotation_z * t1642);
         }
     }
     /// `F·(C(q) + A(q)·m) + t − x; axial vector of F·A(q)·M·Rᵀ`
@@ -5938,8 +6138,8 @@ pub mod full {
     /// Parameters: `joint1_track_offset_x`, `joint1_track_offset_y`, `joint1_track_offset_z`, `joint1_track_direction_x`, `joint1_track_direction_y`, `joint1_track_direction_z`, `joint2_track_offset_x`, `joint2_track_offset_y`, `joint2_track_offset_z`, `joint2_track_direction_x`, `joint2_track_direction_y`, `joint2_track_direction_z`, `joint3_track_offset_x`, `joint3_track_offset_y`, `joint3_track_offset_z`, `joint3_track_direction_x`, `joint3_track_direction_y`, `joint3_track_direction_z`, `frame_translation_x`, `frame_translation_y`, `frame_translation_z`, `frame_rotation_x`, `frame_rotation_y`, `frame_rotation_z`, `target_position_x`, `target_position_y`, `target_position_z`, `target_rotation_x`, `target_rotation_y`, `target_rotation_z`.
     ///
     /// Once per sample: 33 operations (4 additions, 23 multiplications, 6 functions).
-    /// Residuals: 377 operations (177 additions, 185 multiplications, 3 divisions, 12 functions).
-    /// With the Jacobian: 2605 operations (1239 additions, 1331 multiplications, 21 divisions, 2 negations, 12 functions).
+    /// Residuals: 454 operations (207 additions, 231 multiplications, 4 divisions, 12 functions).
+    /// With the Jacobian: 3246 operations (1527 additions, 1677 multiplications, 28 divisions, 2 negations, 12 functions).
     #[derive(Debug, Clone, Copy)]
     pub struct CartPoseThree;
     impl Formulas for CartPoseThree {
@@ -5975,11 +6175,11 @@ pub mod full {
             let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
             let prepared_7 = sin_beta * cos_alpha;
             let prepared_8 = sin_beta * sin_alpha;
-            let prepared_9 = prepared_4 * 0.5;
-            let prepared_10 = prepared_8 * 0.5;
-            let prepared_11 = prepared_6 * 0.5;
-            let prepared_12 = prepared_5 * 0.5;
-            let prepared_13 = prepared_7 * 0.5;
+            let prepared_9 = 0.5 * prepared_4;
+            let prepared_10 = 0.5 * prepared_8;
+            let prepared_11 = 0.5 * prepared_6;
+            let prepared_12 = 0.5 * prepared_5;
+            let prepared_13 = 0.5 * prepared_7;
             let prepared_14 = t6 * cos_alpha - sin_gamma * sin_alpha;
             let prepared_15 = t6 * sin_alpha + sin_gamma * cos_alpha;
             let prepared_16 = t8 * cos_alpha + cos_gamma * sin_alpha;
@@ -6123,63 +6323,80 @@ pub mod full {
             let t200 = (t137 * t177 + t132 * t174 + t142 * t180) / t194;
             let t206 = (t137 * (t152 * t171 - t158 * t158) + t132 * t177 + t142 * t186) / t194;
             let t212 = (t137 * t186 + t132 * t180 + t142 * (t152 * t163 - t155 * t155)) / t194;
-            let t221 = target_position_z * t206 - target_position_y * t212 + target_position_x
+            let t219 = 0.5 + 0.041666666666666664 * (t206 * t206 + t200 * t200 + t212 * t212);
+            let t220 = t200 * t219;
+            let t221 = t206 * t219;
+            let t222 = t212 * t219;
+            let t229 = 2.0 / (t221 * t221 + t220 * t220 + 1.0 + t222 * t222);
+            let t232 = target_position_z * t221 - target_position_y * t222;
+            let t235 = target_position_x * t222 - target_position_z * t220;
+            let t238 = target_position_y * t220 - target_position_x * t221;
+            let t255 = t229 * (t232 - t222 * t235 + t221 * t238) + target_position_x
                 + 0.3333333333333333
                 * (t4 + joint2_track_offset_x + t1 + joint1_track_offset_x + joint3_track_offset_x
                 + t7);
-            let t224 = target_position_x * t212 - target_position_z * t200 + target_position_y
+            let t257 = t229 * (t235 - t220 * t238 + t222 * t232) + target_position_y
                 + 0.3333333333333333
                 * (t5 + joint2_track_offset_y + t2 + joint1_track_offset_y + joint3_track_offset_y
                 + t8);
-            let t227 = target_position_y * t200 - target_position_x * t206 + target_position_z
+            let t259 = t229 * (t238 - t221 * t232 + t220 * t235) + target_position_z
                 + 0.3333333333333333
                 * (t6 + joint2_track_offset_z + t3 + joint1_track_offset_z + joint3_track_offset_z
                 + t9);
-            let t235 = t14 - sin_target_rotation_y * t206 - t15 * t212;
-            let t237 = sin_target_rotation_y * t200 + t15 + t14 * t212;
-            let t239 = t15 * t200 - t14 * t206 - sin_target_rotation_y;
-            let t248 = cos_frame_rotation_x * t224 - sin_frame_rotation_x * t227;
-            let t249 = sin_frame_rotation_x * t224 + cos_frame_rotation_x * t227;
-            let t254 = sin_frame_rotation_y * t249 + cos_frame_rotation_y * t221;
-            let t272 = cos_frame_rotation_x * t237 - sin_frame_rotation_x * t239;
-            let t273 = sin_frame_rotation_x * t237 + cos_frame_rotation_x * t239;
-            let t278 = cos_frame_rotation_y * t273 - sin_frame_rotation_y * t235;
-            let t279 = sin_frame_rotation_y * t273 + cos_frame_rotation_y * t235;
-            let t284 = cos_frame_rotation_z * t279 - sin_frame_rotation_z * t272;
-            let t285 = sin_frame_rotation_z * t279 + cos_frame_rotation_z * t272;
-            let t297 = t32 - t33 * t212 + t18 * t206;
-            let t299 = t32 * t212 + t33 - t18 * t200;
-            let t301 = t18 - t32 * t206 + t33 * t200;
-            let t306 = cos_frame_rotation_x * t299 - sin_frame_rotation_x * t301;
-            let t307 = sin_frame_rotation_x * t299 + cos_frame_rotation_x * t301;
-            let t312 = cos_frame_rotation_y * t307 - sin_frame_rotation_y * t297;
-            let t313 = sin_frame_rotation_y * t307 + cos_frame_rotation_y * t297;
-            let t318 = cos_frame_rotation_z * t313 - sin_frame_rotation_z * t306;
-            let t319 = sin_frame_rotation_z * t313 + cos_frame_rotation_z * t306;
-            let t331 = t38 - t39 * t212 + t20 * t206;
-            let t333 = t38 * t212 + t39 - t20 * t200;
-            let t335 = t20 - t38 * t206 + t39 * t200;
-            let t340 = cos_frame_rotation_x * t333 - sin_frame_rotation_x * t335;
-            let t341 = sin_frame_rotation_x * t333 + cos_frame_rotation_x * t335;
-            let t346 = cos_frame_rotation_y * t341 - sin_frame_rotation_y * t331;
-            let t347 = sin_frame_rotation_y * t341 + cos_frame_rotation_y * t331;
-            let t352 = cos_frame_rotation_z * t347 - sin_frame_rotation_z * t340;
-            let t353 = sin_frame_rotation_z * t347 + cos_frame_rotation_z * t340;
-            residuals[0][lane] = cos_frame_rotation_z * t254 - sin_frame_rotation_z * t248
+            let t262 = sin_target_rotation_y * t221 + t15 * t222;
+            let t265 = t14 * t222 + sin_target_rotation_y * t220;
+            let t268 = t15 * t220 - t14 * t221;
+            let t284 = t14 + t229 * (t221 * t268 - t222 * t265 - t262);
+            let t285 = t15 + t229 * (t265 - t222 * t262 - t220 * t268);
+            let t286 = t229 * (t221 * t262 + t268 + t220 * t265) - sin_target_rotation_y;
+            let t295 = cos_frame_rotation_x * t257 - sin_frame_rotation_x * t259;
+            let t296 = sin_frame_rotation_x * t257 + cos_frame_rotation_x * t259;
+            let t301 = sin_frame_rotation_y * t296 + cos_frame_rotation_y * t255;
+            let t319 = cos_frame_rotation_x * t285 - sin_frame_rotation_x * t286;
+            let t320 = sin_frame_rotation_x * t285 + cos_frame_rotation_x * t286;
+            let t325 = cos_frame_rotation_y * t320 - sin_frame_rotation_y * t284;
+            let t326 = sin_frame_rotation_y * t320 + cos_frame_rotation_y * t284;
+            let t331 = cos_frame_rotation_z * t326 - sin_frame_rotation_z * t319;
+            let t332 = sin_frame_rotation_z * t326 + cos_frame_rotation_z * t319;
+            let t340 = t18 * t221 - t33 * t222;
+            let t342 = t32 * t222 - t18 * t220;
+            let t345 = t33 * t220 - t32 * t221;
+            let t361 = t32 + t229 * (t340 - t222 * t342 + t221 * t345);
+            let t362 = t33 + t229 * (t342 - t220 * t345 + t222 * t340);
+            let t363 = t18 + t229 * (t345 - t221 * t340 + t220 * t342);
+            let t368 = cos_frame_rotation_x * t362 - sin_frame_rotation_x * t363;
+            let t369 = sin_frame_rotation_x * t362 + cos_frame_rotation_x * t363;
+            let t374 = cos_frame_rotation_y * t369 - sin_frame_rotation_y * t361;
+            let t375 = sin_frame_rotation_y * t369 + cos_frame_rotation_y * t361;
+            let t380 = cos_frame_rotation_z * t375 - sin_frame_rotation_z * t368;
+            let t381 = sin_frame_rotation_z * t375 + cos_frame_rotation_z * t368;
+            let t389 = t20 * t221 - t39 * t222;
+            let t391 = t38 * t222 - t20 * t220;
+            let t394 = t39 * t220 - t38 * t221;
+            let t410 = t38 + t229 * (t389 - t222 * t391 + t221 * t394);
+            let t411 = t39 + t229 * (t391 - t220 * t394 + t222 * t389);
+            let t412 = t20 + t229 * (t394 - t221 * t389 + t220 * t391);
+            let t417 = cos_frame_rotation_x * t411 - sin_frame_rotation_x * t412;
+            let t418 = sin_frame_rotation_x * t411 + cos_frame_rotation_x * t412;
+            let t423 = cos_frame_rotation_y * t418 - sin_frame_rotation_y * t410;
+            let t424 = sin_frame_rotation_y * t418 + cos_frame_rotation_y * t410;
+            let t429 = cos_frame_rotation_z * t424 - sin_frame_rotation_z * t417;
+            let t430 = sin_frame_rotation_z * t424 + cos_frame_rotation_z * t417;
+            residuals[0][lane] = cos_frame_rotation_z * t301 - sin_frame_rotation_z * t295
                 + frame_translation_x - x;
-            residuals[1][lane] = sin_frame_rotation_z * t254 + cos_frame_rotation_z * t248
+            residuals[1][lane] = sin_frame_rotation_z * t301 + cos_frame_rotation_z * t295
                 + frame_translation_y - y;
-            residuals[2][lane] = cos_frame_rotation_y * t249 - sin_frame_rotation_y * t221
+            residuals[2][lane] = cos_frame_rotation_y * t296 - sin_frame_rotation_y * t255
                 + frame_translation_z - z;
             residuals[3][lane] = 0.5
-                * (prepared_15 * t278 - prepared_4 * t353 - prepared_6 * t319 + prepared_5 * t285
-                + prepared_17 * t312 + prepared_8 * t346);
+                * (prepared_15 * t325 - prepared_4 * t430 - prepared_6 * t381 + prepared_5 * t332
+                + prepared_17 * t374 + prepared_8 * t423);
             residuals[4][lane] = 0.5
-                * (prepared_16 * t312 - prepared_7 * t346 - prepared_5 * t284 - prepared_14 * t278
-                + prepared_6 * t318 + prepared_4 * t352);
+                * (prepared_16 * t374 - prepared_7 * t423 - prepared_5 * t331 - prepared_14 * t325
+                + prepared_6 * t380 + prepared_4 * t429);
             residuals[5][lane] = 0.5
-                * (prepared_14 * t285 - prepared_8 * t352 - prepared_15 * t284 - prepared_16 * t319
-                - prepared_17 * t318 + prepared_7 * t353);
+                * (prepared_14 * t332 - prepared_8 * t429 - prepared_15 * t331 - prepared_16 * t381
+                - prepared_17 * t380 + prepared_7 * t430);
         }
         #[inline(always)]
         fn linearize<S: Samples>(
@@ -6247,781 +6464,964 @@ pub mod full {
             let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(frame_rotation_x);
             let t34 = t26 * sin_frame_rotation_x - sin_frame_rotation_z * cos_frame_rotation_x;
             let t35 = t26 * cos_frame_rotation_x + sin_frame_rotation_z * sin_frame_rotation_x;
-            let t45 = 0.3333333333333333 * t35;
-            let t46 = 0.3333333333333333 * t34;
-            let t47 = 0.3333333333333333 * t27;
-            let t48 = sin_frame_rotation_z * sin_frame_rotation_y;
-            let t49 = sin_frame_rotation_z * cos_frame_rotation_y;
-            let t54 = sin_frame_rotation_x * t48 + cos_frame_rotation_z * cos_frame_rotation_x;
-            let t55 = cos_frame_rotation_x * t48 - cos_frame_rotation_z * sin_frame_rotation_x;
-            let t65 = 0.3333333333333333 * t55;
-            let t66 = 0.3333333333333333 * t54;
-            let t67 = 0.3333333333333333 * t49;
-            let t68 = cos_frame_rotation_y * sin_frame_rotation_x;
-            let t69 = cos_frame_rotation_y * cos_frame_rotation_x;
-            let t79 = 0.3333333333333333 * t69;
-            let t80 = 0.3333333333333333 * t68;
-            let t81 = 0.3333333333333333 * sin_frame_rotation_y;
-            let t82 = sin_frame_rotation_z * prepared_9;
-            let t83 = cos_frame_rotation_z * prepared_9;
-            let t88 = cos_frame_rotation_y * prepared_10 - sin_frame_rotation_y * t82;
-            let t89 = cos_frame_rotation_y * t82 + sin_frame_rotation_y * prepared_10;
-            let t94 = sin_frame_rotation_x * t88 - cos_frame_rotation_x * t83;
-            let t95 = cos_frame_rotation_x * t88 + sin_frame_rotation_x * t83;
-            let t98 = sin_frame_rotation_z * prepared_11;
-            let t99 = cos_frame_rotation_z * prepared_11;
-            let t104 = sin_frame_rotation_z * prepared_12;
-            let t105 = cos_frame_rotation_z * prepared_12;
-            let t114 = sin_frame_rotation_y * t83 - cos_frame_rotation_y * prepared_13;
-            let t115 = cos_frame_rotation_y * t83 + sin_frame_rotation_y * prepared_13;
-            let t120 = sin_frame_rotation_x * t114 - cos_frame_rotation_x * t82;
-            let t121 = cos_frame_rotation_x * t114 + sin_frame_rotation_x * t82;
-            let t136 = sin_frame_rotation_z * prepared_13 - cos_frame_rotation_z * prepared_10;
-            let t137 = cos_frame_rotation_z * prepared_13 + sin_frame_rotation_z * prepared_10;
-            let t138 = sin_frame_rotation_y * t136;
-            let t139 = cos_frame_rotation_y * t136;
-            let t144 = sin_frame_rotation_x * t138 + cos_frame_rotation_x * t137;
-            let t145 = cos_frame_rotation_x * t138 - sin_frame_rotation_x * t137;
-            let t152 = cos_target_rotation_z * t19 - sin_target_rotation_z * cos_target_rotation_x;
-            let t153 = sin_target_rotation_z * t19 + cos_target_rotation_z * cos_target_rotation_x;
-            let t158 = cos_target_rotation_z * t21 + sin_target_rotation_z * sin_target_rotation_x;
-            let t159 = sin_target_rotation_z * t21 - cos_target_rotation_z * sin_target_rotation_x;
-            let t166 = cos_frame_rotation_y * prepared_18 - sin_frame_rotation_y * t98;
-            let t167 = cos_frame_rotation_y * t98 + sin_frame_rotation_y * prepared_18;
-            let t170 = sin_frame_rotation_x * t166 - cos_frame_rotation_x * t99;
-            let t171 = sin_frame_rotation_x * t99 + cos_frame_rotation_x * t166;
-            let t180 = sin_frame_rotation_y * t104 + cos_frame_rotation_y * prepared_19;
-            let t181 = cos_frame_rotation_y * t104 - sin_frame_rotation_y * prepared_19;
-            let t184 = cos_frame_rotation_x * t105 + sin_frame_rotation_x * t180;
-            let t185 = cos_frame_rotation_x * t180 - sin_frame_rotation_x * t105;
-            let t213 = sin_frame_rotation_y * t99 + cos_frame_rotation_y * prepared_20;
-            let t214 = cos_frame_rotation_y * t99 - sin_frame_rotation_y * prepared_20;
-            let t217 = sin_frame_rotation_x * t213 - cos_frame_rotation_x * t98;
-            let t218 = sin_frame_rotation_x * t98 + cos_frame_rotation_x * t213;
-            let t227 = sin_frame_rotation_y * t105 + cos_frame_rotation_y * prepared_21;
-            let t228 = sin_frame_rotation_y * prepared_21 - cos_frame_rotation_y * t105;
-            let t231 = cos_frame_rotation_x * t104 - sin_frame_rotation_x * t227;
-            let t232 = sin_frame_rotation_x * t104 + cos_frame_rotation_x * t227;
-            let t262 = sin_frame_rotation_z * prepared_20 + cos_frame_rotation_z * prepared_18;
-            let t263 = sin_frame_rotation_z * prepared_18 - cos_frame_rotation_z * prepared_20;
-            let t264 = sin_frame_rotation_y * t262;
-            let t265 = cos_frame_rotation_y * t262;
-            let t270 = cos_frame_rotation_x * t263 - sin_frame_rotation_x * t264;
-            let t271 = cos_frame_rotation_x * t264 + sin_frame_rotation_x * t263;
-            let t282 = sin_frame_rotation_z * prepared_21 - cos_frame_rotation_z * prepared_19;
-            let t283 = cos_frame_rotation_z * prepared_21 + sin_frame_rotation_z * prepared_19;
-            let t284 = sin_frame_rotation_y * t282;
-            let t285 = cos_frame_rotation_y * t282;
-            let t290 = sin_frame_rotation_x * t284 + cos_frame_rotation_x * t283;
-            let t291 = cos_frame_rotation_x * t284 - sin_frame_rotation_x * t283;
-            let t337 = 0.3333333333333333
+            let t36 = 0.3333333333333333 * t35;
+            let t37 = 0.3333333333333333 * t34;
+            let t38 = 0.3333333333333333 * t27;
+            let t39 = sin_frame_rotation_z * sin_frame_rotation_y;
+            let t40 = sin_frame_rotation_z * cos_frame_rotation_y;
+            let t45 = sin_frame_rotation_x * t39 + cos_frame_rotation_z * cos_frame_rotation_x;
+            let t46 = cos_frame_rotation_x * t39 - cos_frame_rotation_z * sin_frame_rotation_x;
+            let t47 = 0.3333333333333333 * t46;
+            let t48 = 0.3333333333333333 * t45;
+            let t49 = 0.3333333333333333 * t40;
+            let t50 = cos_frame_rotation_y * sin_frame_rotation_x;
+            let t51 = cos_frame_rotation_y * cos_frame_rotation_x;
+            let t52 = 0.3333333333333333 * t51;
+            let t53 = 0.3333333333333333 * t50;
+            let t54 = 0.3333333333333333 * sin_frame_rotation_y;
+            let t55 = sin_frame_rotation_z * prepared_9;
+            let t56 = cos_frame_rotation_z * prepared_9;
+            let t61 = cos_frame_rotation_y * prepared_10 - sin_frame_rotation_y * t55;
+            let t62 = cos_frame_rotation_y * t55 + sin_frame_rotation_y * prepared_10;
+            let t67 = sin_frame_rotation_x * t61 - cos_frame_rotation_x * t56;
+            let t68 = cos_frame_rotation_x * t61 + sin_frame_rotation_x * t56;
+            let t69 = sin_frame_rotation_z * prepared_11;
+            let t70 = cos_frame_rotation_z * prepared_11;
+            let t75 = sin_frame_rotation_z * prepared_12;
+            let t76 = cos_frame_rotation_z * prepared_12;
+            let t85 = sin_frame_rotation_y * t56 - cos_frame_rotation_y * prepared_13;
+            let t86 = cos_frame_rotation_y * t56 + sin_frame_rotation_y * prepared_13;
+            let t91 = sin_frame_rotation_x * t85 - cos_frame_rotation_x * t55;
+            let t92 = cos_frame_rotation_x * t85 + sin_frame_rotation_x * t55;
+            let t105 = sin_frame_rotation_z * prepared_13 - cos_frame_rotation_z * prepared_10;
+            let t106 = cos_frame_rotation_z * prepared_13 + sin_frame_rotation_z * prepared_10;
+            let t107 = sin_frame_rotation_y * t105;
+            let t108 = cos_frame_rotation_y * t105;
+            let t113 = sin_frame_rotation_x * t107 + cos_frame_rotation_x * t106;
+            let t114 = cos_frame_rotation_x * t107 - sin_frame_rotation_x * t106;
+            let t119 = cos_target_rotation_z * t19 - sin_target_rotation_z * cos_target_rotation_x;
+            let t120 = sin_target_rotation_z * t19 + cos_target_rotation_z * cos_target_rotation_x;
+            let t125 = cos_target_rotation_z * t21 + sin_target_rotation_z * sin_target_rotation_x;
+            let t126 = sin_target_rotation_z * t21 - cos_target_rotation_z * sin_target_rotation_x;
+            let t129 = cos_frame_rotation_y * prepared_18 - sin_frame_rotation_y * t69;
+            let t130 = cos_frame_rotation_y * t69 + sin_frame_rotation_y * prepared_18;
+            let t133 = sin_frame_rotation_x * t129 - cos_frame_rotation_x * t70;
+            let t134 = sin_frame_rotation_x * t70 + cos_frame_rotation_x * t129;
+            let t137 = sin_frame_rotation_y * t75 + cos_frame_rotation_y * prepared_19;
+            let t138 = cos_frame_rotation_y * t75 - sin_frame_rotation_y * prepared_19;
+            let t141 = cos_frame_rotation_x * t76 + sin_frame_rotation_x * t137;
+            let t142 = cos_frame_rotation_x * t137 - sin_frame_rotation_x * t76;
+            let t145 = sin_frame_rotation_y * t70 + cos_frame_rotation_y * prepared_20;
+            let t146 = cos_frame_rotation_y * t70 - sin_frame_rotation_y * prepared_20;
+            let t149 = sin_frame_rotation_x * t145 - cos_frame_rotation_x * t69;
+            let t150 = sin_frame_rotation_x * t69 + cos_frame_rotation_x * t145;
+            let t153 = sin_frame_rotation_y * t76 + cos_frame_rotation_y * prepared_21;
+            let t154 = sin_frame_rotation_y * prepared_21 - cos_frame_rotation_y * t76;
+            let t157 = cos_frame_rotation_x * t75 - sin_frame_rotation_x * t153;
+            let t158 = sin_frame_rotation_x * t75 + cos_frame_rotation_x * t153;
+            let t163 = sin_frame_rotation_z * prepared_20 + cos_frame_rotation_z * prepared_18;
+            let t164 = sin_frame_rotation_z * prepared_18 - cos_frame_rotation_z * prepared_20;
+            let t165 = sin_frame_rotation_y * t163;
+            let t166 = cos_frame_rotation_y * t163;
+            let t171 = cos_frame_rotation_x * t164 - sin_frame_rotation_x * t165;
+            let t172 = cos_frame_rotation_x * t165 + sin_frame_rotation_x * t164;
+            let t177 = sin_frame_rotation_z * prepared_21 - cos_frame_rotation_z * prepared_19;
+            let t178 = cos_frame_rotation_z * prepared_21 + sin_frame_rotation_z * prepared_19;
+            let t179 = sin_frame_rotation_y * t177;
+            let t180 = cos_frame_rotation_y * t177;
+            let t185 = sin_frame_rotation_x * t179 + cos_frame_rotation_x * t178;
+            let t186 = cos_frame_rotation_x * t179 - sin_frame_rotation_x * t178;
+            let t211 = 0.3333333333333333
                 * (joint2_track_offset_x + joint1_track_offset_x + joint3_track_offset_x);
-            let t338 = 0.3333333333333333
+            let t212 = 0.3333333333333333
                 * (joint2_track_offset_y + joint1_track_offset_y + joint3_track_offset_y);
-            let t339 = 0.3333333333333333
+            let t213 = 0.3333333333333333
                 * (joint2_track_offset_z + joint1_track_offset_z + joint3_track_offset_z);
-            let t346 = 0.3333333333333333 * (t4 + t1 + t7);
-            let t347 = 0.3333333333333333 * (t5 + t2 + t8);
-            let t348 = 0.3333333333333333 * (t6 + t3 + t9);
-            let t349 = joint1_track_offset_x - t337;
-            let t350 = joint1_track_offset_y - t338;
-            let t351 = joint1_track_offset_z - t339;
-            let t352 = t1 - t346;
-            let t353 = t2 - t347;
-            let t354 = t3 - t348;
-            let t361 = t349 * t349;
-            let t362 = t350 * t350;
-            let t363 = t351 * t351;
-            let t365 = t362 + t361 + t363;
-            let t369 = joint2_track_offset_x - t337;
-            let t370 = joint2_track_offset_y - t338;
-            let t371 = joint2_track_offset_z - t339;
-            let t372 = t4 - t346;
-            let t373 = t5 - t347;
-            let t374 = t6 - t348;
-            let t381 = t369 * t369;
-            let t382 = t370 * t370;
-            let t383 = t371 * t371;
-            let t385 = t382 + t381 + t383;
-            let t389 = joint3_track_offset_x - t337;
-            let t390 = joint3_track_offset_y - t338;
-            let t391 = joint3_track_offset_z - t339;
-            let t392 = t7 - t346;
-            let t393 = t8 - t347;
-            let t394 = t9 - t348;
-            let t405 = t350 * t354 - t391 * t393 - t371 * t373 - t351 * t353 + t370 * t374
-                + t390 * t394;
-            let t410 = t351 * t352 - t389 * t394 - t369 * t374 - t349 * t354 + t371 * t372
-                + t391 * t392;
-            let t415 = t349 * t353 - t390 * t392 - t370 * t372 - t350 * t352 + t369 * t373
-                + t389 * t393;
-            let t416 = t389 * t389;
-            let t417 = t390 * t390;
-            let t418 = t391 * t391;
-            let t420 = t417 + t416 + t418;
-            let t425 = t365 - t416 - t381 - t361 + t385 + t420;
-            let t428 = t349 * t350 + t369 * t370 + t389 * t390;
-            let t431 = t349 * t351 + t369 * t371 + t389 * t391;
-            let t436 = t365 - t417 - t382 - t362 + t385 + t420;
-            let t439 = t350 * t351 + t370 * t371 + t390 * t391;
-            let t444 = t365 - t418 - t383 - t363 + t385 + t420;
-            let t447 = t436 * t444 - t439 * t439;
-            let t450 = t431 * t439 + t428 * t444;
-            let t453 = t428 * t439 + t431 * t436;
-            let t456 = t425 * t444 - t431 * t431;
-            let t459 = t428 * t431 + t425 * t439;
-            let t462 = t425 * t436 - t428 * t428;
-            let t467 = t425 * t447 - t428 * t450 - t431 * t453;
-            let t473 = (t410 * t450 + t405 * t447 + t415 * t453) / t467;
-            let t479 = (t410 * t456 + t405 * t450 + t415 * t459) / t467;
-            let t485 = (t410 * t459 + t405 * t453 + t415 * t462) / t467;
-            let t494 = target_position_z * t479 - target_position_y * t485 + target_position_x
+            let t220 = 0.3333333333333333 * (t4 + t1 + t7);
+            let t221 = 0.3333333333333333 * (t5 + t2 + t8);
+            let t222 = 0.3333333333333333 * (t6 + t3 + t9);
+            let t223 = joint1_track_offset_x - t211;
+            let t224 = joint1_track_offset_y - t212;
+            let t225 = joint1_track_offset_z - t213;
+            let t226 = t1 - t220;
+            let t227 = t2 - t221;
+            let t228 = t3 - t222;
+            let t235 = t223 * t223;
+            let t236 = t224 * t224;
+            let t237 = t225 * t225;
+            let t239 = t236 + t235 + t237;
+            let t243 = joint2_track_offset_x - t211;
+            let t244 = joint2_track_offset_y - t212;
+            let t245 = joint2_track_offset_z - t213;
+            let t246 = t4 - t220;
+            let t247 = t5 - t221;
+            let t248 = t6 - t222;
+            let t255 = t243 * t243;
+            let t256 = t244 * t244;
+            let t257 = t245 * t245;
+            let t259 = t256 + t255 + t257;
+            let t263 = joint3_track_offset_x - t211;
+            let t264 = joint3_track_offset_y - t212;
+            let t265 = joint3_track_offset_z - t213;
+            let t266 = t7 - t220;
+            let t267 = t8 - t221;
+            let t268 = t9 - t222;
+            let t279 = t224 * t228 - t265 * t267 - t245 * t247 - t225 * t227 + t244 * t248
+                + t264 * t268;
+            let t284 = t225 * t226 - t263 * t268 - t243 * t248 - t223 * t228 + t245 * t246
+                + t265 * t266;
+            let t289 = t223 * t227 - t264 * t266 - t244 * t246 - t224 * t226 + t243 * t247
+                + t263 * t267;
+            let t290 = t263 * t263;
+            let t291 = t264 * t264;
+            let t292 = t265 * t265;
+            let t294 = t291 + t290 + t292;
+            let t299 = t239 - t290 - t255 - t235 + t259 + t294;
+            let t302 = t223 * t224 + t243 * t244 + t263 * t264;
+            let t305 = t223 * t225 + t243 * t245 + t263 * t265;
+            let t310 = t239 - t291 - t256 - t236 + t259 + t294;
+            let t313 = t224 * t225 + t244 * t245 + t264 * t265;
+            let t318 = t239 - t292 - t257 - t237 + t259 + t294;
+            let t321 = t310 * t318 - t313 * t313;
+            let t324 = t305 * t313 + t302 * t318;
+            let t327 = t302 * t313 + t305 * t310;
+            let t330 = t299 * t318 - t305 * t305;
+            let t333 = t302 * t305 + t299 * t313;
+            let t336 = t299 * t310 - t302 * t302;
+            let t341 = t299 * t321 - t302 * t324 - t305 * t327;
+            let t347 = (t284 * t324 + t279 * t321 + t289 * t327) / t341;
+            let t353 = (t284 * t330 + t279 * t324 + t289 * t333) / t341;
+            let t359 = (t284 * t333 + t279 * t327 + t289 * t336) / t341;
+            let t366 = 0.5 + 0.041666666666666664 * (t353 * t353 + t347 * t347 + t359 * t359);
+            let t367 = t347 * t366;
+            let t368 = t353 * t366;
+            let t369 = t359 * t366;
+            let t375 = t368 * t368 + t367 * t367 + 1.0 + t369 * t369;
+            let t376 = 2.0 / t375;
+            let t379 = target_position_z * t368 - target_position_y * t369;
+            let t382 = target_position_x * t369 - target_position_z * t367;
+            let t385 = target_position_y * t367 - target_position_x * t368;
+            let t393 = t379 - t369 * t382 + t368 * t385;
+            let t395 = t382 - t367 * t385 + t369 * t379;
+            let t397 = t385 - t368 * t379 + t367 * t382;
+            let t402 = t376 * t393 + target_position_x
                 + 0.3333333333333333
                 * (t4 + joint2_track_offset_x + t1 + joint1_track_offset_x + joint3_track_offset_x
                 + t7);
-            let t497 = target_position_x * t485 - target_position_z * t473 + target_position_y
+            let t404 = t376 * t395 + target_position_y
                 + 0.3333333333333333
                 * (t5 + joint2_track_offset_y + t2 + joint1_track_offset_y + joint3_track_offset_y
                 + t8);
-            let t500 = target_position_y * t473 - target_position_x * t479 + target_position_z
+            let t406 = t376 * t397 + target_position_z
                 + 0.3333333333333333
                 * (t6 + joint2_track_offset_z + t3 + joint1_track_offset_z + joint3_track_offset_z
                 + t9);
-            let t508 = t14 - sin_target_rotation_y * t479 - t15 * t485;
-            let t510 = sin_target_rotation_y * t473 + t15 + t14 * t485;
-            let t512 = t15 * t473 - t14 * t479 - sin_target_rotation_y;
-            let t529 = (target_position_x * t34 - target_position_y * t27) / t467;
-            let t532 = t415 * t529;
-            let t537 = (target_position_z * t27 - target_position_x * t35) / t467;
-            let t541 = t410 * t529 + t415 * t537;
-            let t543 = t410 * t537;
-            let t546 = (target_position_y * t35 - target_position_z * t34) / t467;
-            let t549 = t485 * t529 + t479 * t537 + t473 * t546;
-            let t553 = t462 * t529 + t459 * t537 + t453 * t546;
-            let t557 = t459 * t529 + t456 * t537 + t450 * t546;
-            let t561 = t453 * t529 + t450 * t537 + t447 * t546;
-            let t565 = t405 * t529 + t415 * t546 + t431 * t549;
-            let t569 = t405 * t537 + t410 * t546 + t428 * t549;
-            let t572 = t405 * t546 - t425 * t549;
-            let t573 = t428 * t532;
-            let t580 = t431 * t543;
-            let t585 = t436 * t532 - t447 * t549 + t439 * t541 + t444 * t543;
-            let t596 = t450 * t549 - t573 - t573 + t431 * t541 + t439 * t565 + t444 * t569;
-            let t603 = t428 * t541 - t580 + t453 * t549 - t580 + t436 * t565 + t439 * t569;
-            let t604 = t439 * t572;
-            let t608 = t431 * t569 - t604 + t428 * t565 + t425 * t541 - t604;
-            let t612 = t425 * t532 + t431 * t565 + t444 * t572;
-            let t614 = t425 * t543 + t428 * t569 + t436 * t572;
-            let t622 = t614 + t585 + t612;
-            let t623 = t622 - t614;
-            let t624 = t622 - t585;
-            let t625 = t622 - t612;
-            let t626 = t391 * t623;
-            let t627 = t390 * t625;
-            let t628 = t389 * t624;
-            let t639 = t628 + t390 * t596 + t391 * t603 + t628 + t393 * t553 - t394 * t557;
-            let t642 = t391 * t557 - t390 * t553;
-            let t649 = t626 + t389 * t603 + t390 * t608 + t626 + t392 * t557 - t393 * t561;
-            let t650 = t389 * t553 - t391 * t561;
-            let t657 = t627 + t389 * t596 + t391 * t608 + t627 - t392 * t553 + t394 * t561;
-            let t658 = t390 * t561 - t389 * t557;
-            let t665 = t371 * t623;
-            let t666 = t370 * t625;
-            let t667 = t369 * t624;
-            let t678 = t667 + t370 * t596 + t371 * t603 + t667 + t373 * t553 - t374 * t557;
-            let t681 = t371 * t557 - t370 * t553;
-            let t688 = t665 + t369 * t603 + t370 * t608 + t665 + t372 * t557 - t373 * t561;
-            let t689 = t369 * t553 - t371 * t561;
-            let t696 = t666 + t369 * t596 + t371 * t608 + t666 - t372 * t553 + t374 * t561;
-            let t697 = t370 * t561 - t369 * t557;
-            let t704 = t351 * t623;
-            let t705 = t350 * t625;
-            let t706 = t349 * t624;
-            let t717 = t706 + t350 * t596 + t351 * t603 + t706 + t353 * t553 - t354 * t557;
-            let t720 = t351 * t557 - t350 * t553;
-            let t727 = t704 + t349 * t603 + t350 * t608 + t704 + t352 * t557 - t353 * t561;
-            let t728 = t349 * t553 - t351 * t561;
-            let t735 = t705 + t349 * t596 + t351 * t608 + t705 - t352 * t553 + t354 * t561;
-            let t736 = t350 * t561 - t349 * t557;
-            let t749 = 0.3333333333333333 * (t658 + t697 + t736);
-            let t750 = 0.3333333333333333 * (t650 + t689 + t728);
-            let t751 = 0.3333333333333333 * (t642 + t681 + t720);
-            let t752 = 0.3333333333333333 * (t649 + t688 + t727);
-            let t753 = 0.3333333333333333 * (t657 + t696 + t735);
-            let t754 = 0.3333333333333333 * (t639 + t678 + t717);
-            let t812 = (target_position_x * t54 - target_position_y * t49) / t467;
-            let t815 = t415 * t812;
-            let t820 = (target_position_z * t49 - target_position_x * t55) / t467;
-            let t824 = t410 * t812 + t415 * t820;
-            let t826 = t410 * t820;
-            let t829 = (target_position_y * t55 - target_position_z * t54) / t467;
-            let t832 = t485 * t812 + t479 * t820 + t473 * t829;
-            let t836 = t462 * t812 + t459 * t820 + t453 * t829;
-            let t840 = t459 * t812 + t456 * t820 + t450 * t829;
-            let t844 = t453 * t812 + t450 * t820 + t447 * t829;
-            let t848 = t405 * t812 + t415 * t829 + t431 * t832;
-            let t852 = t405 * t820 + t410 * t829 + t428 * t832;
-            let t855 = t405 * t829 - t425 * t832;
-            let t856 = t428 * t815;
-            let t863 = t431 * t826;
-            let t868 = t436 * t815 - t447 * t832 + t439 * t824 + t444 * t826;
-            let t879 = t450 * t832 - t856 - t856 + t431 * t824 + t439 * t848 + t444 * t852;
-            let t886 = t428 * t824 - t863 + t453 * t832 - t863 + t436 * t848 + t439 * t852;
-            let t887 = t439 * t855;
-            let t891 = t431 * t852 - t887 + t428 * t848 + t425 * t824 - t887;
-            let t895 = t425 * t815 + t431 * t848 + t444 * t855;
-            let t897 = t425 * t826 + t428 * t852 + t436 * t855;
-            let t905 = t897 + t868 + t895;
-            let t906 = t905 - t897;
-            let t907 = t905 - t868;
-            let t908 = t905 - t895;
-            let t909 = t391 * t906;
-            let t910 = t390 * t908;
-            let t911 = t389 * t907;
-            let t922 = t911 + t390 * t879 + t391 * t886 + t911 + t393 * t836 - t394 * t840;
-            let t925 = t391 * t840 - t390 * t836;
-            let t932 = t909 + t389 * t886 + t390 * t891 + t909 + t392 * t840 - t393 * t844;
-            let t933 = t389 * t836 - t391 * t844;
-            let t940 = t910 + t389 * t879 + t391 * t891 + t910 - t392 * t836 + t394 * t844;
-            let t941 = t390 * t844 - t389 * t840;
-            let t948 = t371 * t906;
-            let t949 = t370 * t908;
-            let t950 = t369 * t907;
-            let t961 = t950 + t370 * t879 + t371 * t886 + t950 + t373 * t836 - t374 * t840;
-            let t964 = t371 * t840 - t370 * t836;
-            let t971 = t948 + t369 * t886 + t370 * t891 + t948 + t372 * t840 - t373 * t844;
-            let t972 = t369 * t836 - t371 * t844;
-            let t979 = t949 + t369 * t879 + t371 * t891 + t949 - t372 * t836 + t374 * t844;
-            let t980 = t370 * t844 - t369 * t840;
-            let t987 = t351 * t906;
-            let t988 = t350 * t908;
-            let t989 = t349 * t907;
-            let t1000 = t989 + t350 * t879 + t351 * t886 + t989 + t353 * t836 - t354 * t840;
-            let t1003 = t351 * t840 - t350 * t836;
-            let t1010 = t987 + t349 * t886 + t350 * t891 + t987 + t352 * t840 - t353 * t844;
-            let t1011 = t349 * t836 - t351 * t844;
-            let t1018 = t988 + t349 * t879 + t351 * t891 + t988 - t352 * t836 + t354 * t844;
-            let t1019 = t350 * t844 - t349 * t840;
-            let t1032 = 0.3333333333333333 * (t941 + t980 + t1019);
-            let t1033 = 0.3333333333333333 * (t933 + t972 + t1011);
-            let t1034 = 0.3333333333333333 * (t925 + t964 + t1003);
-            let t1035 = 0.3333333333333333 * (t932 + t971 + t1010);
-            let t1036 = 0.3333333333333333 * (t940 + t979 + t1018);
-            let t1037 = 0.3333333333333333 * (t922 + t961 + t1000);
-            let t1095 = (target_position_x * t68 + target_position_y * sin_frame_rotation_y) / t467;
-            let t1098 = t415 * t1095;
-            let t1103 = (target_position_x * t69 + target_position_z * sin_frame_rotation_y) / t467;
-            let t1107 = t410 * t1095 - t415 * t1103;
-            let t1109 = t410 * t1103;
-            let t1112 = (target_position_y * t69 - target_position_z * t68) / t467;
-            let t1115 = t479 * t1103 - t485 * t1095 - t473 * t1112;
-            let t1119 = t462 * t1095 - t459 * t1103 + t453 * t1112;
-            let t1123 = t459 * t1095 - t456 * t1103 + t450 * t1112;
-            let t1127 = t453 * t1095 - t450 * t1103 + t447 * t1112;
-            let t1131 = t405 * t1095 + t415 * t1112 - t431 * t1115;
-            let t1135 = t410 * t1112 - t405 * t1103 - t428 * t1115;
-            let t1138 = t405 * t1112 + t425 * t1115;
-            let t1139 = t428 * t1098;
-            let t1146 = t431 * t1109;
-            let t1151 = t447 * t1115 + t436 * t1098 + t439 * t1107 - t444 * t1109;
-            let t1162 = t431 * t1107 - t1139 - t450 * t1115 - t1139 + t439 * t1131 + t444 * t1135;
-            let t1169 = t1146 + t428 * t1107 - t453 * t1115 + t1146 + t436 * t1131 + t439 * t1135;
-            let t1170 = t439 * t1138;
-            let t1174 = t431 * t1135 - t1170 + t428 * t1131 + t425 * t1107 - t1170;
-            let t1178 = t425 * t1098 + t431 * t1131 + t444 * t1138;
-            let t1180 = t428 * t1135 - t425 * t1109 + t436 * t1138;
-            let t1188 = t1180 + t1151 + t1178;
-            let t1189 = t1188 - t1180;
-            let t1190 = t1188 - t1151;
-            let t1191 = t1188 - t1178;
-            let t1192 = t391 * t1189;
-            let t1193 = t390 * t1191;
-            let t1194 = t389 * t1190;
-            let t1205 = t1194 + t390 * t1162 + t391 * t1169 + t1194 + t393 * t1119 - t394 * t1123;
-            let t1208 = t391 * t1123 - t390 * t1119;
-            let t1215 = t1192 + t389 * t1169 + t390 * t1174 + t1192 + t392 * t1123 - t393 * t1127;
-            let t1216 = t389 * t1119 - t391 * t1127;
-            let t1223 = t1193 + t389 * t1162 + t391 * t1174 + t1193 - t392 * t1119 + t394 * t1127;
-            let t1224 = t390 * t1127 - t389 * t1123;
-            let t1231 = t371 * t1189;
-            let t1232 = t370 * t1191;
-            let t1233 = t369 * t1190;
-            let t1244 = t1233 + t370 * t1162 + t371 * t1169 + t1233 + t373 * t1119 - t374 * t1123;
-            let t1247 = t371 * t1123 - t370 * t1119;
-            let t1254 = t1231 + t369 * t1169 + t370 * t1174 + t1231 + t372 * t1123 - t373 * t1127;
-            let t1255 = t369 * t1119 - t371 * t1127;
-            let t1262 = t1232 + t369 * t1162 + t371 * t1174 + t1232 - t372 * t1119 + t374 * t1127;
-            let t1263 = t370 * t1127 - t369 * t1123;
-            let t1270 = t351 * t1189;
-            let t1271 = t350 * t1191;
-            let t1272 = t349 * t1190;
-            let t1283 = t1272 + t350 * t1162 + t351 * t1169 + t1272 + t353 * t1119 - t354 * t1123;
-            let t1286 = t351 * t1123 - t350 * t1119;
-            let t1293 = t1270 + t349 * t1169 + t350 * t1174 + t1270 + t352 * t1123 - t353 * t1127;
-            let t1294 = t349 * t1119 - t351 * t1127;
-            let t1301 = t1271 + t349 * t1162 + t351 * t1174 + t1271 - t352 * t1119 + t354 * t1127;
-            let t1302 = t350 * t1127 - t349 * t1123;
-            let t1315 = 0.3333333333333333 * (t1224 + t1263 + t1302);
-            let t1316 = 0.3333333333333333 * (t1216 + t1255 + t1294);
-            let t1317 = 0.3333333333333333 * (t1208 + t1247 + t1286);
-            let t1318 = 0.3333333333333333 * (t1215 + t1254 + t1293);
-            let t1319 = 0.3333333333333333 * (t1223 + t1262 + t1301);
-            let t1320 = 0.3333333333333333 * (t1205 + t1244 + t1283);
-            let t1371 = t94 * t485 - t89 - t95 * t479;
-            let t1374 = t94 + t95 * t473 + t89 * t485;
-            let t1377 = t95 - t94 * t473 - t89 * t479;
-            let t1382 = sin_target_rotation_z * t1374 + cos_target_rotation_z * t1371;
-            let t1392 = t115 - t121 * t479 + t120 * t485;
-            let t1395 = t120 + t121 * t473 - t115 * t485;
-            let t1398 = t121 - t120 * t473 + t115 * t479;
-            let t1403 = sin_target_rotation_z * t1395 + cos_target_rotation_z * t1392;
-            let t1413 = t139 - t145 * t479 + t144 * t485;
-            let t1416 = t144 + t145 * t473 - t139 * t485;
-            let t1419 = t145 - t144 * t473 + t139 * t479;
-            let t1424 = sin_target_rotation_z * t1416 + cos_target_rotation_z * t1413;
-            let t1433 = cos_frame_rotation_x * t497 - sin_frame_rotation_x * t500;
-            let t1434 = sin_frame_rotation_x * t497 + cos_frame_rotation_x * t500;
-            let t1439 = cos_frame_rotation_y * t1434 - sin_frame_rotation_y * t494;
-            let t1440 = sin_frame_rotation_y * t1434 + cos_frame_rotation_y * t494;
-            let t1445 = cos_frame_rotation_z * t1440 - sin_frame_rotation_z * t1433;
-            let t1446 = sin_frame_rotation_z * t1440 + cos_frame_rotation_z * t1433;
-            let t1457 = cos_frame_rotation_x * t510 - sin_frame_rotation_x * t512;
-            let t1458 = sin_frame_rotation_x * t510 + cos_frame_rotation_x * t512;
-            let t1463 = cos_frame_rotation_y * t1458 - sin_frame_rotation_y * t508;
-            let t1464 = sin_frame_rotation_y * t1458 + cos_frame_rotation_y * t508;
-            let t1469 = cos_frame_rotation_z * t1464 - sin_frame_rotation_z * t1457;
-            let t1470 = sin_frame_rotation_z * t1464 + cos_frame_rotation_z * t1457;
-            let t1482 = t152 - t153 * t485 + t18 * t479;
-            let t1484 = t152 * t485 + t153 - t18 * t473;
-            let t1486 = t18 - t152 * t479 + t153 * t473;
-            let t1491 = cos_frame_rotation_x * t1484 - sin_frame_rotation_x * t1486;
-            let t1492 = sin_frame_rotation_x * t1484 + cos_frame_rotation_x * t1486;
-            let t1497 = cos_frame_rotation_y * t1492 - sin_frame_rotation_y * t1482;
-            let t1498 = sin_frame_rotation_y * t1492 + cos_frame_rotation_y * t1482;
-            let t1503 = cos_frame_rotation_z * t1498 - sin_frame_rotation_z * t1491;
-            let t1504 = sin_frame_rotation_z * t1498 + cos_frame_rotation_z * t1491;
-            let t1516 = t158 - t159 * t485 + t20 * t479;
-            let t1518 = t158 * t485 + t159 - t20 * t473;
-            let t1520 = t20 - t158 * t479 + t159 * t473;
-            let t1525 = cos_frame_rotation_x * t1518 - sin_frame_rotation_x * t1520;
-            let t1526 = sin_frame_rotation_x * t1518 + cos_frame_rotation_x * t1520;
-            let t1531 = cos_frame_rotation_y * t1526 - sin_frame_rotation_y * t1516;
-            let t1532 = sin_frame_rotation_y * t1526 + cos_frame_rotation_y * t1516;
-            let t1537 = cos_frame_rotation_z * t1532 - sin_frame_rotation_z * t1525;
-            let t1538 = sin_frame_rotation_z * t1532 + cos_frame_rotation_z * t1525;
-            let t1587 = t170 * t485 - t167 - t171 * t479;
-            let t1590 = t170 + t171 * t473 + t167 * t485;
-            let t1593 = t171 - t170 * t473 - t167 * t479;
-            let t1616 = t181 - t185 * t479 + t184 * t485;
-            let t1619 = t184 + t185 * t473 - t181 * t485;
-            let t1629 = sin_target_rotation_z * t1590 + cos_target_rotation_z * t1587;
-            let t1663 =
-                (t94 * t158 + t89 * t159 + t152 * t170 + t153 * t167 + t14 * t184 - t15 * t181)
-                / t467;
-            let t1666 = t415 * t1663;
-            let t1671 =
-                (t20 * t89 + t95 * t158 + t152 * t171 + t18 * t167 + t14 * t185
-                + sin_target_rotation_y * t181) / t467;
-            let t1675 = t410 * t1663 - t415 * t1671;
-            let t1677 = t410 * t1671;
-            let t1680 =
-                (t95 * t159 - t20 * t94 + t153 * t171 - t18 * t170 + t15 * t185
-                + sin_target_rotation_y * t184) / t467;
-            let t1683 = t479 * t1671 - t485 * t1663 - t473 * t1680;
-            let t1687 = t462 * t1663 - t459 * t1671 + t453 * t1680;
-            let t1691 = t459 * t1663 - t456 * t1671 + t450 * t1680;
-            let t1695 = t453 * t1663 - t450 * t1671 + t447 * t1680;
-            let t1699 = t405 * t1663 + t415 * t1680 - t431 * t1683;
-            let t1703 = t410 * t1680 - t405 * t1671 - t428 * t1683;
-            let t1706 = t405 * t1680 + t425 * t1683;
-            let t1707 = t428 * t1666;
-            let t1714 = t431 * t1677;
-            let t1719 = t447 * t1683 + t436 * t1666 + t439 * t1675 - t444 * t1677;
-            let t1730 = t431 * t1675 - t1707 - t450 * t1683 - t1707 + t439 * t1699 + t444 * t1703;
-            let t1737 = t1714 + t428 * t1675 - t453 * t1683 + t1714 + t436 * t1699 + t439 * t1703;
-            let t1738 = t439 * t1706;
-            let t1742 = t431 * t1703 - t1738 + t428 * t1699 + t425 * t1675 - t1738;
-            let t1746 = t425 * t1666 + t431 * t1699 + t444 * t1706;
-            let t1748 = t428 * t1703 - t425 * t1677 + t436 * t1706;
-            let t1756 = t1748 + t1719 + t1746;
-            let t1757 = t1756 - t1748;
-            let t1758 = t1756 - t1719;
-            let t1759 = t1756 - t1746;
-            let t1760 = t391 * t1757;
-            let t1761 = t390 * t1759;
-            let t1762 = t389 * t1758;
-            let t1773 = t1762 + t390 * t1730 + t391 * t1737 + t1762 + t393 * t1687 - t394 * t1691;
-            let t1776 = t391 * t1691 - t390 * t1687;
-            let t1783 = t1760 + t389 * t1737 + t390 * t1742 + t1760 + t392 * t1691 - t393 * t1695;
-            let t1784 = t389 * t1687 - t391 * t1695;
-            let t1791 = t1761 + t389 * t1730 + t391 * t1742 + t1761 - t392 * t1687 + t394 * t1695;
-            let t1792 = t390 * t1695 - t389 * t1691;
-            let t1799 = t371 * t1757;
-            let t1800 = t370 * t1759;
-            let t1801 = t369 * t1758;
-            let t1812 = t1801 + t370 * t1730 + t371 * t1737 + t1801 + t373 * t1687 - t374 * t1691;
-            let t1815 = t371 * t1691 - t370 * t1687;
-            let t1822 = t1799 + t369 * t1737 + t370 * t1742 + t1799 + t372 * t1691 - t373 * t1695;
-            let t1823 = t369 * t1687 - t371 * t1695;
-            let t1830 = t1800 + t369 * t1730 + t371 * t1742 + t1800 - t372 * t1687 + t374 * t1695;
-            let t1831 = t370 * t1695 - t369 * t1691;
-            let t1838 = t351 * t1757;
-            let t1839 = t350 * t1759;
-            let t1840 = t349 * t1758;
-            let t1851 = t1840 + t350 * t1730 + t351 * t1737 + t1840 + t353 * t1687 - t354 * t1691;
-            let t1854 = t351 * t1691 - t350 * t1687;
-            let t1861 = t1838 + t349 * t1737 + t350 * t1742 + t1838 + t352 * t1691 - t353 * t1695;
-            let t1862 = t349 * t1687 - t351 * t1695;
-            let t1869 = t1839 + t349 * t1730 + t351 * t1742 + t1839 - t352 * t1687 + t354 * t1695;
-            let t1870 = t350 * t1695 - t349 * t1691;
-            let t1883 = 0.3333333333333333 * (t1792 + t1831 + t1870);
-            let t1884 = 0.3333333333333333 * (t1784 + t1823 + t1862);
-            let t1885 = 0.3333333333333333 * (t1776 + t1815 + t1854);
-            let t1895 = 0.3333333333333333 * (t1783 + t1822 + t1861);
-            let t1896 = 0.3333333333333333 * (t1791 + t1830 + t1869);
-            let t1897 = 0.3333333333333333 * (t1773 + t1812 + t1851);
-            let t1931 = t214 - t218 * t479 + t217 * t485;
-            let t1934 = t217 + t218 * t473 - t214 * t485;
-            let t1937 = t218 - t217 * t473 + t214 * t479;
-            let t1960 = t228 + t232 * t479 + t231 * t485;
-            let t1963 = t231 - t232 * t473 - t228 * t485;
-            let t1973 = sin_target_rotation_z * t1934 + cos_target_rotation_z * t1931;
-            let t2007 =
-                (t120 * t158 - t115 * t159 + t152 * t217 - t153 * t214 + t14 * t231 - t15 * t228)
-                / t467;
-            let t2010 = t415 * t2007;
-            let t2015 =
-                (t20 * t115 - t121 * t158 - t152 * t218 + t18 * t214 + t14 * t232
-                - sin_target_rotation_y * t228) / t467;
-            let t2019 = t410 * t2007 + t415 * t2015;
-            let t2021 = t410 * t2015;
-            let t2024 =
-                (t121 * t159 - t20 * t120 + t153 * t218 - t18 * t217 - t15 * t232
-                + sin_target_rotation_y * t231) / t467;
-            let t2027 = t485 * t2007 + t479 * t2015 + t473 * t2024;
-            let t2031 = t462 * t2007 + t459 * t2015 + t453 * t2024;
-            let t2035 = t459 * t2007 + t456 * t2015 + t450 * t2024;
-            let t2039 = t453 * t2007 + t450 * t2015 + t447 * t2024;
-            let t2043 = t405 * t2007 + t415 * t2024 + t431 * t2027;
-            let t2047 = t405 * t2015 + t410 * t2024 + t428 * t2027;
-            let t2050 = t405 * t2024 - t425 * t2027;
-            let t2051 = t428 * t2010;
-            let t2058 = t431 * t2021;
-            let t2063 = t436 * t2010 - t447 * t2027 + t439 * t2019 + t444 * t2021;
-            let t2074 = t450 * t2027 - t2051 - t2051 + t431 * t2019 + t439 * t2043 + t444 * t2047;
-            let t2081 = t428 * t2019 - t2058 + t453 * t2027 - t2058 + t436 * t2043 + t439 * t2047;
-            let t2082 = t439 * t2050;
-            let t2086 = t431 * t2047 - t2082 + t428 * t2043 + t425 * t2019 - t2082;
-            let t2090 = t425 * t2010 + t431 * t2043 + t444 * t2050;
-            let t2092 = t425 * t2021 + t428 * t2047 + t436 * t2050;
-            let t2100 = t2092 + t2063 + t2090;
-            let t2101 = t2100 - t2092;
-            let t2102 = t2100 - t2063;
-            let t2103 = t2100 - t2090;
-            let t2104 = t391 * t2101;
-            let t2105 = t390 * t2103;
-            let t2106 = t389 * t2102;
-            let t2117 = t2106 + t390 * t2074 + t391 * t2081 + t2106 + t393 * t2031 - t394 * t2035;
-            let t2120 = t391 * t2035 - t390 * t2031;
-            let t2127 = t2104 + t389 * t2081 + t390 * t2086 + t2104 + t392 * t2035 - t393 * t2039;
-            let t2128 = t389 * t2031 - t391 * t2039;
-            let t2135 = t2105 + t389 * t2074 + t391 * t2086 + t2105 - t392 * t2031 + t394 * t2039;
-            let t2136 = t390 * t2039 - t389 * t2035;
-            let t2143 = t371 * t2101;
-            let t2144 = t370 * t2103;
-            let t2145 = t369 * t2102;
-            let t2156 = t2145 + t370 * t2074 + t371 * t2081 + t2145 + t373 * t2031 - t374 * t2035;
-            let t2159 = t371 * t2035 - t370 * t2031;
-            let t2166 = t2143 + t369 * t2081 + t370 * t2086 + t2143 + t372 * t2035 - t373 * t2039;
-            let t2167 = t369 * t2031 - t371 * t2039;
-            let t2174 = t2144 + t369 * t2074 + t371 * t2086 + t2144 - t372 * t2031 + t374 * t2039;
-            let t2175 = t370 * t2039 - t369 * t2035;
-            let t2182 = t351 * t2101;
-            let t2183 = t350 * t2103;
-            let t2184 = t349 * t2102;
-            let t2195 = t2184 + t350 * t2074 + t351 * t2081 + t2184 + t353 * t2031 - t354 * t2035;
-            let t2198 = t351 * t2035 - t350 * t2031;
-            let t2205 = t2182 + t349 * t2081 + t350 * t2086 + t2182 + t352 * t2035 - t353 * t2039;
-            let t2206 = t349 * t2031 - t351 * t2039;
-            let t2213 = t2183 + t349 * t2074 + t351 * t2086 + t2183 - t352 * t2031 + t354 * t2039;
-            let t2214 = t350 * t2039 - t349 * t2035;
-            let t2227 = 0.3333333333333333 * (t2136 + t2175 + t2214);
-            let t2228 = 0.3333333333333333 * (t2128 + t2167 + t2206);
-            let t2229 = 0.3333333333333333 * (t2120 + t2159 + t2198);
-            let t2239 = 0.3333333333333333 * (t2127 + t2166 + t2205);
-            let t2240 = 0.3333333333333333 * (t2135 + t2174 + t2213);
-            let t2241 = 0.3333333333333333 * (t2117 + t2156 + t2195);
-            let t2275 = t271 * t479 - t265 + t270 * t485;
-            let t2278 = t270 - t271 * t473 + t265 * t485;
-            let t2281 = t271 + t270 * t473 + t265 * t479;
-            let t2304 = t285 - t291 * t479 + t290 * t485;
-            let t2307 = t290 + t291 * t473 - t285 * t485;
-            let t2317 = sin_target_rotation_z * t2278 + cos_target_rotation_z * t2275;
-            let t2351 =
-                (t144 * t158 - t139 * t159 + t152 * t270 + t153 * t265 + t14 * t290 - t15 * t285)
-                / t467;
-            let t2354 = t415 * t2351;
-            let t2359 =
-                (t20 * t139 - t145 * t158 + t152 * t271 - t18 * t265 - t14 * t291
-                - sin_target_rotation_y * t285) / t467;
-            let t2363 = t410 * t2351 + t415 * t2359;
-            let t2365 = t410 * t2359;
-            let t2368 =
-                (t145 * t159 - t20 * t144 - t153 * t271 - t18 * t270 + t15 * t291
-                + sin_target_rotation_y * t290) / t467;
-            let t2371 = t485 * t2351 + t479 * t2359 + t473 * t2368;
-            let t2375 = t462 * t2351 + t459 * t2359 + t453 * t2368;
-            let t2379 = t459 * t2351 + t456 * t2359 + t450 * t2368;
-            let t2383 = t453 * t2351 + t450 * t2359 + t447 * t2368;
-            let t2387 = t405 * t2351 + t415 * t2368 + t431 * t2371;
-            let t2391 = t405 * t2359 + t410 * t2368 + t428 * t2371;
-            let t2394 = t405 * t2368 - t425 * t2371;
-            let t2395 = t428 * t2354;
-            let t2402 = t431 * t2365;
-            let t2407 = t436 * t2354 - t447 * t2371 + t439 * t2363 + t444 * t2365;
-            let t2418 = t450 * t2371 - t2395 - t2395 + t431 * t2363 + t439 * t2387 + t444 * t2391;
-            let t2425 = t428 * t2363 - t2402 + t453 * t2371 - t2402 + t436 * t2387 + t439 * t2391;
-            let t2426 = t439 * t2394;
-            let t2430 = t431 * t2391 - t2426 + t428 * t2387 + t425 * t2363 - t2426;
-            let t2434 = t425 * t2354 + t431 * t2387 + t444 * t2394;
-            let t2436 = t425 * t2365 + t428 * t2391 + t436 * t2394;
-            let t2444 = t2436 + t2407 + t2434;
-            let t2445 = t2444 - t2436;
-            let t2446 = t2444 - t2407;
-            let t2447 = t2444 - t2434;
-            let t2448 = t391 * t2445;
-            let t2449 = t390 * t2447;
-            let t2450 = t389 * t2446;
-            let t2461 = t2450 + t390 * t2418 + t391 * t2425 + t2450 + t393 * t2375 - t394 * t2379;
-            let t2464 = t391 * t2379 - t390 * t2375;
-            let t2471 = t2448 + t389 * t2425 + t390 * t2430 + t2448 + t392 * t2379 - t393 * t2383;
-            let t2472 = t389 * t2375 - t391 * t2383;
-            let t2479 = t2449 + t389 * t2418 + t391 * t2430 + t2449 - t392 * t2375 + t394 * t2383;
-            let t2480 = t390 * t2383 - t389 * t2379;
-            let t2487 = t371 * t2445;
-            let t2488 = t370 * t2447;
-            let t2489 = t369 * t2446;
-            let t2500 = t2489 + t370 * t2418 + t371 * t2425 + t2489 + t373 * t2375 - t374 * t2379;
-            let t2503 = t371 * t2379 - t370 * t2375;
-            let t2510 = t2487 + t369 * t2425 + t370 * t2430 + t2487 + t372 * t2379 - t373 * t2383;
-            let t2511 = t369 * t2375 - t371 * t2383;
-            let t2518 = t2488 + t369 * t2418 + t371 * t2430 + t2488 - t372 * t2375 + t374 * t2383;
-            let t2519 = t370 * t2383 - t369 * t2379;
-            let t2526 = t351 * t2445;
-            let t2527 = t350 * t2447;
-            let t2528 = t349 * t2446;
-            let t2539 = t2528 + t350 * t2418 + t351 * t2425 + t2528 + t353 * t2375 - t354 * t2379;
-            let t2542 = t351 * t2379 - t350 * t2375;
-            let t2549 = t2526 + t349 * t2425 + t350 * t2430 + t2526 + t352 * t2379 - t353 * t2383;
-            let t2550 = t349 * t2375 - t351 * t2383;
-            let t2557 = t2527 + t349 * t2418 + t351 * t2430 + t2527 - t352 * t2375 + t354 * t2383;
-            let t2558 = t350 * t2383 - t349 * t2379;
-            let t2571 = 0.3333333333333333 * (t2480 + t2519 + t2558);
-            let t2572 = 0.3333333333333333 * (t2472 + t2511 + t2550);
-            let t2573 = 0.3333333333333333 * (t2464 + t2503 + t2542);
-            let t2583 = 0.3333333333333333 * (t2471 + t2510 + t2549);
-            let t2584 = 0.3333333333333333 * (t2479 + t2518 + t2557);
-            let t2585 = 0.3333333333333333 * (t2461 + t2500 + t2539);
-            residuals[0][lane] = t1445 + frame_translation_x - x;
-            residuals[1][lane] = t1446 + frame_translation_y - y;
-            residuals[2][lane] = t1439 + frame_translation_z - z;
+            let t409 = sin_target_rotation_y * t368 + t15 * t369;
+            let t412 = t14 * t369 + sin_target_rotation_y * t367;
+            let t415 = t15 * t367 - t14 * t368;
+            let t423 = t368 * t415 - t369 * t412 - t409;
+            let t425 = t412 - t369 * t409 - t367 * t415;
+            let t427 = t368 * t409 + t415 + t367 * t412;
+            let t431 = t14 + t376 * t423;
+            let t432 = t15 + t376 * t425;
+            let t433 = t376 * t427 - sin_target_rotation_y;
+            let t439 = t35 * t376;
+            let t441 = t34 * t376;
+            let t443 = t27 * t376;
+            let t455 = t443 - t368 * t439 + t369 * t441;
+            let t459 = t441 + t367 * t439 - t369 * t443;
+            let t463 = t439 - t367 * t441 + t368 * t443;
+            let t483 = t376 * ((t35 * t397 + t34 * t395 + t27 * t393) / t375);
+            let t484 = t369 * t483;
+            let t489 = target_position_x * t459 - t484 - target_position_y * t455 - t382 * t443
+                + t379 * t441 - t484;
+            let t490 = t368 * t483;
+            let t495 = target_position_z * t455 - t490 - target_position_x * t463 + t385 * t443
+                - t379 * t439 - t490;
+            let t496 = t367 * t483;
+            let t501 = target_position_y * t463 - t496 - target_position_z * t459 - t385 * t441
+                + t382 * t439 - t496;
+            let t510 = 0.041666666666666664 * (t359 * t489 + t353 * t495 + t347 * t501);
+            let t511 = t359 * t510;
+            let t514 = t353 * t510;
+            let t517 = t347 * t510;
+            let t520 = (t511 + t366 * t489 + t511) / t341;
+            let t523 = t289 * t520;
+            let t528 = (t514 + t366 * t495 + t514) / t341;
+            let t532 = t284 * t520 + t289 * t528;
+            let t534 = t284 * t528;
+            let t537 = (t517 + t366 * t501 + t517) / t341;
+            let t540 = t359 * t520 + t353 * t528 + t347 * t537;
+            let t544 = t336 * t520 + t333 * t528 + t327 * t537;
+            let t548 = t333 * t520 + t330 * t528 + t324 * t537;
+            let t552 = t327 * t520 + t324 * t528 + t321 * t537;
+            let t556 = t279 * t520 + t289 * t537 + t305 * t540;
+            let t560 = t279 * t528 + t284 * t537 + t302 * t540;
+            let t563 = t279 * t537 - t299 * t540;
+            let t564 = t302 * t523;
+            let t571 = t305 * t534;
+            let t576 = t310 * t523 - t321 * t540 + t313 * t532 + t318 * t534;
+            let t587 = t324 * t540 - t564 - t564 + t305 * t532 + t313 * t556 + t318 * t560;
+            let t594 = t302 * t532 - t571 + t327 * t540 - t571 + t310 * t556 + t313 * t560;
+            let t595 = t313 * t563;
+            let t599 = t305 * t560 - t595 + t302 * t556 + t299 * t532 - t595;
+            let t603 = t299 * t523 + t305 * t556 + t318 * t563;
+            let t605 = t299 * t534 + t302 * t560 + t310 * t563;
+            let t613 = t605 + t576 + t603;
+            let t614 = t613 - t605;
+            let t615 = t613 - t576;
+            let t616 = t613 - t603;
+            let t617 = t265 * t614;
+            let t618 = t264 * t616;
+            let t619 = t263 * t615;
+            let t630 = t619 + t264 * t587 + t265 * t594 + t619 + t267 * t544 - t268 * t548;
+            let t633 = t265 * t548 - t264 * t544;
+            let t640 = t617 + t263 * t594 + t264 * t599 + t617 + t266 * t548 - t267 * t552;
+            let t641 = t263 * t544 - t265 * t552;
+            let t648 = t618 + t263 * t587 + t265 * t599 + t618 - t266 * t544 + t268 * t552;
+            let t649 = t264 * t552 - t263 * t548;
+            let t656 = t245 * t614;
+            let t657 = t244 * t616;
+            let t658 = t243 * t615;
+            let t669 = t658 + t244 * t587 + t245 * t594 + t658 + t247 * t544 - t248 * t548;
+            let t672 = t245 * t548 - t244 * t544;
+            let t679 = t656 + t243 * t594 + t244 * t599 + t656 + t246 * t548 - t247 * t552;
+            let t680 = t243 * t544 - t245 * t552;
+            let t687 = t657 + t243 * t587 + t245 * t599 + t657 - t246 * t544 + t248 * t552;
+            let t688 = t244 * t552 - t243 * t548;
+            let t695 = t225 * t614;
+            let t696 = t224 * t616;
+            let t697 = t223 * t615;
+            let t708 = t697 + t224 * t587 + t225 * t594 + t697 + t227 * t544 - t228 * t548;
+            let t711 = t225 * t548 - t224 * t544;
+            let t718 = t695 + t223 * t594 + t224 * t599 + t695 + t226 * t548 - t227 * t552;
+            let t719 = t223 * t544 - t225 * t552;
+            let t726 = t696 + t223 * t587 + t225 * t599 + t696 - t226 * t544 + t228 * t552;
+            let t727 = t224 * t552 - t223 * t548;
+            let t740 = 0.3333333333333333 * (t649 + t688 + t727);
+            let t741 = 0.3333333333333333 * (t641 + t680 + t719);
+            let t742 = 0.3333333333333333 * (t633 + t672 + t711);
+            let t743 = 0.3333333333333333 * (t640 + t679 + t718);
+            let t744 = 0.3333333333333333 * (t648 + t687 + t726);
+            let t745 = 0.3333333333333333 * (t630 + t669 + t708);
+            let t792 = t46 * t376;
+            let t794 = t45 * t376;
+            let t796 = t40 * t376;
+            let t808 = t796 - t368 * t792 + t369 * t794;
+            let t812 = t794 + t367 * t792 - t369 * t796;
+            let t816 = t792 - t367 * t794 + t368 * t796;
+            let t836 = t376 * ((t46 * t397 + t45 * t395 + t40 * t393) / t375);
+            let t837 = t369 * t836;
+            let t842 = target_position_x * t812 - t837 - target_position_y * t808 - t382 * t796
+                + t379 * t794 - t837;
+            let t843 = t368 * t836;
+            let t848 = target_position_z * t808 - t843 - target_position_x * t816 + t385 * t796
+                - t379 * t792 - t843;
+            let t849 = t367 * t836;
+            let t854 = target_position_y * t816 - t849 - target_position_z * t812 - t385 * t794
+                + t382 * t792 - t849;
+            let t863 = 0.041666666666666664 * (t359 * t842 + t353 * t848 + t347 * t854);
+            let t864 = t359 * t863;
+            let t867 = t353 * t863;
+            let t870 = t347 * t863;
+            let t873 = (t864 + t366 * t842 + t864) / t341;
+            let t876 = t289 * t873;
+            let t881 = (t867 + t366 * t848 + t867) / t341;
+            let t885 = t284 * t873 + t289 * t881;
+            let t887 = t284 * t881;
+            let t890 = (t870 + t366 * t854 + t870) / t341;
+            let t893 = t359 * t873 + t353 * t881 + t347 * t890;
+            let t897 = t336 * t873 + t333 * t881 + t327 * t890;
+            let t901 = t333 * t873 + t330 * t881 + t324 * t890;
+            let t905 = t327 * t873 + t324 * t881 + t321 * t890;
+            let t909 = t279 * t873 + t289 * t890 + t305 * t893;
+            let t913 = t279 * t881 + t284 * t890 + t302 * t893;
+            let t916 = t279 * t890 - t299 * t893;
+            let t917 = t302 * t876;
+            let t924 = t305 * t887;
+            let t929 = t310 * t876 - t321 * t893 + t313 * t885 + t318 * t887;
+            let t940 = t324 * t893 - t917 - t917 + t305 * t885 + t313 * t909 + t318 * t913;
+            let t947 = t302 * t885 - t924 + t327 * t893 - t924 + t310 * t909 + t313 * t913;
+            let t948 = t313 * t916;
+            let t952 = t305 * t913 - t948 + t302 * t909 + t299 * t885 - t948;
+            let t956 = t299 * t876 + t305 * t909 + t318 * t916;
+            let t958 = t299 * t887 + t302 * t913 + t310 * t916;
+            let t966 = t958 + t929 + t956;
+            let t967 = t966 - t958;
+            let t968 = t966 - t929;
+            let t969 = t966 - t956;
+            let t970 = t265 * t967;
+            let t971 = t264 * t969;
+            let t972 = t263 * t968;
+            let t983 = t972 + t264 * t940 + t265 * t947 + t972 + t267 * t897 - t268 * t901;
+            let t986 = t265 * t901 - t264 * t897;
+            let t993 = t970 + t263 * t947 + t264 * t952 + t970 + t266 * t901 - t267 * t905;
+            let t994 = t263 * t897 - t265 * t905;
+            let t1001 = t971 + t263 * t940 + t265 * t952 + t971 - t266 * t897 + t268 * t905;
+            let t1002 = t264 * t905 - t263 * t901;
+            let t1009 = t245 * t967;
+            let t1010 = t244 * t969;
+            let t1011 = t243 * t968;
+            let t1022 = t1011 + t244 * t940 + t245 * t947 + t1011 + t247 * t897 - t248 * t901;
+            let t1025 = t245 * t901 - t244 * t897;
+            let t1032 = t1009 + t243 * t947 + t244 * t952 + t1009 + t246 * t901 - t247 * t905;
+            let t1033 = t243 * t897 - t245 * t905;
+            let t1040 = t1010 + t243 * t940 + t245 * t952 + t1010 - t246 * t897 + t248 * t905;
+            let t1041 = t244 * t905 - t243 * t901;
+            let t1048 = t225 * t967;
+            let t1049 = t224 * t969;
+            let t1050 = t223 * t968;
+            let t1061 = t1050 + t224 * t940 + t225 * t947 + t1050 + t227 * t897 - t228 * t901;
+            let t1064 = t225 * t901 - t224 * t897;
+            let t1071 = t1048 + t223 * t947 + t224 * t952 + t1048 + t226 * t901 - t227 * t905;
+            let t1072 = t223 * t897 - t225 * t905;
+            let t1079 = t1049 + t223 * t940 + t225 * t952 + t1049 - t226 * t897 + t228 * t905;
+            let t1080 = t224 * t905 - t223 * t901;
+            let t1093 = 0.3333333333333333 * (t1002 + t1041 + t1080);
+            let t1094 = 0.3333333333333333 * (t994 + t1033 + t1072);
+            let t1095 = 0.3333333333333333 * (t986 + t1025 + t1064);
+            let t1096 = 0.3333333333333333 * (t993 + t1032 + t1071);
+            let t1097 = 0.3333333333333333 * (t1001 + t1040 + t1079);
+            let t1098 = 0.3333333333333333 * (t983 + t1022 + t1061);
+            let t1145 = t51 * t376;
+            let t1147 = t50 * t376;
+            let t1149 = sin_frame_rotation_y * t376;
+            let t1161 = t369 * t1147 - t1149 - t368 * t1145;
+            let t1165 = t1147 + t367 * t1145 + t369 * t1149;
+            let t1169 = t1145 - t367 * t1147 - t368 * t1149;
+            let t1189 = t376 * ((t51 * t397 + t50 * t395 - sin_frame_rotation_y * t393) / t375);
+            let t1190 = t369 * t1189;
+            let t1195 = target_position_x * t1165 - t1190 - target_position_y * t1161 + t382 * t1149
+                + t379 * t1147 - t1190;
+            let t1196 = t368 * t1189;
+            let t1201 = target_position_z * t1161 - t1196 - target_position_x * t1169 - t385 * t1149
+                - t379 * t1145 - t1196;
+            let t1202 = t367 * t1189;
+            let t1207 = target_position_y * t1169 - t1202 - target_position_z * t1165 - t385 * t1147
+                + t382 * t1145 - t1202;
+            let t1216 = 0.041666666666666664 * (t359 * t1195 + t353 * t1201 + t347 * t1207);
+            let t1217 = t359 * t1216;
+            let t1220 = t353 * t1216;
+            let t1223 = t347 * t1216;
+            let t1226 = (t1217 + t366 * t1195 + t1217) / t341;
+            let t1229 = t289 * t1226;
+            let t1234 = (t1220 + t366 * t1201 + t1220) / t341;
+            let t1238 = t284 * t1226 + t289 * t1234;
+            let t1240 = t284 * t1234;
+            let t1243 = (t1223 + t366 * t1207 + t1223) / t341;
+            let t1246 = t359 * t1226 + t353 * t1234 + t347 * t1243;
+            let t1250 = t336 * t1226 + t333 * t1234 + t327 * t1243;
+            let t1254 = t333 * t1226 + t330 * t1234 + t324 * t1243;
+            let t1258 = t327 * t1226 + t324 * t1234 + t321 * t1243;
+            let t1262 = t279 * t1226 + t289 * t1243 + t305 * t1246;
+            let t1266 = t279 * t1234 + t284 * t1243 + t302 * t1246;
+            let t1269 = t279 * t1243 - t299 * t1246;
+            let t1270 = t302 * t1229;
+            let t1277 = t305 * t1240;
+            let t1282 = t310 * t1229 - t321 * t1246 + t313 * t1238 + t318 * t1240;
+            let t1293 = t324 * t1246 - t1270 - t1270 + t305 * t1238 + t313 * t1262 + t318 * t1266;
+            let t1300 = t302 * t1238 - t1277 + t327 * t1246 - t1277 + t310 * t1262 + t313 * t1266;
+            let t1301 = t313 * t1269;
+            let t1305 = t305 * t1266 - t1301 + t302 * t1262 + t299 * t1238 - t1301;
+            let t1309 = t299 * t1229 + t305 * t1262 + t318 * t1269;
+            let t1311 = t299 * t1240 + t302 * t1266 + t310 * t1269;
+            let t1319 = t1311 + t1282 + t1309;
+            let t1320 = t1319 - t1311;
+            let t1321 = t1319 - t1282;
+            let t1322 = t1319 - t1309;
+            let t1323 = t265 * t1320;
+            let t1324 = t264 * t1322;
+            let t1325 = t263 * t1321;
+            let t1336 = t1325 + t264 * t1293 + t265 * t1300 + t1325 + t267 * t1250 - t268 * t1254;
+            let t1339 = t265 * t1254 - t264 * t1250;
+            let t1346 = t1323 + t263 * t1300 + t264 * t1305 + t1323 + t266 * t1254 - t267 * t1258;
+            let t1347 = t263 * t1250 - t265 * t1258;
+            let t1354 = t1324 + t263 * t1293 + t265 * t1305 + t1324 - t266 * t1250 + t268 * t1258;
+            let t1355 = t264 * t1258 - t263 * t1254;
+            let t1362 = t245 * t1320;
+            let t1363 = t244 * t1322;
+            let t1364 = t243 * t1321;
+            let t1375 = t1364 + t244 * t1293 + t245 * t1300 + t1364 + t247 * t1250 - t248 * t1254;
+            let t1378 = t245 * t1254 - t244 * t1250;
+            let t1385 = t1362 + t243 * t1300 + t244 * t1305 + t1362 + t246 * t1254 - t247 * t1258;
+            let t1386 = t243 * t1250 - t245 * t1258;
+            let t1393 = t1363 + t243 * t1293 + t245 * t1305 + t1363 - t246 * t1250 + t248 * t1258;
+            let t1394 = t244 * t1258 - t243 * t1254;
+            let t1401 = t225 * t1320;
+            let t1402 = t224 * t1322;
+            let t1403 = t223 * t1321;
+            let t1414 = t1403 + t224 * t1293 + t225 * t1300 + t1403 + t227 * t1250 - t228 * t1254;
+            let t1417 = t225 * t1254 - t224 * t1250;
+            let t1424 = t1401 + t223 * t1300 + t224 * t1305 + t1401 + t226 * t1254 - t227 * t1258;
+            let t1425 = t223 * t1250 - t225 * t1258;
+            let t1432 = t1402 + t223 * t1293 + t225 * t1305 + t1402 - t226 * t1250 + t228 * t1258;
+            let t1433 = t224 * t1258 - t223 * t1254;
+            let t1446 = 0.3333333333333333 * (t1355 + t1394 + t1433);
+            let t1447 = 0.3333333333333333 * (t1347 + t1386 + t1425);
+            let t1448 = 0.3333333333333333 * (t1339 + t1378 + t1417);
+            let t1449 = 0.3333333333333333 * (t1346 + t1385 + t1424);
+            let t1450 = 0.3333333333333333 * (t1354 + t1393 + t1432);
+            let t1451 = 0.3333333333333333 * (t1336 + t1375 + t1414);
+            let t1497 = t68 * t376;
+            let t1498 = t67 * t376;
+            let t1499 = t62 * t376;
+            let t1505 = t369 * t1498 - t1499 - t368 * t1497;
+            let t1508 = t1498 + t367 * t1497 + t369 * t1499;
+            let t1511 = t1497 - t367 * t1498 - t368 * t1499;
+            let t1518 = t369 * t1508 - t62 - t368 * t1511;
+            let t1521 = t67 + t367 * t1511 - t369 * t1505;
+            let t1525 = t68 - t367 * t1508 + t368 * t1505;
+            let t1530 = sin_target_rotation_z * t1521 + cos_target_rotation_z * t1518;
+            let t1535 = t92 * t376;
+            let t1536 = t91 * t376;
+            let t1537 = t86 * t376;
+            let t1543 = t1537 - t368 * t1535 + t369 * t1536;
+            let t1546 = t1536 + t367 * t1535 - t369 * t1537;
+            let t1549 = t1535 - t367 * t1536 + t368 * t1537;
+            let t1556 = t86 - t368 * t1549 + t369 * t1546;
+            let t1559 = t91 + t367 * t1549 - t369 * t1543;
+            let t1563 = t92 - t367 * t1546 + t368 * t1543;
+            let t1568 = sin_target_rotation_z * t1559 + cos_target_rotation_z * t1556;
+            let t1573 = t114 * t376;
+            let t1574 = t113 * t376;
+            let t1575 = t108 * t376;
+            let t1581 = t1575 - t368 * t1573 + t369 * t1574;
+            let t1584 = t1574 + t367 * t1573 - t369 * t1575;
+            let t1587 = t1573 - t367 * t1574 + t368 * t1575;
+            let t1594 = t108 - t368 * t1587 + t369 * t1584;
+            let t1597 = t113 + t367 * t1587 - t369 * t1581;
+            let t1601 = t114 - t367 * t1584 + t368 * t1581;
+            let t1606 = sin_target_rotation_z * t1597 + cos_target_rotation_z * t1594;
+            let t1615 = cos_frame_rotation_x * t404 - sin_frame_rotation_x * t406;
+            let t1616 = sin_frame_rotation_x * t404 + cos_frame_rotation_x * t406;
+            let t1621 = cos_frame_rotation_y * t1616 - sin_frame_rotation_y * t402;
+            let t1622 = sin_frame_rotation_y * t1616 + cos_frame_rotation_y * t402;
+            let t1627 = cos_frame_rotation_z * t1622 - sin_frame_rotation_z * t1615;
+            let t1628 = sin_frame_rotation_z * t1622 + cos_frame_rotation_z * t1615;
+            let t1639 = cos_frame_rotation_x * t432 - sin_frame_rotation_x * t433;
+            let t1640 = sin_frame_rotation_x * t432 + cos_frame_rotation_x * t433;
+            let t1645 = cos_frame_rotation_y * t1640 - sin_frame_rotation_y * t431;
+            let t1646 = sin_frame_rotation_y * t1640 + cos_frame_rotation_y * t431;
+            let t1651 = cos_frame_rotation_z * t1646 - sin_frame_rotation_z * t1639;
+            let t1652 = sin_frame_rotation_z * t1646 + cos_frame_rotation_z * t1639;
+            let t1660 = t18 * t368 - t120 * t369;
+            let t1662 = t119 * t369 - t18 * t367;
+            let t1665 = t120 * t367 - t119 * t368;
+            let t1673 = t1660 - t369 * t1662 + t368 * t1665;
+            let t1675 = t1662 - t367 * t1665 + t369 * t1660;
+            let t1677 = t1665 - t368 * t1660 + t367 * t1662;
+            let t1681 = t119 + t376 * t1673;
+            let t1682 = t120 + t376 * t1675;
+            let t1683 = t18 + t376 * t1677;
+            let t1688 = cos_frame_rotation_x * t1682 - sin_frame_rotation_x * t1683;
+            let t1689 = sin_frame_rotation_x * t1682 + cos_frame_rotation_x * t1683;
+            let t1694 = cos_frame_rotation_y * t1689 - sin_frame_rotation_y * t1681;
+            let t1695 = sin_frame_rotation_y * t1689 + cos_frame_rotation_y * t1681;
+            let t1700 = cos_frame_rotation_z * t1695 - sin_frame_rotation_z * t1688;
+            let t1701 = sin_frame_rotation_z * t1695 + cos_frame_rotation_z * t1688;
+            let t1709 = t20 * t368 - t126 * t369;
+            let t1711 = t125 * t369 - t20 * t367;
+            let t1714 = t126 * t367 - t125 * t368;
+            let t1722 = t1709 - t369 * t1711 + t368 * t1714;
+            let t1724 = t1711 - t367 * t1714 + t369 * t1709;
+            let t1726 = t1714 - t368 * t1709 + t367 * t1711;
+            let t1730 = t125 + t376 * t1722;
+            let t1731 = t126 + t376 * t1724;
+            let t1732 = t20 + t376 * t1726;
+            let t1737 = cos_frame_rotation_x * t1731 - sin_frame_rotation_x * t1732;
+            let t1738 = sin_frame_rotation_x * t1731 + cos_frame_rotation_x * t1732;
+            let t1743 = cos_frame_rotation_y * t1738 - sin_frame_rotation_y * t1730;
+            let t1744 = sin_frame_rotation_y * t1738 + cos_frame_rotation_y * t1730;
+            let t1749 = cos_frame_rotation_z * t1744 - sin_frame_rotation_z * t1737;
+            let t1750 = sin_frame_rotation_z * t1744 + cos_frame_rotation_z * t1737;
+            let t1808 = t134 * t376;
+            let t1810 = t133 * t376;
+            let t1812 = t130 * t376;
+            let t1822 = t369 * t1810 - t1812 - t368 * t1808;
+            let t1826 = t1810 + t367 * t1808 + t369 * t1812;
+            let t1830 = t1808 - t367 * t1810 - t368 * t1812;
+            let t1840 = t369 * t1826 - t130 - t368 * t1830;
+            let t1844 = t133 + t367 * t1830 - t369 * t1822;
+            let t1848 = t134 - t367 * t1826 + t368 * t1822;
+            let t1867 = t142 * t376;
+            let t1869 = t141 * t376;
+            let t1871 = t138 * t376;
+            let t1879 = t68 * t1726 + t67 * t1724 - t62 * t1722 + t134 * t1677 + t133 * t1675
+                - t130 * t1673 + t142 * t427 + t141 * t425 + t138 * t423;
+            let t1891 = t1869 + t367 * t1867 - t369 * t1871;
+            let t1895 = t1867 - t367 * t1869 + t368 * t1871;
+            let t1905 = t138 - t368 * t1895 + t369 * t1891;
+            let t1907 = t368 * t1867 - t369 * t1869 - t1871;
+            let t1911 = t141 + t367 * t1895 + t369 * t1907;
+            let t1922 = sin_target_rotation_z * t1844 + cos_target_rotation_z * t1840;
+            let t1957 = t376 * (t1879 / t375);
+            let t1958 = t369 * t1957;
+            let t1966 = t15 * t1907 - t1958 + t14 * t1891 - t412 * t1871 - t409 * t1869
+                - t120 * t1822 + t119 * t1826 + t1662 * t1812 + t1660 * t1810;
+            let t1971 = t1966 - t126 * t1505 + t125 * t1508 + t1499 * t1711 + t1498 * t1709 - t1958;
+            let t1972 = t368 * t1957;
+            let t1980 = sin_target_rotation_y * t1907 - t1972 - t14 * t1895 + t415 * t1871
+                + t409 * t1867 + t18 * t1822 - t119 * t1830 - t1665 * t1812 - t1660 * t1808;
+            let t1985 = t1980 - t125 * t1511 - t1499 * t1714 - t1497 * t1709 + t20 * t1505 - t1972;
+            let t1986 = t367 * t1957;
+            let t1994 = sin_target_rotation_y * t1891 - t1986 + t15 * t1895 - t415 * t1869
+                + t412 * t1867 - t18 * t1826 + t120 * t1830 - t1665 * t1810 + t1662 * t1808;
+            let t1999 = t1994 + t126 * t1511 - t1498 * t1714 + t1497 * t1711 - t20 * t1508 - t1986;
+            let t2008 = 0.041666666666666664 * (t359 * t1971 + t353 * t1985 + t347 * t1999);
+            let t2009 = t359 * t2008;
+            let t2012 = t353 * t2008;
+            let t2015 = t347 * t2008;
+            let t2018 = (t2009 + t366 * t1971 + t2009) / t341;
+            let t2021 = t289 * t2018;
+            let t2026 = (t2012 + t366 * t1985 + t2012) / t341;
+            let t2030 = t284 * t2018 + t289 * t2026;
+            let t2032 = t284 * t2026;
+            let t2035 = (t2015 + t366 * t1999 + t2015) / t341;
+            let t2038 = t359 * t2018 + t353 * t2026 + t347 * t2035;
+            let t2042 = t336 * t2018 + t333 * t2026 + t327 * t2035;
+            let t2046 = t333 * t2018 + t330 * t2026 + t324 * t2035;
+            let t2050 = t327 * t2018 + t324 * t2026 + t321 * t2035;
+            let t2054 = t279 * t2018 + t289 * t2035 + t305 * t2038;
+            let t2058 = t279 * t2026 + t284 * t2035 + t302 * t2038;
+            let t2061 = t279 * t2035 - t299 * t2038;
+            let t2062 = t302 * t2021;
+            let t2069 = t305 * t2032;
+            let t2074 = t310 * t2021 - t321 * t2038 + t313 * t2030 + t318 * t2032;
+            let t2085 = t324 * t2038 - t2062 - t2062 + t305 * t2030 + t313 * t2054 + t318 * t2058;
+            let t2092 = t302 * t2030 - t2069 + t327 * t2038 - t2069 + t310 * t2054 + t313 * t2058;
+            let t2093 = t313 * t2061;
+            let t2097 = t305 * t2058 - t2093 + t302 * t2054 + t299 * t2030 - t2093;
+            let t2101 = t299 * t2021 + t305 * t2054 + t318 * t2061;
+            let t2103 = t299 * t2032 + t302 * t2058 + t310 * t2061;
+            let t2111 = t2103 + t2074 + t2101;
+            let t2112 = t2111 - t2103;
+            let t2113 = t2111 - t2074;
+            let t2114 = t2111 - t2101;
+            let t2115 = t265 * t2112;
+            let t2116 = t264 * t2114;
+            let t2117 = t263 * t2113;
+            let t2128 = t2117 + t264 * t2085 + t265 * t2092 + t2117 + t267 * t2042 - t268 * t2046;
+            let t2131 = t265 * t2046 - t264 * t2042;
+            let t2138 = t2115 + t263 * t2092 + t264 * t2097 + t2115 + t266 * t2046 - t267 * t2050;
+            let t2139 = t263 * t2042 - t265 * t2050;
+            let t2146 = t2116 + t263 * t2085 + t265 * t2097 + t2116 - t266 * t2042 + t268 * t2050;
+            let t2147 = t264 * t2050 - t263 * t2046;
+            let t2154 = t245 * t2112;
+            let t2155 = t244 * t2114;
+            let t2156 = t243 * t2113;
+            let t2167 = t2156 + t244 * t2085 + t245 * t2092 + t2156 + t247 * t2042 - t248 * t2046;
+            let t2170 = t245 * t2046 - t244 * t2042;
+            let t2177 = t2154 + t243 * t2092 + t244 * t2097 + t2154 + t246 * t2046 - t247 * t2050;
+            let t2178 = t243 * t2042 - t245 * t2050;
+            let t2185 = t2155 + t243 * t2085 + t245 * t2097 + t2155 - t246 * t2042 + t248 * t2050;
+            let t2186 = t244 * t2050 - t243 * t2046;
+            let t2193 = t225 * t2112;
+            let t2194 = t224 * t2114;
+            let t2195 = t223 * t2113;
+            let t2206 = t2195 + t224 * t2085 + t225 * t2092 + t2195 + t227 * t2042 - t228 * t2046;
+            let t2209 = t225 * t2046 - t224 * t2042;
+            let t2216 = t2193 + t223 * t2092 + t224 * t2097 + t2193 + t226 * t2046 - t227 * t2050;
+            let t2217 = t223 * t2042 - t225 * t2050;
+            let t2224 = t2194 + t223 * t2085 + t225 * t2097 + t2194 - t226 * t2042 + t228 * t2050;
+            let t2225 = t224 * t2050 - t223 * t2046;
+            let t2238 = 0.3333333333333333 * (t2147 + t2186 + t2225);
+            let t2239 = 0.3333333333333333 * (t2139 + t2178 + t2217);
+            let t2240 = 0.3333333333333333 * (t2131 + t2170 + t2209);
+            let t2250 = 0.3333333333333333 * (t2138 + t2177 + t2216);
+            let t2251 = 0.3333333333333333 * (t2146 + t2185 + t2224);
+            let t2252 = 0.3333333333333333 * (t2128 + t2167 + t2206);
+            let t2295 = t150 * t376;
+            let t2297 = t149 * t376;
+            let t2299 = t146 * t376;
+            let t2309 = t2299 - t368 * t2295 + t369 * t2297;
+            let t2313 = t2297 + t367 * t2295 - t369 * t2299;
+            let t2317 = t2295 - t367 * t2297 + t368 * t2299;
+            let t2327 = t146 - t368 * t2317 + t369 * t2313;
+            let t2331 = t149 + t367 * t2317 - t369 * t2309;
+            let t2335 = t150 - t367 * t2313 + t368 * t2309;
+            let t2354 = t158 * t376;
+            let t2356 = t157 * t376;
+            let t2358 = t154 * t376;
+            let t2366 = t92 * t1726 + t91 * t1724 + t86 * t1722 + t150 * t1677 + t149 * t1675
+                + t146 * t1673 - t158 * t427 + t157 * t425 + t154 * t423;
+            let t2378 = t2356 - t367 * t2354 - t369 * t2358;
+            let t2382 = t368 * t2358 - t2354 - t367 * t2356;
+            let t2392 = t154 - t368 * t2382 + t369 * t2378;
+            let t2394 = t369 * t2356 + t2358 + t368 * t2354;
+            let t2398 = t157 + t367 * t2382 - t369 * t2394;
+            let t2409 = sin_target_rotation_z * t2331 + cos_target_rotation_z * t2327;
+            let t2444 = t376 * (t2366 / t375);
+            let t2445 = t369 * t2444;
+            let t2453 = t14 * t2378 - t2445 - t15 * t2394 - t412 * t2358 - t409 * t2356
+                - t120 * t2309 + t119 * t2313 - t1662 * t2299 + t1660 * t2297;
+            let t2458 = t2453 - t126 * t1543 + t125 * t1546 - t1537 * t1711 + t1536 * t1709 - t2445;
+            let t2459 = t368 * t2444;
+            let t2467 = t415 * t2358 - t2459 - sin_target_rotation_y * t2394 - t14 * t2382
+                - t409 * t2354 + t18 * t2309 - t119 * t2317 + t1665 * t2299 - t1660 * t2295;
+            let t2472 = t2467 - t125 * t1549 + t1537 * t1714 - t1535 * t1709 + t20 * t1543 - t2459;
+            let t2473 = t367 * t2444;
+            let t2481 = sin_target_rotation_y * t2378 - t2473 + t15 * t2382 - t415 * t2356
+                - t412 * t2354 - t18 * t2313 + t120 * t2317 - t1665 * t2297 + t1662 * t2295;
+            let t2486 = t2481 + t126 * t1549 - t1536 * t1714 + t1535 * t1711 - t20 * t1546 - t2473;
+            let t2495 = 0.041666666666666664 * (t359 * t2458 + t353 * t2472 + t347 * t2486);
+            let t2496 = t359 * t2495;
+            let t2499 = t353 * t2495;
+            let t2502 = t347 * t2495;
+            let t2505 = (t2496 + t366 * t2458 + t2496) / t341;
+            let t2508 = t289 * t2505;
+            let t2513 = (t2499 + t366 * t2472 + t2499) / t341;
+            let t2517 = t284 * t2505 + t289 * t2513;
+            let t2519 = t284 * t2513;
+            let t2522 = (t2502 + t366 * t2486 + t2502) / t341;
+            let t2525 = t359 * t2505 + t353 * t2513 + t347 * t2522;
+            let t2529 = t336 * t2505 + t333 * t2513 + t327 * t2522;
+            let t2533 = t333 * t2505 + t330 * t2513 + t324 * t2522;
+            let t2537 = t327 * t2505 + t324 * t2513 + t321 * t2522;
+            let t2541 = t279 * t2505 + t289 * t2522 + t305 * t2525;
+            let t2545 = t279 * t2513 + t284 * t2522 + t302 * t2525;
+            let t2548 = t279 * t2522 - t299 * t2525;
+            let t2549 = t302 * t2508;
+            let t2556 = t305 * t2519;
+            let t2561 = t310 * t2508 - t321 * t2525 + t313 * t2517 + t318 * t2519;
+            let t2572 = t324 * t2525 - t2549 - t2549 + t305 * t2517 + t313 * t2541 + t318 * t2545;
+            let t2579 = t302 * t2517 - t2556 + t327 * t2525 - t2556 + t310 * t2541 + t313 * t2545;
+            let t2580 = t313 * t2548;
+            let t2584 = t305 * t2545 - t2580 + t302 * t2541 + t299 * t2517 - t2580;
+            let t2588 = t299 * t2508 + t305 * t2541 + t318 * t2548;
+            let t2590 = t299 * t2519 + t302 * t2545 + t310 * t2548;
+            let t2598 = t2590 + t2561 + t2588;
+            let t2599 = t2598 - t2590;
+            let t2600 = t2598 - t2561;
+            let t2601 = t2598 - t2588;
+            let t2602 = t265 * t2599;
+            let t2603 = t264 * t2601;
+            let t2604 = t263 * t2600;
+            let t2615 = t2604 + t264 * t2572 + t265 * t2579 + t2604 + t267 * t2529 - t268 * t2533;
+            let t2618 = t265 * t2533 - t264 * t2529;
+            let t2625 = t2602 + t263 * t2579 + t264 * t2584 + t2602 + t266 * t2533 - t267 * t2537;
+            let t2626 = t263 * t2529 - t265 * t2537;
+            let t2633 = t2603 + t263 * t2572 + t265 * t2584 + t2603 - t266 * t2529 + t268 * t2537;
+            let t2634 = t264 * t2537 - t263 * t2533;
+            let t2641 = t245 * t2599;
+            let t2642 = t244 * t2601;
+            let t2643 = t243 * t2600;
+            let t2654 = t2643 + t244 * t2572 + t245 * t2579 + t2643 + t247 * t2529 - t248 * t2533;
+            let t2657 = t245 * t2533 - t244 * t2529;
+            let t2664 = t2641 + t243 * t2579 + t244 * t2584 + t2641 + t246 * t2533 - t247 * t2537;
+            let t2665 = t243 * t2529 - t245 * t2537;
+            let t2672 = t2642 + t243 * t2572 + t245 * t2584 + t2642 - t246 * t2529 + t248 * t2537;
+            let t2673 = t244 * t2537 - t243 * t2533;
+            let t2680 = t225 * t2599;
+            let t2681 = t224 * t2601;
+            let t2682 = t223 * t2600;
+            let t2693 = t2682 + t224 * t2572 + t225 * t2579 + t2682 + t227 * t2529 - t228 * t2533;
+            let t2696 = t225 * t2533 - t224 * t2529;
+            let t2703 = t2680 + t223 * t2579 + t224 * t2584 + t2680 + t226 * t2533 - t227 * t2537;
+            let t2704 = t223 * t2529 - t225 * t2537;
+            let t2711 = t2681 + t223 * t2572 + t225 * t2584 + t2681 - t226 * t2529 + t228 * t2537;
+            let t2712 = t224 * t2537 - t223 * t2533;
+            let t2725 = 0.3333333333333333 * (t2634 + t2673 + t2712);
+            let t2726 = 0.3333333333333333 * (t2626 + t2665 + t2704);
+            let t2727 = 0.3333333333333333 * (t2618 + t2657 + t2696);
+            let t2737 = 0.3333333333333333 * (t2625 + t2664 + t2703);
+            let t2738 = 0.3333333333333333 * (t2633 + t2672 + t2711);
+            let t2739 = 0.3333333333333333 * (t2615 + t2654 + t2693);
+            let t2782 = t172 * t376;
+            let t2784 = t171 * t376;
+            let t2786 = t166 * t376;
+            let t2796 = t368 * t2782 - t2786 + t369 * t2784;
+            let t2800 = t2784 - t367 * t2782 + t369 * t2786;
+            let t2804 = t2782 + t367 * t2784 + t368 * t2786;
+            let t2814 = t368 * t2804 - t166 + t369 * t2800;
+            let t2818 = t171 - t367 * t2804 - t369 * t2796;
+            let t2822 = t368 * t2796 - t172 - t367 * t2800;
+            let t2841 = t186 * t376;
+            let t2843 = t185 * t376;
+            let t2845 = t180 * t376;
+            let t2853 = t114 * t1726 + t113 * t1724 + t108 * t1722 - t172 * t1677 + t171 * t1675
+                - t166 * t1673 + t186 * t427 + t185 * t425 + t180 * t423;
+            let t2865 = t2843 + t367 * t2841 - t369 * t2845;
+            let t2869 = t2841 - t367 * t2843 + t368 * t2845;
+            let t2879 = t180 - t368 * t2869 + t369 * t2865;
+            let t2881 = t368 * t2841 - t369 * t2843 - t2845;
+            let t2885 = t185 + t367 * t2869 + t369 * t2881;
+            let t2896 = sin_target_rotation_z * t2818 + cos_target_rotation_z * t2814;
+            let t2931 = t376 * (t2853 / t375);
+            let t2932 = t369 * t2931;
+            let t2940 = t15 * t2881 - t2932 + t14 * t2865 - t412 * t2845 - t409 * t2843
+                - t120 * t2796 + t119 * t2800 + t1662 * t2786 + t1660 * t2784;
+            let t2945 = t2940 - t126 * t1581 + t125 * t1584 - t1575 * t1711 + t1574 * t1709 - t2932;
+            let t2946 = t368 * t2931;
+            let t2954 = sin_target_rotation_y * t2881 - t2946 - t14 * t2869 + t415 * t2845
+                + t409 * t2841 + t18 * t2796 + t119 * t2804 - t1665 * t2786 + t1660 * t2782;
+            let t2959 = t2954 - t125 * t1587 + t1575 * t1714 - t1573 * t1709 + t20 * t1581 - t2946;
+            let t2960 = t367 * t2931;
+            let t2968 = sin_target_rotation_y * t2865 - t2960 + t15 * t2869 - t415 * t2843
+                + t412 * t2841 - t18 * t2800 - t120 * t2804 - t1665 * t2784 - t1662 * t2782;
+            let t2973 = t2968 + t126 * t1587 - t1574 * t1714 + t1573 * t1711 - t20 * t1584 - t2960;
+            let t2982 = 0.041666666666666664 * (t359 * t2945 + t353 * t2959 + t347 * t2973);
+            let t2983 = t359 * t2982;
+            let t2986 = t353 * t2982;
+            let t2989 = t347 * t2982;
+            let t2992 = (t2983 + t366 * t2945 + t2983) / t341;
+            let t2995 = t289 * t2992;
+            let t3000 = (t2986 + t366 * t2959 + t2986) / t341;
+            let t3004 = t284 * t2992 + t289 * t3000;
+            let t3006 = t284 * t3000;
+            let t3009 = (t2989 + t366 * t2973 + t2989) / t341;
+            let t3012 = t359 * t2992 + t353 * t3000 + t347 * t3009;
+            let t3016 = t336 * t2992 + t333 * t3000 + t327 * t3009;
+            let t3020 = t333 * t2992 + t330 * t3000 + t324 * t3009;
+            let t3024 = t327 * t2992 + t324 * t3000 + t321 * t3009;
+            let t3028 = t279 * t2992 + t289 * t3009 + t305 * t3012;
+            let t3032 = t279 * t3000 + t284 * t3009 + t302 * t3012;
+            let t3035 = t279 * t3009 - t299 * t3012;
+            let t3036 = t302 * t2995;
+            let t3043 = t305 * t3006;
+            let t3048 = t310 * t2995 - t321 * t3012 + t313 * t3004 + t318 * t3006;
+            let t3059 = t324 * t3012 - t3036 - t3036 + t305 * t3004 + t313 * t3028 + t318 * t3032;
+            let t3066 = t302 * t3004 - t3043 + t327 * t3012 - t3043 + t310 * t3028 + t313 * t3032;
+            let t3067 = t313 * t3035;
+            let t3071 = t305 * t3032 - t3067 + t302 * t3028 + t299 * t3004 - t3067;
+            let t3075 = t299 * t2995 + t305 * t3028 + t318 * t3035;
+            let t3077 = t299 * t3006 + t302 * t3032 + t310 * t3035;
+            let t3085 = t3077 + t3048 + t3075;
+            let t3086 = t3085 - t3077;
+            let t3087 = t3085 - t3048;
+            let t3088 = t3085 - t3075;
+            let t3089 = t265 * t3086;
+            let t3090 = t264 * t3088;
+            let t3091 = t263 * t3087;
+            let t3102 = t3091 + t264 * t3059 + t265 * t3066 + t3091 + t267 * t3016 - t268 * t3020;
+            let t3105 = t265 * t3020 - t264 * t3016;
+            let t3112 = t3089 + t263 * t3066 + t264 * t3071 + t3089 + t266 * t3020 - t267 * t3024;
+            let t3113 = t263 * t3016 - t265 * t3024;
+            let t3120 = t3090 + t263 * t3059 + t265 * t3071 + t3090 - t266 * t3016 + t268 * t3024;
+            let t3121 = t264 * t3024 - t263 * t3020;
+            let t3128 = t245 * t3086;
+            let t3129 = t244 * t3088;
+            let t3130 = t243 * t3087;
+            let t3141 = t3130 + t244 * t3059 + t245 * t3066 + t3130 + t247 * t3016 - t248 * t3020;
+            let t3144 = t245 * t3020 - t244 * t3016;
+            let t3151 = t3128 + t243 * t3066 + t244 * t3071 + t3128 + t246 * t3020 - t247 * t3024;
+            let t3152 = t243 * t3016 - t245 * t3024;
+            let t3159 = t3129 + t243 * t3059 + t245 * t3071 + t3129 - t246 * t3016 + t248 * t3024;
+            let t3160 = t244 * t3024 - t243 * t3020;
+            let t3167 = t225 * t3086;
+            let t3168 = t224 * t3088;
+            let t3169 = t223 * t3087;
+            let t3180 = t3169 + t224 * t3059 + t225 * t3066 + t3169 + t227 * t3016 - t228 * t3020;
+            let t3183 = t225 * t3020 - t224 * t3016;
+            let t3190 = t3167 + t223 * t3066 + t224 * t3071 + t3167 + t226 * t3020 - t227 * t3024;
+            let t3191 = t223 * t3016 - t225 * t3024;
+            let t3198 = t3168 + t223 * t3059 + t225 * t3071 + t3168 - t226 * t3016 + t228 * t3024;
+            let t3199 = t224 * t3024 - t223 * t3020;
+            let t3212 = 0.3333333333333333 * (t3121 + t3160 + t3199);
+            let t3213 = 0.3333333333333333 * (t3113 + t3152 + t3191);
+            let t3214 = 0.3333333333333333 * (t3105 + t3144 + t3183);
+            let t3224 = 0.3333333333333333 * (t3112 + t3151 + t3190);
+            let t3225 = 0.3333333333333333 * (t3120 + t3159 + t3198);
+            let t3226 = 0.3333333333333333 * (t3102 + t3141 + t3180);
+            residuals[0][lane] = t1627 + frame_translation_x - x;
+            residuals[1][lane] = t1628 + frame_translation_y - y;
+            residuals[2][lane] = t1621 + frame_translation_z - z;
             residuals[3][lane] = 0.5
-                * (prepared_15 * t1463 - prepared_4 * t1538 - prepared_6 * t1504
-                + prepared_5 * t1470 + prepared_17 * t1497 + prepared_8 * t1531);
+                * (prepared_15 * t1645 - prepared_4 * t1750 - prepared_6 * t1701
+                + prepared_5 * t1652 + prepared_17 * t1694 + prepared_8 * t1743);
             residuals[4][lane] = 0.5
-                * (prepared_16 * t1497 - prepared_7 * t1531 - prepared_5 * t1469
-                - prepared_14 * t1463 + prepared_6 * t1503 + prepared_4 * t1537);
+                * (prepared_16 * t1694 - prepared_7 * t1743 - prepared_5 * t1651
+                - prepared_14 * t1645 + prepared_6 * t1700 + prepared_4 * t1749);
             residuals[5][lane] = 0.5
-                * (prepared_14 * t1470 - prepared_8 * t1537 - prepared_15 * t1469
-                - prepared_16 * t1504 - prepared_17 * t1503 + prepared_7 * t1538);
-            jacobian[0][lane] = t47 + t717 - t754;
-            jacobian[1][lane] = t46 + t735 - t753;
-            jacobian[2][lane] = t45 + t727 - t752;
-            jacobian[3][lane] = q * (t47 + t720 - t751);
-            jacobian[4][lane] = q * (t46 + t728 - t750);
-            jacobian[5][lane] = q * (t45 + t736 - t749);
-            jacobian[6][lane] = t47 + t678 - t754;
-            jacobian[7][lane] = t46 + t696 - t753;
-            jacobian[8][lane] = t45 + t688 - t752;
-            jacobian[9][lane] = q * (t47 + t681 - t751);
-            jacobian[10][lane] = q * (t46 + t689 - t750);
-            jacobian[11][lane] = q * (t45 + t697 - t749);
-            jacobian[12][lane] = t47 + t639 - t754;
-            jacobian[13][lane] = t46 + t657 - t753;
-            jacobian[14][lane] = t45 + t649 - t752;
-            jacobian[15][lane] = q * (t47 + t642 - t751);
-            jacobian[16][lane] = q * (t46 + t650 - t750);
-            jacobian[17][lane] = q * (t45 + t658 - t749);
+                * (prepared_14 * t1652 - prepared_8 * t1749 - prepared_15 * t1651
+                - prepared_16 * t1701 - prepared_17 * t1700 + prepared_7 * t1750);
+            jacobian[0][lane] = t38 + t708 - t745;
+            jacobian[1][lane] = t37 + t726 - t744;
+            jacobian[2][lane] = t36 + t718 - t743;
+            jacobian[3][lane] = q * (t38 + t711 - t742);
+            jacobian[4][lane] = q * (t37 + t719 - t741);
+            jacobian[5][lane] = q * (t36 + t727 - t740);
+            jacobian[6][lane] = t38 + t669 - t745;
+            jacobian[7][lane] = t37 + t687 - t744;
+            jacobian[8][lane] = t36 + t679 - t743;
+            jacobian[9][lane] = q * (t38 + t672 - t742);
+            jacobian[10][lane] = q * (t37 + t680 - t741);
+            jacobian[11][lane] = q * (t36 + t688 - t740);
+            jacobian[12][lane] = t38 + t630 - t745;
+            jacobian[13][lane] = t37 + t648 - t744;
+            jacobian[14][lane] = t36 + t640 - t743;
+            jacobian[15][lane] = q * (t38 + t633 - t742);
+            jacobian[16][lane] = q * (t37 + t641 - t741);
+            jacobian[17][lane] = q * (t36 + t649 - t740);
             jacobian[18][lane] = 1.0;
-            jacobian[19][lane] = t26 * t1433 + sin_frame_rotation_z * t1434;
-            jacobian[20][lane] = cos_frame_rotation_z * t1439;
-            jacobian[21][lane] = -t1446;
-            jacobian[22][lane] = t27 - t35 * t479 + t34 * t485;
-            jacobian[23][lane] = t34 + t35 * t473 - t27 * t485;
-            jacobian[24][lane] = t35 - t34 * t473 + t27 * t479;
-            jacobian[25][lane] = t67 + t1000 - t1037;
-            jacobian[26][lane] = t66 + t1018 - t1036;
-            jacobian[27][lane] = t65 + t1010 - t1035;
-            jacobian[28][lane] = q * (t67 + t1003 - t1034);
-            jacobian[29][lane] = q * (t66 + t1011 - t1033);
-            jacobian[30][lane] = q * (t65 + t1019 - t1032);
-            jacobian[31][lane] = t67 + t961 - t1037;
-            jacobian[32][lane] = t66 + t979 - t1036;
-            jacobian[33][lane] = t65 + t971 - t1035;
-            jacobian[34][lane] = q * (t67 + t964 - t1034);
-            jacobian[35][lane] = q * (t66 + t972 - t1033);
-            jacobian[36][lane] = q * (t65 + t980 - t1032);
-            jacobian[37][lane] = t67 + t922 - t1037;
-            jacobian[38][lane] = t66 + t940 - t1036;
-            jacobian[39][lane] = t65 + t932 - t1035;
-            jacobian[40][lane] = q * (t67 + t925 - t1034);
-            jacobian[41][lane] = q * (t66 + t933 - t1033);
-            jacobian[42][lane] = q * (t65 + t941 - t1032);
+            jacobian[19][lane] = t26 * t1615 + sin_frame_rotation_z * t1616;
+            jacobian[20][lane] = cos_frame_rotation_z * t1621;
+            jacobian[21][lane] = -t1628;
+            jacobian[22][lane] = t27 - t368 * t463 + t369 * t459;
+            jacobian[23][lane] = t34 + t367 * t463 - t369 * t455;
+            jacobian[24][lane] = t35 - t367 * t459 + t368 * t455;
+            jacobian[25][lane] = t49 + t1061 - t1098;
+            jacobian[26][lane] = t48 + t1079 - t1097;
+            jacobian[27][lane] = t47 + t1071 - t1096;
+            jacobian[28][lane] = q * (t49 + t1064 - t1095);
+            jacobian[29][lane] = q * (t48 + t1072 - t1094);
+            jacobian[30][lane] = q * (t47 + t1080 - t1093);
+            jacobian[31][lane] = t49 + t1022 - t1098;
+            jacobian[32][lane] = t48 + t1040 - t1097;
+            jacobian[33][lane] = t47 + t1032 - t1096;
+            jacobian[34][lane] = q * (t49 + t1025 - t1095);
+            jacobian[35][lane] = q * (t48 + t1033 - t1094);
+            jacobian[36][lane] = q * (t47 + t1041 - t1093);
+            jacobian[37][lane] = t49 + t983 - t1098;
+            jacobian[38][lane] = t48 + t1001 - t1097;
+            jacobian[39][lane] = t47 + t993 - t1096;
+            jacobian[40][lane] = q * (t49 + t986 - t1095);
+            jacobian[41][lane] = q * (t48 + t994 - t1094);
+            jacobian[42][lane] = q * (t47 + t1002 - t1093);
             jacobian[43][lane] = 1.0;
-            jacobian[44][lane] = t48 * t1433 - cos_frame_rotation_z * t1434;
-            jacobian[45][lane] = sin_frame_rotation_z * t1439;
-            jacobian[46][lane] = t1445;
-            jacobian[47][lane] = t49 - t55 * t479 + t54 * t485;
-            jacobian[48][lane] = t54 + t55 * t473 - t49 * t485;
-            jacobian[49][lane] = t55 - t54 * t473 + t49 * t479;
-            jacobian[50][lane] = t1283 - t81 - t1320;
-            jacobian[51][lane] = t80 + t1301 - t1319;
-            jacobian[52][lane] = t79 + t1293 - t1318;
-            jacobian[53][lane] = q * (t1286 - t81 - t1317);
-            jacobian[54][lane] = q * (t80 + t1294 - t1316);
-            jacobian[55][lane] = q * (t79 + t1302 - t1315);
-            jacobian[56][lane] = t1244 - t81 - t1320;
-            jacobian[57][lane] = t80 + t1262 - t1319;
-            jacobian[58][lane] = t79 + t1254 - t1318;
-            jacobian[59][lane] = q * (t1247 - t81 - t1317);
-            jacobian[60][lane] = q * (t80 + t1255 - t1316);
-            jacobian[61][lane] = q * (t79 + t1263 - t1315);
-            jacobian[62][lane] = t1205 - t81 - t1320;
-            jacobian[63][lane] = t80 + t1223 - t1319;
-            jacobian[64][lane] = t79 + t1215 - t1318;
-            jacobian[65][lane] = q * (t1208 - t81 - t1317);
-            jacobian[66][lane] = q * (t80 + t1216 - t1316);
-            jacobian[67][lane] = q * (t79 + t1224 - t1315);
+            jacobian[44][lane] = t39 * t1615 - cos_frame_rotation_z * t1616;
+            jacobian[45][lane] = sin_frame_rotation_z * t1621;
+            jacobian[46][lane] = t1627;
+            jacobian[47][lane] = t40 - t368 * t816 + t369 * t812;
+            jacobian[48][lane] = t45 + t367 * t816 - t369 * t808;
+            jacobian[49][lane] = t46 - t367 * t812 + t368 * t808;
+            jacobian[50][lane] = t1414 - t54 - t1451;
+            jacobian[51][lane] = t53 + t1432 - t1450;
+            jacobian[52][lane] = t52 + t1424 - t1449;
+            jacobian[53][lane] = q * (t1417 - t54 - t1448);
+            jacobian[54][lane] = q * (t53 + t1425 - t1447);
+            jacobian[55][lane] = q * (t52 + t1433 - t1446);
+            jacobian[56][lane] = t1375 - t54 - t1451;
+            jacobian[57][lane] = t53 + t1393 - t1450;
+            jacobian[58][lane] = t52 + t1385 - t1449;
+            jacobian[59][lane] = q * (t1378 - t54 - t1448);
+            jacobian[60][lane] = q * (t53 + t1386 - t1447);
+            jacobian[61][lane] = q * (t52 + t1394 - t1446);
+            jacobian[62][lane] = t1336 - t54 - t1451;
+            jacobian[63][lane] = t53 + t1354 - t1450;
+            jacobian[64][lane] = t52 + t1346 - t1449;
+            jacobian[65][lane] = q * (t1339 - t54 - t1448);
+            jacobian[66][lane] = q * (t53 + t1347 - t1447);
+            jacobian[67][lane] = q * (t52 + t1355 - t1446);
             jacobian[68][lane] = 1.0;
-            jacobian[69][lane] = cos_frame_rotation_y * t1433;
-            jacobian[70][lane] = -t1440;
-            jacobian[71][lane] = t68 * t485 - sin_frame_rotation_y - t69 * t479;
-            jacobian[72][lane] = t68 + t69 * t473 + sin_frame_rotation_y * t485;
-            jacobian[73][lane] = t69 - t68 * t473 - sin_frame_rotation_y * t479;
-            jacobian[74][lane] = t1851 - t1897;
-            jacobian[75][lane] = t1869 - t1896;
-            jacobian[76][lane] = t1861 - t1895;
-            jacobian[77][lane] = q * (t1854 - t1885);
-            jacobian[78][lane] = q * (t1862 - t1884);
-            jacobian[79][lane] = q * (t1870 - t1883);
-            jacobian[80][lane] = t1812 - t1897;
-            jacobian[81][lane] = t1830 - t1896;
-            jacobian[82][lane] = t1822 - t1895;
-            jacobian[83][lane] = q * (t1815 - t1885);
-            jacobian[84][lane] = q * (t1823 - t1884);
-            jacobian[85][lane] = q * (t1831 - t1883);
-            jacobian[86][lane] = t1773 - t1897;
-            jacobian[87][lane] = t1791 - t1896;
-            jacobian[88][lane] = t1783 - t1895;
-            jacobian[89][lane] = q * (t1776 - t1885);
-            jacobian[90][lane] = q * (t1784 - t1884);
-            jacobian[91][lane] = q * (t1792 - t1883);
-            jacobian[92][lane] = t88 * t1525 + t83 * t1526 + t166 * t1491 + t99 * t1492
-                + t180 * t1457 - t105 * t1458;
-            jacobian[93][lane] = t104 * t1463 - t82 * t1531 - prepared_10 * t1532 - t98 * t1497
-                - prepared_18 * t1498 - prepared_19 * t1464;
-            jacobian[94][lane] = prepared_12 * t1469 - prepared_9 * t1537 - prepared_11 * t1503;
+            jacobian[69][lane] = cos_frame_rotation_y * t1615;
+            jacobian[70][lane] = -t1622;
+            jacobian[71][lane] = t369 * t1165 - sin_frame_rotation_y - t368 * t1169;
+            jacobian[72][lane] = t50 + t367 * t1169 - t369 * t1161;
+            jacobian[73][lane] = t51 - t367 * t1165 + t368 * t1161;
+            jacobian[74][lane] = t2206 - t2252;
+            jacobian[75][lane] = t2224 - t2251;
+            jacobian[76][lane] = t2216 - t2250;
+            jacobian[77][lane] = q * (t2209 - t2240);
+            jacobian[78][lane] = q * (t2217 - t2239);
+            jacobian[79][lane] = q * (t2225 - t2238);
+            jacobian[80][lane] = t2167 - t2252;
+            jacobian[81][lane] = t2185 - t2251;
+            jacobian[82][lane] = t2177 - t2250;
+            jacobian[83][lane] = q * (t2170 - t2240);
+            jacobian[84][lane] = q * (t2178 - t2239);
+            jacobian[85][lane] = q * (t2186 - t2238);
+            jacobian[86][lane] = t2128 - t2252;
+            jacobian[87][lane] = t2146 - t2251;
+            jacobian[88][lane] = t2138 - t2250;
+            jacobian[89][lane] = q * (t2131 - t2240);
+            jacobian[90][lane] = q * (t2139 - t2239);
+            jacobian[91][lane] = q * (t2147 - t2238);
+            jacobian[92][lane] = t61 * t1737 + t56 * t1738 + t129 * t1688 + t70 * t1689
+                + t137 * t1639 - t76 * t1640;
+            jacobian[93][lane] = t75 * t1645 - t55 * t1743 - prepared_10 * t1744 - t69 * t1694
+                - prepared_18 * t1695 - prepared_19 * t1646;
+            jacobian[94][lane] = prepared_12 * t1651 - prepared_9 * t1749 - prepared_11 * t1700;
             jacobian[95][lane] = cos_target_rotation_x
-                * (sin_target_rotation_y * t1629 + sin_target_rotation_z * t1371
-                - cos_target_rotation_z * t1374 + cos_target_rotation_y * t1593)
+                * (sin_target_rotation_y * t1922 + sin_target_rotation_z * t1518
+                - cos_target_rotation_z * t1521 + cos_target_rotation_y * t1848)
                 - sin_target_rotation_x
-                * (sin_target_rotation_y * t1382 + cos_target_rotation_y * t1377
-                + cos_target_rotation_z * t1590 - sin_target_rotation_z * t1587);
+                * (sin_target_rotation_y * t1530 + cos_target_rotation_y * t1525
+                + cos_target_rotation_z * t1844 - sin_target_rotation_z * t1840);
             jacobian[96][lane] = cos_target_rotation_y
-                * (sin_target_rotation_x * t1629 - t181 * t479 + t184 * t473 - t185
-                + cos_target_rotation_x * t1382)
+                * (t368 * t1907 - t142 + cos_target_rotation_x * t1530 + t367 * t1891
+                + sin_target_rotation_x * t1922)
                 - sin_target_rotation_y
-                * (cos_target_rotation_x * t1377 + sin_target_rotation_x * t1593
-                + sin_target_rotation_z * t1619 + cos_target_rotation_z * t1616);
-            jacobian[97][lane] = t158 * t1374 - t159 * t1371 + t152 * t1590 - t153 * t1587
+                * (cos_target_rotation_x * t1525 + sin_target_rotation_x * t1848
+                + sin_target_rotation_z * t1911 + cos_target_rotation_z * t1905);
+            jacobian[97][lane] = t125 * t1521 - t126 * t1518 + t119 * t1844 - t120 * t1840
                 + cos_target_rotation_y
-                * (cos_target_rotation_z * t1619 - sin_target_rotation_z * t1616);
-            jacobian[98][lane] = t2195 - t2241;
-            jacobian[99][lane] = t2213 - t2240;
-            jacobian[100][lane] = t2205 - t2239;
-            jacobian[101][lane] = q * (t2198 - t2229);
-            jacobian[102][lane] = q * (t2206 - t2228);
-            jacobian[103][lane] = q * (t2214 - t2227);
-            jacobian[104][lane] = t2156 - t2241;
-            jacobian[105][lane] = t2174 - t2240;
-            jacobian[106][lane] = t2166 - t2239;
-            jacobian[107][lane] = q * (t2159 - t2229);
-            jacobian[108][lane] = q * (t2167 - t2228);
-            jacobian[109][lane] = q * (t2175 - t2227);
-            jacobian[110][lane] = t2117 - t2241;
-            jacobian[111][lane] = t2135 - t2240;
-            jacobian[112][lane] = t2127 - t2239;
-            jacobian[113][lane] = q * (t2120 - t2229);
-            jacobian[114][lane] = q * (t2128 - t2228);
-            jacobian[115][lane] = q * (t2136 - t2227);
-            jacobian[116][lane] = t114 * t1525 + t82 * t1526 + t213 * t1491 + t98 * t1492
-                - t227 * t1457 - t104 * t1458;
-            jacobian[117][lane] = t83 * t1531 + prepared_13 * t1532 + t99 * t1497
-                - prepared_20 * t1498 - t105 * t1463 + prepared_21 * t1464;
-            jacobian[118][lane] = prepared_12 * t1470 - prepared_9 * t1538 - prepared_11 * t1504;
+                * (cos_target_rotation_z * t1911 - sin_target_rotation_z * t1905);
+            jacobian[98][lane] = t2693 - t2739;
+            jacobian[99][lane] = t2711 - t2738;
+            jacobian[100][lane] = t2703 - t2737;
+            jacobian[101][lane] = q * (t2696 - t2727);
+            jacobian[102][lane] = q * (t2704 - t2726);
+            jacobian[103][lane] = q * (t2712 - t2725);
+            jacobian[104][lane] = t2654 - t2739;
+            jacobian[105][lane] = t2672 - t2738;
+            jacobian[106][lane] = t2664 - t2737;
+            jacobian[107][lane] = q * (t2657 - t2727);
+            jacobian[108][lane] = q * (t2665 - t2726);
+            jacobian[109][lane] = q * (t2673 - t2725);
+            jacobian[110][lane] = t2615 - t2739;
+            jacobian[111][lane] = t2633 - t2738;
+            jacobian[112][lane] = t2625 - t2737;
+            jacobian[113][lane] = q * (t2618 - t2727);
+            jacobian[114][lane] = q * (t2626 - t2726);
+            jacobian[115][lane] = q * (t2634 - t2725);
+            jacobian[116][lane] = t85 * t1737 + t55 * t1738 + t145 * t1688 + t69 * t1689
+                - t153 * t1639 - t75 * t1640;
+            jacobian[117][lane] = t56 * t1743 + prepared_13 * t1744 + t70 * t1694
+                - prepared_20 * t1695 - t76 * t1645 + prepared_21 * t1646;
+            jacobian[118][lane] = prepared_12 * t1652 - prepared_9 * t1750 - prepared_11 * t1701;
             jacobian[119][lane] = cos_target_rotation_x
-                * (sin_target_rotation_y * t1973 + sin_target_rotation_z * t1392
-                - cos_target_rotation_z * t1395 + cos_target_rotation_y * t1937)
+                * (sin_target_rotation_y * t2409 + sin_target_rotation_z * t1556
+                - cos_target_rotation_z * t1559 + cos_target_rotation_y * t2335)
                 - sin_target_rotation_x
-                * (sin_target_rotation_y * t1403 + cos_target_rotation_y * t1398
-                + cos_target_rotation_z * t1934 - sin_target_rotation_z * t1931);
+                * (sin_target_rotation_y * t1568 + cos_target_rotation_y * t1563
+                + cos_target_rotation_z * t2331 - sin_target_rotation_z * t2327);
             jacobian[120][lane] = cos_target_rotation_y
-                * (sin_target_rotation_x * t1973 - t228 * t479 + t231 * t473 + t232
-                + cos_target_rotation_x * t1403)
+                * (sin_target_rotation_x * t2409 - t368 * t2394 + t367 * t2378 + t158
+                + cos_target_rotation_x * t1568)
                 - sin_target_rotation_y
-                * (cos_target_rotation_x * t1398 + sin_target_rotation_x * t1937
-                + sin_target_rotation_z * t1963 + cos_target_rotation_z * t1960);
-            jacobian[121][lane] = t158 * t1395 - t159 * t1392 + t152 * t1934 - t153 * t1931
+                * (cos_target_rotation_x * t1563 + sin_target_rotation_x * t2335
+                + sin_target_rotation_z * t2398 + cos_target_rotation_z * t2392);
+            jacobian[121][lane] = t125 * t1559 - t126 * t1556 + t119 * t2331 - t120 * t2327
                 + cos_target_rotation_y
-                * (cos_target_rotation_z * t1963 - sin_target_rotation_z * t1960);
-            jacobian[122][lane] = t2539 - t2585;
-            jacobian[123][lane] = t2557 - t2584;
-            jacobian[124][lane] = t2549 - t2583;
-            jacobian[125][lane] = q * (t2542 - t2573);
-            jacobian[126][lane] = q * (t2550 - t2572);
-            jacobian[127][lane] = q * (t2558 - t2571);
-            jacobian[128][lane] = t2500 - t2585;
-            jacobian[129][lane] = t2518 - t2584;
-            jacobian[130][lane] = t2510 - t2583;
-            jacobian[131][lane] = q * (t2503 - t2573);
-            jacobian[132][lane] = q * (t2511 - t2572);
-            jacobian[133][lane] = q * (t2519 - t2571);
-            jacobian[134][lane] = t2461 - t2585;
-            jacobian[135][lane] = t2479 - t2584;
-            jacobian[136][lane] = t2471 - t2583;
-            jacobian[137][lane] = q * (t2464 - t2573);
-            jacobian[138][lane] = q * (t2472 - t2572);
-            jacobian[139][lane] = q * (t2480 - t2571);
-            jacobian[140][lane] = t138 * t1525 - t137 * t1526 - t264 * t1491 - t263 * t1492
-                + t284 * t1457 - t283 * t1458;
-            jacobian[141][lane] = t136 * t1531 - t262 * t1497 + t282 * t1463;
-            jacobian[142][lane] = prepared_13 * t1537 + prepared_10 * t1538 - prepared_20 * t1503
-                + prepared_18 * t1504 + prepared_21 * t1469 + prepared_19 * t1470;
+                * (cos_target_rotation_z * t2398 - sin_target_rotation_z * t2392);
+            jacobian[122][lane] = t3180 - t3226;
+            jacobian[123][lane] = t3198 - t3225;
+            jacobian[124][lane] = t3190 - t3224;
+            jacobian[125][lane] = q * (t3183 - t3214);
+            jacobian[126][lane] = q * (t3191 - t3213);
+            jacobian[127][lane] = q * (t3199 - t3212);
+            jacobian[128][lane] = t3141 - t3226;
+            jacobian[129][lane] = t3159 - t3225;
+            jacobian[130][lane] = t3151 - t3224;
+            jacobian[131][lane] = q * (t3144 - t3214);
+            jacobian[132][lane] = q * (t3152 - t3213);
+            jacobian[133][lane] = q * (t3160 - t3212);
+            jacobian[134][lane] = t3102 - t3226;
+            jacobian[135][lane] = t3120 - t3225;
+            jacobian[136][lane] = t3112 - t3224;
+            jacobian[137][lane] = q * (t3105 - t3214);
+            jacobian[138][lane] = q * (t3113 - t3213);
+            jacobian[139][lane] = q * (t3121 - t3212);
+            jacobian[140][lane] = t107 * t1737 - t106 * t1738 - t165 * t1688 - t164 * t1689
+                + t179 * t1639 - t178 * t1640;
+            jacobian[141][lane] = t105 * t1743 - t163 * t1694 + t177 * t1645;
+            jacobian[142][lane] = prepared_13 * t1749 + prepared_10 * t1750 - prepared_20 * t1700
+                + prepared_18 * t1701 + prepared_21 * t1651 + prepared_19 * t1652;
             jacobian[143][lane] = cos_target_rotation_x
-                * (sin_target_rotation_y * t2317 + sin_target_rotation_z * t1413
-                - cos_target_rotation_z * t1416 - cos_target_rotation_y * t2281)
+                * (sin_target_rotation_y * t2896 + sin_target_rotation_z * t1594
+                - cos_target_rotation_z * t1597 + cos_target_rotation_y * t2822)
                 - sin_target_rotation_x
-                * (sin_target_rotation_y * t1424 + cos_target_rotation_y * t1419
-                + cos_target_rotation_z * t2278 - sin_target_rotation_z * t2275);
+                * (sin_target_rotation_y * t1606 + cos_target_rotation_y * t1601
+                + cos_target_rotation_z * t2818 - sin_target_rotation_z * t2814);
             jacobian[144][lane] = cos_target_rotation_y
-                * (sin_target_rotation_x * t2317 - t285 * t479 + t290 * t473 - t291
-                + cos_target_rotation_x * t1424)
+                * (t368 * t2881 - t186 + cos_target_rotation_x * t1606 + t367 * t2865
+                + sin_target_rotation_x * t2896)
                 - sin_target_rotation_y
-                * (cos_target_rotation_x * t1419 - sin_target_rotation_x * t2281
-                + sin_target_rotation_z * t2307 + cos_target_rotation_z * t2304);
-            jacobian[145][lane] = t158 * t1416 - t159 * t1413 + t152 * t2278 - t153 * t2275
+                * (cos_target_rotation_x * t1601 + sin_target_rotation_x * t2822
+                + sin_target_rotation_z * t2885 + cos_target_rotation_z * t2879);
+            jacobian[145][lane] = t125 * t1597 - t126 * t1594 + t119 * t2818 - t120 * t2814
                 + cos_target_rotation_y
-                * (cos_target_rotation_z * t2307 - sin_target_rotation_z * t2304);
+                * (cos_target_rotation_z * t2885 - sin_target_rotation_z * t2879);
         }
     }
     /// `F·(C(q) + A(q)·m) + t − x`
@@ -7031,8 +7431,8 @@ pub mod full {
     /// Parameters: `joint1_track_offset_x`, `joint1_track_offset_y`, `joint1_track_offset_z`, `joint1_track_direction_x`, `joint1_track_direction_y`, `joint1_track_direction_z`, `joint2_track_offset_x`, `joint2_track_offset_y`, `joint2_track_offset_z`, `joint2_track_direction_x`, `joint2_track_direction_y`, `joint2_track_direction_z`, `frame_translation_x`, `frame_translation_y`, `frame_translation_z`, `frame_rotation_x`, `frame_rotation_y`, `frame_rotation_z`, `target_position_x`, `target_position_y`, `target_position_z`.
     ///
     /// Once per sample: 0 operations.
-    /// Residuals: 86 operations (41 additions, 36 multiplications, 3 divisions, 6 functions).
-    /// With the Jacobian: 340 operations (143 additions, 177 multiplications, 12 divisions, 2 negations, 6 functions).
+    /// Residuals: 118 operations (53 additions, 55 multiplications, 4 divisions, 6 functions).
+    /// With the Jacobian: 555 operations (239 additions, 292 multiplications, 16 divisions, 2 negations, 6 functions).
     #[derive(Debug, Clone, Copy)]
     pub struct CartPositionTwo;
     impl Formulas for CartPositionTwo {
@@ -7096,20 +7496,28 @@ pub mod full {
             let t45 = (t8 * t12 - t9 * t11) / t44;
             let t46 = (t9 * t10 - t7 * t12) / t44;
             let t47 = (t7 * t11 - t8 * t10) / t44;
-            let t56 = target_position_z * t46 - target_position_y * t47 + target_position_x
+            let t54 = 0.5 + 0.041666666666666664 * (t46 * t46 + t45 * t45 + t47 * t47);
+            let t55 = t45 * t54;
+            let t56 = t46 * t54;
+            let t57 = t47 * t54;
+            let t64 = 2.0 / (t56 * t56 + t55 * t55 + 1.0 + t57 * t57);
+            let t67 = target_position_z * t56 - target_position_y * t57;
+            let t70 = target_position_x * t57 - target_position_z * t55;
+            let t73 = target_position_y * t55 - target_position_x * t56;
+            let t90 = t64 * (t67 - t57 * t70 + t56 * t73) + target_position_x
                 + 0.5 * (t4 + joint1_track_offset_x + t1 + joint2_track_offset_x);
-            let t59 = target_position_x * t47 - target_position_z * t45 + target_position_y
+            let t92 = t64 * (t70 - t55 * t73 + t57 * t67) + target_position_y
                 + 0.5 * (t5 + joint1_track_offset_y + t2 + joint2_track_offset_y);
-            let t62 = target_position_y * t45 - target_position_x * t46 + target_position_z
+            let t94 = t64 * (t73 - t56 * t67 + t55 * t70) + target_position_z
                 + 0.5 * (t6 + joint1_track_offset_z + t3 + joint2_track_offset_z);
-            let t67 = cos_frame_rotation_x * t59 - sin_frame_rotation_x * t62;
-            let t68 = sin_frame_rotation_x * t59 + cos_frame_rotation_x * t62;
-            let t73 = sin_frame_rotation_y * t68 + cos_frame_rotation_y * t56;
-            residuals[0][lane] = cos_frame_rotation_z * t73 - sin_frame_rotation_z * t67
+            let t99 = cos_frame_rotation_x * t92 - sin_frame_rotation_x * t94;
+            let t100 = sin_frame_rotation_x * t92 + cos_frame_rotation_x * t94;
+            let t105 = sin_frame_rotation_y * t100 + cos_frame_rotation_y * t90;
+            residuals[0][lane] = cos_frame_rotation_z * t105 - sin_frame_rotation_z * t99
                 + frame_translation_x - x;
-            residuals[1][lane] = sin_frame_rotation_z * t73 + cos_frame_rotation_z * t67
+            residuals[1][lane] = sin_frame_rotation_z * t105 + cos_frame_rotation_z * t99
                 + frame_translation_y - y;
-            residuals[2][lane] = cos_frame_rotation_y * t68 - sin_frame_rotation_y * t56
+            residuals[2][lane] = cos_frame_rotation_y * t100 - sin_frame_rotation_y * t90
                 + frame_translation_z - z;
         }
         #[inline(always)]
@@ -7151,129 +7559,201 @@ pub mod full {
             let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(frame_rotation_x);
             let t37 = t29 * sin_frame_rotation_x - sin_frame_rotation_z * cos_frame_rotation_x;
             let t38 = t29 * cos_frame_rotation_x + sin_frame_rotation_z * sin_frame_rotation_x;
-            let t48 = 0.5 * t38;
-            let t49 = 0.5 * t37;
-            let t50 = 0.5 * t30;
-            let t51 = sin_frame_rotation_z * sin_frame_rotation_y;
-            let t52 = sin_frame_rotation_z * cos_frame_rotation_y;
-            let t57 = sin_frame_rotation_x * t51 + cos_frame_rotation_z * cos_frame_rotation_x;
-            let t58 = cos_frame_rotation_x * t51 - cos_frame_rotation_z * sin_frame_rotation_x;
-            let t68 = 0.5 * t58;
-            let t69 = 0.5 * t57;
-            let t70 = 0.5 * t52;
-            let t71 = cos_frame_rotation_y * sin_frame_rotation_x;
-            let t72 = cos_frame_rotation_y * cos_frame_rotation_x;
-            let t82 = 0.5 * t72;
-            let t83 = 0.5 * t71;
-            let t84 = -0.5 * sin_frame_rotation_y;
-            let t98 = t8 * t8 + t7 * t7 + t9 * t9;
-            let t99 = (t8 * t12 - t9 * t11) / t98;
-            let t100 = (t9 * t10 - t7 * t12) / t98;
-            let t101 = (t7 * t11 - t8 * t10) / t98;
-            let t110 = target_position_z * t100 - target_position_y * t101 + target_position_x
+            let t39 = 0.5 * t38;
+            let t40 = 0.5 * t37;
+            let t41 = 0.5 * t30;
+            let t42 = sin_frame_rotation_z * sin_frame_rotation_y;
+            let t43 = sin_frame_rotation_z * cos_frame_rotation_y;
+            let t48 = sin_frame_rotation_x * t42 + cos_frame_rotation_z * cos_frame_rotation_x;
+            let t49 = cos_frame_rotation_x * t42 - cos_frame_rotation_z * sin_frame_rotation_x;
+            let t50 = 0.5 * t49;
+            let t51 = 0.5 * t48;
+            let t52 = 0.5 * t43;
+            let t53 = cos_frame_rotation_y * sin_frame_rotation_x;
+            let t54 = cos_frame_rotation_y * cos_frame_rotation_x;
+            let t55 = 0.5 * t54;
+            let t56 = 0.5 * t53;
+            let t57 = -0.5 * sin_frame_rotation_y;
+            let t71 = t8 * t8 + t7 * t7 + t9 * t9;
+            let t72 = (t8 * t12 - t9 * t11) / t71;
+            let t73 = (t9 * t10 - t7 * t12) / t71;
+            let t74 = (t7 * t11 - t8 * t10) / t71;
+            let t81 = 0.5 + 0.041666666666666664 * (t73 * t73 + t72 * t72 + t74 * t74);
+            let t82 = t72 * t81;
+            let t83 = t73 * t81;
+            let t84 = t74 * t81;
+            let t90 = t83 * t83 + t82 * t82 + 1.0 + t84 * t84;
+            let t91 = 2.0 / t90;
+            let t94 = target_position_z * t83 - target_position_y * t84;
+            let t97 = target_position_x * t84 - target_position_z * t82;
+            let t100 = target_position_y * t82 - target_position_x * t83;
+            let t108 = t94 - t84 * t97 + t83 * t100;
+            let t110 = t97 - t82 * t100 + t84 * t94;
+            let t112 = t100 - t83 * t94 + t82 * t97;
+            let t117 = t91 * t108 + target_position_x
                 + 0.5 * (t4 + joint1_track_offset_x + t1 + joint2_track_offset_x);
-            let t113 = target_position_x * t101 - target_position_z * t99 + target_position_y
+            let t119 = t91 * t110 + target_position_y
                 + 0.5 * (t5 + joint1_track_offset_y + t2 + joint2_track_offset_y);
-            let t116 = target_position_y * t99 - target_position_x * t100 + target_position_z
+            let t121 = t91 * t112 + target_position_z
                 + 0.5 * (t6 + joint1_track_offset_z + t3 + joint2_track_offset_z);
-            let t129 = (target_position_x * t37 - target_position_y * t30) / t98;
-            let t131 = (target_position_z * t30 - target_position_x * t38) / t98;
-            let t133 = (target_position_y * t38 - target_position_z * t37) / t98;
-            let t136 = t101 * t129 + t100 * t131 + t99 * t133;
-            let t137 = t9 * 2.0;
-            let t139 = t8 * 2.0;
-            let t141 = t7 * 2.0;
-            let t150 = t11 * t129 - t136 * t141 - t12 * t131;
-            let t153 = t9 * t131 - t8 * t129;
-            let t157 = t10 * t131 - t136 * t137 - t11 * t133;
-            let t158 = t7 * t129 - t9 * t133;
-            let t162 = t12 * t133 - t136 * t139 - t10 * t129;
-            let t163 = t8 * t133 - t7 * t131;
-            let t194 = (target_position_x * t57 - target_position_y * t52) / t98;
-            let t196 = (target_position_z * t52 - target_position_x * t58) / t98;
-            let t198 = (target_position_y * t58 - target_position_z * t57) / t98;
-            let t201 = t101 * t194 + t100 * t196 + t99 * t198;
-            let t212 = t11 * t194 - t141 * t201 - t12 * t196;
-            let t215 = t9 * t196 - t8 * t194;
-            let t219 = t10 * t196 - t137 * t201 - t11 * t198;
-            let t220 = t7 * t194 - t9 * t198;
-            let t224 = t12 * t198 - t139 * t201 - t10 * t194;
-            let t225 = t8 * t198 - t7 * t196;
-            let t256 = (target_position_x * t71 + target_position_y * sin_frame_rotation_y) / t98;
-            let t258 = (target_position_x * t72 + target_position_z * sin_frame_rotation_y) / t98;
-            let t260 = (target_position_y * t72 - target_position_z * t71) / t98;
-            let t263 = t100 * t258 - t101 * t256 - t99 * t260;
-            let t274 = t141 * t263 + t11 * t256 + t12 * t258;
-            let t277 = t8 * t256 + t9 * t258;
-            let t281 = t137 * t263 - t10 * t258 - t11 * t260;
-            let t282 = t7 * t256 - t9 * t260;
-            let t286 = t139 * t263 - t10 * t256 + t12 * t260;
-            let t287 = t7 * t258 + t8 * t260;
-            let t310 = cos_frame_rotation_x * t113 - sin_frame_rotation_x * t116;
-            let t311 = sin_frame_rotation_x * t113 + cos_frame_rotation_x * t116;
-            let t316 = cos_frame_rotation_y * t311 - sin_frame_rotation_y * t110;
-            let t317 = sin_frame_rotation_y * t311 + cos_frame_rotation_y * t110;
-            let t322 = cos_frame_rotation_z * t317 - sin_frame_rotation_z * t310;
-            let t323 = sin_frame_rotation_z * t317 + cos_frame_rotation_z * t310;
-            residuals[0][lane] = t322 + frame_translation_x - x;
-            residuals[1][lane] = t323 + frame_translation_y - y;
-            residuals[2][lane] = t316 + frame_translation_z - z;
-            jacobian[0][lane] = t50 + t150;
-            jacobian[1][lane] = t49 + t162;
-            jacobian[2][lane] = t48 + t157;
-            jacobian[3][lane] = q * (t50 + t153);
-            jacobian[4][lane] = q * (t49 + t158);
-            jacobian[5][lane] = q * (t48 + t163);
-            jacobian[6][lane] = t50 - t150;
-            jacobian[7][lane] = t49 - t162;
-            jacobian[8][lane] = t48 - t157;
-            jacobian[9][lane] = q * (t50 - t153);
-            jacobian[10][lane] = q * (t49 - t158);
-            jacobian[11][lane] = q * (t48 - t163);
+            let t123 = t38 * t91;
+            let t125 = t37 * t91;
+            let t127 = t30 * t91;
+            let t139 = t127 - t83 * t123 + t84 * t125;
+            let t143 = t125 + t82 * t123 - t84 * t127;
+            let t147 = t123 - t82 * t125 + t83 * t127;
+            let t167 = t91 * ((t38 * t112 + t37 * t110 + t30 * t108) / t90);
+            let t168 = t84 * t167;
+            let t173 = target_position_x * t143 - t168 - target_position_y * t139 - t97 * t127
+                + t94 * t125 - t168;
+            let t174 = t83 * t167;
+            let t179 = target_position_z * t139 - t174 - target_position_x * t147 + t100 * t127
+                - t94 * t123 - t174;
+            let t180 = t82 * t167;
+            let t185 = target_position_y * t147 - t180 - target_position_z * t143 - t100 * t125
+                + t97 * t123 - t180;
+            let t194 = 0.041666666666666664 * (t74 * t173 + t73 * t179 + t72 * t185);
+            let t195 = t74 * t194;
+            let t198 = t73 * t194;
+            let t201 = t72 * t194;
+            let t204 = (t195 + t81 * t173 + t195) / t71;
+            let t206 = (t198 + t81 * t179 + t198) / t71;
+            let t208 = (t201 + t81 * t185 + t201) / t71;
+            let t211 = t74 * t204 + t73 * t206 + t72 * t208;
+            let t212 = t9 * 2.0;
+            let t214 = t8 * 2.0;
+            let t216 = t7 * 2.0;
+            let t225 = t11 * t204 - t211 * t216 - t12 * t206;
+            let t228 = t9 * t206 - t8 * t204;
+            let t232 = t10 * t206 - t211 * t212 - t11 * t208;
+            let t233 = t7 * t204 - t9 * t208;
+            let t237 = t12 * t208 - t211 * t214 - t10 * t204;
+            let t238 = t8 * t208 - t7 * t206;
+            let t258 = t49 * t91;
+            let t260 = t48 * t91;
+            let t262 = t43 * t91;
+            let t274 = t262 - t83 * t258 + t84 * t260;
+            let t278 = t260 + t82 * t258 - t84 * t262;
+            let t282 = t258 - t82 * t260 + t83 * t262;
+            let t302 = t91 * ((t49 * t112 + t48 * t110 + t43 * t108) / t90);
+            let t303 = t84 * t302;
+            let t308 = target_position_x * t278 - t303 - target_position_y * t274 - t97 * t262
+                + t94 * t260 - t303;
+            let t309 = t83 * t302;
+            let t314 = target_position_z * t274 - t309 - target_position_x * t282 + t100 * t262
+                - t94 * t258 - t309;
+            let t315 = t82 * t302;
+            let t320 = target_position_y * t282 - t315 - target_position_z * t278 - t100 * t260
+                + t97 * t258 - t315;
+            let t329 = 0.041666666666666664 * (t74 * t308 + t73 * t314 + t72 * t320);
+            let t330 = t74 * t329;
+            let t333 = t73 * t329;
+            let t336 = t72 * t329;
+            let t339 = (t330 + t81 * t308 + t330) / t71;
+            let t341 = (t333 + t81 * t314 + t333) / t71;
+            let t343 = (t336 + t81 * t320 + t336) / t71;
+            let t346 = t74 * t339 + t73 * t341 + t72 * t343;
+            let t357 = t11 * t339 - t216 * t346 - t12 * t341;
+            let t360 = t9 * t341 - t8 * t339;
+            let t364 = t10 * t341 - t212 * t346 - t11 * t343;
+            let t365 = t7 * t339 - t9 * t343;
+            let t369 = t12 * t343 - t214 * t346 - t10 * t339;
+            let t370 = t8 * t343 - t7 * t341;
+            let t390 = t54 * t91;
+            let t392 = t53 * t91;
+            let t394 = sin_frame_rotation_y * t91;
+            let t406 = t84 * t392 - t394 - t83 * t390;
+            let t410 = t392 + t82 * t390 + t84 * t394;
+            let t414 = t390 - t82 * t392 - t83 * t394;
+            let t434 = t91 * ((t54 * t112 + t53 * t110 - sin_frame_rotation_y * t108) / t90);
+            let t435 = t84 * t434;
+            let t440 = target_position_x * t410 - t435 - target_position_y * t406 + t97 * t394
+                + t94 * t392 - t435;
+            let t441 = t83 * t434;
+            let t446 = target_position_z * t406 - t441 - target_position_x * t414 - t100 * t394
+                - t94 * t390 - t441;
+            let t447 = t82 * t434;
+            let t452 = target_position_y * t414 - t447 - target_position_z * t410 - t100 * t392
+                + t97 * t390 - t447;
+            let t461 = 0.041666666666666664 * (t74 * t440 + t73 * t446 + t72 * t452);
+            let t462 = t74 * t461;
+            let t465 = t73 * t461;
+            let t468 = t72 * t461;
+            let t471 = (t462 + t81 * t440 + t462) / t71;
+            let t473 = (t465 + t81 * t446 + t465) / t71;
+            let t475 = (t468 + t81 * t452 + t468) / t71;
+            let t478 = t74 * t471 + t73 * t473 + t72 * t475;
+            let t489 = t11 * t471 - t216 * t478 - t12 * t473;
+            let t492 = t8 * t471 - t9 * t473;
+            let t496 = t10 * t473 - t212 * t478 - t11 * t475;
+            let t497 = t7 * t471 - t9 * t475;
+            let t501 = t12 * t475 - t214 * t478 - t10 * t471;
+            let t502 = t8 * t475 - t7 * t473;
+            let t525 = cos_frame_rotation_x * t119 - sin_frame_rotation_x * t121;
+            let t526 = sin_frame_rotation_x * t119 + cos_frame_rotation_x * t121;
+            let t531 = cos_frame_rotation_y * t526 - sin_frame_rotation_y * t117;
+            let t532 = sin_frame_rotation_y * t526 + cos_frame_rotation_y * t117;
+            let t537 = cos_frame_rotation_z * t532 - sin_frame_rotation_z * t525;
+            let t538 = sin_frame_rotation_z * t532 + cos_frame_rotation_z * t525;
+            residuals[0][lane] = t537 + frame_translation_x - x;
+            residuals[1][lane] = t538 + frame_translation_y - y;
+            residuals[2][lane] = t531 + frame_translation_z - z;
+            jacobian[0][lane] = t41 + t225;
+            jacobian[1][lane] = t40 + t237;
+            jacobian[2][lane] = t39 + t232;
+            jacobian[3][lane] = q * (t41 + t228);
+            jacobian[4][lane] = q * (t40 + t233);
+            jacobian[5][lane] = q * (t39 + t238);
+            jacobian[6][lane] = t41 - t225;
+            jacobian[7][lane] = t40 - t237;
+            jacobian[8][lane] = t39 - t232;
+            jacobian[9][lane] = q * (t41 - t228);
+            jacobian[10][lane] = q * (t40 - t233);
+            jacobian[11][lane] = q * (t39 - t238);
             jacobian[12][lane] = 1.0;
-            jacobian[13][lane] = t29 * t310 + sin_frame_rotation_z * t311;
-            jacobian[14][lane] = cos_frame_rotation_z * t316;
-            jacobian[15][lane] = -t323;
-            jacobian[16][lane] = t30 - t38 * t100 + t37 * t101;
-            jacobian[17][lane] = t37 + t38 * t99 - t30 * t101;
-            jacobian[18][lane] = t38 - t37 * t99 + t30 * t100;
-            jacobian[19][lane] = t70 + t212;
-            jacobian[20][lane] = t69 + t224;
-            jacobian[21][lane] = t68 + t219;
-            jacobian[22][lane] = q * (t70 + t215);
-            jacobian[23][lane] = q * (t69 + t220);
-            jacobian[24][lane] = q * (t68 + t225);
-            jacobian[25][lane] = t70 - t212;
-            jacobian[26][lane] = t69 - t224;
-            jacobian[27][lane] = t68 - t219;
-            jacobian[28][lane] = q * (t70 - t215);
-            jacobian[29][lane] = q * (t69 - t220);
-            jacobian[30][lane] = q * (t68 - t225);
+            jacobian[13][lane] = t29 * t525 + sin_frame_rotation_z * t526;
+            jacobian[14][lane] = cos_frame_rotation_z * t531;
+            jacobian[15][lane] = -t538;
+            jacobian[16][lane] = t30 - t83 * t147 + t84 * t143;
+            jacobian[17][lane] = t37 + t82 * t147 - t84 * t139;
+            jacobian[18][lane] = t38 - t82 * t143 + t83 * t139;
+            jacobian[19][lane] = t52 + t357;
+            jacobian[20][lane] = t51 + t369;
+            jacobian[21][lane] = t50 + t364;
+            jacobian[22][lane] = q * (t52 + t360);
+            jacobian[23][lane] = q * (t51 + t365);
+            jacobian[24][lane] = q * (t50 + t370);
+            jacobian[25][lane] = t52 - t357;
+            jacobian[26][lane] = t51 - t369;
+            jacobian[27][lane] = t50 - t364;
+            jacobian[28][lane] = q * (t52 - t360);
+            jacobian[29][lane] = q * (t51 - t365);
+            jacobian[30][lane] = q * (t50 - t370);
             jacobian[31][lane] = 1.0;
-            jacobian[32][lane] = t51 * t310 - cos_frame_rotation_z * t311;
-            jacobian[33][lane] = sin_frame_rotation_z * t316;
-            jacobian[34][lane] = t322;
-            jacobian[35][lane] = t52 - t58 * t100 + t57 * t101;
-            jacobian[36][lane] = t57 + t58 * t99 - t52 * t101;
-            jacobian[37][lane] = t58 - t57 * t99 + t52 * t100;
-            jacobian[38][lane] = t84 + t274;
-            jacobian[39][lane] = t83 + t286;
-            jacobian[40][lane] = t82 + t281;
-            jacobian[41][lane] = q * (t84 - t277);
-            jacobian[42][lane] = q * (t83 + t282);
-            jacobian[43][lane] = q * (t82 + t287);
-            jacobian[44][lane] = t84 - t274;
-            jacobian[45][lane] = t83 - t286;
-            jacobian[46][lane] = t82 - t281;
-            jacobian[47][lane] = q * (t84 + t277);
-            jacobian[48][lane] = q * (t83 - t282);
-            jacobian[49][lane] = q * (t82 - t287);
+            jacobian[32][lane] = t42 * t525 - cos_frame_rotation_z * t526;
+            jacobian[33][lane] = sin_frame_rotation_z * t531;
+            jacobian[34][lane] = t537;
+            jacobian[35][lane] = t43 - t83 * t282 + t84 * t278;
+            jacobian[36][lane] = t48 + t82 * t282 - t84 * t274;
+            jacobian[37][lane] = t49 - t82 * t278 + t83 * t274;
+            jacobian[38][lane] = t57 + t489;
+            jacobian[39][lane] = t56 + t501;
+            jacobian[40][lane] = t55 + t496;
+            jacobian[41][lane] = q * (t57 - t492);
+            jacobian[42][lane] = q * (t56 + t497);
+            jacobian[43][lane] = q * (t55 + t502);
+            jacobian[44][lane] = t57 - t489;
+            jacobian[45][lane] = t56 - t501;
+            jacobian[46][lane] = t55 - t496;
+            jacobian[47][lane] = q * (t57 + t492);
+            jacobian[48][lane] = q * (t56 - t497);
+            jacobian[49][lane] = q * (t55 - t502);
             jacobian[50][lane] = 1.0;
-            jacobian[51][lane] = cos_frame_rotation_y * t310;
-            jacobian[52][lane] = -t317;
-            jacobian[53][lane] = t71 * t101 - sin_frame_rotation_y - t72 * t100;
-            jacobian[54][lane] = t71 + t72 * t99 + sin_frame_rotation_y * t101;
-            jacobian[55][lane] = t72 - t71 * t99 - sin_frame_rotation_y * t100;
+            jacobian[51][lane] = cos_frame_rotation_y * t525;
+            jacobian[52][lane] = -t532;
+            jacobian[53][lane] = t84 * t410 - sin_frame_rotation_y - t83 * t414;
+            jacobian[54][lane] = t53 + t82 * t414 - t84 * t406;
+            jacobian[55][lane] = t54 - t82 * t410 + t83 * t406;
         }
     }
     /// `F·(C(q) + A(q)·m) + t − x`
@@ -7283,8 +7763,8 @@ pub mod full {
     /// Parameters: `joint1_track_offset_x`, `joint1_track_offset_y`, `joint1_track_offset_z`, `joint1_track_direction_x`, `joint1_track_direction_y`, `joint1_track_direction_z`, `joint2_track_offset_x`, `joint2_track_offset_y`, `joint2_track_offset_z`, `joint2_track_direction_x`, `joint2_track_direction_y`, `joint2_track_direction_z`, `joint3_track_offset_x`, `joint3_track_offset_y`, `joint3_track_offset_z`, `joint3_track_direction_x`, `joint3_track_direction_y`, `joint3_track_direction_z`, `frame_translation_x`, `frame_translation_y`, `frame_translation_z`, `frame_rotation_x`, `frame_rotation_y`, `frame_rotation_z`, `target_position_x`, `target_position_y`, `target_position_z`.
     ///
     /// Once per sample: 0 operations.
-    /// Residuals: 227 operations (122 additions, 96 multiplications, 3 divisions, 6 functions).
-    /// With the Jacobian: 1141 operations (581 additions, 540 multiplications, 12 divisions, 2 negations, 6 functions).
+    /// Residuals: 259 operations (134 additions, 115 multiplications, 4 divisions, 6 functions).
+    /// With the Jacobian: 1356 operations (677 additions, 655 multiplications, 16 divisions, 2 negations, 6 functions).
     #[derive(Debug, Clone, Copy)]
     pub struct CartPositionThree;
     impl Formulas for CartPositionThree {
@@ -7400,26 +7880,34 @@ pub mod full {
             let t176 = (t113 * t153 + t108 * t150 + t118 * t156) / t170;
             let t182 = (t113 * (t128 * t147 - t134 * t134) + t108 * t153 + t118 * t162) / t170;
             let t188 = (t113 * t162 + t108 * t156 + t118 * (t128 * t139 - t131 * t131)) / t170;
-            let t197 = target_position_z * t182 - target_position_y * t188 + target_position_x
+            let t195 = 0.5 + 0.041666666666666664 * (t182 * t182 + t176 * t176 + t188 * t188);
+            let t196 = t176 * t195;
+            let t197 = t182 * t195;
+            let t198 = t188 * t195;
+            let t205 = 2.0 / (t197 * t197 + t196 * t196 + 1.0 + t198 * t198);
+            let t208 = target_position_z * t197 - target_position_y * t198;
+            let t211 = target_position_x * t198 - target_position_z * t196;
+            let t214 = target_position_y * t196 - target_position_x * t197;
+            let t231 = t205 * (t208 - t198 * t211 + t197 * t214) + target_position_x
                 + 0.3333333333333333
                 * (t4 + joint2_track_offset_x + t1 + joint1_track_offset_x + joint3_track_offset_x
                 + t7);
-            let t200 = target_position_x * t188 - target_position_z * t176 + target_position_y
+            let t233 = t205 * (t211 - t196 * t214 + t198 * t208) + target_position_y
                 + 0.3333333333333333
                 * (t5 + joint2_track_offset_y + t2 + joint1_track_offset_y + joint3_track_offset_y
                 + t8);
-            let t203 = target_position_y * t176 - target_position_x * t182 + target_position_z
+            let t235 = t205 * (t214 - t197 * t208 + t196 * t211) + target_position_z
                 + 0.3333333333333333
                 * (t6 + joint2_track_offset_z + t3 + joint1_track_offset_z + joint3_track_offset_z
                 + t9);
-            let t208 = cos_frame_rotation_x * t200 - sin_frame_rotation_x * t203;
-            let t209 = sin_frame_rotation_x * t200 + cos_frame_rotation_x * t203;
-            let t214 = sin_frame_rotation_y * t209 + cos_frame_rotation_y * t197;
-            residuals[0][lane] = cos_frame_rotation_z * t214 - sin_frame_rotation_z * t208
+            let t240 = cos_frame_rotation_x * t233 - sin_frame_rotation_x * t235;
+            let t241 = sin_frame_rotation_x * t233 + cos_frame_rotation_x * t235;
+            let t246 = sin_frame_rotation_y * t241 + cos_frame_rotation_y * t231;
+            residuals[0][lane] = cos_frame_rotation_z * t246 - sin_frame_rotation_z * t240
                 + frame_translation_x - x;
-            residuals[1][lane] = sin_frame_rotation_z * t214 + cos_frame_rotation_z * t208
+            residuals[1][lane] = sin_frame_rotation_z * t246 + cos_frame_rotation_z * t240
                 + frame_translation_y - y;
-            residuals[2][lane] = cos_frame_rotation_y * t209 - sin_frame_rotation_y * t197
+            residuals[2][lane] = cos_frame_rotation_y * t241 - sin_frame_rotation_y * t231
                 + frame_translation_z - z;
         }
         #[inline(always)]
@@ -7460,354 +7948,424 @@ pub mod full {
             let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(frame_rotation_x);
             let t22 = t14 * sin_frame_rotation_x - sin_frame_rotation_z * cos_frame_rotation_x;
             let t23 = t14 * cos_frame_rotation_x + sin_frame_rotation_z * sin_frame_rotation_x;
-            let t33 = 0.3333333333333333 * t23;
-            let t34 = 0.3333333333333333 * t22;
-            let t35 = 0.3333333333333333 * t15;
-            let t36 = sin_frame_rotation_z * sin_frame_rotation_y;
-            let t37 = sin_frame_rotation_z * cos_frame_rotation_y;
-            let t42 = sin_frame_rotation_x * t36 + cos_frame_rotation_z * cos_frame_rotation_x;
-            let t43 = cos_frame_rotation_x * t36 - cos_frame_rotation_z * sin_frame_rotation_x;
-            let t53 = 0.3333333333333333 * t43;
-            let t54 = 0.3333333333333333 * t42;
-            let t55 = 0.3333333333333333 * t37;
-            let t56 = cos_frame_rotation_y * sin_frame_rotation_x;
-            let t57 = cos_frame_rotation_y * cos_frame_rotation_x;
-            let t67 = 0.3333333333333333 * t57;
-            let t68 = 0.3333333333333333 * t56;
-            let t69 = 0.3333333333333333 * sin_frame_rotation_y;
-            let t94 = 0.3333333333333333
+            let t24 = 0.3333333333333333 * t23;
+            let t25 = 0.3333333333333333 * t22;
+            let t26 = 0.3333333333333333 * t15;
+            let t27 = sin_frame_rotation_z * sin_frame_rotation_y;
+            let t28 = sin_frame_rotation_z * cos_frame_rotation_y;
+            let t33 = sin_frame_rotation_x * t27 + cos_frame_rotation_z * cos_frame_rotation_x;
+            let t34 = cos_frame_rotation_x * t27 - cos_frame_rotation_z * sin_frame_rotation_x;
+            let t35 = 0.3333333333333333 * t34;
+            let t36 = 0.3333333333333333 * t33;
+            let t37 = 0.3333333333333333 * t28;
+            let t38 = cos_frame_rotation_y * sin_frame_rotation_x;
+            let t39 = cos_frame_rotation_y * cos_frame_rotation_x;
+            let t40 = 0.3333333333333333 * t39;
+            let t41 = 0.3333333333333333 * t38;
+            let t42 = 0.3333333333333333 * sin_frame_rotation_y;
+            let t67 = 0.3333333333333333
                 * (joint2_track_offset_x + joint1_track_offset_x + joint3_track_offset_x);
-            let t95 = 0.3333333333333333
+            let t68 = 0.3333333333333333
                 * (joint2_track_offset_y + joint1_track_offset_y + joint3_track_offset_y);
-            let t96 = 0.3333333333333333
+            let t69 = 0.3333333333333333
                 * (joint2_track_offset_z + joint1_track_offset_z + joint3_track_offset_z);
-            let t103 = 0.3333333333333333 * (t4 + t1 + t7);
-            let t104 = 0.3333333333333333 * (t5 + t2 + t8);
-            let t105 = 0.3333333333333333 * (t6 + t3 + t9);
-            let t106 = joint1_track_offset_x - t94;
-            let t107 = joint1_track_offset_y - t95;
-            let t108 = joint1_track_offset_z - t96;
-            let t109 = t1 - t103;
-            let t110 = t2 - t104;
-            let t111 = t3 - t105;
-            let t118 = t106 * t106;
-            let t119 = t107 * t107;
-            let t120 = t108 * t108;
-            let t122 = t119 + t118 + t120;
-            let t126 = joint2_track_offset_x - t94;
-            let t127 = joint2_track_offset_y - t95;
-            let t128 = joint2_track_offset_z - t96;
-            let t129 = t4 - t103;
-            let t130 = t5 - t104;
-            let t131 = t6 - t105;
-            let t138 = t126 * t126;
-            let t139 = t127 * t127;
-            let t140 = t128 * t128;
-            let t142 = t139 + t138 + t140;
-            let t146 = joint3_track_offset_x - t94;
-            let t147 = joint3_track_offset_y - t95;
-            let t148 = joint3_track_offset_z - t96;
-            let t149 = t7 - t103;
-            let t150 = t8 - t104;
-            let t151 = t9 - t105;
-            let t162 = t107 * t111 - t148 * t150 - t128 * t130 - t108 * t110 + t127 * t131
-                + t147 * t151;
-            let t167 = t108 * t109 - t146 * t151 - t126 * t131 - t106 * t111 + t128 * t129
-                + t148 * t149;
-            let t172 = t106 * t110 - t147 * t149 - t127 * t129 - t107 * t109 + t126 * t130
-                + t146 * t150;
-            let t173 = t146 * t146;
-            let t174 = t147 * t147;
-            let t175 = t148 * t148;
-            let t177 = t174 + t173 + t175;
-            let t182 = t122 - t173 - t138 - t118 + t142 + t177;
-            let t185 = t106 * t107 + t126 * t127 + t146 * t147;
-            let t188 = t106 * t108 + t126 * t128 + t146 * t148;
-            let t193 = t122 - t174 - t139 - t119 + t142 + t177;
-            let t196 = t107 * t108 + t127 * t128 + t147 * t148;
-            let t201 = t122 - t175 - t140 - t120 + t142 + t177;
-            let t204 = t193 * t201 - t196 * t196;
-            let t207 = t188 * t196 + t185 * t201;
-            let t210 = t185 * t196 + t188 * t193;
-            let t213 = t182 * t201 - t188 * t188;
-            let t216 = t185 * t188 + t182 * t196;
-            let t219 = t182 * t193 - t185 * t185;
-            let t224 = t182 * t204 - t185 * t207 - t188 * t210;
-            let t230 = (t167 * t207 + t162 * t204 + t172 * t210) / t224;
-            let t236 = (t167 * t213 + t162 * t207 + t172 * t216) / t224;
-            let t242 = (t167 * t216 + t162 * t210 + t172 * t219) / t224;
-            let t251 = target_position_z * t236 - target_position_y * t242 + target_position_x
+            let t76 = 0.3333333333333333 * (t4 + t1 + t7);
+            let t77 = 0.3333333333333333 * (t5 + t2 + t8);
+            let t78 = 0.3333333333333333 * (t6 + t3 + t9);
+            let t79 = joint1_track_offset_x - t67;
+            let t80 = joint1_track_offset_y - t68;
+            let t81 = joint1_track_offset_z - t69;
+            let t82 = t1 - t76;
+            let t83 = t2 - t77;
+            let t84 = t3 - t78;
+            let t91 = t79 * t79;
+            let t92 = t80 * t80;
+            let t93 = t81 * t81;
+            let t95 = t92 + t91 + t93;
+            let t99 = joint2_track_offset_x - t67;
+            let t100 = joint2_track_offset_y - t68;
+            let t101 = joint2_track_offset_z - t69;
+            let t102 = t4 - t76;
+            let t103 = t5 - t77;
+            let t104 = t6 - t78;
+            let t111 = t99 * t99;
+            let t112 = t100 * t100;
+            let t113 = t101 * t101;
+            let t115 = t112 + t111 + t113;
+            let t119 = joint3_track_offset_x - t67;
+            let t120 = joint3_track_offset_y - t68;
+            let t121 = joint3_track_offset_z - t69;
+            let t122 = t7 - t76;
+            let t123 = t8 - t77;
+            let t124 = t9 - t78;
+            let t135 = t80 * t84 - t121 * t123 - t101 * t103 - t81 * t83 + t100 * t104
+                + t120 * t124;
+            let t140 = t81 * t82 - t119 * t124 - t99 * t104 - t79 * t84 + t101 * t102 + t121 * t122;
+            let t145 = t79 * t83 - t120 * t122 - t100 * t102 - t80 * t82 + t99 * t103 + t119 * t123;
+            let t146 = t119 * t119;
+            let t147 = t120 * t120;
+            let t148 = t121 * t121;
+            let t150 = t147 + t146 + t148;
+            let t155 = t95 - t146 - t111 - t91 + t115 + t150;
+            let t158 = t79 * t80 + t99 * t100 + t119 * t120;
+            let t161 = t79 * t81 + t99 * t101 + t119 * t121;
+            let t166 = t95 - t147 - t112 - t92 + t115 + t150;
+            let t169 = t80 * t81 + t100 * t101 + t120 * t121;
+            let t174 = t95 - t148 - t113 - t93 + t115 + t150;
+            let t177 = t166 * t174 - t169 * t169;
+            let t180 = t161 * t169 + t158 * t174;
+            let t183 = t158 * t169 + t161 * t166;
+            let t186 = t155 * t174 - t161 * t161;
+            let t189 = t158 * t161 + t155 * t169;
+            let t192 = t155 * t166 - t158 * t158;
+            let t197 = t155 * t177 - t158 * t180 - t161 * t183;
+            let t203 = (t140 * t180 + t135 * t177 + t145 * t183) / t197;
+            let t209 = (t140 * t186 + t135 * t180 + t145 * t189) / t197;
+            let t215 = (t140 * t189 + t135 * t183 + t145 * t192) / t197;
+            let t222 = 0.5 + 0.041666666666666664 * (t209 * t209 + t203 * t203 + t215 * t215);
+            let t223 = t203 * t222;
+            let t224 = t209 * t222;
+            let t225 = t215 * t222;
+            let t231 = t224 * t224 + t223 * t223 + 1.0 + t225 * t225;
+            let t232 = 2.0 / t231;
+            let t235 = target_position_z * t224 - target_position_y * t225;
+            let t238 = target_position_x * t225 - target_position_z * t223;
+            let t241 = target_position_y * t223 - target_position_x * t224;
+            let t249 = t235 - t225 * t238 + t224 * t241;
+            let t251 = t238 - t223 * t241 + t225 * t235;
+            let t253 = t241 - t224 * t235 + t223 * t238;
+            let t258 = t232 * t249 + target_position_x
                 + 0.3333333333333333
                 * (t4 + joint2_track_offset_x + t1 + joint1_track_offset_x + joint3_track_offset_x
                 + t7);
-            let t254 = target_position_x * t242 - target_position_z * t230 + target_position_y
+            let t260 = t232 * t251 + target_position_y
                 + 0.3333333333333333
                 * (t5 + joint2_track_offset_y + t2 + joint1_track_offset_y + joint3_track_offset_y
                 + t8);
-            let t257 = target_position_y * t230 - target_position_x * t236 + target_position_z
+            let t262 = t232 * t253 + target_position_z
                 + 0.3333333333333333
                 * (t6 + joint2_track_offset_z + t3 + joint1_track_offset_z + joint3_track_offset_z
                 + t9);
-            let t270 = (target_position_x * t22 - target_position_y * t15) / t224;
-            let t273 = t172 * t270;
-            let t278 = (target_position_z * t15 - target_position_x * t23) / t224;
-            let t282 = t167 * t270 + t172 * t278;
-            let t284 = t167 * t278;
-            let t287 = (target_position_y * t23 - target_position_z * t22) / t224;
-            let t290 = t242 * t270 + t236 * t278 + t230 * t287;
-            let t294 = t219 * t270 + t216 * t278 + t210 * t287;
-            let t298 = t216 * t270 + t213 * t278 + t207 * t287;
-            let t302 = t210 * t270 + t207 * t278 + t204 * t287;
-            let t306 = t162 * t270 + t172 * t287 + t188 * t290;
-            let t310 = t162 * t278 + t167 * t287 + t185 * t290;
-            let t313 = t162 * t287 - t182 * t290;
-            let t314 = t185 * t273;
-            let t321 = t188 * t284;
-            let t326 = t193 * t273 - t204 * t290 + t196 * t282 + t201 * t284;
-            let t337 = t207 * t290 - t314 - t314 + t188 * t282 + t196 * t306 + t201 * t310;
-            let t344 = t185 * t282 - t321 + t210 * t290 - t321 + t193 * t306 + t196 * t310;
-            let t345 = t196 * t313;
-            let t349 = t188 * t310 - t345 + t185 * t306 + t182 * t282 - t345;
-            let t353 = t182 * t273 + t188 * t306 + t201 * t313;
-            let t355 = t182 * t284 + t185 * t310 + t193 * t313;
-            let t363 = t355 + t326 + t353;
-            let t364 = t363 - t355;
-            let t365 = t363 - t326;
-            let t366 = t363 - t353;
-            let t367 = t148 * t364;
-            let t368 = t147 * t366;
-            let t369 = t146 * t365;
-            let t380 = t369 + t147 * t337 + t148 * t344 + t369 + t150 * t294 - t151 * t298;
-            let t383 = t148 * t298 - t147 * t294;
-            let t390 = t367 + t146 * t344 + t147 * t349 + t367 + t149 * t298 - t150 * t302;
-            let t391 = t146 * t294 - t148 * t302;
-            let t398 = t368 + t146 * t337 + t148 * t349 + t368 - t149 * t294 + t151 * t302;
-            let t399 = t147 * t302 - t146 * t298;
-            let t406 = t128 * t364;
-            let t407 = t127 * t366;
-            let t408 = t126 * t365;
-            let t419 = t408 + t127 * t337 + t128 * t344 + t408 + t130 * t294 - t131 * t298;
-            let t422 = t128 * t298 - t127 * t294;
-            let t429 = t406 + t126 * t344 + t127 * t349 + t406 + t129 * t298 - t130 * t302;
-            let t430 = t126 * t294 - t128 * t302;
-            let t437 = t407 + t126 * t337 + t128 * t349 + t407 - t129 * t294 + t131 * t302;
-            let t438 = t127 * t302 - t126 * t298;
-            let t445 = t108 * t364;
-            let t446 = t107 * t366;
-            let t447 = t106 * t365;
-            let t458 = t447 + t107 * t337 + t108 * t344 + t447 + t110 * t294 - t111 * t298;
-            let t461 = t108 * t298 - t107 * t294;
-            let t468 = t445 + t106 * t344 + t107 * t349 + t445 + t109 * t298 - t110 * t302;
-            let t469 = t106 * t294 - t108 * t302;
-            let t476 = t446 + t106 * t337 + t108 * t349 + t446 - t109 * t294 + t111 * t302;
-            let t477 = t107 * t302 - t106 * t298;
-            let t490 = 0.3333333333333333 * (t399 + t438 + t477);
-            let t491 = 0.3333333333333333 * (t391 + t430 + t469);
-            let t492 = 0.3333333333333333 * (t383 + t422 + t461);
-            let t493 = 0.3333333333333333 * (t390 + t429 + t468);
-            let t494 = 0.3333333333333333 * (t398 + t437 + t476);
-            let t495 = 0.3333333333333333 * (t380 + t419 + t458);
-            let t553 = (target_position_x * t42 - target_position_y * t37) / t224;
-            let t556 = t172 * t553;
-            let t561 = (target_position_z * t37 - target_position_x * t43) / t224;
-            let t565 = t167 * t553 + t172 * t561;
-            let t567 = t167 * t561;
-            let t570 = (target_position_y * t43 - target_position_z * t42) / t224;
-            let t573 = t242 * t553 + t236 * t561 + t230 * t570;
-            let t577 = t219 * t553 + t216 * t561 + t210 * t570;
-            let t581 = t216 * t553 + t213 * t561 + t207 * t570;
-            let t585 = t210 * t553 + t207 * t561 + t204 * t570;
-            let t589 = t162 * t553 + t172 * t570 + t188 * t573;
-            let t593 = t162 * t561 + t167 * t570 + t185 * t573;
-            let t596 = t162 * t570 - t182 * t573;
-            let t597 = t185 * t556;
-            let t604 = t188 * t567;
-            let t609 = t193 * t556 - t204 * t573 + t196 * t565 + t201 * t567;
-            let t620 = t207 * t573 - t597 - t597 + t188 * t565 + t196 * t589 + t201 * t593;
-            let t627 = t185 * t565 - t604 + t210 * t573 - t604 + t193 * t589 + t196 * t593;
-            let t628 = t196 * t596;
-            let t632 = t188 * t593 - t628 + t185 * t589 + t182 * t565 - t628;
-            let t636 = t182 * t556 + t188 * t589 + t201 * t596;
-            let t638 = t182 * t567 + t185 * t593 + t193 * t596;
-            let t646 = t638 + t609 + t636;
-            let t647 = t646 - t638;
-            let t648 = t646 - t609;
-            let t649 = t646 - t636;
-            let t650 = t148 * t647;
-            let t651 = t147 * t649;
-            let t652 = t146 * t648;
-            let t663 = t652 + t147 * t620 + t148 * t627 + t652 + t150 * t577 - t151 * t581;
-            let t666 = t148 * t581 - t147 * t577;
-            let t673 = t650 + t146 * t627 + t147 * t632 + t650 + t149 * t581 - t150 * t585;
-            let t674 = t146 * t577 - t148 * t585;
-            let t681 = t651 + t146 * t620 + t148 * t632 + t651 - t149 * t577 + t151 * t585;
-            let t682 = t147 * t585 - t146 * t581;
-            let t689 = t128 * t647;
-            let t690 = t127 * t649;
-            let t691 = t126 * t648;
-            let t702 = t691 + t127 * t620 + t128 * t627 + t691 + t130 * t577 - t131 * t581;
-            let t705 = t128 * t581 - t127 * t577;
-            let t712 = t689 + t126 * t627 + t127 * t632 + t689 + t129 * t581 - t130 * t585;
-            let t713 = t126 * t577 - t128 * t585;
-            let t720 = t690 + t126 * t620 + t128 * t632 + t690 - t129 * t577 + t131 * t585;
-            let t721 = t127 * t585 - t126 * t581;
-            let t728 = t108 * t647;
-            let t729 = t107 * t649;
-            let t730 = t106 * t648;
-            let t741 = t730 + t107 * t620 + t108 * t627 + t730 + t110 * t577 - t111 * t581;
-            let t744 = t108 * t581 - t107 * t577;
-            let t751 = t728 + t106 * t627 + t107 * t632 + t728 + t109 * t581 - t110 * t585;
-            let t752 = t106 * t577 - t108 * t585;
-            let t759 = t729 + t106 * t620 + t108 * t632 + t729 - t109 * t577 + t111 * t585;
-            let t760 = t107 * t585 - t106 * t581;
-            let t773 = 0.3333333333333333 * (t682 + t721 + t760);
-            let t774 = 0.3333333333333333 * (t674 + t713 + t752);
-            let t775 = 0.3333333333333333 * (t666 + t705 + t744);
-            let t776 = 0.3333333333333333 * (t673 + t712 + t751);
-            let t777 = 0.3333333333333333 * (t681 + t720 + t759);
-            let t778 = 0.3333333333333333 * (t663 + t702 + t741);
-            let t836 = (target_position_x * t56 + target_position_y * sin_frame_rotation_y) / t224;
-            let t839 = t172 * t836;
-            let t844 = (target_position_x * t57 + target_position_z * sin_frame_rotation_y) / t224;
-            let t848 = t167 * t836 - t172 * t844;
-            let t850 = t167 * t844;
-            let t853 = (target_position_y * t57 - target_position_z * t56) / t224;
-            let t856 = t236 * t844 - t242 * t836 - t230 * t853;
-            let t860 = t219 * t836 - t216 * t844 + t210 * t853;
-            let t864 = t216 * t836 - t213 * t844 + t207 * t853;
-            let t868 = t210 * t836 - t207 * t844 + t204 * t853;
-            let t872 = t162 * t836 + t172 * t853 - t188 * t856;
-            let t876 = t167 * t853 - t162 * t844 - t185 * t856;
-            let t879 = t162 * t853 + t182 * t856;
-            let t880 = t185 * t839;
-            let t887 = t188 * t850;
-            let t892 = t204 * t856 + t193 * t839 + t196 * t848 - t201 * t850;
-            let t903 = t188 * t848 - t880 - t207 * t856 - t880 + t196 * t872 + t201 * t876;
-            let t910 = t887 + t185 * t848 - t210 * t856 + t887 + t193 * t872 + t196 * t876;
-            let t911 = t196 * t879;
-            let t915 = t188 * t876 - t911 + t185 * t872 + t182 * t848 - t911;
-            let t919 = t182 * t839 + t188 * t872 + t201 * t879;
-            let t921 = t185 * t876 - t182 * t850 + t193 * t879;
-            let t929 = t921 + t892 + t919;
-            let t930 = t929 - t921;
-            let t931 = t929 - t892;
-            let t932 = t929 - t919;
-            let t933 = t148 * t930;
-            let t934 = t147 * t932;
-            let t935 = t146 * t931;
-            let t946 = t935 + t147 * t903 + t148 * t910 + t935 + t150 * t860 - t151 * t864;
-            let t949 = t148 * t864 - t147 * t860;
-            let t956 = t933 + t146 * t910 + t147 * t915 + t933 + t149 * t864 - t150 * t868;
-            let t957 = t146 * t860 - t148 * t868;
-            let t964 = t934 + t146 * t903 + t148 * t915 + t934 - t149 * t860 + t151 * t868;
-            let t965 = t147 * t868 - t146 * t864;
-            let t972 = t128 * t930;
-            let t973 = t127 * t932;
-            let t974 = t126 * t931;
-            let t985 = t974 + t127 * t903 + t128 * t910 + t974 + t130 * t860 - t131 * t864;
-            let t988 = t128 * t864 - t127 * t860;
-            let t995 = t972 + t126 * t910 + t127 * t915 + t972 + t129 * t864 - t130 * t868;
-            let t996 = t126 * t860 - t128 * t868;
-            let t1003 = t973 + t126 * t903 + t128 * t915 + t973 - t129 * t860 + t131 * t868;
-            let t1004 = t127 * t868 - t126 * t864;
-            let t1011 = t108 * t930;
-            let t1012 = t107 * t932;
-            let t1013 = t106 * t931;
-            let t1024 = t1013 + t107 * t903 + t108 * t910 + t1013 + t110 * t860 - t111 * t864;
-            let t1027 = t108 * t864 - t107 * t860;
-            let t1034 = t1011 + t106 * t910 + t107 * t915 + t1011 + t109 * t864 - t110 * t868;
-            let t1035 = t106 * t860 - t108 * t868;
-            let t1042 = t1012 + t106 * t903 + t108 * t915 + t1012 - t109 * t860 + t111 * t868;
-            let t1043 = t107 * t868 - t106 * t864;
-            let t1056 = 0.3333333333333333 * (t965 + t1004 + t1043);
-            let t1057 = 0.3333333333333333 * (t957 + t996 + t1035);
-            let t1058 = 0.3333333333333333 * (t949 + t988 + t1027);
-            let t1059 = 0.3333333333333333 * (t956 + t995 + t1034);
-            let t1060 = 0.3333333333333333 * (t964 + t1003 + t1042);
-            let t1061 = 0.3333333333333333 * (t946 + t985 + t1024);
-            let t1111 = cos_frame_rotation_x * t254 - sin_frame_rotation_x * t257;
-            let t1112 = sin_frame_rotation_x * t254 + cos_frame_rotation_x * t257;
-            let t1117 = cos_frame_rotation_y * t1112 - sin_frame_rotation_y * t251;
-            let t1118 = sin_frame_rotation_y * t1112 + cos_frame_rotation_y * t251;
-            let t1123 = cos_frame_rotation_z * t1118 - sin_frame_rotation_z * t1111;
-            let t1124 = sin_frame_rotation_z * t1118 + cos_frame_rotation_z * t1111;
-            residuals[0][lane] = t1123 + frame_translation_x - x;
-            residuals[1][lane] = t1124 + frame_translation_y - y;
-            residuals[2][lane] = t1117 + frame_translation_z - z;
-            jacobian[0][lane] = t35 + t458 - t495;
-            jacobian[1][lane] = t34 + t476 - t494;
-            jacobian[2][lane] = t33 + t468 - t493;
-            jacobian[3][lane] = q * (t35 + t461 - t492);
-            jacobian[4][lane] = q * (t34 + t469 - t491);
-            jacobian[5][lane] = q * (t33 + t477 - t490);
-            jacobian[6][lane] = t35 + t419 - t495;
-            jacobian[7][lane] = t34 + t437 - t494;
-            jacobian[8][lane] = t33 + t429 - t493;
-            jacobian[9][lane] = q * (t35 + t422 - t492);
-            jacobian[10][lane] = q * (t34 + t430 - t491);
-            jacobian[11][lane] = q * (t33 + t438 - t490);
-            jacobian[12][lane] = t35 + t380 - t495;
-            jacobian[13][lane] = t34 + t398 - t494;
-            jacobian[14][lane] = t33 + t390 - t493;
-            jacobian[15][lane] = q * (t35 + t383 - t492);
-            jacobian[16][lane] = q * (t34 + t391 - t491);
-            jacobian[17][lane] = q * (t33 + t399 - t490);
+            let t264 = t23 * t232;
+            let t266 = t22 * t232;
+            let t268 = t15 * t232;
+            let t280 = t268 - t224 * t264 + t225 * t266;
+            let t284 = t266 + t223 * t264 - t225 * t268;
+            let t288 = t264 - t223 * t266 + t224 * t268;
+            let t308 = t232 * ((t23 * t253 + t22 * t251 + t15 * t249) / t231);
+            let t309 = t225 * t308;
+            let t314 = target_position_x * t284 - t309 - target_position_y * t280 - t238 * t268
+                + t235 * t266 - t309;
+            let t315 = t224 * t308;
+            let t320 = target_position_z * t280 - t315 - target_position_x * t288 + t241 * t268
+                - t235 * t264 - t315;
+            let t321 = t223 * t308;
+            let t326 = target_position_y * t288 - t321 - target_position_z * t284 - t241 * t266
+                + t238 * t264 - t321;
+            let t335 = 0.041666666666666664 * (t215 * t314 + t209 * t320 + t203 * t326);
+            let t336 = t215 * t335;
+            let t339 = t209 * t335;
+            let t342 = t203 * t335;
+            let t345 = (t336 + t222 * t314 + t336) / t197;
+            let t348 = t145 * t345;
+            let t353 = (t339 + t222 * t320 + t339) / t197;
+            let t357 = t140 * t345 + t145 * t353;
+            let t359 = t140 * t353;
+            let t362 = (t342 + t222 * t326 + t342) / t197;
+            let t365 = t215 * t345 + t209 * t353 + t203 * t362;
+            let t369 = t192 * t345 + t189 * t353 + t183 * t362;
+            let t373 = t189 * t345 + t186 * t353 + t180 * t362;
+            let t377 = t183 * t345 + t180 * t353 + t177 * t362;
+            let t381 = t135 * t345 + t145 * t362 + t161 * t365;
+            let t385 = t135 * t353 + t140 * t362 + t158 * t365;
+            let t388 = t135 * t362 - t155 * t365;
+            let t389 = t158 * t348;
+            let t396 = t161 * t359;
+            let t401 = t166 * t348 - t177 * t365 + t169 * t357 + t174 * t359;
+            let t412 = t180 * t365 - t389 - t389 + t161 * t357 + t169 * t381 + t174 * t385;
+            let t419 = t158 * t357 - t396 + t183 * t365 - t396 + t166 * t381 + t169 * t385;
+            let t420 = t169 * t388;
+            let t424 = t161 * t385 - t420 + t158 * t381 + t155 * t357 - t420;
+            let t428 = t155 * t348 + t161 * t381 + t174 * t388;
+            let t430 = t155 * t359 + t158 * t385 + t166 * t388;
+            let t438 = t430 + t401 + t428;
+            let t439 = t438 - t430;
+            let t440 = t438 - t401;
+            let t441 = t438 - t428;
+            let t442 = t121 * t439;
+            let t443 = t120 * t441;
+            let t444 = t119 * t440;
+            let t455 = t444 + t120 * t412 + t121 * t419 + t444 + t123 * t369 - t124 * t373;
+            let t458 = t121 * t373 - t120 * t369;
+            let t465 = t442 + t119 * t419 + t120 * t424 + t442 + t122 * t373 - t123 * t377;
+            let t466 = t119 * t369 - t121 * t377;
+            let t473 = t443 + t119 * t412 + t121 * t424 + t443 - t122 * t369 + t124 * t377;
+            let t474 = t120 * t377 - t119 * t373;
+            let t481 = t101 * t439;
+            let t482 = t100 * t441;
+            let t483 = t99 * t440;
+            let t494 = t483 + t100 * t412 + t101 * t419 + t483 + t103 * t369 - t104 * t373;
+            let t497 = t101 * t373 - t100 * t369;
+            let t504 = t481 + t99 * t419 + t100 * t424 + t481 + t102 * t373 - t103 * t377;
+            let t505 = t99 * t369 - t101 * t377;
+            let t512 = t482 + t99 * t412 + t101 * t424 + t482 - t102 * t369 + t104 * t377;
+            let t513 = t100 * t377 - t99 * t373;
+            let t520 = t81 * t439;
+            let t521 = t80 * t441;
+            let t522 = t79 * t440;
+            let t533 = t522 + t80 * t412 + t81 * t419 + t522 + t83 * t369 - t84 * t373;
+            let t536 = t81 * t373 - t80 * t369;
+            let t543 = t520 + t79 * t419 + t80 * t424 + t520 + t82 * t373 - t83 * t377;
+            let t544 = t79 * t369 - t81 * t377;
+            let t551 = t521 + t79 * t412 + t81 * t424 + t521 - t82 * t369 + t84 * t377;
+            let t552 = t80 * t377 - t79 * t373;
+            let t565 = 0.3333333333333333 * (t474 + t513 + t552);
+            let t566 = 0.3333333333333333 * (t466 + t505 + t544);
+            let t567 = 0.3333333333333333 * (t458 + t497 + t536);
+            let t568 = 0.3333333333333333 * (t465 + t504 + t543);
+            let t569 = 0.3333333333333333 * (t473 + t512 + t551);
+            let t570 = 0.3333333333333333 * (t455 + t494 + t533);
+            let t617 = t34 * t232;
+            let t619 = t33 * t232;
+            let t621 = t28 * t232;
+            let t633 = t621 - t224 * t617 + t225 * t619;
+            let t637 = t619 + t223 * t617 - t225 * t621;
+            let t641 = t617 - t223 * t619 + t224 * t621;
+            let t661 = t232 * ((t34 * t253 + t33 * t251 + t28 * t249) / t231);
+            let t662 = t225 * t661;
+            let t667 = target_position_x * t637 - t662 - target_position_y * t633 - t238 * t621
+                + t235 * t619 - t662;
+            let t668 = t224 * t661;
+            let t673 = target_position_z * t633 - t668 - target_position_x * t641 + t241 * t621
+                - t235 * t617 - t668;
+            let t674 = t223 * t661;
+            let t679 = target_position_y * t641 - t674 - target_position_z * t637 - t241 * t619
+                + t238 * t617 - t674;
+            let t688 = 0.041666666666666664 * (t215 * t667 + t209 * t673 + t203 * t679);
+            let t689 = t215 * t688;
+            let t692 = t209 * t688;
+            let t695 = t203 * t688;
+            let t698 = (t689 + t222 * t667 + t689) / t197;
+            let t701 = t145 * t698;
+            let t706 = (t692 + t222 * t673 + t692) / t197;
+            let t710 = t140 * t698 + t145 * t706;
+            let t712 = t140 * t706;
+            let t715 = (t695 + t222 * t679 + t695) / t197;
+            let t718 = t215 * t698 + t209 * t706 + t203 * t715;
+            let t722 = t192 * t698 + t189 * t706 + t183 * t715;
+            let t726 = t189 * t698 + t186 * t706 + t180 * t715;
+            let t730 = t183 * t698 + t180 * t706 + t177 * t715;
+            let t734 = t135 * t698 + t145 * t715 + t161 * t718;
+            let t738 = t135 * t706 + t140 * t715 + t158 * t718;
+            let t741 = t135 * t715 - t155 * t718;
+            let t742 = t158 * t701;
+            let t749 = t161 * t712;
+            let t754 = t166 * t701 - t177 * t718 + t169 * t710 + t174 * t712;
+            let t765 = t180 * t718 - t742 - t742 + t161 * t710 + t169 * t734 + t174 * t738;
+            let t772 = t158 * t710 - t749 + t183 * t718 - t749 + t166 * t734 + t169 * t738;
+            let t773 = t169 * t741;
+            let t777 = t161 * t738 - t773 + t158 * t734 + t155 * t710 - t773;
+            let t781 = t155 * t701 + t161 * t734 + t174 * t741;
+            let t783 = t155 * t712 + t158 * t738 + t166 * t741;
+            let t791 = t783 + t754 + t781;
+            let t792 = t791 - t783;
+            let t793 = t791 - t754;
+            let t794 = t791 - t781;
+            let t795 = t121 * t792;
+            let t796 = t120 * t794;
+            let t797 = t119 * t793;
+            let t808 = t797 + t120 * t765 + t121 * t772 + t797 + t123 * t722 - t124 * t726;
+            let t811 = t121 * t726 - t120 * t722;
+            let t818 = t795 + t119 * t772 + t120 * t777 + t795 + t122 * t726 - t123 * t730;
+            let t819 = t119 * t722 - t121 * t730;
+            let t826 = t796 + t119 * t765 + t121 * t777 + t796 - t122 * t722 + t124 * t730;
+            let t827 = t120 * t730 - t119 * t726;
+            let t834 = t101 * t792;
+            let t835 = t100 * t794;
+            let t836 = t99 * t793;
+            let t847 = t836 + t100 * t765 + t101 * t772 + t836 + t103 * t722 - t104 * t726;
+            let t850 = t101 * t726 - t100 * t722;
+            let t857 = t834 + t99 * t772 + t100 * t777 + t834 + t102 * t726 - t103 * t730;
+            let t858 = t99 * t722 - t101 * t730;
+            let t865 = t835 + t99 * t765 + t101 * t777 + t835 - t102 * t722 + t104 * t730;
+            let t866 = t100 * t730 - t99 * t726;
+            let t873 = t81 * t792;
+            let t874 = t80 * t794;
+            let t875 = t79 * t793;
+            let t886 = t875 + t80 * t765 + t81 * t772 + t875 + t83 * t722 - t84 * t726;
+            let t889 = t81 * t726 - t80 * t722;
+            let t896 = t873 + t79 * t772 + t80 * t777 + t873 + t82 * t726 - t83 * t730;
+            let t897 = t79 * t722 - t81 * t730;
+            let t904 = t874 + t79 * t765 + t81 * t777 + t874 - t82 * t722 + t84 * t730;
+            let t905 = t80 * t730 - t79 * t726;
+            let t918 = 0.3333333333333333 * (t827 + t866 + t905);
+            let t919 = 0.3333333333333333 * (t819 + t858 + t897);
+            let t920 = 0.3333333333333333 * (t811 + t850 + t889);
+            let t921 = 0.3333333333333333 * (t818 + t857 + t896);
+            let t922 = 0.3333333333333333 * (t826 + t865 + t904);
+            let t923 = 0.3333333333333333 * (t808 + t847 + t886);
+            let t970 = t39 * t232;
+            let t972 = t38 * t232;
+            let t974 = sin_frame_rotation_y * t232;
+            let t986 = t225 * t972 - t974 - t224 * t970;
+            let t990 = t972 + t223 * t970 + t225 * t974;
+            let t994 = t970 - t223 * t972 - t224 * t974;
+            let t1014 = t232 * ((t39 * t253 + t38 * t251 - sin_frame_rotation_y * t249) / t231);
+            let t1015 = t225 * t1014;
+            let t1020 = target_position_x * t990 - t1015 - target_position_y * t986 + t238 * t974
+                + t235 * t972 - t1015;
+            let t1021 = t224 * t1014;
+            let t1026 = target_position_z * t986 - t1021 - target_position_x * t994 - t241 * t974
+                - t235 * t970 - t1021;
+            let t1027 = t223 * t1014;
+            let t1032 = target_position_y * t994 - t1027 - target_position_z * t990 - t241 * t972
+                + t238 * t970 - t1027;
+            let t1041 = 0.041666666666666664 * (t215 * t1020 + t209 * t1026 + t203 * t1032);
+            let t1042 = t215 * t1041;
+            let t1045 = t209 * t1041;
+            let t1048 = t203 * t1041;
+            let t1051 = (t1042 + t222 * t1020 + t1042) / t197;
+            let t1054 = t145 * t1051;
+            let t1059 = (t1045 + t222 * t1026 + t1045) / t197;
+            let t1063 = t140 * t1051 + t145 * t1059;
+            let t1065 = t140 * t1059;
+            let t1068 = (t1048 + t222 * t1032 + t1048) / t197;
+            let t1071 = t215 * t1051 + t209 * t1059 + t203 * t1068;
+            let t1075 = t192 * t1051 + t189 * t1059 + t183 * t1068;
+            let t1079 = t189 * t1051 + t186 * t1059 + t180 * t1068;
+            let t1083 = t183 * t1051 + t180 * t1059 + t177 * t1068;
+            let t1087 = t135 * t1051 + t145 * t1068 + t161 * t1071;
+            let t1091 = t135 * t1059 + t140 * t1068 + t158 * t1071;
+            let t1094 = t135 * t1068 - t155 * t1071;
+            let t1095 = t158 * t1054;
+            let t1102 = t161 * t1065;
+            let t1107 = t166 * t1054 - t177 * t1071 + t169 * t1063 + t174 * t1065;
+            let t1118 = t180 * t1071 - t1095 - t1095 + t161 * t1063 + t169 * t1087 + t174 * t1091;
+            let t1125 = t158 * t1063 - t1102 + t183 * t1071 - t1102 + t166 * t1087 + t169 * t1091;
+            let t1126 = t169 * t1094;
+            let t1130 = t161 * t1091 - t1126 + t158 * t1087 + t155 * t1063 - t1126;
+            let t1134 = t155 * t1054 + t161 * t1087 + t174 * t1094;
+            let t1136 = t155 * t1065 + t158 * t1091 + t166 * t1094;
+            let t1144 = t1136 + t1107 + t1134;
+            let t1145 = t1144 - t1136;
+            let t1146 = t1144 - t1107;
+            let t1147 = t1144 - t1134;
+            let t1148 = t121 * t1145;
+            let t1149 = t120 * t1147;
+            let t1150 = t119 * t1146;
+            let t1161 = t1150 + t120 * t1118 + t121 * t1125 + t1150 + t123 * t1075 - t124 * t1079;
+            let t1164 = t121 * t1079 - t120 * t1075;
+            let t1171 = t1148 + t119 * t1125 + t120 * t1130 + t1148 + t122 * t1079 - t123 * t1083;
+            let t1172 = t119 * t1075 - t121 * t1083;
+            let t1179 = t1149 + t119 * t1118 + t121 * t1130 + t1149 - t122 * t1075 + t124 * t1083;
+            let t1180 = t120 * t1083 - t119 * t1079;
+            let t1187 = t101 * t1145;
+            let t1188 = t100 * t1147;
+            let t1189 = t99 * t1146;
+            let t1200 = t1189 + t100 * t1118 + t101 * t1125 + t1189 + t103 * t1075 - t104 * t1079;
+            let t1203 = t101 * t1079 - t100 * t1075;
+            let t1210 = t1187 + t99 * t1125 + t100 * t1130 + t1187 + t102 * t1079 - t103 * t1083;
+            let t1211 = t99 * t1075 - t101 * t1083;
+            let t1218 = t1188 + t99 * t1118 + t101 * t1130 + t1188 - t102 * t1075 + t104 * t1083;
+            let t1219 = t100 * t1083 - t99 * t1079;
+            let t1226 = t81 * t1145;
+            let t1227 = t80 * t1147;
+            let t1228 = t79 * t1146;
+            let t1239 = t1228 + t80 * t1118 + t81 * t1125 + t1228 + t83 * t1075 - t84 * t1079;
+            let t1242 = t81 * t1079 - t80 * t1075;
+            let t1249 = t1226 + t79 * t1125 + t80 * t1130 + t1226 + t82 * t1079 - t83 * t1083;
+            let t1250 = t79 * t1075 - t81 * t1083;
+            let t1257 = t1227 + t79 * t1118 + t81 * t1130 + t1227 - t82 * t1075 + t84 * t1083;
+            let t1258 = t80 * t1083 - t79 * t1079;
+            let t1271 = 0.3333333333333333 * (t1180 + t1219 + t1258);
+            let t1272 = 0.3333333333333333 * (t1172 + t1211 + t1250);
+            let t1273 = 0.3333333333333333 * (t1164 + t1203 + t1242);
+            let t1274 = 0.3333333333333333 * (t1171 + t1210 + t1249);
+            let t1275 = 0.3333333333333333 * (t1179 + t1218 + t1257);
+            let t1276 = 0.3333333333333333 * (t1161 + t1200 + t1239);
+            let t1326 = cos_frame_rotation_x * t260 - sin_frame_rotation_x * t262;
+            let t1327 = sin_frame_rotation_x * t260 + cos_frame_rotation_x * t262;
+            let t1332 = cos_frame_rotation_y * t1327 - sin_frame_rotation_y * t258;
+            let t1333 = sin_frame_rotation_y * t1327 + cos_frame_rotation_y * t258;
+            let t1338 = cos_frame_rotation_z * t1333 - sin_frame_rotation_z * t1326;
+            let t1339 = sin_frame_rotation_z * t1333 + cos_frame_rotation_z * t1326;
+            residuals[0][lane] = t1338 + frame_translation_x - x;
+            residuals[1][lane] = t1339 + frame_translation_y - y;
+            residuals[2][lane] = t1332 + frame_translation_z - z;
+            jacobian[0][lane] = t26 + t533 - t570;
+            jacobian[1][lane] = t25 + t551 - t569;
+            jacobian[2][lane] = t24 + t543 - t568;
+            jacobian[3][lane] = q * (t26 + t536 - t567);
+            jacobian[4][lane] = q * (t25 + t544 - t566);
+            jacobian[5][lane] = q * (t24 + t552 - t565);
+            jacobian[6][lane] = t26 + t494 - t570;
+            jacobian[7][lane] = t25 + t512 - t569;
+            jacobian[8][lane] = t24 + t504 - t568;
+            jacobian[9][lane] = q * (t26 + t497 - t567);
+            jacobian[10][lane] = q * (t25 + t505 - t566);
+            jacobian[11][lane] = q * (t24 + t513 - t565);
+            jacobian[12][lane] = t26 + t455 - t570;
+            jacobian[13][lane] = t25 + t473 - t569;
+            jacobian[14][lane] = t24 + t465 - t568;
+            jacobian[15][lane] = q * (t26 + t458 - t567);
+            jacobian[16][lane] = q * (t25 + t466 - t566);
+            jacobian[17][lane] = q * (t24 + t474 - t565);
             jacobian[18][lane] = 1.0;
-            jacobian[19][lane] = t14 * t1111 + sin_frame_rotation_z * t1112;
-            jacobian[20][lane] = cos_frame_rotation_z * t1117;
-            jacobian[21][lane] = -t1124;
-            jacobian[22][lane] = t15 - t23 * t236 + t22 * t242;
-            jacobian[23][lane] = t22 + t23 * t230 - t15 * t242;
-            jacobian[24][lane] = t23 - t22 * t230 + t15 * t236;
-            jacobian[25][lane] = t55 + t741 - t778;
-            jacobian[26][lane] = t54 + t759 - t777;
-            jacobian[27][lane] = t53 + t751 - t776;
-            jacobian[28][lane] = q * (t55 + t744 - t775);
-            jacobian[29][lane] = q * (t54 + t752 - t774);
-            jacobian[30][lane] = q * (t53 + t760 - t773);
-            jacobian[31][lane] = t55 + t702 - t778;
-            jacobian[32][lane] = t54 + t720 - t777;
-            jacobian[33][lane] = t53 + t712 - t776;
-            jacobian[34][lane] = q * (t55 + t705 - t775);
-            jacobian[35][lane] = q * (t54 + t713 - t774);
-            jacobian[36][lane] = q * (t53 + t721 - t773);
-            jacobian[37][lane] = t55 + t663 - t778;
-            jacobian[38][lane] = t54 + t681 - t777;
-            jacobian[39][lane] = t53 + t673 - t776;
-            jacobian[40][lane] = q * (t55 + t666 - t775);
-            jacobian[41][lane] = q * (t54 + t674 - t774);
-            jacobian[42][lane] = q * (t53 + t682 - t773);
+            jacobian[19][lane] = t14 * t1326 + sin_frame_rotation_z * t1327;
+            jacobian[20][lane] = cos_frame_rotation_z * t1332;
+            jacobian[21][lane] = -t1339;
+            jacobian[22][lane] = t15 - t224 * t288 + t225 * t284;
+            jacobian[23][lane] = t22 + t223 * t288 - t225 * t280;
+            jacobian[24][lane] = t23 - t223 * t284 + t224 * t280;
+            jacobian[25][lane] = t37 + t886 - t923;
+            jacobian[26][lane] = t36 + t904 - t922;
+            jacobian[27][lane] = t35 + t896 - t921;
+            jacobian[28][lane] = q * (t37 + t889 - t920);
+            jacobian[29][lane] = q * (t36 + t897 - t919);
+            jacobian[30][lane] = q * (t35 + t905 - t918);
+            jacobian[31][lane] = t37 + t847 - t923;
+            jacobian[32][lane] = t36 + t865 - t922;
+            jacobian[33][lane] = t35 + t857 - t921;
+            jacobian[34][lane] = q * (t37 + t850 - t920);
+            jacobian[35][lane] = q * (t36 + t858 - t919);
+            jacobian[36][lane] = q * (t35 + t866 - t918);
+            jacobian[37][lane] = t37 + t808 - t923;
+            jacobian[38][lane] = t36 + t826 - t922;
+            jacobian[39][lane] = t35 + t818 - t921;
+            jacobian[40][lane] = q * (t37 + t811 - t920);
+            jacobian[41][lane] = q * (t36 + t819 - t919);
+            jacobian[42][lane] = q * (t35 + t827 - t918);
             jacobian[43][lane] = 1.0;
-            jacobian[44][lane] = t36 * t1111 - cos_frame_rotation_z * t1112;
-            jacobian[45][lane] = sin_frame_rotation_z * t1117;
-            jacobian[46][lane] = t1123;
-            jacobian[47][lane] = t37 - t43 * t236 + t42 * t242;
-            jacobian[48][lane] = t42 + t43 * t230 - t37 * t242;
-            jacobian[49][lane] = t43 - t42 * t230 + t37 * t236;
-            jacobian[50][lane] = t1024 - t69 - t1061;
-            jacobian[51][lane] = t68 + t1042 - t1060;
-            jacobian[52][lane] = t67 + t1034 - t1059;
-            jacobian[53][lane] = q * (t1027 - t69 - t1058);
-            jacobian[54][lane] = q * (t68 + t1035 - t1057);
-            jacobian[55][lane] = q * (t67 + t1043 - t1056);
-            jacobian[56][lane] = t985 - t69 - t1061;
-            jacobian[57][lane] = t68 + t1003 - t1060;
-            jacobian[58][lane] = t67 + t995 - t1059;
-            jacobian[59][lane] = q * (t988 - t69 - t1058);
-            jacobian[60][lane] = q * (t68 + t996 - t1057);
-            jacobian[61][lane] = q * (t67 + t1004 - t1056);
-            jacobian[62][lane] = t946 - t69 - t1061;
-            jacobian[63][lane] = t68 + t964 - t1060;
-            jacobian[64][lane] = t67 + t956 - t1059;
-            jacobian[65][lane] = q * (t949 - t69 - t1058);
-            jacobian[66][lane] = q * (t68 + t957 - t1057);
-            jacobian[67][lane] = q * (t67 + t965 - t1056);
+            jacobian[44][lane] = t27 * t1326 - cos_frame_rotation_z * t1327;
+            jacobian[45][lane] = sin_frame_rotation_z * t1332;
+            jacobian[46][lane] = t1338;
+            jacobian[47][lane] = t28 - t224 * t641 + t225 * t637;
+            jacobian[48][lane] = t33 + t223 * t641 - t225 * t633;
+            jacobian[49][lane] = t34 - t223 * t637 + t224 * t633;
+            jacobian[50][lane] = t1239 - t42 - t1276;
+            jacobian[51][lane] = t41 + t1257 - t1275;
+            jacobian[52][lane] = t40 + t1249 - t1274;
+            jacobian[53][lane] = q * (t1242 - t42 - t1273);
+            jacobian[54][lane] = q * (t41 + t1250 - t1272);
+            jacobian[55][lane] = q * (t40 + t1258 - t1271);
+            jacobian[56][lane] = t1200 - t42 - t1276;
+            jacobian[57][lane] = t41 + t1218 - t1275;
+            jacobian[58][lane] = t40 + t1210 - t1274;
+            jacobian[59][lane] = q * (t1203 - t42 - t1273);
+            jacobian[60][lane] = q * (t41 + t1211 - t1272);
+            jacobian[61][lane] = q * (t40 + t1219 - t1271);
+            jacobian[62][lane] = t1161 - t42 - t1276;
+            jacobian[63][lane] = t41 + t1179 - t1275;
+            jacobian[64][lane] = t40 + t1171 - t1274;
+            jacobian[65][lane] = q * (t1164 - t42 - t1273);
+            jacobian[66][lane] = q * (t41 + t1172 - t1272);
+            jacobian[67][lane] = q * (t40 + t1180 - t1271);
             jacobian[68][lane] = 1.0;
-            jacobian[69][lane] = cos_frame_rotation_y * t1111;
-            jacobian[70][lane] = -t1118;
-            jacobian[71][lane] = t56 * t242 - sin_frame_rotation_y - t57 * t236;
-            jacobian[72][lane] = t56 + t57 * t230 + sin_frame_rotation_y * t242;
-            jacobian[73][lane] = t57 - t56 * t230 - sin_frame_rotation_y * t236;
+            jacobian[69][lane] = cos_frame_rotation_y * t1326;
+            jacobian[70][lane] = -t1333;
+            jacobian[71][lane] = t225 * t990 - sin_frame_rotation_y - t224 * t994;
+            jacobian[72][lane] = t38 + t223 * t994 - t225 * t986;
+            jacobian[73][lane] = t39 - t223 * t990 + t224 * t986;
         }
     }
 }
@@ -9955,8 +10513,8 @@ pub mod full_piecewise {
     /// Parameters: `joint1_track_offset_x`, `joint1_track_offset_y`, `joint1_track_offset_z`, `joint1_track_rotation_x`, `joint1_track_rotation_y`, `joint1_track_rotation_z`, `joint2_track_offset_x`, `joint2_track_offset_y`, `joint2_track_offset_z`, `joint2_track_rotation_x`, `joint2_track_rotation_y`, `joint2_track_rotation_z`, `frame_translation_x`, `frame_translation_y`, `frame_translation_z`, `frame_rotation_x`, `frame_rotation_y`, `frame_rotation_z`, `target_position_x`, `target_position_y`, `target_position_z`, `target_rotation_x`, `target_rotation_y`, `target_rotation_z`.
     ///
     /// Once per sample: 47 operations (12 additions, 26 multiplications, 3 divisions, 6 functions).
-    /// Residuals: 278 operations (108 additions, 143 multiplications, 3 divisions, 24 functions).
-    /// With the Jacobian: 1391 operations (546 additions, 788 multiplications, 21 divisions, 12 negations, 24 functions).
+    /// Residuals: 355 operations (138 additions, 189 multiplications, 4 divisions, 24 functions).
+    /// With the Jacobian: 2031 operations (834 additions, 1134 multiplications, 28 divisions, 11 negations, 24 functions).
     #[derive(Debug, Clone, Copy)]
     pub struct CartPoseTwo;
     impl Formulas for CartPoseTwo {
@@ -10118,57 +10676,74 @@ pub mod full_piecewise {
             let t111 = (t2 * t75 - t3 * t74) / t98;
             let t112 = (t3 * t73 - t1 * t75) / t98;
             let t113 = (t1 * t74 - t2 * t73) / t98;
-            let t122 = target_position_z * t112 - target_position_y * t113 + target_position_x
+            let t120 = 0.5 + 0.041666666666666664 * (t112 * t112 + t111 * t111 + t113 * t113);
+            let t121 = t111 * t120;
+            let t122 = t112 * t120;
+            let t123 = t113 * t120;
+            let t130 = 2.0 / (t122 * t122 + t121 * t121 + 1.0 + t123 * t123);
+            let t133 = target_position_z * t122 - target_position_y * t123;
+            let t136 = target_position_x * t123 - target_position_z * t121;
+            let t139 = target_position_y * t121 - target_position_x * t122;
+            let t156 = t130 * (t133 - t123 * t136 + t122 * t139) + target_position_x
                 + 0.5 * (t71 + joint2_track_offset_x + joint1_track_offset_x + t53);
-            let t125 = target_position_x * t113 - target_position_z * t111 + target_position_y
+            let t158 = t130 * (t136 - t121 * t139 + t123 * t133) + target_position_y
                 + 0.5 * (t72 + joint2_track_offset_y + joint1_track_offset_y + t54);
-            let t128 = target_position_y * t111 - target_position_x * t112 + target_position_z
+            let t160 = t130 * (t139 - t122 * t133 + t121 * t136) + target_position_z
                 + 0.5 * (t65 + joint2_track_offset_z + joint1_track_offset_z + t47);
-            let t133 = cos_frame_rotation_x * t125 - sin_frame_rotation_x * t128;
-            let t134 = sin_frame_rotation_x * t125 + cos_frame_rotation_x * t128;
-            let t139 = sin_frame_rotation_y * t134 + cos_frame_rotation_y * t122;
-            let t160 = t11 - sin_target_rotation_y * t112 - t12 * t113;
-            let t162 = sin_target_rotation_y * t111 + t12 + t11 * t113;
-            let t164 = t12 * t111 - t11 * t112 - sin_target_rotation_y;
-            let t169 = cos_frame_rotation_x * t162 - sin_frame_rotation_x * t164;
-            let t170 = sin_frame_rotation_x * t162 + cos_frame_rotation_x * t164;
-            let t175 = cos_frame_rotation_y * t170 - sin_frame_rotation_y * t160;
-            let t176 = sin_frame_rotation_y * t170 + cos_frame_rotation_y * t160;
-            let t181 = cos_frame_rotation_z * t176 - sin_frame_rotation_z * t169;
-            let t182 = sin_frame_rotation_z * t176 + cos_frame_rotation_z * t169;
-            let t196 = t89 - t90 * t113 + t15 * t112;
-            let t198 = t90 - t15 * t111 + t89 * t113;
-            let t200 = t15 - t89 * t112 + t90 * t111;
-            let t205 = cos_frame_rotation_x * t198 - sin_frame_rotation_x * t200;
-            let t206 = sin_frame_rotation_x * t198 + cos_frame_rotation_x * t200;
-            let t211 = cos_frame_rotation_y * t206 - sin_frame_rotation_y * t196;
-            let t212 = sin_frame_rotation_y * t206 + cos_frame_rotation_y * t196;
-            let t217 = cos_frame_rotation_z * t212 - sin_frame_rotation_z * t205;
-            let t218 = sin_frame_rotation_z * t212 + cos_frame_rotation_z * t205;
-            let t232 = t95 - t96 * t113 + t17 * t112;
-            let t234 = t96 - t17 * t111 + t95 * t113;
-            let t236 = t17 - t95 * t112 + t96 * t111;
-            let t241 = cos_frame_rotation_x * t234 - sin_frame_rotation_x * t236;
-            let t242 = sin_frame_rotation_x * t234 + cos_frame_rotation_x * t236;
-            let t247 = cos_frame_rotation_y * t242 - sin_frame_rotation_y * t232;
-            let t248 = sin_frame_rotation_y * t242 + cos_frame_rotation_y * t232;
-            let t253 = cos_frame_rotation_z * t248 - sin_frame_rotation_z * t241;
-            let t254 = sin_frame_rotation_z * t248 + cos_frame_rotation_z * t241;
-            residuals[0][lane] = cos_frame_rotation_z * t139 - sin_frame_rotation_z * t133
+            let t165 = cos_frame_rotation_x * t158 - sin_frame_rotation_x * t160;
+            let t166 = sin_frame_rotation_x * t158 + cos_frame_rotation_x * t160;
+            let t171 = sin_frame_rotation_y * t166 + cos_frame_rotation_y * t156;
+            let t187 = sin_target_rotation_y * t122 + t12 * t123;
+            let t190 = t11 * t123 + sin_target_rotation_y * t121;
+            let t193 = t12 * t121 - t11 * t122;
+            let t209 = t11 + t130 * (t122 * t193 - t123 * t190 - t187);
+            let t210 = t12 + t130 * (t190 - t123 * t187 - t121 * t193);
+            let t211 = t130 * (t122 * t187 + t193 + t121 * t190) - sin_target_rotation_y;
+            let t216 = cos_frame_rotation_x * t210 - sin_frame_rotation_x * t211;
+            let t217 = sin_frame_rotation_x * t210 + cos_frame_rotation_x * t211;
+            let t222 = cos_frame_rotation_y * t217 - sin_frame_rotation_y * t209;
+            let t223 = sin_frame_rotation_y * t217 + cos_frame_rotation_y * t209;
+            let t228 = cos_frame_rotation_z * t223 - sin_frame_rotation_z * t216;
+            let t229 = sin_frame_rotation_z * t223 + cos_frame_rotation_z * t216;
+            let t238 = t15 * t122 - t90 * t123;
+            let t241 = t89 * t123 - t15 * t121;
+            let t244 = t90 * t121 - t89 * t122;
+            let t260 = t89 + t130 * (t238 - t123 * t241 + t122 * t244);
+            let t261 = t90 + t130 * (t241 - t121 * t244 + t123 * t238);
+            let t262 = t15 + t130 * (t244 - t122 * t238 + t121 * t241);
+            let t267 = cos_frame_rotation_x * t261 - sin_frame_rotation_x * t262;
+            let t268 = sin_frame_rotation_x * t261 + cos_frame_rotation_x * t262;
+            let t273 = cos_frame_rotation_y * t268 - sin_frame_rotation_y * t260;
+            let t274 = sin_frame_rotation_y * t268 + cos_frame_rotation_y * t260;
+            let t279 = cos_frame_rotation_z * t274 - sin_frame_rotation_z * t267;
+            let t280 = sin_frame_rotation_z * t274 + cos_frame_rotation_z * t267;
+            let t289 = t17 * t122 - t96 * t123;
+            let t292 = t95 * t123 - t17 * t121;
+            let t295 = t96 * t121 - t95 * t122;
+            let t311 = t95 + t130 * (t289 - t123 * t292 + t122 * t295);
+            let t312 = t96 + t130 * (t292 - t121 * t295 + t123 * t289);
+            let t313 = t17 + t130 * (t295 - t122 * t289 + t121 * t292);
+            let t318 = cos_frame_rotation_x * t312 - sin_frame_rotation_x * t313;
+            let t319 = sin_frame_rotation_x * t312 + cos_frame_rotation_x * t313;
+            let t324 = cos_frame_rotation_y * t319 - sin_frame_rotation_y * t311;
+            let t325 = sin_frame_rotation_y * t319 + cos_frame_rotation_y * t311;
+            let t330 = cos_frame_rotation_z * t325 - sin_frame_rotation_z * t318;
+            let t331 = sin_frame_rotation_z * t325 + cos_frame_rotation_z * t318;
+            residuals[0][lane] = cos_frame_rotation_z * t171 - sin_frame_rotation_z * t165
                 + frame_translation_x - x;
-            residuals[1][lane] = sin_frame_rotation_z * t139 + cos_frame_rotation_z * t133
+            residuals[1][lane] = sin_frame_rotation_z * t171 + cos_frame_rotation_z * t165
                 + frame_translation_y - y;
-            residuals[2][lane] = cos_frame_rotation_y * t134 - sin_frame_rotation_y * t122
+            residuals[2][lane] = cos_frame_rotation_y * t166 - sin_frame_rotation_y * t156
                 + frame_translation_z - z;
             residuals[3][lane] = 0.5
-                * (prepared_17 * t175 - prepared_6 * t254 - prepared_8 * t218 + prepared_7 * t182
-                + prepared_19 * t211 + prepared_10 * t247);
+                * (prepared_17 * t222 - prepared_6 * t331 - prepared_8 * t280 + prepared_7 * t229
+                + prepared_19 * t273 + prepared_10 * t324);
             residuals[4][lane] = 0.5
-                * (prepared_18 * t211 - prepared_9 * t247 - prepared_7 * t181 - prepared_16 * t175
-                + prepared_8 * t217 + prepared_6 * t253);
+                * (prepared_18 * t273 - prepared_9 * t324 - prepared_7 * t228 - prepared_16 * t222
+                + prepared_8 * t279 + prepared_6 * t330);
             residuals[5][lane] = 0.5
-                * (prepared_16 * t182 - prepared_10 * t253 - prepared_17 * t181 - prepared_18 * t218
-                - prepared_19 * t217 + prepared_9 * t254);
+                * (prepared_16 * t229 - prepared_10 * t330 - prepared_17 * t228 - prepared_18 * t280
+                - prepared_19 * t279 + prepared_9 * t331);
         }
         #[inline(always)]
         fn linearize<S: Samples>(
@@ -10230,9 +10805,9 @@ pub mod full_piecewise {
             let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(frame_rotation_x);
             let t31 = t23 * sin_frame_rotation_x - sin_frame_rotation_z * cos_frame_rotation_x;
             let t32 = t23 * cos_frame_rotation_x + sin_frame_rotation_z * sin_frame_rotation_x;
-            let t42 = 0.5 * t32;
-            let t43 = 0.5 * t31;
-            let t44 = 0.5 * t24;
+            let t33 = 0.5 * t32;
+            let t34 = 0.5 * t31;
+            let t35 = 0.5 * t24;
             let (sin_joint2_track_rotation_z, cos_joint2_track_rotation_z) =
                 math::sin_cos(joint2_track_rotation_z);
             let (sin_joint2_track_rotation_y, cos_joint2_track_rotation_y) =
@@ -10245,465 +10820,650 @@ pub mod full_piecewise {
                 math::sin_cos(joint1_track_rotation_y);
             let (sin_joint1_track_rotation_x, cos_joint1_track_rotation_x) =
                 math::sin_cos(joint1_track_rotation_x);
-            let t57 = sin_frame_rotation_z * sin_frame_rotation_y;
-            let t58 = sin_frame_rotation_z * cos_frame_rotation_y;
-            let t63 = sin_frame_rotation_x * t57 + cos_frame_rotation_z * cos_frame_rotation_x;
-            let t64 = cos_frame_rotation_x * t57 - cos_frame_rotation_z * sin_frame_rotation_x;
-            let t74 = 0.5 * t64;
-            let t75 = 0.5 * t63;
-            let t76 = 0.5 * t58;
-            let t77 = cos_frame_rotation_y * sin_frame_rotation_x;
-            let t78 = cos_frame_rotation_y * cos_frame_rotation_x;
-            let t88 = 0.5 * t78;
-            let t89 = 0.5 * t77;
-            let t90 = -0.5 * sin_frame_rotation_y;
-            let t91 = sin_frame_rotation_z * prepared_11;
-            let t92 = cos_frame_rotation_z * prepared_11;
-            let t97 = cos_frame_rotation_y * prepared_12 - sin_frame_rotation_y * t91;
-            let t98 = cos_frame_rotation_y * t91 + sin_frame_rotation_y * prepared_12;
-            let t103 = sin_frame_rotation_x * t97 - cos_frame_rotation_x * t92;
-            let t104 = cos_frame_rotation_x * t97 + sin_frame_rotation_x * t92;
-            let t107 = sin_frame_rotation_z * prepared_13;
-            let t108 = cos_frame_rotation_z * prepared_13;
-            let t113 = sin_frame_rotation_z * prepared_14;
-            let t114 = cos_frame_rotation_z * prepared_14;
-            let t123 = sin_frame_rotation_y * t92 - cos_frame_rotation_y * prepared_15;
-            let t124 = cos_frame_rotation_y * t92 + sin_frame_rotation_y * prepared_15;
-            let t129 = sin_frame_rotation_x * t123 - cos_frame_rotation_x * t91;
-            let t130 = cos_frame_rotation_x * t123 + sin_frame_rotation_x * t91;
-            let t145 = sin_frame_rotation_z * prepared_15 - cos_frame_rotation_z * prepared_12;
-            let t146 = cos_frame_rotation_z * prepared_15 + sin_frame_rotation_z * prepared_12;
-            let t147 = sin_frame_rotation_y * t145;
-            let t148 = cos_frame_rotation_y * t145;
-            let t153 = sin_frame_rotation_x * t147 + cos_frame_rotation_x * t146;
-            let t154 = cos_frame_rotation_x * t147 - sin_frame_rotation_x * t146;
-            let t161 = point_y * cos_joint1_track_rotation_x
+            let t48 = sin_frame_rotation_z * sin_frame_rotation_y;
+            let t49 = sin_frame_rotation_z * cos_frame_rotation_y;
+            let t54 = sin_frame_rotation_x * t48 + cos_frame_rotation_z * cos_frame_rotation_x;
+            let t55 = cos_frame_rotation_x * t48 - cos_frame_rotation_z * sin_frame_rotation_x;
+            let t56 = 0.5 * t55;
+            let t57 = 0.5 * t54;
+            let t58 = 0.5 * t49;
+            let t59 = cos_frame_rotation_y * sin_frame_rotation_x;
+            let t60 = cos_frame_rotation_y * cos_frame_rotation_x;
+            let t61 = 0.5 * t60;
+            let t62 = 0.5 * t59;
+            let t63 = -0.5 * sin_frame_rotation_y;
+            let t64 = sin_frame_rotation_z * prepared_11;
+            let t65 = cos_frame_rotation_z * prepared_11;
+            let t70 = cos_frame_rotation_y * prepared_12 - sin_frame_rotation_y * t64;
+            let t71 = cos_frame_rotation_y * t64 + sin_frame_rotation_y * prepared_12;
+            let t76 = sin_frame_rotation_x * t70 - cos_frame_rotation_x * t65;
+            let t77 = cos_frame_rotation_x * t70 + sin_frame_rotation_x * t65;
+            let t78 = sin_frame_rotation_z * prepared_13;
+            let t79 = cos_frame_rotation_z * prepared_13;
+            let t84 = sin_frame_rotation_z * prepared_14;
+            let t85 = cos_frame_rotation_z * prepared_14;
+            let t94 = sin_frame_rotation_y * t65 - cos_frame_rotation_y * prepared_15;
+            let t95 = cos_frame_rotation_y * t65 + sin_frame_rotation_y * prepared_15;
+            let t100 = sin_frame_rotation_x * t94 - cos_frame_rotation_x * t64;
+            let t101 = cos_frame_rotation_x * t94 + sin_frame_rotation_x * t64;
+            let t114 = sin_frame_rotation_z * prepared_15 - cos_frame_rotation_z * prepared_12;
+            let t115 = cos_frame_rotation_z * prepared_15 + sin_frame_rotation_z * prepared_12;
+            let t116 = sin_frame_rotation_y * t114;
+            let t117 = cos_frame_rotation_y * t114;
+            let t122 = sin_frame_rotation_x * t116 + cos_frame_rotation_x * t115;
+            let t123 = cos_frame_rotation_x * t116 - sin_frame_rotation_x * t115;
+            let t128 = point_y * cos_joint1_track_rotation_x
                 - point_z * sin_joint1_track_rotation_x;
-            let t162 = point_y * sin_joint1_track_rotation_x
+            let t129 = point_y * sin_joint1_track_rotation_x
                 + point_z * cos_joint1_track_rotation_x;
-            let t167 = cos_joint1_track_rotation_y * t162 - point_x * sin_joint1_track_rotation_y;
-            let t168 = sin_joint1_track_rotation_y * t162 + point_x * cos_joint1_track_rotation_y;
-            let t173 = cos_joint1_track_rotation_z * t168 - sin_joint1_track_rotation_z * t161;
-            let t174 = sin_joint1_track_rotation_z * t168 + cos_joint1_track_rotation_z * t161;
-            let t179 = point_y * cos_joint2_track_rotation_x
+            let t134 = cos_joint1_track_rotation_y * t129 - point_x * sin_joint1_track_rotation_y;
+            let t135 = sin_joint1_track_rotation_y * t129 + point_x * cos_joint1_track_rotation_y;
+            let t140 = cos_joint1_track_rotation_z * t135 - sin_joint1_track_rotation_z * t128;
+            let t141 = sin_joint1_track_rotation_z * t135 + cos_joint1_track_rotation_z * t128;
+            let t146 = point_y * cos_joint2_track_rotation_x
                 - point_z * sin_joint2_track_rotation_x;
-            let t180 = point_y * sin_joint2_track_rotation_x
+            let t147 = point_y * sin_joint2_track_rotation_x
                 + point_z * cos_joint2_track_rotation_x;
-            let t185 = cos_joint2_track_rotation_y * t180 - point_x * sin_joint2_track_rotation_y;
-            let t186 = sin_joint2_track_rotation_y * t180 + point_x * cos_joint2_track_rotation_y;
-            let t191 = cos_joint2_track_rotation_z * t186 - sin_joint2_track_rotation_z * t179;
-            let t192 = sin_joint2_track_rotation_z * t186 + cos_joint2_track_rotation_z * t179;
-            let t193 = t173 - t191;
-            let t194 = t174 - t192;
-            let t195 = t167 - t185;
-            let t209 = cos_target_rotation_z * t16 - sin_target_rotation_z * cos_target_rotation_x;
-            let t210 = sin_target_rotation_z * t16 + cos_target_rotation_z * cos_target_rotation_x;
-            let t215 = cos_target_rotation_z * t18 + sin_target_rotation_z * sin_target_rotation_x;
-            let t216 = sin_target_rotation_z * t18 - cos_target_rotation_z * sin_target_rotation_x;
-            let t223 = cos_frame_rotation_y * prepared_20 - sin_frame_rotation_y * t107;
-            let t224 = cos_frame_rotation_y * t107 + sin_frame_rotation_y * prepared_20;
-            let t227 = sin_frame_rotation_x * t223 - cos_frame_rotation_x * t108;
-            let t228 = sin_frame_rotation_x * t108 + cos_frame_rotation_x * t223;
-            let t237 = sin_frame_rotation_y * t113 + cos_frame_rotation_y * prepared_21;
-            let t238 = cos_frame_rotation_y * t113 - sin_frame_rotation_y * prepared_21;
-            let t241 = cos_frame_rotation_x * t114 + sin_frame_rotation_x * t237;
-            let t242 = cos_frame_rotation_x * t237 - sin_frame_rotation_x * t114;
-            let t270 = sin_frame_rotation_y * t108 + cos_frame_rotation_y * prepared_22;
-            let t271 = cos_frame_rotation_y * t108 - sin_frame_rotation_y * prepared_22;
-            let t274 = sin_frame_rotation_x * t270 - cos_frame_rotation_x * t107;
-            let t275 = sin_frame_rotation_x * t107 + cos_frame_rotation_x * t270;
-            let t284 = sin_frame_rotation_y * t114 + cos_frame_rotation_y * prepared_23;
-            let t285 = sin_frame_rotation_y * prepared_23 - cos_frame_rotation_y * t114;
-            let t288 = cos_frame_rotation_x * t113 - sin_frame_rotation_x * t284;
-            let t289 = sin_frame_rotation_x * t113 + cos_frame_rotation_x * t284;
-            let t319 = sin_frame_rotation_z * prepared_22 + cos_frame_rotation_z * prepared_20;
-            let t320 = sin_frame_rotation_z * prepared_20 - cos_frame_rotation_z * prepared_22;
-            let t321 = sin_frame_rotation_y * t319;
-            let t322 = cos_frame_rotation_y * t319;
-            let t327 = cos_frame_rotation_x * t320 - sin_frame_rotation_x * t321;
-            let t328 = cos_frame_rotation_x * t321 + sin_frame_rotation_x * t320;
-            let t339 = sin_frame_rotation_z * prepared_23 - cos_frame_rotation_z * prepared_21;
-            let t340 = cos_frame_rotation_z * prepared_23 + sin_frame_rotation_z * prepared_21;
-            let t341 = sin_frame_rotation_y * t339;
-            let t342 = cos_frame_rotation_y * t339;
-            let t347 = sin_frame_rotation_x * t341 + cos_frame_rotation_x * t340;
-            let t348 = cos_frame_rotation_x * t341 - sin_frame_rotation_x * t340;
-            let t371 = t2 * t2 + t1 * t1 + t3 * t3;
-            let t372 = (target_position_x * t31 - target_position_y * t24) / t371;
-            let t373 = (target_position_z * t24 - target_position_x * t32) / t371;
-            let t374 = (target_position_y * t32 - target_position_z * t31) / t371;
-            let t379 = t3 * t373 - t2 * t372;
-            let t381 = t1 * t372 - t3 * t374;
-            let t383 = t2 * t374 - t1 * t373;
-            let t384 = t42 - t383;
-            let t385 = t43 - t381;
-            let t386 = t44 - t379;
-            let t391 = sin_joint2_track_rotation_z * t385 + cos_joint2_track_rotation_z * t386;
-            let t396 = t42 + t383;
-            let t397 = t43 + t381;
-            let t398 = t44 + t379;
-            let t403 = sin_joint1_track_rotation_z * t397 + cos_joint1_track_rotation_z * t398;
-            let t408 = (target_position_x * t63 - target_position_y * t58) / t371;
-            let t409 = (target_position_z * t58 - target_position_x * t64) / t371;
-            let t410 = (target_position_y * t64 - target_position_z * t63) / t371;
-            let t415 = t3 * t409 - t2 * t408;
-            let t417 = t1 * t408 - t3 * t410;
-            let t419 = t2 * t410 - t1 * t409;
-            let t420 = t74 - t419;
-            let t421 = t75 - t417;
-            let t422 = t76 - t415;
-            let t427 = sin_joint2_track_rotation_z * t421 + cos_joint2_track_rotation_z * t422;
-            let t432 = t74 + t419;
-            let t433 = t75 + t417;
-            let t434 = t76 + t415;
-            let t439 = sin_joint1_track_rotation_z * t433 + cos_joint1_track_rotation_z * t434;
-            let t444 = (target_position_x * t77 + target_position_y * sin_frame_rotation_y) / t371;
-            let t445 = (target_position_x * t78 + target_position_z * sin_frame_rotation_y) / t371;
-            let t446 = (target_position_y * t78 - target_position_z * t77) / t371;
-            let t451 = t2 * t444 + t3 * t445;
-            let t453 = t1 * t444 - t3 * t446;
-            let t455 = t1 * t445 + t2 * t446;
-            let t456 = t88 - t455;
-            let t457 = t89 - t453;
-            let t458 = t90 + t451;
-            let t463 = sin_joint2_track_rotation_z * t457 + cos_joint2_track_rotation_z * t458;
-            let t468 = t88 + t455;
-            let t469 = t89 + t453;
-            let t470 = t451 - t90;
-            let t475 = sin_joint1_track_rotation_z * t469 - cos_joint1_track_rotation_z * t470;
-            let t492 = (t2 * t195 - t3 * t194) / t371;
-            let t493 = (t3 * t193 - t1 * t195) / t371;
-            let t494 = (t1 * t194 - t2 * t193) / t371;
-            let t503 = target_position_z * t493 - target_position_y * t494 + target_position_x
-                + 0.5 * (t191 + joint2_track_offset_x + joint1_track_offset_x + t173);
-            let t506 = target_position_x * t494 - target_position_z * t492 + target_position_y
-                + 0.5 * (t192 + joint2_track_offset_y + joint1_track_offset_y + t174);
-            let t509 = target_position_y * t492 - target_position_x * t493 + target_position_z
-                + 0.5 * (t185 + joint2_track_offset_z + joint1_track_offset_z + t167);
-            let t514 = cos_frame_rotation_x * t506 - sin_frame_rotation_x * t509;
-            let t515 = sin_frame_rotation_x * t506 + cos_frame_rotation_x * t509;
-            let t520 = cos_frame_rotation_y * t515 - sin_frame_rotation_y * t503;
-            let t521 = sin_frame_rotation_y * t515 + cos_frame_rotation_y * t503;
-            let t526 = cos_frame_rotation_z * t521 - sin_frame_rotation_z * t514;
-            let t527 = sin_frame_rotation_z * t521 + cos_frame_rotation_z * t514;
-            let t541 = t11 - sin_target_rotation_y * t493 - t12 * t494;
-            let t543 = sin_target_rotation_y * t492 + t12 + t11 * t494;
-            let t545 = t12 * t492 - t11 * t493 - sin_target_rotation_y;
-            let t550 = cos_frame_rotation_x * t543 - sin_frame_rotation_x * t545;
-            let t551 = sin_frame_rotation_x * t543 + cos_frame_rotation_x * t545;
-            let t556 = cos_frame_rotation_y * t551 - sin_frame_rotation_y * t541;
-            let t557 = sin_frame_rotation_y * t551 + cos_frame_rotation_y * t541;
-            let t562 = cos_frame_rotation_z * t557 - sin_frame_rotation_z * t550;
-            let t563 = sin_frame_rotation_z * t557 + cos_frame_rotation_z * t550;
-            let t577 = t209 - t210 * t494 + t15 * t493;
-            let t579 = t210 - t15 * t492 + t209 * t494;
-            let t581 = t15 - t209 * t493 + t210 * t492;
-            let t586 = cos_frame_rotation_x * t579 - sin_frame_rotation_x * t581;
-            let t587 = sin_frame_rotation_x * t579 + cos_frame_rotation_x * t581;
-            let t592 = cos_frame_rotation_y * t587 - sin_frame_rotation_y * t577;
-            let t593 = sin_frame_rotation_y * t587 + cos_frame_rotation_y * t577;
-            let t598 = cos_frame_rotation_z * t593 - sin_frame_rotation_z * t586;
-            let t599 = sin_frame_rotation_z * t593 + cos_frame_rotation_z * t586;
-            let t613 = t215 - t216 * t494 + t17 * t493;
-            let t615 = t216 - t17 * t492 + t215 * t494;
-            let t617 = t17 - t215 * t493 + t216 * t492;
-            let t622 = cos_frame_rotation_x * t615 - sin_frame_rotation_x * t617;
-            let t623 = sin_frame_rotation_x * t615 + cos_frame_rotation_x * t617;
-            let t628 = cos_frame_rotation_y * t623 - sin_frame_rotation_y * t613;
-            let t629 = sin_frame_rotation_y * t623 + cos_frame_rotation_y * t613;
-            let t634 = cos_frame_rotation_z * t629 - sin_frame_rotation_z * t622;
-            let t635 = sin_frame_rotation_z * t629 + cos_frame_rotation_z * t622;
-            let t680 = t372 * t494 + t373 * t493 + t374 * t492;
-            let t681 = t3 * 2.0;
-            let t683 = t2 * 2.0;
-            let t685 = t1 * 2.0;
-            let t691 = t194 * t372 - t680 * t685 - t195 * t373;
-            let t695 = t193 * t373 - t680 * t681 - t194 * t374;
-            let t698 = t195 * t374 - t680 * t683 - t193 * t372;
-            let t743 = t408 * t494 + t409 * t493 + t410 * t492;
-            let t751 = t194 * t408 - t685 * t743 - t195 * t409;
-            let t755 = t193 * t409 - t681 * t743 - t194 * t410;
-            let t758 = t195 * t410 - t683 * t743 - t193 * t408;
-            let t800 = t445 * t493 - t444 * t494 - t446 * t492;
-            let t808 = t685 * t800 + t194 * t444 + t195 * t445;
-            let t812 = t681 * t800 - t193 * t445 - t194 * t446;
-            let t815 = t683 * t800 - t193 * t444 + t195 * t446;
-            let t850 = t103 * t494 - t98 - t104 * t493;
-            let t853 = t103 + t104 * t492 + t98 * t494;
-            let t856 = t104 - t103 * t492 - t98 * t493;
-            let t867 = t227 * t494 - t224 - t228 * t493;
-            let t870 = t227 + t228 * t492 + t224 * t494;
-            let t873 = t228 - t227 * t492 - t224 * t493;
-            let t896 = t238 - t242 * t493 + t241 * t494;
-            let t899 = t241 + t242 * t492 - t238 * t494;
-            let t907 = sin_target_rotation_z * t853 + cos_target_rotation_z * t850;
-            let t918 = sin_target_rotation_z * t870 + cos_target_rotation_z * t867;
-            let t952 =
-                (t103 * t215 + t98 * t216 + t209 * t227 + t210 * t224 + t11 * t241 - t12 * t238)
-                / t371;
-            let t954 =
-                (t17 * t98 + t104 * t215 + t209 * t228 + t15 * t224 + t11 * t242
-                + sin_target_rotation_y * t238) / t371;
-            let t956 =
-                (t104 * t216 - t17 * t103 + t210 * t228 - t15 * t227 + t12 * t242
-                + sin_target_rotation_y * t241) / t371;
-            let t959 = t493 * t954 - t494 * t952 - t492 * t956;
-            let t970 = t685 * t959 + t194 * t952 + t195 * t954;
-            let t973 = t2 * t952 + t3 * t954;
-            let t977 = t681 * t959 - t193 * t954 - t194 * t956;
-            let t978 = t1 * t952 - t3 * t956;
-            let t982 = t683 * t959 - t193 * t952 + t195 * t956;
-            let t983 = t1 * t954 + t2 * t956;
-            let t991 = cos_joint2_track_rotation_z * t973 - sin_joint2_track_rotation_z * t978;
-            let t1009 = sin_joint1_track_rotation_z * t978 - cos_joint1_track_rotation_z * t973;
-            let t1030 = t124 - t130 * t493 + t129 * t494;
-            let t1033 = t129 + t130 * t492 - t124 * t494;
-            let t1036 = t130 - t129 * t492 + t124 * t493;
-            let t1047 = t271 - t275 * t493 + t274 * t494;
-            let t1050 = t274 + t275 * t492 - t271 * t494;
-            let t1053 = t275 - t274 * t492 + t271 * t493;
-            let t1076 = t285 + t289 * t493 + t288 * t494;
-            let t1079 = t288 - t289 * t492 - t285 * t494;
-            let t1087 = sin_target_rotation_z * t1033 + cos_target_rotation_z * t1030;
-            let t1098 = sin_target_rotation_z * t1050 + cos_target_rotation_z * t1047;
-            let t1132 =
-                (t129 * t215 - t124 * t216 + t209 * t274 - t210 * t271 + t11 * t288 - t12 * t285)
-                / t371;
-            let t1134 =
-                (t17 * t124 - t130 * t215 - t209 * t275 + t15 * t271 + t11 * t289
-                - sin_target_rotation_y * t285) / t371;
-            let t1136 =
-                (t130 * t216 - t17 * t129 + t210 * t275 - t15 * t274 - t12 * t289
-                + sin_target_rotation_y * t288) / t371;
-            let t1139 = t494 * t1132 + t493 * t1134 + t492 * t1136;
-            let t1150 = t194 * t1132 - t685 * t1139 - t195 * t1134;
-            let t1153 = t3 * t1134 - t2 * t1132;
-            let t1157 = t193 * t1134 - t681 * t1139 - t194 * t1136;
-            let t1158 = t1 * t1132 - t3 * t1136;
-            let t1162 = t195 * t1136 - t683 * t1139 - t193 * t1132;
-            let t1163 = t2 * t1136 - t1 * t1134;
-            let t1171 = sin_joint2_track_rotation_z * t1158 + cos_joint2_track_rotation_z * t1153;
-            let t1189 = sin_joint1_track_rotation_z * t1158 + cos_joint1_track_rotation_z * t1153;
-            let t1210 = t148 - t154 * t493 + t153 * t494;
-            let t1213 = t153 + t154 * t492 - t148 * t494;
-            let t1216 = t154 - t153 * t492 + t148 * t493;
-            let t1227 = t328 * t493 - t322 + t327 * t494;
-            let t1230 = t327 - t328 * t492 + t322 * t494;
-            let t1233 = t328 + t327 * t492 + t322 * t493;
-            let t1256 = t342 - t348 * t493 + t347 * t494;
-            let t1259 = t347 + t348 * t492 - t342 * t494;
-            let t1267 = sin_target_rotation_z * t1213 + cos_target_rotation_z * t1210;
-            let t1278 = sin_target_rotation_z * t1230 + cos_target_rotation_z * t1227;
-            let t1312 =
-                (t153 * t215 - t148 * t216 + t209 * t327 + t210 * t322 + t11 * t347 - t12 * t342)
-                / t371;
-            let t1314 =
-                (t17 * t148 - t154 * t215 + t209 * t328 - t15 * t322 - t11 * t348
-                - sin_target_rotation_y * t342) / t371;
-            let t1316 =
-                (t154 * t216 - t17 * t153 - t210 * t328 - t15 * t327 + t12 * t348
-                + sin_target_rotation_y * t347) / t371;
-            let t1319 = t494 * t1312 + t493 * t1314 + t492 * t1316;
-            let t1330 = t194 * t1312 - t685 * t1319 - t195 * t1314;
-            let t1333 = t3 * t1314 - t2 * t1312;
-            let t1337 = t193 * t1314 - t681 * t1319 - t194 * t1316;
-            let t1338 = t1 * t1312 - t3 * t1316;
-            let t1342 = t195 * t1316 - t683 * t1319 - t193 * t1312;
-            let t1343 = t2 * t1316 - t1 * t1314;
-            let t1351 = sin_joint2_track_rotation_z * t1338 + cos_joint2_track_rotation_z * t1333;
-            let t1369 = sin_joint1_track_rotation_z * t1338 + cos_joint1_track_rotation_z * t1333;
-            residuals[0][lane] = t526 + frame_translation_x - x;
-            residuals[1][lane] = t527 + frame_translation_y - y;
-            residuals[2][lane] = t520 + frame_translation_z - z;
+            let t152 = cos_joint2_track_rotation_y * t147 - point_x * sin_joint2_track_rotation_y;
+            let t153 = sin_joint2_track_rotation_y * t147 + point_x * cos_joint2_track_rotation_y;
+            let t158 = cos_joint2_track_rotation_z * t153 - sin_joint2_track_rotation_z * t146;
+            let t159 = sin_joint2_track_rotation_z * t153 + cos_joint2_track_rotation_z * t146;
+            let t160 = t140 - t158;
+            let t161 = t141 - t159;
+            let t162 = t134 - t152;
+            let t176 = cos_target_rotation_z * t16 - sin_target_rotation_z * cos_target_rotation_x;
+            let t177 = sin_target_rotation_z * t16 + cos_target_rotation_z * cos_target_rotation_x;
+            let t182 = cos_target_rotation_z * t18 + sin_target_rotation_z * sin_target_rotation_x;
+            let t183 = sin_target_rotation_z * t18 - cos_target_rotation_z * sin_target_rotation_x;
+            let t186 = cos_frame_rotation_y * prepared_20 - sin_frame_rotation_y * t78;
+            let t187 = cos_frame_rotation_y * t78 + sin_frame_rotation_y * prepared_20;
+            let t190 = sin_frame_rotation_x * t186 - cos_frame_rotation_x * t79;
+            let t191 = sin_frame_rotation_x * t79 + cos_frame_rotation_x * t186;
+            let t194 = sin_frame_rotation_y * t84 + cos_frame_rotation_y * prepared_21;
+            let t195 = cos_frame_rotation_y * t84 - sin_frame_rotation_y * prepared_21;
+            let t198 = cos_frame_rotation_x * t85 + sin_frame_rotation_x * t194;
+            let t199 = cos_frame_rotation_x * t194 - sin_frame_rotation_x * t85;
+            let t202 = sin_frame_rotation_y * t79 + cos_frame_rotation_y * prepared_22;
+            let t203 = cos_frame_rotation_y * t79 - sin_frame_rotation_y * prepared_22;
+            let t206 = sin_frame_rotation_x * t202 - cos_frame_rotation_x * t78;
+            let t207 = sin_frame_rotation_x * t78 + cos_frame_rotation_x * t202;
+            let t210 = sin_frame_rotation_y * t85 + cos_frame_rotation_y * prepared_23;
+            let t211 = sin_frame_rotation_y * prepared_23 - cos_frame_rotation_y * t85;
+            let t214 = cos_frame_rotation_x * t84 - sin_frame_rotation_x * t210;
+            let t215 = sin_frame_rotation_x * t84 + cos_frame_rotation_x * t210;
+            let t220 = sin_frame_rotation_z * prepared_22 + cos_frame_rotation_z * prepared_20;
+            let t221 = sin_frame_rotation_z * prepared_20 - cos_frame_rotation_z * prepared_22;
+            let t222 = sin_frame_rotation_y * t220;
+            let t223 = cos_frame_rotation_y * t220;
+            let t228 = cos_frame_rotation_x * t221 - sin_frame_rotation_x * t222;
+            let t229 = cos_frame_rotation_x * t222 + sin_frame_rotation_x * t221;
+            let t234 = sin_frame_rotation_z * prepared_23 - cos_frame_rotation_z * prepared_21;
+            let t235 = cos_frame_rotation_z * prepared_23 + sin_frame_rotation_z * prepared_21;
+            let t236 = sin_frame_rotation_y * t234;
+            let t237 = cos_frame_rotation_y * t234;
+            let t242 = sin_frame_rotation_x * t236 + cos_frame_rotation_x * t235;
+            let t243 = cos_frame_rotation_x * t236 - sin_frame_rotation_x * t235;
+            let t245 = t2 * t2 + t1 * t1 + t3 * t3;
+            let t258 = (t2 * t162 - t3 * t161) / t245;
+            let t259 = (t3 * t160 - t1 * t162) / t245;
+            let t260 = (t1 * t161 - t2 * t160) / t245;
+            let t267 = 0.5 + 0.041666666666666664 * (t259 * t259 + t258 * t258 + t260 * t260);
+            let t268 = t258 * t267;
+            let t269 = t259 * t267;
+            let t270 = t260 * t267;
+            let t276 = t269 * t269 + t268 * t268 + 1.0 + t270 * t270;
+            let t277 = 2.0 / t276;
+            let t280 = target_position_z * t269 - target_position_y * t270;
+            let t283 = target_position_x * t270 - target_position_z * t268;
+            let t286 = target_position_y * t268 - target_position_x * t269;
+            let t294 = t280 - t270 * t283 + t269 * t286;
+            let t296 = t283 - t268 * t286 + t270 * t280;
+            let t298 = t286 - t269 * t280 + t268 * t283;
+            let t303 = t277 * t294 + target_position_x
+                + 0.5 * (t158 + joint2_track_offset_x + joint1_track_offset_x + t140);
+            let t305 = t277 * t296 + target_position_y
+                + 0.5 * (t159 + joint2_track_offset_y + joint1_track_offset_y + t141);
+            let t307 = t277 * t298 + target_position_z
+                + 0.5 * (t152 + joint2_track_offset_z + joint1_track_offset_z + t134);
+            let t312 = cos_frame_rotation_x * t305 - sin_frame_rotation_x * t307;
+            let t313 = sin_frame_rotation_x * t305 + cos_frame_rotation_x * t307;
+            let t318 = cos_frame_rotation_y * t313 - sin_frame_rotation_y * t303;
+            let t319 = sin_frame_rotation_y * t313 + cos_frame_rotation_y * t303;
+            let t324 = cos_frame_rotation_z * t319 - sin_frame_rotation_z * t312;
+            let t325 = sin_frame_rotation_z * t319 + cos_frame_rotation_z * t312;
+            let t334 = sin_target_rotation_y * t269 + t12 * t270;
+            let t337 = t11 * t270 + sin_target_rotation_y * t268;
+            let t340 = t12 * t268 - t11 * t269;
+            let t348 = t269 * t340 - t270 * t337 - t334;
+            let t350 = t337 - t270 * t334 - t268 * t340;
+            let t352 = t269 * t334 + t340 + t268 * t337;
+            let t356 = t11 + t277 * t348;
+            let t357 = t12 + t277 * t350;
+            let t358 = t277 * t352 - sin_target_rotation_y;
+            let t363 = cos_frame_rotation_x * t357 - sin_frame_rotation_x * t358;
+            let t364 = sin_frame_rotation_x * t357 + cos_frame_rotation_x * t358;
+            let t369 = cos_frame_rotation_y * t364 - sin_frame_rotation_y * t356;
+            let t370 = sin_frame_rotation_y * t364 + cos_frame_rotation_y * t356;
+            let t375 = cos_frame_rotation_z * t370 - sin_frame_rotation_z * t363;
+            let t376 = sin_frame_rotation_z * t370 + cos_frame_rotation_z * t363;
+            let t385 = t15 * t269 - t177 * t270;
+            let t388 = t176 * t270 - t15 * t268;
+            let t391 = t177 * t268 - t176 * t269;
+            let t399 = t385 - t270 * t388 + t269 * t391;
+            let t401 = t388 - t268 * t391 + t270 * t385;
+            let t403 = t391 - t269 * t385 + t268 * t388;
+            let t407 = t176 + t277 * t399;
+            let t408 = t177 + t277 * t401;
+            let t409 = t15 + t277 * t403;
+            let t414 = cos_frame_rotation_x * t408 - sin_frame_rotation_x * t409;
+            let t415 = sin_frame_rotation_x * t408 + cos_frame_rotation_x * t409;
+            let t420 = cos_frame_rotation_y * t415 - sin_frame_rotation_y * t407;
+            let t421 = sin_frame_rotation_y * t415 + cos_frame_rotation_y * t407;
+            let t426 = cos_frame_rotation_z * t421 - sin_frame_rotation_z * t414;
+            let t427 = sin_frame_rotation_z * t421 + cos_frame_rotation_z * t414;
+            let t436 = t17 * t269 - t183 * t270;
+            let t439 = t182 * t270 - t17 * t268;
+            let t442 = t183 * t268 - t182 * t269;
+            let t450 = t436 - t270 * t439 + t269 * t442;
+            let t452 = t439 - t268 * t442 + t270 * t436;
+            let t454 = t442 - t269 * t436 + t268 * t439;
+            let t458 = t182 + t277 * t450;
+            let t459 = t183 + t277 * t452;
+            let t460 = t17 + t277 * t454;
+            let t465 = cos_frame_rotation_x * t459 - sin_frame_rotation_x * t460;
+            let t466 = sin_frame_rotation_x * t459 + cos_frame_rotation_x * t460;
+            let t471 = cos_frame_rotation_y * t466 - sin_frame_rotation_y * t458;
+            let t472 = sin_frame_rotation_y * t466 + cos_frame_rotation_y * t458;
+            let t477 = cos_frame_rotation_z * t472 - sin_frame_rotation_z * t465;
+            let t478 = sin_frame_rotation_z * t472 + cos_frame_rotation_z * t465;
+            let t508 = t32 * t277;
+            let t510 = t31 * t277;
+            let t512 = t24 * t277;
+            let t524 = t512 - t269 * t508 + t270 * t510;
+            let t528 = t510 + t268 * t508 - t270 * t512;
+            let t532 = t508 - t268 * t510 + t269 * t512;
+            let t552 = t277 * ((t32 * t298 + t31 * t296 + t24 * t294) / t276);
+            let t553 = t270 * t552;
+            let t558 = target_position_x * t528 - t553 - target_position_y * t524 - t283 * t512
+                + t280 * t510 - t553;
+            let t559 = t269 * t552;
+            let t564 = target_position_z * t524 - t559 - target_position_x * t532 + t286 * t512
+                - t280 * t508 - t559;
+            let t565 = t268 * t552;
+            let t570 = target_position_y * t532 - t565 - target_position_z * t528 - t286 * t510
+                + t283 * t508 - t565;
+            let t579 = 0.041666666666666664 * (t260 * t558 + t259 * t564 + t258 * t570);
+            let t580 = t260 * t579;
+            let t583 = t259 * t579;
+            let t586 = t258 * t579;
+            let t589 = (t580 + t267 * t558 + t580) / t245;
+            let t591 = (t583 + t267 * t564 + t583) / t245;
+            let t593 = (t586 + t267 * t570 + t586) / t245;
+            let t596 = t260 * t589 + t259 * t591 + t258 * t593;
+            let t597 = t3 * 2.0;
+            let t599 = t2 * 2.0;
+            let t601 = t1 * 2.0;
+            let t610 = t161 * t589 - t596 * t601 - t162 * t591;
+            let t613 = t3 * t591 - t2 * t589;
+            let t617 = t160 * t591 - t596 * t597 - t161 * t593;
+            let t618 = t1 * t589 - t3 * t593;
+            let t622 = t162 * t593 - t596 * t599 - t160 * t589;
+            let t623 = t2 * t593 - t1 * t591;
+            let t625 = t33 - t623;
+            let t627 = t34 - t618;
+            let t629 = t35 - t613;
+            let t637 = sin_joint2_track_rotation_z * t627 + cos_joint2_track_rotation_z * t629;
+            let t649 = t33 + t623;
+            let t651 = t34 + t618;
+            let t653 = t35 + t613;
+            let t661 = sin_joint1_track_rotation_z * t651 + cos_joint1_track_rotation_z * t653;
+            let t677 = t55 * t277;
+            let t679 = t54 * t277;
+            let t681 = t49 * t277;
+            let t693 = t681 - t269 * t677 + t270 * t679;
+            let t697 = t679 + t268 * t677 - t270 * t681;
+            let t701 = t677 - t268 * t679 + t269 * t681;
+            let t721 = t277 * ((t55 * t298 + t54 * t296 + t49 * t294) / t276);
+            let t722 = t270 * t721;
+            let t727 = target_position_x * t697 - t722 - target_position_y * t693 - t283 * t681
+                + t280 * t679 - t722;
+            let t728 = t269 * t721;
+            let t733 = target_position_z * t693 - t728 - target_position_x * t701 + t286 * t681
+                - t280 * t677 - t728;
+            let t734 = t268 * t721;
+            let t739 = target_position_y * t701 - t734 - target_position_z * t697 - t286 * t679
+                + t283 * t677 - t734;
+            let t748 = 0.041666666666666664 * (t260 * t727 + t259 * t733 + t258 * t739);
+            let t749 = t260 * t748;
+            let t752 = t259 * t748;
+            let t755 = t258 * t748;
+            let t758 = (t749 + t267 * t727 + t749) / t245;
+            let t760 = (t752 + t267 * t733 + t752) / t245;
+            let t762 = (t755 + t267 * t739 + t755) / t245;
+            let t765 = t260 * t758 + t259 * t760 + t258 * t762;
+            let t776 = t161 * t758 - t601 * t765 - t162 * t760;
+            let t779 = t3 * t760 - t2 * t758;
+            let t783 = t160 * t760 - t597 * t765 - t161 * t762;
+            let t784 = t1 * t758 - t3 * t762;
+            let t788 = t162 * t762 - t599 * t765 - t160 * t758;
+            let t789 = t2 * t762 - t1 * t760;
+            let t791 = t56 - t789;
+            let t793 = t57 - t784;
+            let t795 = t58 - t779;
+            let t803 = sin_joint2_track_rotation_z * t793 + cos_joint2_track_rotation_z * t795;
+            let t815 = t56 + t789;
+            let t817 = t57 + t784;
+            let t819 = t58 + t779;
+            let t827 = sin_joint1_track_rotation_z * t817 + cos_joint1_track_rotation_z * t819;
+            let t840 = t60 * t277;
+            let t842 = t59 * t277;
+            let t844 = sin_frame_rotation_y * t277;
+            let t856 = t270 * t842 - t844 - t269 * t840;
+            let t860 = t842 + t268 * t840 + t270 * t844;
+            let t864 = t840 - t268 * t842 - t269 * t844;
+            let t884 = t277 * ((t60 * t298 + t59 * t296 - sin_frame_rotation_y * t294) / t276);
+            let t885 = t270 * t884;
+            let t890 = target_position_x * t860 - t885 - target_position_y * t856 + t283 * t844
+                + t280 * t842 - t885;
+            let t891 = t269 * t884;
+            let t896 = target_position_z * t856 - t891 - target_position_x * t864 - t286 * t844
+                - t280 * t840 - t891;
+            let t897 = t268 * t884;
+            let t902 = target_position_y * t864 - t897 - target_position_z * t860 - t286 * t842
+                + t283 * t840 - t897;
+            let t911 = 0.041666666666666664 * (t260 * t890 + t259 * t896 + t258 * t902);
+            let t912 = t260 * t911;
+            let t915 = t259 * t911;
+            let t918 = t258 * t911;
+            let t921 = (t912 + t267 * t890 + t912) / t245;
+            let t923 = (t915 + t267 * t896 + t915) / t245;
+            let t925 = (t918 + t267 * t902 + t918) / t245;
+            let t928 = t260 * t921 + t259 * t923 + t258 * t925;
+            let t939 = t161 * t921 - t601 * t928 - t162 * t923;
+            let t942 = t3 * t923 - t2 * t921;
+            let t946 = t160 * t923 - t597 * t928 - t161 * t925;
+            let t947 = t1 * t921 - t3 * t925;
+            let t951 = t162 * t925 - t599 * t928 - t160 * t921;
+            let t952 = t2 * t925 - t1 * t923;
+            let t954 = t61 - t952;
+            let t956 = t62 - t947;
+            let t958 = t942 - t63;
+            let t966 = sin_joint2_track_rotation_z * t956 - cos_joint2_track_rotation_z * t958;
+            let t978 = t61 + t952;
+            let t980 = t62 + t947;
+            let t982 = t63 + t942;
+            let t990 = sin_joint1_track_rotation_z * t980 + cos_joint1_track_rotation_z * t982;
+            let t1007 = t77 * t277;
+            let t1009 = t76 * t277;
+            let t1011 = t71 * t277;
+            let t1021 = t270 * t1009 - t1011 - t269 * t1007;
+            let t1025 = t1009 + t268 * t1007 + t270 * t1011;
+            let t1029 = t1007 - t268 * t1009 - t269 * t1011;
+            let t1039 = t270 * t1025 - t71 - t269 * t1029;
+            let t1043 = t76 + t268 * t1029 - t270 * t1021;
+            let t1047 = t77 - t268 * t1025 + t269 * t1021;
+            let t1054 = t191 * t277;
+            let t1056 = t190 * t277;
+            let t1058 = t187 * t277;
+            let t1068 = t270 * t1056 - t1058 - t269 * t1054;
+            let t1072 = t1056 + t268 * t1054 + t270 * t1058;
+            let t1076 = t1054 - t268 * t1056 - t269 * t1058;
+            let t1086 = t270 * t1072 - t187 - t269 * t1076;
+            let t1090 = t190 + t268 * t1076 - t270 * t1068;
+            let t1094 = t191 - t268 * t1072 + t269 * t1068;
+            let t1113 = t199 * t277;
+            let t1115 = t198 * t277;
+            let t1117 = t195 * t277;
+            let t1125 = t77 * t454 + t76 * t452 - t71 * t450 + t191 * t403 + t190 * t401
+                - t187 * t399 + t199 * t352 + t198 * t350 + t195 * t348;
+            let t1137 = t1115 + t268 * t1113 - t270 * t1117;
+            let t1141 = t1113 - t268 * t1115 + t269 * t1117;
+            let t1151 = t195 - t269 * t1141 + t270 * t1137;
+            let t1153 = t269 * t1113 - t270 * t1115 - t1117;
+            let t1157 = t198 + t268 * t1141 + t270 * t1153;
+            let t1166 = sin_target_rotation_z * t1043 + cos_target_rotation_z * t1039;
+            let t1177 = sin_target_rotation_z * t1090 + cos_target_rotation_z * t1086;
+            let t1212 = t277 * (t1125 / t276);
+            let t1213 = t270 * t1212;
+            let t1221 = t12 * t1153 - t1213 + t11 * t1137 - t337 * t1117 - t334 * t1115
+                - t177 * t1068 + t176 * t1072 + t388 * t1058 + t385 * t1056;
+            let t1226 = t1221 - t183 * t1021 + t182 * t1025 + t439 * t1011 + t436 * t1009 - t1213;
+            let t1227 = t269 * t1212;
+            let t1235 = sin_target_rotation_y * t1153 - t1227 - t11 * t1141 + t340 * t1117
+                + t334 * t1113 + t15 * t1068 - t176 * t1076 - t391 * t1058 - t385 * t1054;
+            let t1240 = t1235 + t17 * t1021 - t182 * t1029 - t442 * t1011 - t436 * t1007 - t1227;
+            let t1241 = t268 * t1212;
+            let t1249 = sin_target_rotation_y * t1137 - t1241 + t12 * t1141 - t340 * t1115
+                + t337 * t1113 - t15 * t1072 + t177 * t1076 - t391 * t1056 + t388 * t1054;
+            let t1254 = t1249 - t17 * t1025 + t183 * t1029 - t442 * t1009 + t439 * t1007 - t1241;
+            let t1263 = 0.041666666666666664 * (t260 * t1226 + t259 * t1240 + t258 * t1254);
+            let t1264 = t260 * t1263;
+            let t1267 = t259 * t1263;
+            let t1270 = t258 * t1263;
+            let t1273 = (t1264 + t267 * t1226 + t1264) / t245;
+            let t1275 = (t1267 + t267 * t1240 + t1267) / t245;
+            let t1277 = (t1270 + t267 * t1254 + t1270) / t245;
+            let t1280 = t260 * t1273 + t259 * t1275 + t258 * t1277;
+            let t1291 = t161 * t1273 - t601 * t1280 - t162 * t1275;
+            let t1294 = t3 * t1275 - t2 * t1273;
+            let t1298 = t160 * t1275 - t597 * t1280 - t161 * t1277;
+            let t1299 = t1 * t1273 - t3 * t1277;
+            let t1303 = t162 * t1277 - t599 * t1280 - t160 * t1273;
+            let t1304 = t2 * t1277 - t1 * t1275;
+            let t1312 = sin_joint2_track_rotation_z * t1299 + cos_joint2_track_rotation_z * t1294;
+            let t1330 = sin_joint1_track_rotation_z * t1299 + cos_joint1_track_rotation_z * t1294;
+            let t1347 = t101 * t277;
+            let t1349 = t100 * t277;
+            let t1351 = t95 * t277;
+            let t1361 = t1351 - t269 * t1347 + t270 * t1349;
+            let t1365 = t1349 + t268 * t1347 - t270 * t1351;
+            let t1369 = t1347 - t268 * t1349 + t269 * t1351;
+            let t1379 = t95 - t269 * t1369 + t270 * t1365;
+            let t1383 = t100 + t268 * t1369 - t270 * t1361;
+            let t1387 = t101 - t268 * t1365 + t269 * t1361;
+            let t1394 = t207 * t277;
+            let t1396 = t206 * t277;
+            let t1398 = t203 * t277;
+            let t1408 = t1398 - t269 * t1394 + t270 * t1396;
+            let t1412 = t1396 + t268 * t1394 - t270 * t1398;
+            let t1416 = t1394 - t268 * t1396 + t269 * t1398;
+            let t1426 = t203 - t269 * t1416 + t270 * t1412;
+            let t1430 = t206 + t268 * t1416 - t270 * t1408;
+            let t1434 = t207 - t268 * t1412 + t269 * t1408;
+            let t1453 = t215 * t277;
+            let t1455 = t214 * t277;
+            let t1457 = t211 * t277;
+            let t1465 = t101 * t454 + t100 * t452 + t95 * t450 + t207 * t403 + t206 * t401
+                + t203 * t399 - t215 * t352 + t214 * t350 + t211 * t348;
+            let t1477 = t1455 - t268 * t1453 - t270 * t1457;
+            let t1481 = t269 * t1457 - t1453 - t268 * t1455;
+            let t1491 = t211 - t269 * t1481 + t270 * t1477;
+            let t1493 = t270 * t1455 + t1457 + t269 * t1453;
+            let t1497 = t214 + t268 * t1481 - t270 * t1493;
+            let t1506 = sin_target_rotation_z * t1383 + cos_target_rotation_z * t1379;
+            let t1517 = sin_target_rotation_z * t1430 + cos_target_rotation_z * t1426;
+            let t1552 = t277 * (t1465 / t276);
+            let t1553 = t270 * t1552;
+            let t1561 = t11 * t1477 - t1553 - t12 * t1493 - t337 * t1457 - t334 * t1455
+                - t177 * t1408 + t176 * t1412 - t388 * t1398 + t385 * t1396;
+            let t1566 = t1561 - t183 * t1361 + t182 * t1365 - t439 * t1351 + t436 * t1349 - t1553;
+            let t1567 = t269 * t1552;
+            let t1575 = t340 * t1457 - t1567 - sin_target_rotation_y * t1493 - t11 * t1481
+                - t334 * t1453 + t15 * t1408 - t176 * t1416 + t391 * t1398 - t385 * t1394;
+            let t1580 = t1575 + t17 * t1361 - t182 * t1369 + t442 * t1351 - t436 * t1347 - t1567;
+            let t1581 = t268 * t1552;
+            let t1589 = sin_target_rotation_y * t1477 - t1581 + t12 * t1481 - t340 * t1455
+                - t337 * t1453 - t15 * t1412 + t177 * t1416 - t391 * t1396 + t388 * t1394;
+            let t1594 = t1589 - t17 * t1365 + t183 * t1369 - t442 * t1349 + t439 * t1347 - t1581;
+            let t1603 = 0.041666666666666664 * (t260 * t1566 + t259 * t1580 + t258 * t1594);
+            let t1604 = t260 * t1603;
+            let t1607 = t259 * t1603;
+            let t1610 = t258 * t1603;
+            let t1613 = (t1604 + t267 * t1566 + t1604) / t245;
+            let t1615 = (t1607 + t267 * t1580 + t1607) / t245;
+            let t1617 = (t1610 + t267 * t1594 + t1610) / t245;
+            let t1620 = t260 * t1613 + t259 * t1615 + t258 * t1617;
+            let t1631 = t161 * t1613 - t601 * t1620 - t162 * t1615;
+            let t1634 = t3 * t1615 - t2 * t1613;
+            let t1638 = t160 * t1615 - t597 * t1620 - t161 * t1617;
+            let t1639 = t1 * t1613 - t3 * t1617;
+            let t1643 = t162 * t1617 - t599 * t1620 - t160 * t1613;
+            let t1644 = t2 * t1617 - t1 * t1615;
+            let t1652 = sin_joint2_track_rotation_z * t1639 + cos_joint2_track_rotation_z * t1634;
+            let t1670 = sin_joint1_track_rotation_z * t1639 + cos_joint1_track_rotation_z * t1634;
+            let t1687 = t123 * t277;
+            let t1689 = t122 * t277;
+            let t1691 = t117 * t277;
+            let t1701 = t1691 - t269 * t1687 + t270 * t1689;
+            let t1705 = t1689 + t268 * t1687 - t270 * t1691;
+            let t1709 = t1687 - t268 * t1689 + t269 * t1691;
+            let t1719 = t117 - t269 * t1709 + t270 * t1705;
+            let t1723 = t122 + t268 * t1709 - t270 * t1701;
+            let t1727 = t123 - t268 * t1705 + t269 * t1701;
+            let t1734 = t229 * t277;
+            let t1736 = t228 * t277;
+            let t1738 = t223 * t277;
+            let t1748 = t269 * t1734 - t1738 + t270 * t1736;
+            let t1752 = t1736 - t268 * t1734 + t270 * t1738;
+            let t1756 = t1734 + t268 * t1736 + t269 * t1738;
+            let t1766 = t269 * t1756 - t223 + t270 * t1752;
+            let t1770 = t228 - t268 * t1756 - t270 * t1748;
+            let t1774 = t269 * t1748 - t229 - t268 * t1752;
+            let t1793 = t243 * t277;
+            let t1795 = t242 * t277;
+            let t1797 = t237 * t277;
+            let t1805 = t123 * t454 + t122 * t452 + t117 * t450 - t229 * t403 + t228 * t401
+                - t223 * t399 + t243 * t352 + t242 * t350 + t237 * t348;
+            let t1817 = t1795 + t268 * t1793 - t270 * t1797;
+            let t1821 = t1793 - t268 * t1795 + t269 * t1797;
+            let t1831 = t237 - t269 * t1821 + t270 * t1817;
+            let t1833 = t269 * t1793 - t270 * t1795 - t1797;
+            let t1837 = t242 + t268 * t1821 + t270 * t1833;
+            let t1846 = sin_target_rotation_z * t1723 + cos_target_rotation_z * t1719;
+            let t1857 = sin_target_rotation_z * t1770 + cos_target_rotation_z * t1766;
+            let t1892 = t277 * (t1805 / t276);
+            let t1893 = t270 * t1892;
+            let t1901 = t12 * t1833 - t1893 + t11 * t1817 - t337 * t1797 - t334 * t1795
+                - t177 * t1748 + t176 * t1752 + t388 * t1738 + t385 * t1736;
+            let t1906 = t1901 - t183 * t1701 + t182 * t1705 - t439 * t1691 + t436 * t1689 - t1893;
+            let t1907 = t269 * t1892;
+            let t1915 = sin_target_rotation_y * t1833 - t1907 - t11 * t1821 + t340 * t1797
+                + t334 * t1793 + t15 * t1748 + t176 * t1756 - t391 * t1738 + t385 * t1734;
+            let t1920 = t1915 + t17 * t1701 - t182 * t1709 + t442 * t1691 - t436 * t1687 - t1907;
+            let t1921 = t268 * t1892;
+            let t1929 = sin_target_rotation_y * t1817 - t1921 + t12 * t1821 - t340 * t1795
+                + t337 * t1793 - t15 * t1752 - t177 * t1756 - t391 * t1736 - t388 * t1734;
+            let t1934 = t1929 - t17 * t1705 + t183 * t1709 - t442 * t1689 + t439 * t1687 - t1921;
+            let t1943 = 0.041666666666666664 * (t260 * t1906 + t259 * t1920 + t258 * t1934);
+            let t1944 = t260 * t1943;
+            let t1947 = t259 * t1943;
+            let t1950 = t258 * t1943;
+            let t1953 = (t1944 + t267 * t1906 + t1944) / t245;
+            let t1955 = (t1947 + t267 * t1920 + t1947) / t245;
+            let t1957 = (t1950 + t267 * t1934 + t1950) / t245;
+            let t1960 = t260 * t1953 + t259 * t1955 + t258 * t1957;
+            let t1971 = t161 * t1953 - t601 * t1960 - t162 * t1955;
+            let t1974 = t3 * t1955 - t2 * t1953;
+            let t1978 = t160 * t1955 - t597 * t1960 - t161 * t1957;
+            let t1979 = t1 * t1953 - t3 * t1957;
+            let t1983 = t162 * t1957 - t599 * t1960 - t160 * t1953;
+            let t1984 = t2 * t1957 - t1 * t1955;
+            let t1992 = sin_joint2_track_rotation_z * t1979 + cos_joint2_track_rotation_z * t1974;
+            let t2010 = sin_joint1_track_rotation_z * t1979 + cos_joint1_track_rotation_z * t1974;
+            residuals[0][lane] = t324 + frame_translation_x - x;
+            residuals[1][lane] = t325 + frame_translation_y - y;
+            residuals[2][lane] = t318 + frame_translation_z - z;
             residuals[3][lane] = 0.5
-                * (prepared_17 * t556 - prepared_6 * t635 - prepared_8 * t599 + prepared_7 * t563
-                + prepared_19 * t592 + prepared_10 * t628);
+                * (prepared_17 * t369 - prepared_6 * t478 - prepared_8 * t427 + prepared_7 * t376
+                + prepared_19 * t420 + prepared_10 * t471);
             residuals[4][lane] = 0.5
-                * (prepared_18 * t592 - prepared_9 * t628 - prepared_7 * t562 - prepared_16 * t556
-                + prepared_8 * t598 + prepared_6 * t634);
+                * (prepared_18 * t420 - prepared_9 * t471 - prepared_7 * t375 - prepared_16 * t369
+                + prepared_8 * t426 + prepared_6 * t477);
             residuals[5][lane] = 0.5
-                * (prepared_16 * t563 - prepared_10 * t634 - prepared_17 * t562 - prepared_18 * t599
-                - prepared_19 * t598 + prepared_9 * t635);
-            jacobian[0][lane] = t44 + t691;
-            jacobian[1][lane] = t43 + t698;
-            jacobian[2][lane] = t42 + t695;
-            jacobian[3][lane] = t161
-                * (sin_joint1_track_rotation_y * t403 + cos_joint1_track_rotation_y * t396)
-                - t162 * (cos_joint1_track_rotation_z * t397 - sin_joint1_track_rotation_z * t398);
-            jacobian[4][lane] = t167 * t403 - t168 * t396;
-            jacobian[5][lane] = t173 * t397 - t174 * t398;
-            jacobian[6][lane] = t44 - t691;
-            jacobian[7][lane] = t43 - t698;
-            jacobian[8][lane] = t42 - t695;
-            jacobian[9][lane] = t179
-                * (sin_joint2_track_rotation_y * t391 + cos_joint2_track_rotation_y * t384)
-                - t180 * (cos_joint2_track_rotation_z * t385 - sin_joint2_track_rotation_z * t386);
-            jacobian[10][lane] = t185 * t391 - t186 * t384;
-            jacobian[11][lane] = t191 * t385 - t192 * t386;
+                * (prepared_16 * t376 - prepared_10 * t477 - prepared_17 * t375 - prepared_18 * t427
+                - prepared_19 * t426 + prepared_9 * t478);
+            jacobian[0][lane] = t35 + t610;
+            jacobian[1][lane] = t34 + t622;
+            jacobian[2][lane] = t33 + t617;
+            jacobian[3][lane] = t128
+                * (sin_joint1_track_rotation_y * t661 + cos_joint1_track_rotation_y * t649)
+                - t129 * (cos_joint1_track_rotation_z * t651 - sin_joint1_track_rotation_z * t653);
+            jacobian[4][lane] = t134 * t661 - t135 * t649;
+            jacobian[5][lane] = t140 * t651 - t141 * t653;
+            jacobian[6][lane] = t35 - t610;
+            jacobian[7][lane] = t34 - t622;
+            jacobian[8][lane] = t33 - t617;
+            jacobian[9][lane] = t146
+                * (sin_joint2_track_rotation_y * t637 + cos_joint2_track_rotation_y * t625)
+                - t147 * (cos_joint2_track_rotation_z * t627 - sin_joint2_track_rotation_z * t629);
+            jacobian[10][lane] = t152 * t637 - t153 * t625;
+            jacobian[11][lane] = t158 * t627 - t159 * t629;
             jacobian[12][lane] = 1.0;
-            jacobian[13][lane] = t23 * t514 + sin_frame_rotation_z * t515;
-            jacobian[14][lane] = cos_frame_rotation_z * t520;
-            jacobian[15][lane] = -t527;
-            jacobian[16][lane] = t24 - t32 * t493 + t31 * t494;
-            jacobian[17][lane] = t31 + t32 * t492 - t24 * t494;
-            jacobian[18][lane] = t32 - t31 * t492 + t24 * t493;
-            jacobian[19][lane] = t76 + t751;
-            jacobian[20][lane] = t75 + t758;
-            jacobian[21][lane] = t74 + t755;
-            jacobian[22][lane] = t161
-                * (sin_joint1_track_rotation_y * t439 + cos_joint1_track_rotation_y * t432)
-                - t162 * (cos_joint1_track_rotation_z * t433 - sin_joint1_track_rotation_z * t434);
-            jacobian[23][lane] = t167 * t439 - t168 * t432;
-            jacobian[24][lane] = t173 * t433 - t174 * t434;
-            jacobian[25][lane] = t76 - t751;
-            jacobian[26][lane] = t75 - t758;
-            jacobian[27][lane] = t74 - t755;
-            jacobian[28][lane] = t179
-                * (sin_joint2_track_rotation_y * t427 + cos_joint2_track_rotation_y * t420)
-                - t180 * (cos_joint2_track_rotation_z * t421 - sin_joint2_track_rotation_z * t422);
-            jacobian[29][lane] = t185 * t427 - t186 * t420;
-            jacobian[30][lane] = t191 * t421 - t192 * t422;
+            jacobian[13][lane] = t23 * t312 + sin_frame_rotation_z * t313;
+            jacobian[14][lane] = cos_frame_rotation_z * t318;
+            jacobian[15][lane] = -t325;
+            jacobian[16][lane] = t24 - t269 * t532 + t270 * t528;
+            jacobian[17][lane] = t31 + t268 * t532 - t270 * t524;
+            jacobian[18][lane] = t32 - t268 * t528 + t269 * t524;
+            jacobian[19][lane] = t58 + t776;
+            jacobian[20][lane] = t57 + t788;
+            jacobian[21][lane] = t56 + t783;
+            jacobian[22][lane] = t128
+                * (sin_joint1_track_rotation_y * t827 + cos_joint1_track_rotation_y * t815)
+                - t129 * (cos_joint1_track_rotation_z * t817 - sin_joint1_track_rotation_z * t819);
+            jacobian[23][lane] = t134 * t827 - t135 * t815;
+            jacobian[24][lane] = t140 * t817 - t141 * t819;
+            jacobian[25][lane] = t58 - t776;
+            jacobian[26][lane] = t57 - t788;
+            jacobian[27][lane] = t56 - t783;
+            jacobian[28][lane] = t146
+                * (sin_joint2_track_rotation_y * t803 + cos_joint2_track_rotation_y * t791)
+                - t147 * (cos_joint2_track_rotation_z * t793 - sin_joint2_track_rotation_z * t795);
+            jacobian[29][lane] = t152 * t803 - t153 * t791;
+            jacobian[30][lane] = t158 * t793 - t159 * t795;
             jacobian[31][lane] = 1.0;
-            jacobian[32][lane] = t57 * t514 - cos_frame_rotation_z * t515;
-            jacobian[33][lane] = sin_frame_rotation_z * t520;
-            jacobian[34][lane] = t526;
-            jacobian[35][lane] = t58 - t64 * t493 + t63 * t494;
-            jacobian[36][lane] = t63 + t64 * t492 - t58 * t494;
-            jacobian[37][lane] = t64 - t63 * t492 + t58 * t493;
-            jacobian[38][lane] = t90 + t808;
-            jacobian[39][lane] = t89 + t815;
-            jacobian[40][lane] = t88 + t812;
-            jacobian[41][lane] = t161
-                * (sin_joint1_track_rotation_y * t475 + cos_joint1_track_rotation_y * t468)
-                - t162 * (cos_joint1_track_rotation_z * t469 + sin_joint1_track_rotation_z * t470);
-            jacobian[42][lane] = t167 * t475 - t168 * t468;
-            jacobian[43][lane] = t173 * t469 + t174 * t470;
-            jacobian[44][lane] = t90 - t808;
-            jacobian[45][lane] = t89 - t815;
-            jacobian[46][lane] = t88 - t812;
-            jacobian[47][lane] = t179
-                * (sin_joint2_track_rotation_y * t463 + cos_joint2_track_rotation_y * t456)
-                - t180 * (cos_joint2_track_rotation_z * t457 - sin_joint2_track_rotation_z * t458);
-            jacobian[48][lane] = t185 * t463 - t186 * t456;
-            jacobian[49][lane] = t191 * t457 - t192 * t458;
+            jacobian[32][lane] = t48 * t312 - cos_frame_rotation_z * t313;
+            jacobian[33][lane] = sin_frame_rotation_z * t318;
+            jacobian[34][lane] = t324;
+            jacobian[35][lane] = t49 - t269 * t701 + t270 * t697;
+            jacobian[36][lane] = t54 + t268 * t701 - t270 * t693;
+            jacobian[37][lane] = t55 - t268 * t697 + t269 * t693;
+            jacobian[38][lane] = t63 + t939;
+            jacobian[39][lane] = t62 + t951;
+            jacobian[40][lane] = t61 + t946;
+            jacobian[41][lane] = t128
+                * (sin_joint1_track_rotation_y * t990 + cos_joint1_track_rotation_y * t978)
+                - t129 * (cos_joint1_track_rotation_z * t980 - sin_joint1_track_rotation_z * t982);
+            jacobian[42][lane] = t134 * t990 - t135 * t978;
+            jacobian[43][lane] = t140 * t980 - t141 * t982;
+            jacobian[44][lane] = t63 - t939;
+            jacobian[45][lane] = t62 - t951;
+            jacobian[46][lane] = t61 - t946;
+            jacobian[47][lane] = t146
+                * (sin_joint2_track_rotation_y * t966 + cos_joint2_track_rotation_y * t954)
+                - t147 * (cos_joint2_track_rotation_z * t956 + sin_joint2_track_rotation_z * t958);
+            jacobian[48][lane] = t152 * t966 - t153 * t954;
+            jacobian[49][lane] = t158 * t956 + t159 * t958;
             jacobian[50][lane] = 1.0;
-            jacobian[51][lane] = cos_frame_rotation_y * t514;
-            jacobian[52][lane] = -t521;
-            jacobian[53][lane] = t77 * t494 - sin_frame_rotation_y - t78 * t493;
-            jacobian[54][lane] = t77 + t78 * t492 + sin_frame_rotation_y * t494;
-            jacobian[55][lane] = t78 - t77 * t492 - sin_frame_rotation_y * t493;
-            jacobian[56][lane] = t970;
-            jacobian[57][lane] = t982;
-            jacobian[58][lane] = t977;
-            jacobian[59][lane] = t161
-                * (sin_joint1_track_rotation_y * t1009 + cos_joint1_track_rotation_y * t983)
-                - t162 * (cos_joint1_track_rotation_z * t978 + sin_joint1_track_rotation_z * t973);
-            jacobian[60][lane] = t167 * t1009 - t168 * t983;
-            jacobian[61][lane] = t173 * t978 + t174 * t973;
-            jacobian[62][lane] = -t970;
-            jacobian[63][lane] = -t982;
-            jacobian[64][lane] = -t977;
-            jacobian[65][lane] = t179
-                * (sin_joint2_track_rotation_y * t991 - cos_joint2_track_rotation_y * t983)
-                + t180 * (cos_joint2_track_rotation_z * t978 + sin_joint2_track_rotation_z * t973);
-            jacobian[66][lane] = t185 * t991 + t186 * t983;
-            jacobian[67][lane] = -(t191 * t978 + t192 * t973);
-            jacobian[68][lane] = t97 * t622 + t92 * t623 + t223 * t586 + t108 * t587 + t237 * t550
-                - t114 * t551;
-            jacobian[69][lane] = t113 * t556 - t91 * t628 - prepared_12 * t629 - t107 * t592
-                - prepared_20 * t593 - prepared_21 * t557;
-            jacobian[70][lane] = prepared_14 * t562 - prepared_11 * t634 - prepared_13 * t598;
+            jacobian[51][lane] = cos_frame_rotation_y * t312;
+            jacobian[52][lane] = -t319;
+            jacobian[53][lane] = t270 * t860 - sin_frame_rotation_y - t269 * t864;
+            jacobian[54][lane] = t59 + t268 * t864 - t270 * t856;
+            jacobian[55][lane] = t60 - t268 * t860 + t269 * t856;
+            jacobian[56][lane] = t1291;
+            jacobian[57][lane] = t1303;
+            jacobian[58][lane] = t1298;
+            jacobian[59][lane] = t128
+                * (sin_joint1_track_rotation_y * t1330 + cos_joint1_track_rotation_y * t1304)
+                - t129
+                * (cos_joint1_track_rotation_z * t1299 - sin_joint1_track_rotation_z * t1294);
+            jacobian[60][lane] = t134 * t1330 - t135 * t1304;
+            jacobian[61][lane] = t140 * t1299 - t141 * t1294;
+            jacobian[62][lane] = -t1291;
+            jacobian[63][lane] = -t1303;
+            jacobian[64][lane] = -t1298;
+            jacobian[65][lane] = t147
+                * (cos_joint2_track_rotation_z * t1299 - sin_joint2_track_rotation_z * t1294)
+                - t146
+                * (sin_joint2_track_rotation_y * t1312 + cos_joint2_track_rotation_y * t1304);
+            jacobian[66][lane] = t153 * t1304 - t152 * t1312;
+            jacobian[67][lane] = t159 * t1294 - t158 * t1299;
+            jacobian[68][lane] = t70 * t465 + t65 * t466 + t186 * t414 + t79 * t415 + t194 * t363
+                - t85 * t364;
+            jacobian[69][lane] = t84 * t369 - t64 * t471 - prepared_12 * t472 - t78 * t420
+                - prepared_20 * t421 - prepared_21 * t370;
+            jacobian[70][lane] = prepared_14 * t375 - prepared_11 * t477 - prepared_13 * t426;
             jacobian[71][lane] = cos_target_rotation_x
-                * (sin_target_rotation_y * t918 + sin_target_rotation_z * t850
-                - cos_target_rotation_z * t853 + cos_target_rotation_y * t873)
+                * (sin_target_rotation_y * t1177 + sin_target_rotation_z * t1039
+                - cos_target_rotation_z * t1043 + cos_target_rotation_y * t1094)
                 - sin_target_rotation_x
-                * (sin_target_rotation_y * t907 + cos_target_rotation_y * t856
-                + cos_target_rotation_z * t870 - sin_target_rotation_z * t867);
+                * (sin_target_rotation_y * t1166 + cos_target_rotation_y * t1047
+                + cos_target_rotation_z * t1090 - sin_target_rotation_z * t1086);
             jacobian[72][lane] = cos_target_rotation_y
-                * (sin_target_rotation_x * t918 + cos_target_rotation_x * t907 - t238 * t493 - t242
-                + t241 * t492)
+                * (t268 * t1137 - t199 + t269 * t1153 + cos_target_rotation_x * t1166
+                + sin_target_rotation_x * t1177)
                 - sin_target_rotation_y
-                * (cos_target_rotation_x * t856 + sin_target_rotation_x * t873
-                + sin_target_rotation_z * t899 + cos_target_rotation_z * t896);
-            jacobian[73][lane] = t215 * t853 - t216 * t850 + t209 * t870 - t210 * t867
+                * (cos_target_rotation_x * t1047 + sin_target_rotation_x * t1094
+                + sin_target_rotation_z * t1157 + cos_target_rotation_z * t1151);
+            jacobian[73][lane] = t182 * t1043 - t183 * t1039 + t176 * t1090 - t177 * t1086
                 + cos_target_rotation_y
-                * (cos_target_rotation_z * t899 - sin_target_rotation_z * t896);
-            jacobian[74][lane] = t1150;
-            jacobian[75][lane] = t1162;
-            jacobian[76][lane] = t1157;
-            jacobian[77][lane] = t161
-                * (sin_joint1_track_rotation_y * t1189 + cos_joint1_track_rotation_y * t1163)
-                - t162
-                * (cos_joint1_track_rotation_z * t1158 - sin_joint1_track_rotation_z * t1153);
-            jacobian[78][lane] = t167 * t1189 - t168 * t1163;
-            jacobian[79][lane] = t173 * t1158 - t174 * t1153;
-            jacobian[80][lane] = -t1150;
-            jacobian[81][lane] = -t1162;
-            jacobian[82][lane] = -t1157;
-            jacobian[83][lane] = t180
-                * (cos_joint2_track_rotation_z * t1158 - sin_joint2_track_rotation_z * t1153)
-                - t179
-                * (sin_joint2_track_rotation_y * t1171 + cos_joint2_track_rotation_y * t1163);
-            jacobian[84][lane] = t186 * t1163 - t185 * t1171;
-            jacobian[85][lane] = t192 * t1153 - t191 * t1158;
-            jacobian[86][lane] = t123 * t622 + t91 * t623 + t270 * t586 + t107 * t587 - t284 * t550
-                - t113 * t551;
-            jacobian[87][lane] = t92 * t628 + prepared_15 * t629 + t108 * t592 - prepared_22 * t593
-                - t114 * t556 + prepared_23 * t557;
-            jacobian[88][lane] = prepared_14 * t563 - prepared_11 * t635 - prepared_13 * t599;
+                * (cos_target_rotation_z * t1157 - sin_target_rotation_z * t1151);
+            jacobian[74][lane] = t1631;
+            jacobian[75][lane] = t1643;
+            jacobian[76][lane] = t1638;
+            jacobian[77][lane] = t128
+                * (sin_joint1_track_rotation_y * t1670 + cos_joint1_track_rotation_y * t1644)
+                - t129
+                * (cos_joint1_track_rotation_z * t1639 - sin_joint1_track_rotation_z * t1634);
+            jacobian[78][lane] = t134 * t1670 - t135 * t1644;
+            jacobian[79][lane] = t140 * t1639 - t141 * t1634;
+            jacobian[80][lane] = -t1631;
+            jacobian[81][lane] = -t1643;
+            jacobian[82][lane] = -t1638;
+            jacobian[83][lane] = t147
+                * (cos_joint2_track_rotation_z * t1639 - sin_joint2_track_rotation_z * t1634)
+                - t146
+                * (sin_joint2_track_rotation_y * t1652 + cos_joint2_track_rotation_y * t1644);
+            jacobian[84][lane] = t153 * t1644 - t152 * t1652;
+            jacobian[85][lane] = t159 * t1634 - t158 * t1639;
+            jacobian[86][lane] = t94 * t465 + t64 * t466 + t202 * t414 + t78 * t415 - t210 * t363
+                - t84 * t364;
+            jacobian[87][lane] = t65 * t471 + prepared_15 * t472 + t79 * t420 - prepared_22 * t421
+                - t85 * t369 + prepared_23 * t370;
+            jacobian[88][lane] = prepared_14 * t376 - prepared_11 * t478 - prepared_13 * t427;
             jacobian[89][lane] = cos_target_rotation_x
-                * (sin_target_rotation_y * t1098 + sin_target_rotation_z * t1030
-                - cos_target_rotation_z * t1033 + cos_target_rotation_y * t1053)
+                * (sin_target_rotation_y * t1517 + sin_target_rotation_z * t1379
+                - cos_target_rotation_z * t1383 + cos_target_rotation_y * t1434)
                 - sin_target_rotation_x
-                * (sin_target_rotation_y * t1087 + cos_target_rotation_y * t1036
-                + cos_target_rotation_z * t1050 - sin_target_rotation_z * t1047);
+                * (sin_target_rotation_y * t1506 + cos_target_rotation_y * t1387
+                + cos_target_rotation_z * t1430 - sin_target_rotation_z * t1426);
             jacobian[90][lane] = cos_target_rotation_y
-                * (sin_target_rotation_x * t1098 + cos_target_rotation_x * t1087 - t285 * t493
-                + t289 + t288 * t492)
+                * (sin_target_rotation_x * t1517 + cos_target_rotation_x * t1506 - t269 * t1493
+                + t215 + t268 * t1477)
                 - sin_target_rotation_y
-                * (cos_target_rotation_x * t1036 + sin_target_rotation_x * t1053
-                + sin_target_rotation_z * t1079 + cos_target_rotation_z * t1076);
-            jacobian[91][lane] = t215 * t1033 - t216 * t1030 + t209 * t1050 - t210 * t1047
+                * (cos_target_rotation_x * t1387 + sin_target_rotation_x * t1434
+                + sin_target_rotation_z * t1497 + cos_target_rotation_z * t1491);
+            jacobian[91][lane] = t182 * t1383 - t183 * t1379 + t176 * t1430 - t177 * t1426
                 + cos_target_rotation_y
-                * (cos_target_rotation_z * t1079 - sin_target_rotation_z * t1076);
-            jacobian[92][lane] = t1330;
-            jacobian[93][lane] = t1342;
-            jacobian[94][lane] = t1337;
-            jacobian[95][lane] = t161
-                * (sin_joint1_track_rotation_y * t1369 + cos_joint1_track_rotation_y * t1343)
-                - t162
-                * (cos_joint1_track_rotation_z * t1338 - sin_joint1_track_rotation_z * t1333);
-            jacobian[96][lane] = t167 * t1369 - t168 * t1343;
-            jacobian[97][lane] = t173 * t1338 - t174 * t1333;
-            jacobian[98][lane] = -t1330;
-            jacobian[99][lane] = -t1342;
-            jacobian[100][lane] = -t1337;
-            jacobian[101][lane] = t180
-                * (cos_joint2_track_rotation_z * t1338 - sin_joint2_track_rotation_z * t1333)
-                - t179
-                * (sin_joint2_track_rotation_y * t1351 + cos_joint2_track_rotation_y * t1343);
-            jacobian[102][lane] = t186 * t1343 - t185 * t1351;
-            jacobian[103][lane] = t192 * t1333 - t191 * t1338;
-            jacobian[104][lane] = t147 * t622 - t146 * t623 - t321 * t586 - t320 * t587
-                + t341 * t550 - t340 * t551;
-            jacobian[105][lane] = t145 * t628 - t319 * t592 + t339 * t556;
-            jacobian[106][lane] = prepared_15 * t634 + prepared_12 * t635 - prepared_22 * t598
-                + prepared_20 * t599 + prepared_23 * t562 + prepared_21 * t563;
+                * (cos_target_rotation_z * t1497 - sin_target_rotation_z * t1491);
+            jacobian[92][lane] = t1971;
+            jacobian[93][lane] = t1983;
+            jacobian[94][lane] = t1978;
+            jacobian[95][lane] = t128
+                * (sin_joint1_track_rotation_y * t2010 + cos_joint1_track_rotation_y * t1984)
+                - t129
+                * (cos_joint1_track_rotation_z * t1979 - sin_joint1_track_rotation_z * t1974);
+            jacobian[96][lane] = t134 * t2010 - t135 * t1984;
+            jacobian[97][lane] = t140 * t1979 - t141 * t1974;
+            jacobian[98][lane] = -t1971;
+            jacobian[99][lane] = -t1983;
+            jacobian[100][lane] = -t1978;
+            jacobian[101][lane] = t147
+                * (cos_joint2_track_rotation_z * t1979 - sin_joint2_track_rotation_z * t1974)
+                - t146
+                * (sin_joint2_track_rotation_y * t1992 + cos_joint2_track_rotation_y * t1984);
+            jacobian[102][lane] = t153 * t1984 - t152 * t1992;
+            jacobian[103][lane] = t159 * t1974 - t158 * t1979;
+            jacobian[104][lane] = t116 * t465 - t115 * t466 - t222 * t414 - t221 * t415
+                + t236 * t363 - t235 * t364;
+            jacobian[105][lane] = t114 * t471 - t220 * t420 + t234 * t369;
+            jacobian[106][lane] = prepared_15 * t477 + prepared_12 * t478 - prepared_22 * t426
+                + prepared_20 * t427 + prepared_23 * t375 + prepared_21 * t376;
             jacobian[107][lane] = cos_target_rotation_x
-                * (sin_target_rotation_y * t1278 + sin_target_rotation_z * t1210
-                - cos_target_rotation_z * t1213 - cos_target_rotation_y * t1233)
+                * (sin_target_rotation_y * t1857 + sin_target_rotation_z * t1719
+                - cos_target_rotation_z * t1723 + cos_target_rotation_y * t1774)
                 - sin_target_rotation_x
-                * (sin_target_rotation_y * t1267 + cos_target_rotation_y * t1216
-                + cos_target_rotation_z * t1230 - sin_target_rotation_z * t1227);
+                * (sin_target_rotation_y * t1846 + cos_target_rotation_y * t1727
+                + cos_target_rotation_z * t1770 - sin_target_rotation_z * t1766);
             jacobian[108][lane] = cos_target_rotation_y
-                * (sin_target_rotation_x * t1278 + cos_target_rotation_x * t1267 - t342 * t493
-                - t348 + t347 * t492)
+                * (t268 * t1817 - t243 + t269 * t1833 + cos_target_rotation_x * t1846
+                + sin_target_rotation_x * t1857)
                 - sin_target_rotation_y
-                * (cos_target_rotation_x * t1216 - sin_target_rotation_x * t1233
-                + sin_target_rotation_z * t1259 + cos_target_rotation_z * t1256);
-            jacobian[109][lane] = t215 * t1213 - t216 * t1210 + t209 * t1230 - t210 * t1227
+                * (cos_target_rotation_x * t1727 + sin_target_rotation_x * t1774
+                + sin_target_rotation_z * t1837 + cos_target_rotation_z * t1831);
+            jacobian[109][lane] = t182 * t1723 - t183 * t1719 + t176 * t1770 - t177 * t1766
                 + cos_target_rotation_y
-                * (cos_target_rotation_z * t1259 - sin_target_rotation_z * t1256);
+                * (cos_target_rotation_z * t1837 - sin_target_rotation_z * t1831);
         }
     }
     /// `F·(C(q) + A(q)·m) + t − x; axial vector of F·A(q)·M·Rᵀ`
@@ -10713,8 +11473,8 @@ pub mod full_piecewise {
     /// Parameters: `joint1_track_offset_x`, `joint1_track_offset_y`, `joint1_track_offset_z`, `joint1_track_rotation_x`, `joint1_track_rotation_y`, `joint1_track_rotation_z`, `joint2_track_offset_x`, `joint2_track_offset_y`, `joint2_track_offset_z`, `joint2_track_rotation_x`, `joint2_track_rotation_y`, `joint2_track_rotation_z`, `joint3_track_offset_x`, `joint3_track_offset_y`, `joint3_track_offset_z`, `joint3_track_rotation_x`, `joint3_track_rotation_y`, `joint3_track_rotation_z`, `frame_translation_x`, `frame_translation_y`, `frame_translation_z`, `frame_rotation_x`, `frame_rotation_y`, `frame_rotation_z`, `target_position_x`, `target_position_y`, `target_position_z`, `target_rotation_x`, `target_rotation_y`, `target_rotation_z`.
     ///
     /// Once per sample: 47 operations (12 additions, 26 multiplications, 3 divisions, 6 functions).
-    /// Residuals: 440 operations (195 additions, 212 multiplications, 3 divisions, 30 functions).
-    /// With the Jacobian: 2922 operations (1349 additions, 1520 multiplications, 21 divisions, 2 negations, 30 functions).
+    /// Residuals: 517 operations (225 additions, 258 multiplications, 4 divisions, 30 functions).
+    /// With the Jacobian: 3547 operations (1621 additions, 1866 multiplications, 28 divisions, 2 negations, 30 functions).
     #[derive(Debug, Clone, Copy)]
     pub struct CartPoseThree;
     impl Formulas for CartPoseThree {
@@ -10759,11 +11519,11 @@ pub mod full_piecewise {
             let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
             let prepared_9 = sin_beta * cos_alpha;
             let prepared_10 = sin_beta * sin_alpha;
-            let prepared_11 = prepared_6 * 0.5;
-            let prepared_12 = prepared_10 * 0.5;
-            let prepared_13 = prepared_8 * 0.5;
-            let prepared_14 = prepared_7 * 0.5;
-            let prepared_15 = prepared_9 * 0.5;
+            let prepared_11 = 0.5 * prepared_6;
+            let prepared_12 = 0.5 * prepared_10;
+            let prepared_13 = 0.5 * prepared_8;
+            let prepared_14 = 0.5 * prepared_7;
+            let prepared_15 = 0.5 * prepared_9;
             let prepared_16 = t20 * cos_alpha - sin_gamma * sin_alpha;
             let prepared_17 = t20 * sin_alpha + sin_gamma * cos_alpha;
             let prepared_18 = t22 * cos_alpha + cos_gamma * sin_alpha;
@@ -10941,63 +11701,80 @@ pub mod full_piecewise {
             let t263 = (t171 * t252 + t168 * t247 + t174 * t257) / t188;
             let t269 = ((t146 * t165 - t152 * t152) * t252 + t171 * t247 + t180 * t257) / t188;
             let t275 = (t180 * t252 + t174 * t247 + (t146 * t157 - t149 * t149) * t257) / t188;
-            let t284 = target_position_z * t269 - target_position_y * t275 + target_position_x
+            let t282 = 0.5 + 0.041666666666666664 * (t269 * t269 + t263 * t263 + t275 * t275);
+            let t283 = t263 * t282;
+            let t284 = t269 * t282;
+            let t285 = t275 * t282;
+            let t292 = 2.0 / (t284 * t284 + t283 * t283 + 1.0 + t285 * t285);
+            let t295 = target_position_z * t284 - target_position_y * t285;
+            let t298 = target_position_x * t285 - target_position_z * t283;
+            let t301 = target_position_y * t283 - target_position_x * t284;
+            let t318 = t292 * (t295 - t285 * t298 + t284 * t301) + target_position_x
                 + 0.3333333333333333
                 * (t71 + joint2_track_offset_x + t53 + joint1_track_offset_x + joint3_track_offset_x
                 + t89);
-            let t287 = target_position_x * t275 - target_position_z * t263 + target_position_y
+            let t320 = t292 * (t298 - t283 * t301 + t285 * t295) + target_position_y
                 + 0.3333333333333333
                 * (t72 + joint2_track_offset_y + t54 + joint1_track_offset_y + joint3_track_offset_y
                 + t90);
-            let t290 = target_position_y * t263 - target_position_x * t269 + target_position_z
+            let t322 = t292 * (t301 - t284 * t295 + t283 * t298) + target_position_z
                 + 0.3333333333333333
                 * (t65 + joint2_track_offset_z + t47 + joint1_track_offset_z + joint3_track_offset_z
                 + t83);
-            let t295 = cos_frame_rotation_x * t287 - sin_frame_rotation_x * t290;
-            let t296 = sin_frame_rotation_x * t287 + cos_frame_rotation_x * t290;
-            let t301 = sin_frame_rotation_y * t296 + cos_frame_rotation_y * t284;
-            let t322 = t5 - sin_target_rotation_y * t269 - t6 * t275;
-            let t324 = sin_target_rotation_y * t263 + t6 + t5 * t275;
-            let t326 = t6 * t263 - t5 * t269 - sin_target_rotation_y;
-            let t331 = cos_frame_rotation_x * t324 - sin_frame_rotation_x * t326;
-            let t332 = sin_frame_rotation_x * t324 + cos_frame_rotation_x * t326;
-            let t337 = cos_frame_rotation_y * t332 - sin_frame_rotation_y * t322;
-            let t338 = sin_frame_rotation_y * t332 + cos_frame_rotation_y * t322;
-            let t343 = cos_frame_rotation_z * t338 - sin_frame_rotation_z * t331;
-            let t344 = sin_frame_rotation_z * t338 + cos_frame_rotation_z * t331;
-            let t358 = t95 - t96 * t275 + t9 * t269;
-            let t360 = t96 - t9 * t263 + t95 * t275;
-            let t362 = t9 - t95 * t269 + t96 * t263;
-            let t367 = cos_frame_rotation_x * t360 - sin_frame_rotation_x * t362;
-            let t368 = sin_frame_rotation_x * t360 + cos_frame_rotation_x * t362;
-            let t373 = cos_frame_rotation_y * t368 - sin_frame_rotation_y * t358;
-            let t374 = sin_frame_rotation_y * t368 + cos_frame_rotation_y * t358;
-            let t379 = cos_frame_rotation_z * t374 - sin_frame_rotation_z * t367;
-            let t380 = sin_frame_rotation_z * t374 + cos_frame_rotation_z * t367;
-            let t394 = t101 - t102 * t275 + t11 * t269;
-            let t396 = t102 - t11 * t263 + t101 * t275;
-            let t398 = t11 - t101 * t269 + t102 * t263;
-            let t403 = cos_frame_rotation_x * t396 - sin_frame_rotation_x * t398;
-            let t404 = sin_frame_rotation_x * t396 + cos_frame_rotation_x * t398;
-            let t409 = cos_frame_rotation_y * t404 - sin_frame_rotation_y * t394;
-            let t410 = sin_frame_rotation_y * t404 + cos_frame_rotation_y * t394;
-            let t415 = cos_frame_rotation_z * t410 - sin_frame_rotation_z * t403;
-            let t416 = sin_frame_rotation_z * t410 + cos_frame_rotation_z * t403;
-            residuals[0][lane] = cos_frame_rotation_z * t301 - sin_frame_rotation_z * t295
+            let t327 = cos_frame_rotation_x * t320 - sin_frame_rotation_x * t322;
+            let t328 = sin_frame_rotation_x * t320 + cos_frame_rotation_x * t322;
+            let t333 = sin_frame_rotation_y * t328 + cos_frame_rotation_y * t318;
+            let t349 = sin_target_rotation_y * t284 + t6 * t285;
+            let t352 = t5 * t285 + sin_target_rotation_y * t283;
+            let t355 = t6 * t283 - t5 * t284;
+            let t371 = t5 + t292 * (t284 * t355 - t285 * t352 - t349);
+            let t372 = t6 + t292 * (t352 - t285 * t349 - t283 * t355);
+            let t373 = t292 * (t284 * t349 + t355 + t283 * t352) - sin_target_rotation_y;
+            let t378 = cos_frame_rotation_x * t372 - sin_frame_rotation_x * t373;
+            let t379 = sin_frame_rotation_x * t372 + cos_frame_rotation_x * t373;
+            let t384 = cos_frame_rotation_y * t379 - sin_frame_rotation_y * t371;
+            let t385 = sin_frame_rotation_y * t379 + cos_frame_rotation_y * t371;
+            let t390 = cos_frame_rotation_z * t385 - sin_frame_rotation_z * t378;
+            let t391 = sin_frame_rotation_z * t385 + cos_frame_rotation_z * t378;
+            let t400 = t9 * t284 - t96 * t285;
+            let t403 = t95 * t285 - t9 * t283;
+            let t406 = t96 * t283 - t95 * t284;
+            let t422 = t95 + t292 * (t400 - t285 * t403 + t284 * t406);
+            let t423 = t96 + t292 * (t403 - t283 * t406 + t285 * t400);
+            let t424 = t9 + t292 * (t406 - t284 * t400 + t283 * t403);
+            let t429 = cos_frame_rotation_x * t423 - sin_frame_rotation_x * t424;
+            let t430 = sin_frame_rotation_x * t423 + cos_frame_rotation_x * t424;
+            let t435 = cos_frame_rotation_y * t430 - sin_frame_rotation_y * t422;
+            let t436 = sin_frame_rotation_y * t430 + cos_frame_rotation_y * t422;
+            let t441 = cos_frame_rotation_z * t436 - sin_frame_rotation_z * t429;
+            let t442 = sin_frame_rotation_z * t436 + cos_frame_rotation_z * t429;
+            let t451 = t11 * t284 - t102 * t285;
+            let t454 = t101 * t285 - t11 * t283;
+            let t457 = t102 * t283 - t101 * t284;
+            let t473 = t101 + t292 * (t451 - t285 * t454 + t284 * t457);
+            let t474 = t102 + t292 * (t454 - t283 * t457 + t285 * t451);
+            let t475 = t11 + t292 * (t457 - t284 * t451 + t283 * t454);
+            let t480 = cos_frame_rotation_x * t474 - sin_frame_rotation_x * t475;
+            let t481 = sin_frame_rotation_x * t474 + cos_frame_rotation_x * t475;
+            let t486 = cos_frame_rotation_y * t481 - sin_frame_rotation_y * t473;
+            let t487 = sin_frame_rotation_y * t481 + cos_frame_rotation_y * t473;
+            let t492 = cos_frame_rotation_z * t487 - sin_frame_rotation_z * t480;
+            let t493 = sin_frame_rotation_z * t487 + cos_frame_rotation_z * t480;
+            residuals[0][lane] = cos_frame_rotation_z * t333 - sin_frame_rotation_z * t327
                 + frame_translation_x - x;
-            residuals[1][lane] = sin_frame_rotation_z * t301 + cos_frame_rotation_z * t295
+            residuals[1][lane] = sin_frame_rotation_z * t333 + cos_frame_rotation_z * t327
                 + frame_translation_y - y;
-            residuals[2][lane] = cos_frame_rotation_y * t296 - sin_frame_rotation_y * t284
+            residuals[2][lane] = cos_frame_rotation_y * t328 - sin_frame_rotation_y * t318
                 + frame_translation_z - z;
             residuals[3][lane] = 0.5
-                * (prepared_17 * t337 - prepared_6 * t416 - prepared_8 * t380 + prepared_7 * t344
-                + prepared_19 * t373 + prepared_10 * t409);
+                * (prepared_17 * t384 - prepared_6 * t493 - prepared_8 * t442 + prepared_7 * t391
+                + prepared_19 * t435 + prepared_10 * t486);
             residuals[4][lane] = 0.5
-                * (prepared_18 * t373 - prepared_9 * t409 - prepared_7 * t343 - prepared_16 * t337
-                + prepared_8 * t379 + prepared_6 * t415);
+                * (prepared_18 * t435 - prepared_9 * t486 - prepared_7 * t390 - prepared_16 * t384
+                + prepared_8 * t441 + prepared_6 * t492);
             residuals[5][lane] = 0.5
-                * (prepared_16 * t344 - prepared_10 * t415 - prepared_17 * t343 - prepared_18 * t380
-                - prepared_19 * t379 + prepared_9 * t416);
+                * (prepared_16 * t391 - prepared_10 * t492 - prepared_17 * t390 - prepared_18 * t442
+                - prepared_19 * t441 + prepared_9 * t493);
         }
         #[inline(always)]
         fn linearize<S: Samples>(
@@ -11058,9 +11835,9 @@ pub mod full_piecewise {
             let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(frame_rotation_x);
             let t25 = t17 * sin_frame_rotation_x - sin_frame_rotation_z * cos_frame_rotation_x;
             let t26 = t17 * cos_frame_rotation_x + sin_frame_rotation_z * sin_frame_rotation_x;
-            let t36 = 0.3333333333333333 * t26;
-            let t37 = 0.3333333333333333 * t25;
-            let t38 = 0.3333333333333333 * t18;
+            let t27 = 0.3333333333333333 * t26;
+            let t28 = 0.3333333333333333 * t25;
+            let t29 = 0.3333333333333333 * t18;
             let (sin_joint3_track_rotation_z, cos_joint3_track_rotation_z) =
                 math::sin_cos(joint3_track_rotation_z);
             let (sin_joint3_track_rotation_y, cos_joint3_track_rotation_y) =
@@ -11079,919 +11856,1110 @@ pub mod full_piecewise {
                 math::sin_cos(joint1_track_rotation_y);
             let (sin_joint1_track_rotation_x, cos_joint1_track_rotation_x) =
                 math::sin_cos(joint1_track_rotation_x);
-            let t57 = sin_frame_rotation_z * sin_frame_rotation_y;
-            let t58 = sin_frame_rotation_z * cos_frame_rotation_y;
-            let t63 = sin_frame_rotation_x * t57 + cos_frame_rotation_z * cos_frame_rotation_x;
-            let t64 = cos_frame_rotation_x * t57 - cos_frame_rotation_z * sin_frame_rotation_x;
-            let t74 = 0.3333333333333333 * t64;
-            let t75 = 0.3333333333333333 * t63;
-            let t76 = 0.3333333333333333 * t58;
-            let t77 = cos_frame_rotation_y * sin_frame_rotation_x;
-            let t78 = cos_frame_rotation_y * cos_frame_rotation_x;
-            let t88 = 0.3333333333333333 * t78;
-            let t89 = 0.3333333333333333 * t77;
-            let t90 = 0.3333333333333333 * sin_frame_rotation_y;
-            let t91 = sin_frame_rotation_z * prepared_11;
-            let t92 = cos_frame_rotation_z * prepared_11;
-            let t97 = cos_frame_rotation_y * prepared_12 - sin_frame_rotation_y * t91;
-            let t98 = cos_frame_rotation_y * t91 + sin_frame_rotation_y * prepared_12;
-            let t103 = sin_frame_rotation_x * t97 - cos_frame_rotation_x * t92;
-            let t104 = cos_frame_rotation_x * t97 + sin_frame_rotation_x * t92;
-            let t107 = sin_frame_rotation_z * prepared_13;
-            let t108 = cos_frame_rotation_z * prepared_13;
-            let t113 = sin_frame_rotation_z * prepared_14;
-            let t114 = cos_frame_rotation_z * prepared_14;
-            let t123 = sin_frame_rotation_y * t92 - cos_frame_rotation_y * prepared_15;
-            let t124 = cos_frame_rotation_y * t92 + sin_frame_rotation_y * prepared_15;
-            let t129 = sin_frame_rotation_x * t123 - cos_frame_rotation_x * t91;
-            let t130 = cos_frame_rotation_x * t123 + sin_frame_rotation_x * t91;
-            let t145 = sin_frame_rotation_z * prepared_15 - cos_frame_rotation_z * prepared_12;
-            let t146 = cos_frame_rotation_z * prepared_15 + sin_frame_rotation_z * prepared_12;
-            let t147 = sin_frame_rotation_y * t145;
-            let t148 = cos_frame_rotation_y * t145;
-            let t153 = sin_frame_rotation_x * t147 + cos_frame_rotation_x * t146;
-            let t154 = cos_frame_rotation_x * t147 - sin_frame_rotation_x * t146;
-            let t161 = point_y * cos_joint1_track_rotation_x
+            let t48 = sin_frame_rotation_z * sin_frame_rotation_y;
+            let t49 = sin_frame_rotation_z * cos_frame_rotation_y;
+            let t54 = sin_frame_rotation_x * t48 + cos_frame_rotation_z * cos_frame_rotation_x;
+            let t55 = cos_frame_rotation_x * t48 - cos_frame_rotation_z * sin_frame_rotation_x;
+            let t56 = 0.3333333333333333 * t55;
+            let t57 = 0.3333333333333333 * t54;
+            let t58 = 0.3333333333333333 * t49;
+            let t59 = cos_frame_rotation_y * sin_frame_rotation_x;
+            let t60 = cos_frame_rotation_y * cos_frame_rotation_x;
+            let t61 = 0.3333333333333333 * t60;
+            let t62 = 0.3333333333333333 * t59;
+            let t63 = 0.3333333333333333 * sin_frame_rotation_y;
+            let t64 = sin_frame_rotation_z * prepared_11;
+            let t65 = cos_frame_rotation_z * prepared_11;
+            let t70 = cos_frame_rotation_y * prepared_12 - sin_frame_rotation_y * t64;
+            let t71 = cos_frame_rotation_y * t64 + sin_frame_rotation_y * prepared_12;
+            let t76 = sin_frame_rotation_x * t70 - cos_frame_rotation_x * t65;
+            let t77 = cos_frame_rotation_x * t70 + sin_frame_rotation_x * t65;
+            let t78 = sin_frame_rotation_z * prepared_13;
+            let t79 = cos_frame_rotation_z * prepared_13;
+            let t84 = sin_frame_rotation_z * prepared_14;
+            let t85 = cos_frame_rotation_z * prepared_14;
+            let t94 = sin_frame_rotation_y * t65 - cos_frame_rotation_y * prepared_15;
+            let t95 = cos_frame_rotation_y * t65 + sin_frame_rotation_y * prepared_15;
+            let t100 = sin_frame_rotation_x * t94 - cos_frame_rotation_x * t64;
+            let t101 = cos_frame_rotation_x * t94 + sin_frame_rotation_x * t64;
+            let t114 = sin_frame_rotation_z * prepared_15 - cos_frame_rotation_z * prepared_12;
+            let t115 = cos_frame_rotation_z * prepared_15 + sin_frame_rotation_z * prepared_12;
+            let t116 = sin_frame_rotation_y * t114;
+            let t117 = cos_frame_rotation_y * t114;
+            let t122 = sin_frame_rotation_x * t116 + cos_frame_rotation_x * t115;
+            let t123 = cos_frame_rotation_x * t116 - sin_frame_rotation_x * t115;
+            let t128 = point_y * cos_joint1_track_rotation_x
                 - point_z * sin_joint1_track_rotation_x;
-            let t162 = point_y * sin_joint1_track_rotation_x
+            let t129 = point_y * sin_joint1_track_rotation_x
                 + point_z * cos_joint1_track_rotation_x;
-            let t167 = cos_joint1_track_rotation_y * t162 - point_x * sin_joint1_track_rotation_y;
-            let t168 = sin_joint1_track_rotation_y * t162 + point_x * cos_joint1_track_rotation_y;
-            let t173 = cos_joint1_track_rotation_z * t168 - sin_joint1_track_rotation_z * t161;
-            let t174 = sin_joint1_track_rotation_z * t168 + cos_joint1_track_rotation_z * t161;
-            let t179 = point_y * cos_joint2_track_rotation_x
+            let t134 = cos_joint1_track_rotation_y * t129 - point_x * sin_joint1_track_rotation_y;
+            let t135 = sin_joint1_track_rotation_y * t129 + point_x * cos_joint1_track_rotation_y;
+            let t140 = cos_joint1_track_rotation_z * t135 - sin_joint1_track_rotation_z * t128;
+            let t141 = sin_joint1_track_rotation_z * t135 + cos_joint1_track_rotation_z * t128;
+            let t146 = point_y * cos_joint2_track_rotation_x
                 - point_z * sin_joint2_track_rotation_x;
-            let t180 = point_y * sin_joint2_track_rotation_x
+            let t147 = point_y * sin_joint2_track_rotation_x
                 + point_z * cos_joint2_track_rotation_x;
-            let t185 = cos_joint2_track_rotation_y * t180 - point_x * sin_joint2_track_rotation_y;
-            let t186 = sin_joint2_track_rotation_y * t180 + point_x * cos_joint2_track_rotation_y;
-            let t191 = cos_joint2_track_rotation_z * t186 - sin_joint2_track_rotation_z * t179;
-            let t192 = sin_joint2_track_rotation_z * t186 + cos_joint2_track_rotation_z * t179;
-            let t197 = point_y * cos_joint3_track_rotation_x
+            let t152 = cos_joint2_track_rotation_y * t147 - point_x * sin_joint2_track_rotation_y;
+            let t153 = sin_joint2_track_rotation_y * t147 + point_x * cos_joint2_track_rotation_y;
+            let t158 = cos_joint2_track_rotation_z * t153 - sin_joint2_track_rotation_z * t146;
+            let t159 = sin_joint2_track_rotation_z * t153 + cos_joint2_track_rotation_z * t146;
+            let t164 = point_y * cos_joint3_track_rotation_x
                 - point_z * sin_joint3_track_rotation_x;
-            let t198 = point_y * sin_joint3_track_rotation_x
+            let t165 = point_y * sin_joint3_track_rotation_x
                 + point_z * cos_joint3_track_rotation_x;
-            let t203 = cos_joint3_track_rotation_y * t198 - point_x * sin_joint3_track_rotation_y;
-            let t204 = sin_joint3_track_rotation_y * t198 + point_x * cos_joint3_track_rotation_y;
-            let t209 = cos_joint3_track_rotation_z * t204 - sin_joint3_track_rotation_z * t197;
-            let t210 = sin_joint3_track_rotation_z * t204 + cos_joint3_track_rotation_z * t197;
-            let t215 = cos_target_rotation_z * t10 - sin_target_rotation_z * cos_target_rotation_x;
-            let t216 = sin_target_rotation_z * t10 + cos_target_rotation_z * cos_target_rotation_x;
-            let t221 = cos_target_rotation_z * t12 + sin_target_rotation_z * sin_target_rotation_x;
-            let t222 = sin_target_rotation_z * t12 - cos_target_rotation_z * sin_target_rotation_x;
-            let t229 = cos_frame_rotation_y * prepared_20 - sin_frame_rotation_y * t107;
-            let t230 = cos_frame_rotation_y * t107 + sin_frame_rotation_y * prepared_20;
-            let t233 = sin_frame_rotation_x * t229 - cos_frame_rotation_x * t108;
-            let t234 = sin_frame_rotation_x * t108 + cos_frame_rotation_x * t229;
-            let t243 = sin_frame_rotation_y * t113 + cos_frame_rotation_y * prepared_21;
-            let t244 = cos_frame_rotation_y * t113 - sin_frame_rotation_y * prepared_21;
-            let t247 = cos_frame_rotation_x * t114 + sin_frame_rotation_x * t243;
-            let t248 = cos_frame_rotation_x * t243 - sin_frame_rotation_x * t114;
-            let t276 = sin_frame_rotation_y * t108 + cos_frame_rotation_y * prepared_22;
-            let t277 = cos_frame_rotation_y * t108 - sin_frame_rotation_y * prepared_22;
-            let t280 = sin_frame_rotation_x * t276 - cos_frame_rotation_x * t107;
-            let t281 = sin_frame_rotation_x * t107 + cos_frame_rotation_x * t276;
-            let t290 = sin_frame_rotation_y * t114 + cos_frame_rotation_y * prepared_23;
-            let t291 = sin_frame_rotation_y * prepared_23 - cos_frame_rotation_y * t114;
-            let t294 = cos_frame_rotation_x * t113 - sin_frame_rotation_x * t290;
-            let t295 = sin_frame_rotation_x * t113 + cos_frame_rotation_x * t290;
-            let t325 = sin_frame_rotation_z * prepared_22 + cos_frame_rotation_z * prepared_20;
-            let t326 = sin_frame_rotation_z * prepared_20 - cos_frame_rotation_z * prepared_22;
-            let t327 = sin_frame_rotation_y * t325;
-            let t328 = cos_frame_rotation_y * t325;
-            let t333 = cos_frame_rotation_x * t326 - sin_frame_rotation_x * t327;
-            let t334 = cos_frame_rotation_x * t327 + sin_frame_rotation_x * t326;
-            let t345 = sin_frame_rotation_z * prepared_23 - cos_frame_rotation_z * prepared_21;
-            let t346 = cos_frame_rotation_z * prepared_23 + sin_frame_rotation_z * prepared_21;
-            let t347 = sin_frame_rotation_y * t345;
-            let t348 = cos_frame_rotation_y * t345;
-            let t353 = sin_frame_rotation_x * t347 + cos_frame_rotation_x * t346;
-            let t354 = cos_frame_rotation_x * t347 - sin_frame_rotation_x * t346;
-            let t382 = 0.3333333333333333
+            let t170 = cos_joint3_track_rotation_y * t165 - point_x * sin_joint3_track_rotation_y;
+            let t171 = sin_joint3_track_rotation_y * t165 + point_x * cos_joint3_track_rotation_y;
+            let t176 = cos_joint3_track_rotation_z * t171 - sin_joint3_track_rotation_z * t164;
+            let t177 = sin_joint3_track_rotation_z * t171 + cos_joint3_track_rotation_z * t164;
+            let t182 = cos_target_rotation_z * t10 - sin_target_rotation_z * cos_target_rotation_x;
+            let t183 = sin_target_rotation_z * t10 + cos_target_rotation_z * cos_target_rotation_x;
+            let t188 = cos_target_rotation_z * t12 + sin_target_rotation_z * sin_target_rotation_x;
+            let t189 = sin_target_rotation_z * t12 - cos_target_rotation_z * sin_target_rotation_x;
+            let t192 = cos_frame_rotation_y * prepared_20 - sin_frame_rotation_y * t78;
+            let t193 = cos_frame_rotation_y * t78 + sin_frame_rotation_y * prepared_20;
+            let t196 = sin_frame_rotation_x * t192 - cos_frame_rotation_x * t79;
+            let t197 = sin_frame_rotation_x * t79 + cos_frame_rotation_x * t192;
+            let t200 = sin_frame_rotation_y * t84 + cos_frame_rotation_y * prepared_21;
+            let t201 = cos_frame_rotation_y * t84 - sin_frame_rotation_y * prepared_21;
+            let t204 = cos_frame_rotation_x * t85 + sin_frame_rotation_x * t200;
+            let t205 = cos_frame_rotation_x * t200 - sin_frame_rotation_x * t85;
+            let t208 = sin_frame_rotation_y * t79 + cos_frame_rotation_y * prepared_22;
+            let t209 = cos_frame_rotation_y * t79 - sin_frame_rotation_y * prepared_22;
+            let t212 = sin_frame_rotation_x * t208 - cos_frame_rotation_x * t78;
+            let t213 = sin_frame_rotation_x * t78 + cos_frame_rotation_x * t208;
+            let t216 = sin_frame_rotation_y * t85 + cos_frame_rotation_y * prepared_23;
+            let t217 = sin_frame_rotation_y * prepared_23 - cos_frame_rotation_y * t85;
+            let t220 = cos_frame_rotation_x * t84 - sin_frame_rotation_x * t216;
+            let t221 = sin_frame_rotation_x * t84 + cos_frame_rotation_x * t216;
+            let t226 = sin_frame_rotation_z * prepared_22 + cos_frame_rotation_z * prepared_20;
+            let t227 = sin_frame_rotation_z * prepared_20 - cos_frame_rotation_z * prepared_22;
+            let t228 = sin_frame_rotation_y * t226;
+            let t229 = cos_frame_rotation_y * t226;
+            let t234 = cos_frame_rotation_x * t227 - sin_frame_rotation_x * t228;
+            let t235 = cos_frame_rotation_x * t228 + sin_frame_rotation_x * t227;
+            let t240 = sin_frame_rotation_z * prepared_23 - cos_frame_rotation_z * prepared_21;
+            let t241 = cos_frame_rotation_z * prepared_23 + sin_frame_rotation_z * prepared_21;
+            let t242 = sin_frame_rotation_y * t240;
+            let t243 = cos_frame_rotation_y * t240;
+            let t248 = sin_frame_rotation_x * t242 + cos_frame_rotation_x * t241;
+            let t249 = cos_frame_rotation_x * t242 - sin_frame_rotation_x * t241;
+            let t256 = 0.3333333333333333
                 * (joint2_track_offset_x + joint1_track_offset_x + joint3_track_offset_x);
-            let t383 = 0.3333333333333333
+            let t257 = 0.3333333333333333
                 * (joint2_track_offset_y + joint1_track_offset_y + joint3_track_offset_y);
-            let t384 = 0.3333333333333333
+            let t258 = 0.3333333333333333
                 * (joint2_track_offset_z + joint1_track_offset_z + joint3_track_offset_z);
-            let t385 = joint1_track_offset_x - t382;
-            let t386 = joint1_track_offset_y - t383;
-            let t387 = joint1_track_offset_z - t384;
-            let t388 = t385 * t385;
-            let t389 = t386 * t386;
-            let t390 = t387 * t387;
-            let t392 = t389 + t388 + t390;
-            let t396 = joint2_track_offset_x - t382;
-            let t397 = joint2_track_offset_y - t383;
-            let t398 = joint2_track_offset_z - t384;
-            let t399 = t396 * t396;
-            let t400 = t397 * t397;
-            let t401 = t398 * t398;
-            let t403 = t400 + t399 + t401;
-            let t407 = joint3_track_offset_x - t382;
-            let t408 = joint3_track_offset_y - t383;
-            let t409 = joint3_track_offset_z - t384;
-            let t410 = t407 * t407;
-            let t411 = t408 * t408;
-            let t412 = t409 * t409;
-            let t414 = t411 + t410 + t412;
-            let t419 = t392 - t410 - t399 - t388 + t403 + t414;
-            let t422 = t385 * t386 + t396 * t397 + t407 * t408;
-            let t425 = t385 * t387 + t396 * t398 + t407 * t409;
-            let t430 = t392 - t411 - t400 - t389 + t403 + t414;
-            let t433 = t386 * t387 + t397 * t398 + t408 * t409;
-            let t438 = t392 - t412 - t401 - t390 + t403 + t414;
-            let t441 = t430 * t438 - t433 * t433;
-            let t444 = t425 * t433 + t422 * t438;
-            let t447 = t422 * t433 + t425 * t430;
-            let t450 = t419 * t438 - t425 * t425;
-            let t453 = t422 * t425 + t419 * t433;
-            let t456 = t419 * t430 - t422 * t422;
-            let t461 = t419 * t441 - t422 * t444 - t425 * t447;
-            let t462 = (target_position_x * t25 - target_position_y * t18) / t461;
-            let t466 = (target_position_z * t18 - target_position_x * t26) / t461;
-            let t470 = (target_position_y * t26 - target_position_z * t25) / t461;
-            let t473 = t456 * t462 + t453 * t466 + t447 * t470;
-            let t476 = t453 * t462 + t450 * t466 + t444 * t470;
-            let t479 = t447 * t462 + t444 * t466 + t441 * t470;
-            let t484 = t409 * t476 - t408 * t473;
-            let t486 = t407 * t473 - t409 * t479;
-            let t488 = t408 * t479 - t407 * t476;
-            let t493 = t398 * t476 - t397 * t473;
-            let t495 = t396 * t473 - t398 * t479;
-            let t497 = t397 * t479 - t396 * t476;
-            let t502 = t387 * t476 - t386 * t473;
-            let t504 = t385 * t473 - t387 * t479;
-            let t506 = t386 * t479 - t385 * t476;
-            let t513 = 0.3333333333333333 * (t488 + t497 + t506);
-            let t514 = 0.3333333333333333 * (t486 + t495 + t504);
-            let t515 = 0.3333333333333333 * (t484 + t493 + t502);
-            let t517 = t36 + t488 - t513;
-            let t519 = t37 + t486 - t514;
-            let t521 = t38 + t484 - t515;
-            let t526 = sin_joint3_track_rotation_z * t519 + cos_joint3_track_rotation_z * t521;
-            let t532 = t36 + t497 - t513;
-            let t534 = t37 + t495 - t514;
-            let t536 = t38 + t493 - t515;
-            let t541 = sin_joint2_track_rotation_z * t534 + cos_joint2_track_rotation_z * t536;
-            let t547 = t36 + t506 - t513;
-            let t549 = t37 + t504 - t514;
-            let t551 = t38 + t502 - t515;
-            let t556 = sin_joint1_track_rotation_z * t549 + cos_joint1_track_rotation_z * t551;
-            let t561 = (target_position_x * t63 - target_position_y * t58) / t461;
-            let t565 = (target_position_z * t58 - target_position_x * t64) / t461;
-            let t569 = (target_position_y * t64 - target_position_z * t63) / t461;
-            let t572 = t456 * t561 + t453 * t565 + t447 * t569;
-            let t575 = t453 * t561 + t450 * t565 + t444 * t569;
-            let t578 = t447 * t561 + t444 * t565 + t441 * t569;
-            let t583 = t409 * t575 - t408 * t572;
-            let t585 = t407 * t572 - t409 * t578;
-            let t587 = t408 * t578 - t407 * t575;
-            let t592 = t398 * t575 - t397 * t572;
-            let t594 = t396 * t572 - t398 * t578;
-            let t596 = t397 * t578 - t396 * t575;
-            let t601 = t387 * t575 - t386 * t572;
-            let t603 = t385 * t572 - t387 * t578;
-            let t605 = t386 * t578 - t385 * t575;
-            let t612 = 0.3333333333333333 * (t587 + t596 + t605);
-            let t613 = 0.3333333333333333 * (t585 + t594 + t603);
-            let t614 = 0.3333333333333333 * (t583 + t592 + t601);
-            let t616 = t74 + t587 - t612;
-            let t618 = t75 + t585 - t613;
-            let t620 = t76 + t583 - t614;
-            let t625 = sin_joint3_track_rotation_z * t618 + cos_joint3_track_rotation_z * t620;
-            let t631 = t74 + t596 - t612;
-            let t633 = t75 + t594 - t613;
-            let t635 = t76 + t592 - t614;
-            let t640 = sin_joint2_track_rotation_z * t633 + cos_joint2_track_rotation_z * t635;
-            let t646 = t74 + t605 - t612;
-            let t648 = t75 + t603 - t613;
-            let t650 = t76 + t601 - t614;
-            let t655 = sin_joint1_track_rotation_z * t648 + cos_joint1_track_rotation_z * t650;
-            let t660 = (target_position_x * t77 + target_position_y * sin_frame_rotation_y) / t461;
-            let t664 = (target_position_x * t78 + target_position_z * sin_frame_rotation_y) / t461;
-            let t668 = (target_position_y * t78 - target_position_z * t77) / t461;
-            let t671 = t456 * t660 - t453 * t664 + t447 * t668;
-            let t674 = t453 * t660 - t450 * t664 + t444 * t668;
-            let t677 = t447 * t660 - t444 * t664 + t441 * t668;
-            let t682 = t409 * t674 - t408 * t671;
-            let t684 = t407 * t671 - t409 * t677;
-            let t686 = t408 * t677 - t407 * t674;
-            let t691 = t398 * t674 - t397 * t671;
-            let t693 = t396 * t671 - t398 * t677;
-            let t695 = t397 * t677 - t396 * t674;
-            let t700 = t387 * t674 - t386 * t671;
-            let t702 = t385 * t671 - t387 * t677;
-            let t704 = t386 * t677 - t385 * t674;
-            let t711 = 0.3333333333333333 * (t686 + t695 + t704);
-            let t712 = 0.3333333333333333 * (t684 + t693 + t702);
-            let t713 = 0.3333333333333333 * (t682 + t691 + t700);
-            let t715 = t88 + t686 - t711;
-            let t717 = t89 + t684 - t712;
-            let t719 = t682 - t90 - t713;
-            let t724 = sin_joint3_track_rotation_z * t717 + cos_joint3_track_rotation_z * t719;
-            let t730 = t88 + t695 - t711;
-            let t732 = t89 + t693 - t712;
-            let t734 = t691 - t90 - t713;
-            let t739 = sin_joint2_track_rotation_z * t732 + cos_joint2_track_rotation_z * t734;
-            let t745 = t88 + t704 - t711;
-            let t747 = t89 + t702 - t712;
-            let t749 = t700 - t90 - t713;
-            let t754 = sin_joint1_track_rotation_z * t747 + cos_joint1_track_rotation_z * t749;
-            let t783 = 0.3333333333333333 * (t191 + t173 + t209);
-            let t784 = 0.3333333333333333 * (t192 + t174 + t210);
-            let t785 = 0.3333333333333333 * (t185 + t167 + t203);
-            let t786 = t173 - t783;
-            let t787 = t174 - t784;
-            let t788 = t167 - t785;
-            let t795 = t191 - t783;
-            let t796 = t192 - t784;
-            let t797 = t185 - t785;
-            let t804 = t209 - t783;
-            let t805 = t210 - t784;
-            let t806 = t203 - t785;
-            let t817 = t386 * t788 - t409 * t805 - t398 * t796 - t387 * t787 + t397 * t797
-                + t408 * t806;
-            let t822 = t387 * t786 - t407 * t806 - t396 * t797 - t385 * t788 + t398 * t795
-                + t409 * t804;
-            let t827 = t385 * t787 - t408 * t804 - t397 * t795 - t386 * t786 + t396 * t796
-                + t407 * t805;
-            let t833 = (t444 * t822 + t441 * t817 + t447 * t827) / t461;
-            let t839 = (t450 * t822 + t444 * t817 + t453 * t827) / t461;
-            let t845 = (t453 * t822 + t447 * t817 + t456 * t827) / t461;
-            let t854 = target_position_z * t839 - target_position_y * t845 + target_position_x
+            let t259 = joint1_track_offset_x - t256;
+            let t260 = joint1_track_offset_y - t257;
+            let t261 = joint1_track_offset_z - t258;
+            let t262 = t259 * t259;
+            let t263 = t260 * t260;
+            let t264 = t261 * t261;
+            let t266 = t263 + t262 + t264;
+            let t270 = joint2_track_offset_x - t256;
+            let t271 = joint2_track_offset_y - t257;
+            let t272 = joint2_track_offset_z - t258;
+            let t273 = t270 * t270;
+            let t274 = t271 * t271;
+            let t275 = t272 * t272;
+            let t277 = t274 + t273 + t275;
+            let t281 = joint3_track_offset_x - t256;
+            let t282 = joint3_track_offset_y - t257;
+            let t283 = joint3_track_offset_z - t258;
+            let t284 = t281 * t281;
+            let t285 = t282 * t282;
+            let t286 = t283 * t283;
+            let t288 = t285 + t284 + t286;
+            let t293 = t266 - t284 - t273 - t262 + t277 + t288;
+            let t296 = t259 * t260 + t270 * t271 + t281 * t282;
+            let t299 = t259 * t261 + t270 * t272 + t281 * t283;
+            let t304 = t266 - t285 - t274 - t263 + t277 + t288;
+            let t307 = t260 * t261 + t271 * t272 + t282 * t283;
+            let t312 = t266 - t286 - t275 - t264 + t277 + t288;
+            let t315 = t304 * t312 - t307 * t307;
+            let t318 = t299 * t307 + t296 * t312;
+            let t321 = t296 * t307 + t299 * t304;
+            let t324 = t293 * t312 - t299 * t299;
+            let t327 = t296 * t299 + t293 * t307;
+            let t330 = t293 * t304 - t296 * t296;
+            let t335 = t293 * t315 - t296 * t318 - t299 * t321;
+            let t360 = 0.3333333333333333 * (t158 + t140 + t176);
+            let t361 = 0.3333333333333333 * (t159 + t141 + t177);
+            let t362 = 0.3333333333333333 * (t152 + t134 + t170);
+            let t363 = t140 - t360;
+            let t364 = t141 - t361;
+            let t365 = t134 - t362;
+            let t372 = t158 - t360;
+            let t373 = t159 - t361;
+            let t374 = t152 - t362;
+            let t381 = t176 - t360;
+            let t382 = t177 - t361;
+            let t383 = t170 - t362;
+            let t394 = t260 * t365 - t283 * t382 - t272 * t373 - t261 * t364 + t271 * t374
+                + t282 * t383;
+            let t399 = t261 * t363 - t281 * t383 - t270 * t374 - t259 * t365 + t272 * t372
+                + t283 * t381;
+            let t404 = t259 * t364 - t282 * t381 - t271 * t372 - t260 * t363 + t270 * t373
+                + t281 * t382;
+            let t410 = (t318 * t399 + t315 * t394 + t321 * t404) / t335;
+            let t416 = (t324 * t399 + t318 * t394 + t327 * t404) / t335;
+            let t422 = (t327 * t399 + t321 * t394 + t330 * t404) / t335;
+            let t429 = 0.5 + 0.041666666666666664 * (t416 * t416 + t410 * t410 + t422 * t422);
+            let t430 = t410 * t429;
+            let t431 = t416 * t429;
+            let t432 = t422 * t429;
+            let t438 = t431 * t431 + t430 * t430 + 1.0 + t432 * t432;
+            let t439 = 2.0 / t438;
+            let t442 = target_position_z * t431 - target_position_y * t432;
+            let t445 = target_position_x * t432 - target_position_z * t430;
+            let t448 = target_position_y * t430 - target_position_x * t431;
+            let t456 = t442 - t432 * t445 + t431 * t448;
+            let t458 = t445 - t430 * t448 + t432 * t442;
+            let t460 = t448 - t431 * t442 + t430 * t445;
+            let t465 = t439 * t456 + target_position_x
                 + 0.3333333333333333
-                * (t191 + joint2_track_offset_x + t173 + joint1_track_offset_x
-                + joint3_track_offset_x + t209);
-            let t857 = target_position_x * t845 - target_position_z * t833 + target_position_y
+                * (t158 + joint2_track_offset_x + t140 + joint1_track_offset_x
+                + joint3_track_offset_x + t176);
+            let t467 = t439 * t458 + target_position_y
                 + 0.3333333333333333
-                * (t192 + joint2_track_offset_y + t174 + joint1_track_offset_y
-                + joint3_track_offset_y + t210);
-            let t860 = target_position_y * t833 - target_position_x * t839 + target_position_z
+                * (t159 + joint2_track_offset_y + t141 + joint1_track_offset_y
+                + joint3_track_offset_y + t177);
+            let t469 = t439 * t460 + target_position_z
                 + 0.3333333333333333
-                * (t185 + joint2_track_offset_z + t167 + joint1_track_offset_z
-                + joint3_track_offset_z + t203);
-            let t865 = cos_frame_rotation_x * t857 - sin_frame_rotation_x * t860;
-            let t866 = sin_frame_rotation_x * t857 + cos_frame_rotation_x * t860;
-            let t871 = cos_frame_rotation_y * t866 - sin_frame_rotation_y * t854;
-            let t872 = sin_frame_rotation_y * t866 + cos_frame_rotation_y * t854;
-            let t877 = cos_frame_rotation_z * t872 - sin_frame_rotation_z * t865;
-            let t878 = sin_frame_rotation_z * t872 + cos_frame_rotation_z * t865;
-            let t892 = t5 - sin_target_rotation_y * t839 - t6 * t845;
-            let t894 = sin_target_rotation_y * t833 + t6 + t5 * t845;
-            let t896 = t6 * t833 - t5 * t839 - sin_target_rotation_y;
-            let t901 = cos_frame_rotation_x * t894 - sin_frame_rotation_x * t896;
-            let t902 = sin_frame_rotation_x * t894 + cos_frame_rotation_x * t896;
-            let t907 = cos_frame_rotation_y * t902 - sin_frame_rotation_y * t892;
-            let t908 = sin_frame_rotation_y * t902 + cos_frame_rotation_y * t892;
-            let t913 = cos_frame_rotation_z * t908 - sin_frame_rotation_z * t901;
-            let t914 = sin_frame_rotation_z * t908 + cos_frame_rotation_z * t901;
-            let t928 = t215 - t216 * t845 + t9 * t839;
-            let t930 = t216 - t9 * t833 + t215 * t845;
-            let t932 = t9 - t215 * t839 + t216 * t833;
-            let t937 = cos_frame_rotation_x * t930 - sin_frame_rotation_x * t932;
-            let t938 = sin_frame_rotation_x * t930 + cos_frame_rotation_x * t932;
-            let t943 = cos_frame_rotation_y * t938 - sin_frame_rotation_y * t928;
-            let t944 = sin_frame_rotation_y * t938 + cos_frame_rotation_y * t928;
-            let t949 = cos_frame_rotation_z * t944 - sin_frame_rotation_z * t937;
-            let t950 = sin_frame_rotation_z * t944 + cos_frame_rotation_z * t937;
-            let t964 = t221 - t222 * t845 + t11 * t839;
-            let t966 = t222 - t11 * t833 + t221 * t845;
-            let t968 = t11 - t221 * t839 + t222 * t833;
-            let t973 = cos_frame_rotation_x * t966 - sin_frame_rotation_x * t968;
-            let t974 = sin_frame_rotation_x * t966 + cos_frame_rotation_x * t968;
-            let t979 = cos_frame_rotation_y * t974 - sin_frame_rotation_y * t964;
-            let t980 = sin_frame_rotation_y * t974 + cos_frame_rotation_y * t964;
-            let t985 = cos_frame_rotation_z * t980 - sin_frame_rotation_z * t973;
-            let t986 = sin_frame_rotation_z * t980 + cos_frame_rotation_z * t973;
-            let t1028 = t462 * t827;
-            let t1033 = t462 * t822 + t466 * t827;
-            let t1034 = t466 * t822;
-            let t1038 = t462 * t845 + t466 * t839 + t470 * t833;
-            let t1045 = t462 * t817 + t470 * t827 + t425 * t1038;
-            let t1049 = t466 * t817 + t470 * t822 + t422 * t1038;
-            let t1052 = t470 * t817 - t419 * t1038;
-            let t1053 = t422 * t1028;
-            let t1060 = t425 * t1034;
-            let t1065 = t430 * t1028 - t441 * t1038 + t433 * t1033 + t438 * t1034;
-            let t1076 = t444 * t1038 - t1053 - t1053 + t425 * t1033 + t433 * t1045 + t438 * t1049;
-            let t1083 = t422 * t1033 - t1060 + t447 * t1038 - t1060 + t430 * t1045 + t433 * t1049;
-            let t1084 = t433 * t1052;
-            let t1088 = t425 * t1049 - t1084 + t422 * t1045 + t419 * t1033 - t1084;
-            let t1092 = t419 * t1028 + t425 * t1045 + t438 * t1052;
-            let t1094 = t419 * t1034 + t422 * t1049 + t430 * t1052;
-            let t1102 = t1094 + t1065 + t1092;
-            let t1103 = t1102 - t1094;
-            let t1104 = t1102 - t1065;
-            let t1105 = t1102 - t1092;
-            let t1106 = t409 * t1103;
-            let t1107 = t408 * t1105;
-            let t1108 = t407 * t1104;
-            let t1116 = t1108 + t408 * t1076 + t409 * t1083 + t1108 + t473 * t805 - t476 * t806;
-            let t1123 = t1106 + t407 * t1083 + t408 * t1088 + t1106 + t476 * t804 - t479 * t805;
-            let t1129 = t1107 + t407 * t1076 + t409 * t1088 + t1107 - t473 * t804 + t479 * t806;
-            let t1136 = t398 * t1103;
-            let t1137 = t397 * t1105;
-            let t1138 = t396 * t1104;
-            let t1146 = t1138 + t397 * t1076 + t398 * t1083 + t1138 + t473 * t796 - t476 * t797;
-            let t1153 = t1136 + t396 * t1083 + t397 * t1088 + t1136 + t476 * t795 - t479 * t796;
-            let t1159 = t1137 + t396 * t1076 + t398 * t1088 + t1137 - t473 * t795 + t479 * t797;
-            let t1166 = t387 * t1103;
-            let t1167 = t386 * t1105;
-            let t1168 = t385 * t1104;
-            let t1176 = t1168 + t386 * t1076 + t387 * t1083 + t1168 + t473 * t787 - t476 * t788;
-            let t1183 = t1166 + t385 * t1083 + t386 * t1088 + t1166 + t476 * t786 - t479 * t787;
-            let t1189 = t1167 + t385 * t1076 + t387 * t1088 + t1167 - t473 * t786 + t479 * t788;
-            let t1199 = t36 - 0.3333333333333333 * (t1123 + t1153 + t1183);
-            let t1201 = t37 - 0.3333333333333333 * (t1129 + t1159 + t1189);
-            let t1203 = t38 - 0.3333333333333333 * (t1116 + t1146 + t1176);
-            let t1255 = t561 * t827;
-            let t1260 = t561 * t822 + t565 * t827;
-            let t1261 = t565 * t822;
-            let t1265 = t561 * t845 + t565 * t839 + t569 * t833;
-            let t1272 = t561 * t817 + t569 * t827 + t425 * t1265;
-            let t1276 = t565 * t817 + t569 * t822 + t422 * t1265;
-            let t1279 = t569 * t817 - t419 * t1265;
-            let t1280 = t422 * t1255;
-            let t1287 = t425 * t1261;
-            let t1292 = t430 * t1255 - t441 * t1265 + t433 * t1260 + t438 * t1261;
-            let t1303 = t444 * t1265 - t1280 - t1280 + t425 * t1260 + t433 * t1272 + t438 * t1276;
-            let t1310 = t422 * t1260 - t1287 + t447 * t1265 - t1287 + t430 * t1272 + t433 * t1276;
-            let t1311 = t433 * t1279;
-            let t1315 = t425 * t1276 - t1311 + t422 * t1272 + t419 * t1260 - t1311;
-            let t1319 = t419 * t1255 + t425 * t1272 + t438 * t1279;
-            let t1321 = t419 * t1261 + t422 * t1276 + t430 * t1279;
-            let t1329 = t1321 + t1292 + t1319;
-            let t1330 = t1329 - t1321;
-            let t1331 = t1329 - t1292;
-            let t1332 = t1329 - t1319;
-            let t1333 = t409 * t1330;
-            let t1334 = t408 * t1332;
-            let t1335 = t407 * t1331;
-            let t1343 = t1335 + t408 * t1303 + t409 * t1310 + t1335 + t572 * t805 - t575 * t806;
-            let t1350 = t1333 + t407 * t1310 + t408 * t1315 + t1333 + t575 * t804 - t578 * t805;
-            let t1356 = t1334 + t407 * t1303 + t409 * t1315 + t1334 - t572 * t804 + t578 * t806;
-            let t1363 = t398 * t1330;
-            let t1364 = t397 * t1332;
-            let t1365 = t396 * t1331;
-            let t1373 = t1365 + t397 * t1303 + t398 * t1310 + t1365 + t572 * t796 - t575 * t797;
-            let t1380 = t1363 + t396 * t1310 + t397 * t1315 + t1363 + t575 * t795 - t578 * t796;
-            let t1386 = t1364 + t396 * t1303 + t398 * t1315 + t1364 - t572 * t795 + t578 * t797;
-            let t1393 = t387 * t1330;
-            let t1394 = t386 * t1332;
-            let t1395 = t385 * t1331;
-            let t1403 = t1395 + t386 * t1303 + t387 * t1310 + t1395 + t572 * t787 - t575 * t788;
-            let t1410 = t1393 + t385 * t1310 + t386 * t1315 + t1393 + t575 * t786 - t578 * t787;
-            let t1416 = t1394 + t385 * t1303 + t387 * t1315 + t1394 - t572 * t786 + t578 * t788;
-            let t1426 = t74 - 0.3333333333333333 * (t1350 + t1380 + t1410);
-            let t1428 = t75 - 0.3333333333333333 * (t1356 + t1386 + t1416);
-            let t1430 = t76 - 0.3333333333333333 * (t1343 + t1373 + t1403);
-            let t1479 = t660 * t827;
-            let t1484 = t660 * t822 - t664 * t827;
-            let t1485 = t664 * t822;
-            let t1489 = t664 * t839 - t660 * t845 - t668 * t833;
-            let t1496 = t660 * t817 + t668 * t827 - t425 * t1489;
-            let t1500 = t668 * t822 - t664 * t817 - t422 * t1489;
-            let t1503 = t668 * t817 + t419 * t1489;
-            let t1504 = t422 * t1479;
-            let t1511 = t425 * t1485;
-            let t1516 = t441 * t1489 + t430 * t1479 + t433 * t1484 - t438 * t1485;
-            let t1527 = t425 * t1484 - t1504 - t444 * t1489 - t1504 + t433 * t1496 + t438 * t1500;
-            let t1534 = t1511 + t422 * t1484 - t447 * t1489 + t1511 + t430 * t1496 + t433 * t1500;
-            let t1535 = t433 * t1503;
-            let t1539 = t425 * t1500 - t1535 + t422 * t1496 + t419 * t1484 - t1535;
-            let t1543 = t419 * t1479 + t425 * t1496 + t438 * t1503;
-            let t1545 = t422 * t1500 - t419 * t1485 + t430 * t1503;
-            let t1553 = t1545 + t1516 + t1543;
-            let t1554 = t1553 - t1545;
-            let t1555 = t1553 - t1516;
-            let t1556 = t1553 - t1543;
-            let t1557 = t409 * t1554;
-            let t1558 = t408 * t1556;
-            let t1559 = t407 * t1555;
-            let t1567 = t1559 + t408 * t1527 + t409 * t1534 + t1559 + t671 * t805 - t674 * t806;
-            let t1574 = t1557 + t407 * t1534 + t408 * t1539 + t1557 + t674 * t804 - t677 * t805;
-            let t1580 = t1558 + t407 * t1527 + t409 * t1539 + t1558 - t671 * t804 + t677 * t806;
-            let t1587 = t398 * t1554;
-            let t1588 = t397 * t1556;
-            let t1589 = t396 * t1555;
-            let t1597 = t1589 + t397 * t1527 + t398 * t1534 + t1589 + t671 * t796 - t674 * t797;
-            let t1604 = t1587 + t396 * t1534 + t397 * t1539 + t1587 + t674 * t795 - t677 * t796;
-            let t1610 = t1588 + t396 * t1527 + t398 * t1539 + t1588 - t671 * t795 + t677 * t797;
-            let t1617 = t387 * t1554;
-            let t1618 = t386 * t1556;
-            let t1619 = t385 * t1555;
-            let t1627 = t1619 + t386 * t1527 + t387 * t1534 + t1619 + t671 * t787 - t674 * t788;
-            let t1634 = t1617 + t385 * t1534 + t386 * t1539 + t1617 + t674 * t786 - t677 * t787;
-            let t1640 = t1618 + t385 * t1527 + t387 * t1539 + t1618 - t671 * t786 + t677 * t788;
-            let t1649 = 0.3333333333333333 * (t1567 + t1597 + t1627);
-            let t1650 = t88 - 0.3333333333333333 * (t1574 + t1604 + t1634);
-            let t1652 = t89 - 0.3333333333333333 * (t1580 + t1610 + t1640);
-            let t1701 = t103 * t845 - t98 - t104 * t839;
-            let t1704 = t103 + t104 * t833 + t98 * t845;
-            let t1707 = t104 - t103 * t833 - t98 * t839;
-            let t1718 = t233 * t845 - t230 - t234 * t839;
-            let t1721 = t233 + t234 * t833 + t230 * t845;
-            let t1724 = t234 - t233 * t833 - t230 * t839;
-            let t1747 = t244 - t248 * t839 + t247 * t845;
-            let t1750 = t247 + t248 * t833 - t244 * t845;
-            let t1758 = sin_target_rotation_z * t1704 + cos_target_rotation_z * t1701;
-            let t1769 = sin_target_rotation_z * t1721 + cos_target_rotation_z * t1718;
-            let t1803 =
-                (t103 * t221 + t98 * t222 + t215 * t233 + t216 * t230 + t5 * t247 - t6 * t244)
-                / t461;
-            let t1806 = t827 * t1803;
-            let t1811 =
-                (t11 * t98 + t104 * t221 + t215 * t234 + t9 * t230 + t5 * t248
-                + sin_target_rotation_y * t244) / t461;
-            let t1815 = t822 * t1803 - t827 * t1811;
-            let t1817 = t822 * t1811;
-            let t1820 =
-                (t104 * t222 - t11 * t103 + t216 * t234 - t9 * t233 + t6 * t248
-                + sin_target_rotation_y * t247) / t461;
-            let t1823 = t839 * t1811 - t845 * t1803 - t833 * t1820;
-            let t1827 = t456 * t1803 - t453 * t1811 + t447 * t1820;
-            let t1831 = t453 * t1803 - t450 * t1811 + t444 * t1820;
-            let t1835 = t447 * t1803 - t444 * t1811 + t441 * t1820;
-            let t1839 = t817 * t1803 + t827 * t1820 - t425 * t1823;
-            let t1843 = t822 * t1820 - t817 * t1811 - t422 * t1823;
-            let t1846 = t817 * t1820 + t419 * t1823;
-            let t1847 = t422 * t1806;
-            let t1854 = t425 * t1817;
-            let t1859 = t441 * t1823 + t430 * t1806 + t433 * t1815 - t438 * t1817;
-            let t1870 = t425 * t1815 - t1847 - t444 * t1823 - t1847 + t433 * t1839 + t438 * t1843;
-            let t1877 = t1854 + t422 * t1815 - t447 * t1823 + t1854 + t430 * t1839 + t433 * t1843;
-            let t1878 = t433 * t1846;
-            let t1882 = t425 * t1843 - t1878 + t422 * t1839 + t419 * t1815 - t1878;
-            let t1886 = t419 * t1806 + t425 * t1839 + t438 * t1846;
-            let t1888 = t422 * t1843 - t419 * t1817 + t430 * t1846;
-            let t1896 = t1888 + t1859 + t1886;
-            let t1897 = t1896 - t1888;
-            let t1898 = t1896 - t1859;
-            let t1899 = t1896 - t1886;
-            let t1900 = t409 * t1897;
-            let t1901 = t408 * t1899;
-            let t1902 = t407 * t1898;
-            let t1913 = t1902 + t408 * t1870 + t409 * t1877 + t1902 + t805 * t1827 - t806 * t1831;
-            let t1916 = t409 * t1831 - t408 * t1827;
-            let t1923 = t1900 + t407 * t1877 + t408 * t1882 + t1900 + t804 * t1831 - t805 * t1835;
-            let t1924 = t407 * t1827 - t409 * t1835;
-            let t1931 = t1901 + t407 * t1870 + t409 * t1882 + t1901 - t804 * t1827 + t806 * t1835;
-            let t1932 = t408 * t1835 - t407 * t1831;
-            let t1939 = t398 * t1897;
-            let t1940 = t397 * t1899;
-            let t1941 = t396 * t1898;
-            let t1952 = t1941 + t397 * t1870 + t398 * t1877 + t1941 + t796 * t1827 - t797 * t1831;
-            let t1955 = t398 * t1831 - t397 * t1827;
-            let t1962 = t1939 + t396 * t1877 + t397 * t1882 + t1939 + t795 * t1831 - t796 * t1835;
-            let t1963 = t396 * t1827 - t398 * t1835;
-            let t1970 = t1940 + t396 * t1870 + t398 * t1882 + t1940 - t795 * t1827 + t797 * t1835;
-            let t1971 = t397 * t1835 - t396 * t1831;
-            let t1978 = t387 * t1897;
-            let t1979 = t386 * t1899;
-            let t1980 = t385 * t1898;
-            let t1991 = t1980 + t386 * t1870 + t387 * t1877 + t1980 + t787 * t1827 - t788 * t1831;
-            let t1994 = t387 * t1831 - t386 * t1827;
-            let t2001 = t1978 + t385 * t1877 + t386 * t1882 + t1978 + t786 * t1831 - t787 * t1835;
-            let t2002 = t385 * t1827 - t387 * t1835;
-            let t2009 = t1979 + t385 * t1870 + t387 * t1882 + t1979 - t786 * t1827 + t788 * t1835;
-            let t2010 = t386 * t1835 - t385 * t1831;
-            let t2023 = 0.3333333333333333 * (t1932 + t1971 + t2010);
-            let t2024 = 0.3333333333333333 * (t1924 + t1963 + t2002);
-            let t2025 = 0.3333333333333333 * (t1916 + t1955 + t1994);
-            let t2026 = t1932 - t2023;
-            let t2027 = t1924 - t2024;
-            let t2028 = t1916 - t2025;
-            let t2029 = t2010 - t2023;
-            let t2030 = t1971 - t2023;
-            let t2031 = t2002 - t2024;
-            let t2032 = t1963 - t2024;
-            let t2033 = t1994 - t2025;
-            let t2034 = t1955 - t2025;
-            let t2035 = 0.3333333333333333 * (t1923 + t1962 + t2001);
-            let t2036 = 0.3333333333333333 * (t1931 + t1970 + t2009);
-            let t2037 = 0.3333333333333333 * (t1913 + t1952 + t1991);
-            let t2054 = sin_joint3_track_rotation_z * t2027 + cos_joint3_track_rotation_z * t2028;
-            let t2072 = sin_joint2_track_rotation_z * t2032 + cos_joint2_track_rotation_z * t2034;
-            let t2090 = sin_joint1_track_rotation_z * t2031 + cos_joint1_track_rotation_z * t2033;
-            let t2111 = t124 - t130 * t839 + t129 * t845;
-            let t2114 = t129 + t130 * t833 - t124 * t845;
-            let t2117 = t130 - t129 * t833 + t124 * t839;
-            let t2128 = t277 - t281 * t839 + t280 * t845;
-            let t2131 = t280 + t281 * t833 - t277 * t845;
-            let t2134 = t281 - t280 * t833 + t277 * t839;
-            let t2157 = t291 + t295 * t839 + t294 * t845;
-            let t2160 = t294 - t295 * t833 - t291 * t845;
-            let t2168 = sin_target_rotation_z * t2114 + cos_target_rotation_z * t2111;
-            let t2179 = sin_target_rotation_z * t2131 + cos_target_rotation_z * t2128;
-            let t2213 =
-                (t129 * t221 - t124 * t222 + t215 * t280 - t216 * t277 + t5 * t294 - t6 * t291)
-                / t461;
-            let t2216 = t827 * t2213;
-            let t2221 =
-                (t11 * t124 - t130 * t221 - t215 * t281 + t9 * t277 + t5 * t295
-                - sin_target_rotation_y * t291) / t461;
-            let t2225 = t822 * t2213 + t827 * t2221;
-            let t2227 = t822 * t2221;
-            let t2230 =
-                (t130 * t222 - t11 * t129 + t216 * t281 - t9 * t280 - t6 * t295
-                + sin_target_rotation_y * t294) / t461;
-            let t2233 = t845 * t2213 + t839 * t2221 + t833 * t2230;
-            let t2237 = t456 * t2213 + t453 * t2221 + t447 * t2230;
-            let t2241 = t453 * t2213 + t450 * t2221 + t444 * t2230;
-            let t2245 = t447 * t2213 + t444 * t2221 + t441 * t2230;
-            let t2249 = t817 * t2213 + t827 * t2230 + t425 * t2233;
-            let t2253 = t817 * t2221 + t822 * t2230 + t422 * t2233;
-            let t2256 = t817 * t2230 - t419 * t2233;
-            let t2257 = t422 * t2216;
-            let t2264 = t425 * t2227;
-            let t2269 = t430 * t2216 - t441 * t2233 + t433 * t2225 + t438 * t2227;
-            let t2280 = t444 * t2233 - t2257 - t2257 + t425 * t2225 + t433 * t2249 + t438 * t2253;
-            let t2287 = t422 * t2225 - t2264 + t447 * t2233 - t2264 + t430 * t2249 + t433 * t2253;
-            let t2288 = t433 * t2256;
-            let t2292 = t425 * t2253 - t2288 + t422 * t2249 + t419 * t2225 - t2288;
-            let t2296 = t419 * t2216 + t425 * t2249 + t438 * t2256;
-            let t2298 = t419 * t2227 + t422 * t2253 + t430 * t2256;
-            let t2306 = t2298 + t2269 + t2296;
-            let t2307 = t2306 - t2298;
-            let t2308 = t2306 - t2269;
-            let t2309 = t2306 - t2296;
-            let t2310 = t409 * t2307;
-            let t2311 = t408 * t2309;
-            let t2312 = t407 * t2308;
-            let t2323 = t2312 + t408 * t2280 + t409 * t2287 + t2312 + t805 * t2237 - t806 * t2241;
-            let t2326 = t409 * t2241 - t408 * t2237;
-            let t2333 = t2310 + t407 * t2287 + t408 * t2292 + t2310 + t804 * t2241 - t805 * t2245;
-            let t2334 = t407 * t2237 - t409 * t2245;
-            let t2341 = t2311 + t407 * t2280 + t409 * t2292 + t2311 - t804 * t2237 + t806 * t2245;
-            let t2342 = t408 * t2245 - t407 * t2241;
-            let t2349 = t398 * t2307;
-            let t2350 = t397 * t2309;
-            let t2351 = t396 * t2308;
-            let t2362 = t2351 + t397 * t2280 + t398 * t2287 + t2351 + t796 * t2237 - t797 * t2241;
-            let t2365 = t398 * t2241 - t397 * t2237;
-            let t2372 = t2349 + t396 * t2287 + t397 * t2292 + t2349 + t795 * t2241 - t796 * t2245;
-            let t2373 = t396 * t2237 - t398 * t2245;
-            let t2380 = t2350 + t396 * t2280 + t398 * t2292 + t2350 - t795 * t2237 + t797 * t2245;
-            let t2381 = t397 * t2245 - t396 * t2241;
-            let t2388 = t387 * t2307;
-            let t2389 = t386 * t2309;
-            let t2390 = t385 * t2308;
-            let t2401 = t2390 + t386 * t2280 + t387 * t2287 + t2390 + t787 * t2237 - t788 * t2241;
-            let t2404 = t387 * t2241 - t386 * t2237;
-            let t2411 = t2388 + t385 * t2287 + t386 * t2292 + t2388 + t786 * t2241 - t787 * t2245;
-            let t2412 = t385 * t2237 - t387 * t2245;
-            let t2419 = t2389 + t385 * t2280 + t387 * t2292 + t2389 - t786 * t2237 + t788 * t2245;
-            let t2420 = t386 * t2245 - t385 * t2241;
-            let t2433 = 0.3333333333333333 * (t2342 + t2381 + t2420);
-            let t2434 = 0.3333333333333333 * (t2334 + t2373 + t2412);
-            let t2435 = 0.3333333333333333 * (t2326 + t2365 + t2404);
-            let t2436 = t2342 - t2433;
-            let t2437 = t2334 - t2434;
-            let t2438 = t2326 - t2435;
-            let t2439 = t2420 - t2433;
-            let t2440 = t2381 - t2433;
-            let t2441 = t2412 - t2434;
-            let t2442 = t2373 - t2434;
-            let t2443 = t2404 - t2435;
-            let t2444 = t2365 - t2435;
-            let t2445 = 0.3333333333333333 * (t2333 + t2372 + t2411);
-            let t2446 = 0.3333333333333333 * (t2341 + t2380 + t2419);
-            let t2447 = 0.3333333333333333 * (t2323 + t2362 + t2401);
-            let t2464 = sin_joint3_track_rotation_z * t2437 + cos_joint3_track_rotation_z * t2438;
-            let t2482 = sin_joint2_track_rotation_z * t2442 + cos_joint2_track_rotation_z * t2444;
-            let t2500 = sin_joint1_track_rotation_z * t2441 + cos_joint1_track_rotation_z * t2443;
-            let t2521 = t148 - t154 * t839 + t153 * t845;
-            let t2524 = t153 + t154 * t833 - t148 * t845;
-            let t2527 = t154 - t153 * t833 + t148 * t839;
-            let t2538 = t334 * t839 - t328 + t333 * t845;
-            let t2541 = t333 - t334 * t833 + t328 * t845;
-            let t2544 = t334 + t333 * t833 + t328 * t839;
-            let t2567 = t348 - t354 * t839 + t353 * t845;
-            let t2570 = t353 + t354 * t833 - t348 * t845;
-            let t2578 = sin_target_rotation_z * t2524 + cos_target_rotation_z * t2521;
-            let t2589 = sin_target_rotation_z * t2541 + cos_target_rotation_z * t2538;
-            let t2623 =
-                (t153 * t221 - t148 * t222 + t215 * t333 + t216 * t328 + t5 * t353 - t6 * t348)
-                / t461;
-            let t2626 = t827 * t2623;
-            let t2631 =
-                (t11 * t148 - t154 * t221 + t215 * t334 - t9 * t328 - t5 * t354
-                - sin_target_rotation_y * t348) / t461;
-            let t2635 = t822 * t2623 + t827 * t2631;
-            let t2637 = t822 * t2631;
-            let t2640 =
-                (t154 * t222 - t11 * t153 - t216 * t334 - t9 * t333 + t6 * t354
-                + sin_target_rotation_y * t353) / t461;
-            let t2643 = t845 * t2623 + t839 * t2631 + t833 * t2640;
-            let t2647 = t456 * t2623 + t453 * t2631 + t447 * t2640;
-            let t2651 = t453 * t2623 + t450 * t2631 + t444 * t2640;
-            let t2655 = t447 * t2623 + t444 * t2631 + t441 * t2640;
-            let t2659 = t817 * t2623 + t827 * t2640 + t425 * t2643;
-            let t2663 = t817 * t2631 + t822 * t2640 + t422 * t2643;
-            let t2666 = t817 * t2640 - t419 * t2643;
-            let t2667 = t422 * t2626;
-            let t2674 = t425 * t2637;
-            let t2679 = t430 * t2626 - t441 * t2643 + t433 * t2635 + t438 * t2637;
-            let t2690 = t444 * t2643 - t2667 - t2667 + t425 * t2635 + t433 * t2659 + t438 * t2663;
-            let t2697 = t422 * t2635 - t2674 + t447 * t2643 - t2674 + t430 * t2659 + t433 * t2663;
-            let t2698 = t433 * t2666;
-            let t2702 = t425 * t2663 - t2698 + t422 * t2659 + t419 * t2635 - t2698;
-            let t2706 = t419 * t2626 + t425 * t2659 + t438 * t2666;
-            let t2708 = t419 * t2637 + t422 * t2663 + t430 * t2666;
-            let t2716 = t2708 + t2679 + t2706;
-            let t2717 = t2716 - t2708;
-            let t2718 = t2716 - t2679;
-            let t2719 = t2716 - t2706;
-            let t2720 = t409 * t2717;
-            let t2721 = t408 * t2719;
-            let t2722 = t407 * t2718;
-            let t2733 = t2722 + t408 * t2690 + t409 * t2697 + t2722 + t805 * t2647 - t806 * t2651;
-            let t2736 = t409 * t2651 - t408 * t2647;
-            let t2743 = t2720 + t407 * t2697 + t408 * t2702 + t2720 + t804 * t2651 - t805 * t2655;
-            let t2744 = t407 * t2647 - t409 * t2655;
-            let t2751 = t2721 + t407 * t2690 + t409 * t2702 + t2721 - t804 * t2647 + t806 * t2655;
-            let t2752 = t408 * t2655 - t407 * t2651;
-            let t2759 = t398 * t2717;
-            let t2760 = t397 * t2719;
-            let t2761 = t396 * t2718;
-            let t2772 = t2761 + t397 * t2690 + t398 * t2697 + t2761 + t796 * t2647 - t797 * t2651;
-            let t2775 = t398 * t2651 - t397 * t2647;
-            let t2782 = t2759 + t396 * t2697 + t397 * t2702 + t2759 + t795 * t2651 - t796 * t2655;
-            let t2783 = t396 * t2647 - t398 * t2655;
-            let t2790 = t2760 + t396 * t2690 + t398 * t2702 + t2760 - t795 * t2647 + t797 * t2655;
-            let t2791 = t397 * t2655 - t396 * t2651;
-            let t2798 = t387 * t2717;
-            let t2799 = t386 * t2719;
-            let t2800 = t385 * t2718;
-            let t2811 = t2800 + t386 * t2690 + t387 * t2697 + t2800 + t787 * t2647 - t788 * t2651;
-            let t2814 = t387 * t2651 - t386 * t2647;
-            let t2821 = t2798 + t385 * t2697 + t386 * t2702 + t2798 + t786 * t2651 - t787 * t2655;
-            let t2822 = t385 * t2647 - t387 * t2655;
-            let t2829 = t2799 + t385 * t2690 + t387 * t2702 + t2799 - t786 * t2647 + t788 * t2655;
-            let t2830 = t386 * t2655 - t385 * t2651;
-            let t2843 = 0.3333333333333333 * (t2752 + t2791 + t2830);
-            let t2844 = 0.3333333333333333 * (t2744 + t2783 + t2822);
-            let t2845 = 0.3333333333333333 * (t2736 + t2775 + t2814);
-            let t2846 = t2752 - t2843;
-            let t2847 = t2744 - t2844;
-            let t2848 = t2736 - t2845;
-            let t2849 = t2830 - t2843;
-            let t2850 = t2791 - t2843;
-            let t2851 = t2822 - t2844;
-            let t2852 = t2783 - t2844;
-            let t2853 = t2814 - t2845;
-            let t2854 = t2775 - t2845;
-            let t2855 = 0.3333333333333333 * (t2743 + t2782 + t2821);
-            let t2856 = 0.3333333333333333 * (t2751 + t2790 + t2829);
-            let t2857 = 0.3333333333333333 * (t2733 + t2772 + t2811);
-            let t2874 = sin_joint3_track_rotation_z * t2847 + cos_joint3_track_rotation_z * t2848;
-            let t2892 = sin_joint2_track_rotation_z * t2852 + cos_joint2_track_rotation_z * t2854;
-            let t2910 = sin_joint1_track_rotation_z * t2851 + cos_joint1_track_rotation_z * t2853;
-            residuals[0][lane] = t877 + frame_translation_x - x;
-            residuals[1][lane] = t878 + frame_translation_y - y;
-            residuals[2][lane] = t871 + frame_translation_z - z;
+                * (t152 + joint2_track_offset_z + t134 + joint1_track_offset_z
+                + joint3_track_offset_z + t170);
+            let t474 = cos_frame_rotation_x * t467 - sin_frame_rotation_x * t469;
+            let t475 = sin_frame_rotation_x * t467 + cos_frame_rotation_x * t469;
+            let t480 = cos_frame_rotation_y * t475 - sin_frame_rotation_y * t465;
+            let t481 = sin_frame_rotation_y * t475 + cos_frame_rotation_y * t465;
+            let t486 = cos_frame_rotation_z * t481 - sin_frame_rotation_z * t474;
+            let t487 = sin_frame_rotation_z * t481 + cos_frame_rotation_z * t474;
+            let t496 = sin_target_rotation_y * t431 + t6 * t432;
+            let t499 = t5 * t432 + sin_target_rotation_y * t430;
+            let t502 = t6 * t430 - t5 * t431;
+            let t510 = t431 * t502 - t432 * t499 - t496;
+            let t512 = t499 - t432 * t496 - t430 * t502;
+            let t514 = t431 * t496 + t502 + t430 * t499;
+            let t518 = t5 + t439 * t510;
+            let t519 = t6 + t439 * t512;
+            let t520 = t439 * t514 - sin_target_rotation_y;
+            let t525 = cos_frame_rotation_x * t519 - sin_frame_rotation_x * t520;
+            let t526 = sin_frame_rotation_x * t519 + cos_frame_rotation_x * t520;
+            let t531 = cos_frame_rotation_y * t526 - sin_frame_rotation_y * t518;
+            let t532 = sin_frame_rotation_y * t526 + cos_frame_rotation_y * t518;
+            let t537 = cos_frame_rotation_z * t532 - sin_frame_rotation_z * t525;
+            let t538 = sin_frame_rotation_z * t532 + cos_frame_rotation_z * t525;
+            let t547 = t9 * t431 - t183 * t432;
+            let t550 = t182 * t432 - t9 * t430;
+            let t553 = t183 * t430 - t182 * t431;
+            let t561 = t547 - t432 * t550 + t431 * t553;
+            let t563 = t550 - t430 * t553 + t432 * t547;
+            let t565 = t553 - t431 * t547 + t430 * t550;
+            let t569 = t182 + t439 * t561;
+            let t570 = t183 + t439 * t563;
+            let t571 = t9 + t439 * t565;
+            let t576 = cos_frame_rotation_x * t570 - sin_frame_rotation_x * t571;
+            let t577 = sin_frame_rotation_x * t570 + cos_frame_rotation_x * t571;
+            let t582 = cos_frame_rotation_y * t577 - sin_frame_rotation_y * t569;
+            let t583 = sin_frame_rotation_y * t577 + cos_frame_rotation_y * t569;
+            let t588 = cos_frame_rotation_z * t583 - sin_frame_rotation_z * t576;
+            let t589 = sin_frame_rotation_z * t583 + cos_frame_rotation_z * t576;
+            let t598 = t11 * t431 - t189 * t432;
+            let t601 = t188 * t432 - t11 * t430;
+            let t604 = t189 * t430 - t188 * t431;
+            let t612 = t598 - t432 * t601 + t431 * t604;
+            let t614 = t601 - t430 * t604 + t432 * t598;
+            let t616 = t604 - t431 * t598 + t430 * t601;
+            let t620 = t188 + t439 * t612;
+            let t621 = t189 + t439 * t614;
+            let t622 = t11 + t439 * t616;
+            let t627 = cos_frame_rotation_x * t621 - sin_frame_rotation_x * t622;
+            let t628 = sin_frame_rotation_x * t621 + cos_frame_rotation_x * t622;
+            let t633 = cos_frame_rotation_y * t628 - sin_frame_rotation_y * t620;
+            let t634 = sin_frame_rotation_y * t628 + cos_frame_rotation_y * t620;
+            let t639 = cos_frame_rotation_z * t634 - sin_frame_rotation_z * t627;
+            let t640 = sin_frame_rotation_z * t634 + cos_frame_rotation_z * t627;
+            let t670 = t26 * t439;
+            let t672 = t25 * t439;
+            let t674 = t18 * t439;
+            let t686 = t674 - t431 * t670 + t432 * t672;
+            let t690 = t672 + t430 * t670 - t432 * t674;
+            let t694 = t670 - t430 * t672 + t431 * t674;
+            let t714 = t439 * ((t26 * t460 + t25 * t458 + t18 * t456) / t438);
+            let t715 = t432 * t714;
+            let t720 = target_position_x * t690 - t715 - target_position_y * t686 - t445 * t674
+                + t442 * t672 - t715;
+            let t721 = t431 * t714;
+            let t726 = target_position_z * t686 - t721 - target_position_x * t694 + t448 * t674
+                - t442 * t670 - t721;
+            let t727 = t430 * t714;
+            let t732 = target_position_y * t694 - t727 - target_position_z * t690 - t448 * t672
+                + t445 * t670 - t727;
+            let t741 = 0.041666666666666664 * (t422 * t720 + t416 * t726 + t410 * t732);
+            let t742 = t422 * t741;
+            let t745 = t416 * t741;
+            let t748 = t410 * t741;
+            let t751 = (t742 + t429 * t720 + t742) / t335;
+            let t754 = t404 * t751;
+            let t759 = (t745 + t429 * t726 + t745) / t335;
+            let t763 = t399 * t751 + t404 * t759;
+            let t765 = t399 * t759;
+            let t768 = (t748 + t429 * t732 + t748) / t335;
+            let t771 = t422 * t751 + t416 * t759 + t410 * t768;
+            let t775 = t330 * t751 + t327 * t759 + t321 * t768;
+            let t779 = t327 * t751 + t324 * t759 + t318 * t768;
+            let t783 = t321 * t751 + t318 * t759 + t315 * t768;
+            let t787 = t394 * t751 + t404 * t768 + t299 * t771;
+            let t791 = t394 * t759 + t399 * t768 + t296 * t771;
+            let t794 = t394 * t768 - t293 * t771;
+            let t795 = t296 * t754;
+            let t802 = t299 * t765;
+            let t807 = t304 * t754 - t315 * t771 + t307 * t763 + t312 * t765;
+            let t818 = t318 * t771 - t795 - t795 + t299 * t763 + t307 * t787 + t312 * t791;
+            let t825 = t296 * t763 - t802 + t321 * t771 - t802 + t304 * t787 + t307 * t791;
+            let t826 = t307 * t794;
+            let t830 = t299 * t791 - t826 + t296 * t787 + t293 * t763 - t826;
+            let t834 = t293 * t754 + t299 * t787 + t312 * t794;
+            let t836 = t293 * t765 + t296 * t791 + t304 * t794;
+            let t844 = t836 + t807 + t834;
+            let t845 = t844 - t836;
+            let t846 = t844 - t807;
+            let t847 = t844 - t834;
+            let t848 = t283 * t845;
+            let t849 = t282 * t847;
+            let t850 = t281 * t846;
+            let t861 = t850 + t282 * t818 + t283 * t825 + t850 + t382 * t775 - t383 * t779;
+            let t864 = t283 * t779 - t282 * t775;
+            let t871 = t848 + t281 * t825 + t282 * t830 + t848 + t381 * t779 - t382 * t783;
+            let t872 = t281 * t775 - t283 * t783;
+            let t879 = t849 + t281 * t818 + t283 * t830 + t849 - t381 * t775 + t383 * t783;
+            let t880 = t282 * t783 - t281 * t779;
+            let t887 = t272 * t845;
+            let t888 = t271 * t847;
+            let t889 = t270 * t846;
+            let t900 = t889 + t271 * t818 + t272 * t825 + t889 + t373 * t775 - t374 * t779;
+            let t903 = t272 * t779 - t271 * t775;
+            let t910 = t887 + t270 * t825 + t271 * t830 + t887 + t372 * t779 - t373 * t783;
+            let t911 = t270 * t775 - t272 * t783;
+            let t918 = t888 + t270 * t818 + t272 * t830 + t888 - t372 * t775 + t374 * t783;
+            let t919 = t271 * t783 - t270 * t779;
+            let t926 = t261 * t845;
+            let t927 = t260 * t847;
+            let t928 = t259 * t846;
+            let t939 = t928 + t260 * t818 + t261 * t825 + t928 + t364 * t775 - t365 * t779;
+            let t942 = t261 * t779 - t260 * t775;
+            let t949 = t926 + t259 * t825 + t260 * t830 + t926 + t363 * t779 - t364 * t783;
+            let t950 = t259 * t775 - t261 * t783;
+            let t957 = t927 + t259 * t818 + t261 * t830 + t927 - t363 * t775 + t365 * t783;
+            let t958 = t260 * t783 - t259 * t779;
+            let t977 = t27 - 0.3333333333333333 * (t871 + t910 + t949);
+            let t979 = t27 - 0.3333333333333333 * (t880 + t919 + t958);
+            let t980 = t979 + t880;
+            let t981 = t28 - 0.3333333333333333 * (t879 + t918 + t957);
+            let t983 = t28 - 0.3333333333333333 * (t872 + t911 + t950);
+            let t984 = t983 + t872;
+            let t985 = t29 - 0.3333333333333333 * (t861 + t900 + t939);
+            let t987 = t29 - 0.3333333333333333 * (t864 + t903 + t942);
+            let t988 = t987 + t864;
+            let t996 = sin_joint3_track_rotation_z * t984 + cos_joint3_track_rotation_z * t988;
+            let t1008 = t979 + t919;
+            let t1010 = t983 + t911;
+            let t1012 = t987 + t903;
+            let t1020 = sin_joint2_track_rotation_z * t1010 + cos_joint2_track_rotation_z * t1012;
+            let t1032 = t979 + t958;
+            let t1034 = t983 + t950;
+            let t1036 = t987 + t942;
+            let t1044 = sin_joint1_track_rotation_z * t1034 + cos_joint1_track_rotation_z * t1036;
+            let t1060 = t55 * t439;
+            let t1062 = t54 * t439;
+            let t1064 = t49 * t439;
+            let t1076 = t1064 - t431 * t1060 + t432 * t1062;
+            let t1080 = t1062 + t430 * t1060 - t432 * t1064;
+            let t1084 = t1060 - t430 * t1062 + t431 * t1064;
+            let t1104 = t439 * ((t55 * t460 + t54 * t458 + t49 * t456) / t438);
+            let t1105 = t432 * t1104;
+            let t1110 = target_position_x * t1080 - t1105 - target_position_y * t1076 - t445 * t1064
+                + t442 * t1062 - t1105;
+            let t1111 = t431 * t1104;
+            let t1116 = target_position_z * t1076 - t1111 - target_position_x * t1084 + t448 * t1064
+                - t442 * t1060 - t1111;
+            let t1117 = t430 * t1104;
+            let t1122 = target_position_y * t1084 - t1117 - target_position_z * t1080 - t448 * t1062
+                + t445 * t1060 - t1117;
+            let t1131 = 0.041666666666666664 * (t422 * t1110 + t416 * t1116 + t410 * t1122);
+            let t1132 = t422 * t1131;
+            let t1135 = t416 * t1131;
+            let t1138 = t410 * t1131;
+            let t1141 = (t1132 + t429 * t1110 + t1132) / t335;
+            let t1144 = t404 * t1141;
+            let t1149 = (t1135 + t429 * t1116 + t1135) / t335;
+            let t1153 = t399 * t1141 + t404 * t1149;
+            let t1155 = t399 * t1149;
+            let t1158 = (t1138 + t429 * t1122 + t1138) / t335;
+            let t1161 = t422 * t1141 + t416 * t1149 + t410 * t1158;
+            let t1165 = t330 * t1141 + t327 * t1149 + t321 * t1158;
+            let t1169 = t327 * t1141 + t324 * t1149 + t318 * t1158;
+            let t1173 = t321 * t1141 + t318 * t1149 + t315 * t1158;
+            let t1177 = t394 * t1141 + t404 * t1158 + t299 * t1161;
+            let t1181 = t394 * t1149 + t399 * t1158 + t296 * t1161;
+            let t1184 = t394 * t1158 - t293 * t1161;
+            let t1185 = t296 * t1144;
+            let t1192 = t299 * t1155;
+            let t1197 = t304 * t1144 - t315 * t1161 + t307 * t1153 + t312 * t1155;
+            let t1208 = t318 * t1161 - t1185 - t1185 + t299 * t1153 + t307 * t1177 + t312 * t1181;
+            let t1215 = t296 * t1153 - t1192 + t321 * t1161 - t1192 + t304 * t1177 + t307 * t1181;
+            let t1216 = t307 * t1184;
+            let t1220 = t299 * t1181 - t1216 + t296 * t1177 + t293 * t1153 - t1216;
+            let t1224 = t293 * t1144 + t299 * t1177 + t312 * t1184;
+            let t1226 = t293 * t1155 + t296 * t1181 + t304 * t1184;
+            let t1234 = t1226 + t1197 + t1224;
+            let t1235 = t1234 - t1226;
+            let t1236 = t1234 - t1197;
+            let t1237 = t1234 - t1224;
+            let t1238 = t283 * t1235;
+            let t1239 = t282 * t1237;
+            let t1240 = t281 * t1236;
+            let t1251 = t1240 + t282 * t1208 + t283 * t1215 + t1240 + t382 * t1165 - t383 * t1169;
+            let t1254 = t283 * t1169 - t282 * t1165;
+            let t1261 = t1238 + t281 * t1215 + t282 * t1220 + t1238 + t381 * t1169 - t382 * t1173;
+            let t1262 = t281 * t1165 - t283 * t1173;
+            let t1269 = t1239 + t281 * t1208 + t283 * t1220 + t1239 - t381 * t1165 + t383 * t1173;
+            let t1270 = t282 * t1173 - t281 * t1169;
+            let t1277 = t272 * t1235;
+            let t1278 = t271 * t1237;
+            let t1279 = t270 * t1236;
+            let t1290 = t1279 + t271 * t1208 + t272 * t1215 + t1279 + t373 * t1165 - t374 * t1169;
+            let t1293 = t272 * t1169 - t271 * t1165;
+            let t1300 = t1277 + t270 * t1215 + t271 * t1220 + t1277 + t372 * t1169 - t373 * t1173;
+            let t1301 = t270 * t1165 - t272 * t1173;
+            let t1308 = t1278 + t270 * t1208 + t272 * t1220 + t1278 - t372 * t1165 + t374 * t1173;
+            let t1309 = t271 * t1173 - t270 * t1169;
+            let t1316 = t261 * t1235;
+            let t1317 = t260 * t1237;
+            let t1318 = t259 * t1236;
+            let t1329 = t1318 + t260 * t1208 + t261 * t1215 + t1318 + t364 * t1165 - t365 * t1169;
+            let t1332 = t261 * t1169 - t260 * t1165;
+            let t1339 = t1316 + t259 * t1215 + t260 * t1220 + t1316 + t363 * t1169 - t364 * t1173;
+            let t1340 = t259 * t1165 - t261 * t1173;
+            let t1347 = t1317 + t259 * t1208 + t261 * t1220 + t1317 - t363 * t1165 + t365 * t1173;
+            let t1348 = t260 * t1173 - t259 * t1169;
+            let t1367 = t56 - 0.3333333333333333 * (t1261 + t1300 + t1339);
+            let t1369 = t56 - 0.3333333333333333 * (t1270 + t1309 + t1348);
+            let t1370 = t1369 + t1270;
+            let t1371 = t57 - 0.3333333333333333 * (t1269 + t1308 + t1347);
+            let t1373 = t57 - 0.3333333333333333 * (t1262 + t1301 + t1340);
+            let t1374 = t1373 + t1262;
+            let t1375 = t58 - 0.3333333333333333 * (t1251 + t1290 + t1329);
+            let t1377 = t58 - 0.3333333333333333 * (t1254 + t1293 + t1332);
+            let t1378 = t1377 + t1254;
+            let t1386 = sin_joint3_track_rotation_z * t1374 + cos_joint3_track_rotation_z * t1378;
+            let t1398 = t1369 + t1309;
+            let t1400 = t1373 + t1301;
+            let t1402 = t1377 + t1293;
+            let t1410 = sin_joint2_track_rotation_z * t1400 + cos_joint2_track_rotation_z * t1402;
+            let t1422 = t1369 + t1348;
+            let t1424 = t1373 + t1340;
+            let t1426 = t1377 + t1332;
+            let t1434 = sin_joint1_track_rotation_z * t1424 + cos_joint1_track_rotation_z * t1426;
+            let t1447 = t60 * t439;
+            let t1449 = t59 * t439;
+            let t1451 = sin_frame_rotation_y * t439;
+            let t1463 = t432 * t1449 - t1451 - t431 * t1447;
+            let t1467 = t1449 + t430 * t1447 + t432 * t1451;
+            let t1471 = t1447 - t430 * t1449 - t431 * t1451;
+            let t1491 = t439 * ((t60 * t460 + t59 * t458 - sin_frame_rotation_y * t456) / t438);
+            let t1492 = t432 * t1491;
+            let t1497 = target_position_x * t1467 - t1492 - target_position_y * t1463 + t445 * t1451
+                + t442 * t1449 - t1492;
+            let t1498 = t431 * t1491;
+            let t1503 = target_position_z * t1463 - t1498 - target_position_x * t1471 - t448 * t1451
+                - t442 * t1447 - t1498;
+            let t1504 = t430 * t1491;
+            let t1509 = target_position_y * t1471 - t1504 - target_position_z * t1467 - t448 * t1449
+                + t445 * t1447 - t1504;
+            let t1518 = 0.041666666666666664 * (t422 * t1497 + t416 * t1503 + t410 * t1509);
+            let t1519 = t422 * t1518;
+            let t1522 = t416 * t1518;
+            let t1525 = t410 * t1518;
+            let t1528 = (t1519 + t429 * t1497 + t1519) / t335;
+            let t1531 = t404 * t1528;
+            let t1536 = (t1522 + t429 * t1503 + t1522) / t335;
+            let t1540 = t399 * t1528 + t404 * t1536;
+            let t1542 = t399 * t1536;
+            let t1545 = (t1525 + t429 * t1509 + t1525) / t335;
+            let t1548 = t422 * t1528 + t416 * t1536 + t410 * t1545;
+            let t1552 = t330 * t1528 + t327 * t1536 + t321 * t1545;
+            let t1556 = t327 * t1528 + t324 * t1536 + t318 * t1545;
+            let t1560 = t321 * t1528 + t318 * t1536 + t315 * t1545;
+            let t1564 = t394 * t1528 + t404 * t1545 + t299 * t1548;
+            let t1568 = t394 * t1536 + t399 * t1545 + t296 * t1548;
+            let t1571 = t394 * t1545 - t293 * t1548;
+            let t1572 = t296 * t1531;
+            let t1579 = t299 * t1542;
+            let t1584 = t304 * t1531 - t315 * t1548 + t307 * t1540 + t312 * t1542;
+            let t1595 = t318 * t1548 - t1572 - t1572 + t299 * t1540 + t307 * t1564 + t312 * t1568;
+            let t1602 = t296 * t1540 - t1579 + t321 * t1548 - t1579 + t304 * t1564 + t307 * t1568;
+            let t1603 = t307 * t1571;
+            let t1607 = t299 * t1568 - t1603 + t296 * t1564 + t293 * t1540 - t1603;
+            let t1611 = t293 * t1531 + t299 * t1564 + t312 * t1571;
+            let t1613 = t293 * t1542 + t296 * t1568 + t304 * t1571;
+            let t1621 = t1613 + t1584 + t1611;
+            let t1622 = t1621 - t1613;
+            let t1623 = t1621 - t1584;
+            let t1624 = t1621 - t1611;
+            let t1625 = t283 * t1622;
+            let t1626 = t282 * t1624;
+            let t1627 = t281 * t1623;
+            let t1638 = t1627 + t282 * t1595 + t283 * t1602 + t1627 + t382 * t1552 - t383 * t1556;
+            let t1641 = t283 * t1556 - t282 * t1552;
+            let t1648 = t1625 + t281 * t1602 + t282 * t1607 + t1625 + t381 * t1556 - t382 * t1560;
+            let t1649 = t281 * t1552 - t283 * t1560;
+            let t1656 = t1626 + t281 * t1595 + t283 * t1607 + t1626 - t381 * t1552 + t383 * t1560;
+            let t1657 = t282 * t1560 - t281 * t1556;
+            let t1664 = t272 * t1622;
+            let t1665 = t271 * t1624;
+            let t1666 = t270 * t1623;
+            let t1677 = t1666 + t271 * t1595 + t272 * t1602 + t1666 + t373 * t1552 - t374 * t1556;
+            let t1680 = t272 * t1556 - t271 * t1552;
+            let t1687 = t1664 + t270 * t1602 + t271 * t1607 + t1664 + t372 * t1556 - t373 * t1560;
+            let t1688 = t270 * t1552 - t272 * t1560;
+            let t1695 = t1665 + t270 * t1595 + t272 * t1607 + t1665 - t372 * t1552 + t374 * t1560;
+            let t1696 = t271 * t1560 - t270 * t1556;
+            let t1703 = t261 * t1622;
+            let t1704 = t260 * t1624;
+            let t1705 = t259 * t1623;
+            let t1716 = t1705 + t260 * t1595 + t261 * t1602 + t1705 + t364 * t1552 - t365 * t1556;
+            let t1719 = t261 * t1556 - t260 * t1552;
+            let t1726 = t1703 + t259 * t1602 + t260 * t1607 + t1703 + t363 * t1556 - t364 * t1560;
+            let t1727 = t259 * t1552 - t261 * t1560;
+            let t1734 = t1704 + t259 * t1595 + t261 * t1607 + t1704 - t363 * t1552 + t365 * t1560;
+            let t1735 = t260 * t1560 - t259 * t1556;
+            let t1750 = 0.3333333333333333 * (t1641 + t1680 + t1719);
+            let t1753 = 0.3333333333333333 * (t1638 + t1677 + t1716);
+            let t1754 = t61 - 0.3333333333333333 * (t1648 + t1687 + t1726);
+            let t1756 = t61 - 0.3333333333333333 * (t1657 + t1696 + t1735);
+            let t1757 = t1756 + t1657;
+            let t1758 = t62 - 0.3333333333333333 * (t1656 + t1695 + t1734);
+            let t1760 = t62 - 0.3333333333333333 * (t1649 + t1688 + t1727);
+            let t1761 = t1760 + t1649;
+            let t1765 = t1641 - t1750 - t63;
+            let t1773 = sin_joint3_track_rotation_z * t1761 + cos_joint3_track_rotation_z * t1765;
+            let t1785 = t1756 + t1696;
+            let t1787 = t1760 + t1688;
+            let t1791 = t1680 - t1750 - t63;
+            let t1799 = sin_joint2_track_rotation_z * t1787 + cos_joint2_track_rotation_z * t1791;
+            let t1811 = t1756 + t1735;
+            let t1813 = t1760 + t1727;
+            let t1817 = t1719 - t1750 - t63;
+            let t1825 = sin_joint1_track_rotation_z * t1813 + cos_joint1_track_rotation_z * t1817;
+            let t1842 = t77 * t439;
+            let t1844 = t76 * t439;
+            let t1846 = t71 * t439;
+            let t1856 = t432 * t1844 - t1846 - t431 * t1842;
+            let t1860 = t1844 + t430 * t1842 + t432 * t1846;
+            let t1864 = t1842 - t430 * t1844 - t431 * t1846;
+            let t1874 = t432 * t1860 - t71 - t431 * t1864;
+            let t1878 = t76 + t430 * t1864 - t432 * t1856;
+            let t1882 = t77 - t430 * t1860 + t431 * t1856;
+            let t1889 = t197 * t439;
+            let t1891 = t196 * t439;
+            let t1893 = t193 * t439;
+            let t1903 = t432 * t1891 - t1893 - t431 * t1889;
+            let t1907 = t1891 + t430 * t1889 + t432 * t1893;
+            let t1911 = t1889 - t430 * t1891 - t431 * t1893;
+            let t1921 = t432 * t1907 - t193 - t431 * t1911;
+            let t1925 = t196 + t430 * t1911 - t432 * t1903;
+            let t1929 = t197 - t430 * t1907 + t431 * t1903;
+            let t1948 = t205 * t439;
+            let t1950 = t204 * t439;
+            let t1952 = t201 * t439;
+            let t1960 = t77 * t616 + t76 * t614 - t71 * t612 + t197 * t565 + t196 * t563
+                - t193 * t561 + t205 * t514 + t204 * t512 + t201 * t510;
+            let t1972 = t1950 + t430 * t1948 - t432 * t1952;
+            let t1976 = t1948 - t430 * t1950 + t431 * t1952;
+            let t1986 = t201 - t431 * t1976 + t432 * t1972;
+            let t1988 = t431 * t1948 - t432 * t1950 - t1952;
+            let t1992 = t204 + t430 * t1976 + t432 * t1988;
+            let t2001 = sin_target_rotation_z * t1878 + cos_target_rotation_z * t1874;
+            let t2012 = sin_target_rotation_z * t1925 + cos_target_rotation_z * t1921;
+            let t2047 = t439 * (t1960 / t438);
+            let t2048 = t432 * t2047;
+            let t2056 = t6 * t1988 - t2048 + t5 * t1972 - t499 * t1952 - t496 * t1950 - t183 * t1903
+                + t182 * t1907 + t550 * t1893 + t547 * t1891;
+            let t2061 = t2056 - t189 * t1856 + t188 * t1860 + t601 * t1846 + t598 * t1844 - t2048;
+            let t2062 = t431 * t2047;
+            let t2070 = sin_target_rotation_y * t1988 - t2062 - t5 * t1976 + t502 * t1952
+                + t496 * t1948 + t9 * t1903 - t182 * t1911 - t553 * t1893 - t547 * t1889;
+            let t2075 = t2070 + t11 * t1856 - t188 * t1864 - t604 * t1846 - t598 * t1842 - t2062;
+            let t2076 = t430 * t2047;
+            let t2084 = sin_target_rotation_y * t1972 - t2076 + t6 * t1976 - t502 * t1950
+                + t499 * t1948 - t9 * t1907 + t183 * t1911 - t553 * t1891 + t550 * t1889;
+            let t2089 = t2084 - t11 * t1860 + t189 * t1864 - t604 * t1844 + t601 * t1842 - t2076;
+            let t2098 = 0.041666666666666664 * (t422 * t2061 + t416 * t2075 + t410 * t2089);
+            let t2099 = t422 * t2098;
+            let t2102 = t416 * t2098;
+            let t2105 = t410 * t2098;
+            let t2108 = (t2099 + t429 * t2061 + t2099) / t335;
+            let t2111 = t404 * t2108;
+            let t2116 = (t2102 + t429 * t2075 + t2102) / t335;
+            let t2120 = t399 * t2108 + t404 * t2116;
+            let t2122 = t399 * t2116;
+            let t2125 = (t2105 + t429 * t2089 + t2105) / t335;
+            let t2128 = t422 * t2108 + t416 * t2116 + t410 * t2125;
+            let t2132 = t330 * t2108 + t327 * t2116 + t321 * t2125;
+            let t2136 = t327 * t2108 + t324 * t2116 + t318 * t2125;
+            let t2140 = t321 * t2108 + t318 * t2116 + t315 * t2125;
+            let t2144 = t394 * t2108 + t404 * t2125 + t299 * t2128;
+            let t2148 = t394 * t2116 + t399 * t2125 + t296 * t2128;
+            let t2151 = t394 * t2125 - t293 * t2128;
+            let t2152 = t296 * t2111;
+            let t2159 = t299 * t2122;
+            let t2164 = t304 * t2111 - t315 * t2128 + t307 * t2120 + t312 * t2122;
+            let t2175 = t318 * t2128 - t2152 - t2152 + t299 * t2120 + t307 * t2144 + t312 * t2148;
+            let t2182 = t296 * t2120 - t2159 + t321 * t2128 - t2159 + t304 * t2144 + t307 * t2148;
+            let t2183 = t307 * t2151;
+            let t2187 = t299 * t2148 - t2183 + t296 * t2144 + t293 * t2120 - t2183;
+            let t2191 = t293 * t2111 + t299 * t2144 + t312 * t2151;
+            let t2193 = t293 * t2122 + t296 * t2148 + t304 * t2151;
+            let t2201 = t2193 + t2164 + t2191;
+            let t2202 = t2201 - t2193;
+            let t2203 = t2201 - t2164;
+            let t2204 = t2201 - t2191;
+            let t2205 = t283 * t2202;
+            let t2206 = t282 * t2204;
+            let t2207 = t281 * t2203;
+            let t2218 = t2207 + t282 * t2175 + t283 * t2182 + t2207 + t382 * t2132 - t383 * t2136;
+            let t2221 = t283 * t2136 - t282 * t2132;
+            let t2228 = t2205 + t281 * t2182 + t282 * t2187 + t2205 + t381 * t2136 - t382 * t2140;
+            let t2229 = t281 * t2132 - t283 * t2140;
+            let t2236 = t2206 + t281 * t2175 + t283 * t2187 + t2206 - t381 * t2132 + t383 * t2140;
+            let t2237 = t282 * t2140 - t281 * t2136;
+            let t2244 = t272 * t2202;
+            let t2245 = t271 * t2204;
+            let t2246 = t270 * t2203;
+            let t2257 = t2246 + t271 * t2175 + t272 * t2182 + t2246 + t373 * t2132 - t374 * t2136;
+            let t2260 = t272 * t2136 - t271 * t2132;
+            let t2267 = t2244 + t270 * t2182 + t271 * t2187 + t2244 + t372 * t2136 - t373 * t2140;
+            let t2268 = t270 * t2132 - t272 * t2140;
+            let t2275 = t2245 + t270 * t2175 + t272 * t2187 + t2245 - t372 * t2132 + t374 * t2140;
+            let t2276 = t271 * t2140 - t270 * t2136;
+            let t2283 = t261 * t2202;
+            let t2284 = t260 * t2204;
+            let t2285 = t259 * t2203;
+            let t2296 = t2285 + t260 * t2175 + t261 * t2182 + t2285 + t364 * t2132 - t365 * t2136;
+            let t2299 = t261 * t2136 - t260 * t2132;
+            let t2306 = t2283 + t259 * t2182 + t260 * t2187 + t2283 + t363 * t2136 - t364 * t2140;
+            let t2307 = t259 * t2132 - t261 * t2140;
+            let t2314 = t2284 + t259 * t2175 + t261 * t2187 + t2284 - t363 * t2132 + t365 * t2140;
+            let t2315 = t260 * t2140 - t259 * t2136;
+            let t2328 = 0.3333333333333333 * (t2237 + t2276 + t2315);
+            let t2329 = 0.3333333333333333 * (t2229 + t2268 + t2307);
+            let t2330 = 0.3333333333333333 * (t2221 + t2260 + t2299);
+            let t2331 = t2237 - t2328;
+            let t2332 = t2229 - t2329;
+            let t2333 = t2221 - t2330;
+            let t2334 = t2315 - t2328;
+            let t2335 = t2276 - t2328;
+            let t2336 = t2307 - t2329;
+            let t2337 = t2268 - t2329;
+            let t2338 = t2299 - t2330;
+            let t2339 = t2260 - t2330;
+            let t2340 = 0.3333333333333333 * (t2228 + t2267 + t2306);
+            let t2341 = 0.3333333333333333 * (t2236 + t2275 + t2314);
+            let t2342 = 0.3333333333333333 * (t2218 + t2257 + t2296);
+            let t2359 = sin_joint3_track_rotation_z * t2332 + cos_joint3_track_rotation_z * t2333;
+            let t2377 = sin_joint2_track_rotation_z * t2337 + cos_joint2_track_rotation_z * t2339;
+            let t2395 = sin_joint1_track_rotation_z * t2336 + cos_joint1_track_rotation_z * t2338;
+            let t2412 = t101 * t439;
+            let t2414 = t100 * t439;
+            let t2416 = t95 * t439;
+            let t2426 = t2416 - t431 * t2412 + t432 * t2414;
+            let t2430 = t2414 + t430 * t2412 - t432 * t2416;
+            let t2434 = t2412 - t430 * t2414 + t431 * t2416;
+            let t2444 = t95 - t431 * t2434 + t432 * t2430;
+            let t2448 = t100 + t430 * t2434 - t432 * t2426;
+            let t2452 = t101 - t430 * t2430 + t431 * t2426;
+            let t2459 = t213 * t439;
+            let t2461 = t212 * t439;
+            let t2463 = t209 * t439;
+            let t2473 = t2463 - t431 * t2459 + t432 * t2461;
+            let t2477 = t2461 + t430 * t2459 - t432 * t2463;
+            let t2481 = t2459 - t430 * t2461 + t431 * t2463;
+            let t2491 = t209 - t431 * t2481 + t432 * t2477;
+            let t2495 = t212 + t430 * t2481 - t432 * t2473;
+            let t2499 = t213 - t430 * t2477 + t431 * t2473;
+            let t2518 = t221 * t439;
+            let t2520 = t220 * t439;
+            let t2522 = t217 * t439;
+            let t2530 = t101 * t616 + t100 * t614 + t95 * t612 + t213 * t565 + t212 * t563
+                + t209 * t561 - t221 * t514 + t220 * t512 + t217 * t510;
+            let t2542 = t2520 - t430 * t2518 - t432 * t2522;
+            let t2546 = t431 * t2522 - t2518 - t430 * t2520;
+            let t2556 = t217 - t431 * t2546 + t432 * t2542;
+            let t2558 = t432 * t2520 + t2522 + t431 * t2518;
+            let t2562 = t220 + t430 * t2546 - t432 * t2558;
+            let t2571 = sin_target_rotation_z * t2448 + cos_target_rotation_z * t2444;
+            let t2582 = sin_target_rotation_z * t2495 + cos_target_rotation_z * t2491;
+            let t2617 = t439 * (t2530 / t438);
+            let t2618 = t432 * t2617;
+            let t2626 = t5 * t2542 - t2618 - t6 * t2558 - t499 * t2522 - t496 * t2520 - t183 * t2473
+                + t182 * t2477 - t550 * t2463 + t547 * t2461;
+            let t2631 = t2626 - t189 * t2426 + t188 * t2430 - t601 * t2416 + t598 * t2414 - t2618;
+            let t2632 = t431 * t2617;
+            let t2640 = t502 * t2522 - t2632 - sin_target_rotation_y * t2558 - t5 * t2546
+                - t496 * t2518 + t9 * t2473 - t182 * t2481 + t553 * t2463 - t547 * t2459;
+            let t2645 = t2640 + t11 * t2426 - t188 * t2434 + t604 * t2416 - t598 * t2412 - t2632;
+            let t2646 = t430 * t2617;
+            let t2654 = sin_target_rotation_y * t2542 - t2646 + t6 * t2546 - t502 * t2520
+                - t499 * t2518 - t9 * t2477 + t183 * t2481 - t553 * t2461 + t550 * t2459;
+            let t2659 = t2654 - t11 * t2430 + t189 * t2434 - t604 * t2414 + t601 * t2412 - t2646;
+            let t2668 = 0.041666666666666664 * (t422 * t2631 + t416 * t2645 + t410 * t2659);
+            let t2669 = t422 * t2668;
+            let t2672 = t416 * t2668;
+            let t2675 = t410 * t2668;
+            let t2678 = (t2669 + t429 * t2631 + t2669) / t335;
+            let t2681 = t404 * t2678;
+            let t2686 = (t2672 + t429 * t2645 + t2672) / t335;
+            let t2690 = t399 * t2678 + t404 * t2686;
+            let t2692 = t399 * t2686;
+            let t2695 = (t2675 + t429 * t2659 + t2675) / t335;
+            let t2698 = t422 * t2678 + t416 * t2686 + t410 * t2695;
+            let t2702 = t330 * t2678 + t327 * t2686 + t321 * t2695;
+            let t2706 = t327 * t2678 + t324 * t2686 + t318 * t2695;
+            let t2710 = t321 * t2678 + t318 * t2686 + t315 * t2695;
+            let t2714 = t394 * t2678 + t404 * t2695 + t299 * t2698;
+            let t2718 = t394 * t2686 + t399 * t2695 + t296 * t2698;
+            let t2721 = t394 * t2695 - t293 * t2698;
+            let t2722 = t296 * t2681;
+            let t2729 = t299 * t2692;
+            let t2734 = t304 * t2681 - t315 * t2698 + t307 * t2690 + t312 * t2692;
+            let t2745 = t318 * t2698 - t2722 - t2722 + t299 * t2690 + t307 * t2714 + t312 * t2718;
+            let t2752 = t296 * t2690 - t2729 + t321 * t2698 - t2729 + t304 * t2714 + t307 * t2718;
+            let t2753 = t307 * t2721;
+            let t2757 = t299 * t2718 - t2753 + t296 * t2714 + t293 * t2690 - t2753;
+            let t2761 = t293 * t2681 + t299 * t2714 + t312 * t2721;
+            let t2763 = t293 * t2692 + t296 * t2718 + t304 * t2721;
+            let t2771 = t2763 + t2734 + t2761;
+            let t2772 = t2771 - t2763;
+            let t2773 = t2771 - t2734;
+            let t2774 = t2771 - t2761;
+            let t2775 = t283 * t2772;
+            let t2776 = t282 * t2774;
+            let t2777 = t281 * t2773;
+            let t2788 = t2777 + t282 * t2745 + t283 * t2752 + t2777 + t382 * t2702 - t383 * t2706;
+            let t2791 = t283 * t2706 - t282 * t2702;
+            let t2798 = t2775 + t281 * t2752 + t282 * t2757 + t2775 + t381 * t2706 - t382 * t2710;
+            let t2799 = t281 * t2702 - t283 * t2710;
+            let t2806 = t2776 + t281 * t2745 + t283 * t2757 + t2776 - t381 * t2702 + t383 * t2710;
+            let t2807 = t282 * t2710 - t281 * t2706;
+            let t2814 = t272 * t2772;
+            let t2815 = t271 * t2774;
+            let t2816 = t270 * t2773;
+            let t2827 = t2816 + t271 * t2745 + t272 * t2752 + t2816 + t373 * t2702 - t374 * t2706;
+            let t2830 = t272 * t2706 - t271 * t2702;
+            let t2837 = t2814 + t270 * t2752 + t271 * t2757 + t2814 + t372 * t2706 - t373 * t2710;
+            let t2838 = t270 * t2702 - t272 * t2710;
+            let t2845 = t2815 + t270 * t2745 + t272 * t2757 + t2815 - t372 * t2702 + t374 * t2710;
+            let t2846 = t271 * t2710 - t270 * t2706;
+            let t2853 = t261 * t2772;
+            let t2854 = t260 * t2774;
+            let t2855 = t259 * t2773;
+            let t2866 = t2855 + t260 * t2745 + t261 * t2752 + t2855 + t364 * t2702 - t365 * t2706;
+            let t2869 = t261 * t2706 - t260 * t2702;
+            let t2876 = t2853 + t259 * t2752 + t260 * t2757 + t2853 + t363 * t2706 - t364 * t2710;
+            let t2877 = t259 * t2702 - t261 * t2710;
+            let t2884 = t2854 + t259 * t2745 + t261 * t2757 + t2854 - t363 * t2702 + t365 * t2710;
+            let t2885 = t260 * t2710 - t259 * t2706;
+            let t2898 = 0.3333333333333333 * (t2807 + t2846 + t2885);
+            let t2899 = 0.3333333333333333 * (t2799 + t2838 + t2877);
+            let t2900 = 0.3333333333333333 * (t2791 + t2830 + t2869);
+            let t2901 = t2807 - t2898;
+            let t2902 = t2799 - t2899;
+            let t2903 = t2791 - t2900;
+            let t2904 = t2885 - t2898;
+            let t2905 = t2846 - t2898;
+            let t2906 = t2877 - t2899;
+            let t2907 = t2838 - t2899;
+            let t2908 = t2869 - t2900;
+            let t2909 = t2830 - t2900;
+            let t2910 = 0.3333333333333333 * (t2798 + t2837 + t2876);
+            let t2911 = 0.3333333333333333 * (t2806 + t2845 + t2884);
+            let t2912 = 0.3333333333333333 * (t2788 + t2827 + t2866);
+            let t2929 = sin_joint3_track_rotation_z * t2902 + cos_joint3_track_rotation_z * t2903;
+            let t2947 = sin_joint2_track_rotation_z * t2907 + cos_joint2_track_rotation_z * t2909;
+            let t2965 = sin_joint1_track_rotation_z * t2906 + cos_joint1_track_rotation_z * t2908;
+            let t2982 = t123 * t439;
+            let t2984 = t122 * t439;
+            let t2986 = t117 * t439;
+            let t2996 = t2986 - t431 * t2982 + t432 * t2984;
+            let t3000 = t2984 + t430 * t2982 - t432 * t2986;
+            let t3004 = t2982 - t430 * t2984 + t431 * t2986;
+            let t3014 = t117 - t431 * t3004 + t432 * t3000;
+            let t3018 = t122 + t430 * t3004 - t432 * t2996;
+            let t3022 = t123 - t430 * t3000 + t431 * t2996;
+            let t3029 = t235 * t439;
+            let t3031 = t234 * t439;
+            let t3033 = t229 * t439;
+            let t3043 = t431 * t3029 - t3033 + t432 * t3031;
+            let t3047 = t3031 - t430 * t3029 + t432 * t3033;
+            let t3051 = t3029 + t430 * t3031 + t431 * t3033;
+            let t3061 = t431 * t3051 - t229 + t432 * t3047;
+            let t3065 = t234 - t430 * t3051 - t432 * t3043;
+            let t3069 = t431 * t3043 - t235 - t430 * t3047;
+            let t3088 = t249 * t439;
+            let t3090 = t248 * t439;
+            let t3092 = t243 * t439;
+            let t3100 = t123 * t616 + t122 * t614 + t117 * t612 - t235 * t565 + t234 * t563
+                - t229 * t561 + t249 * t514 + t248 * t512 + t243 * t510;
+            let t3112 = t3090 + t430 * t3088 - t432 * t3092;
+            let t3116 = t3088 - t430 * t3090 + t431 * t3092;
+            let t3126 = t243 - t431 * t3116 + t432 * t3112;
+            let t3128 = t431 * t3088 - t432 * t3090 - t3092;
+            let t3132 = t248 + t430 * t3116 + t432 * t3128;
+            let t3141 = sin_target_rotation_z * t3018 + cos_target_rotation_z * t3014;
+            let t3152 = sin_target_rotation_z * t3065 + cos_target_rotation_z * t3061;
+            let t3187 = t439 * (t3100 / t438);
+            let t3188 = t432 * t3187;
+            let t3196 = t6 * t3128 - t3188 + t5 * t3112 - t499 * t3092 - t496 * t3090 - t183 * t3043
+                + t182 * t3047 + t550 * t3033 + t547 * t3031;
+            let t3201 = t3196 - t189 * t2996 + t188 * t3000 - t601 * t2986 + t598 * t2984 - t3188;
+            let t3202 = t431 * t3187;
+            let t3210 = sin_target_rotation_y * t3128 - t3202 - t5 * t3116 + t502 * t3092
+                + t496 * t3088 + t9 * t3043 + t182 * t3051 - t553 * t3033 + t547 * t3029;
+            let t3215 = t3210 + t11 * t2996 - t188 * t3004 + t604 * t2986 - t598 * t2982 - t3202;
+            let t3216 = t430 * t3187;
+            let t3224 = sin_target_rotation_y * t3112 - t3216 + t6 * t3116 - t502 * t3090
+                + t499 * t3088 - t9 * t3047 - t183 * t3051 - t553 * t3031 - t550 * t3029;
+            let t3229 = t3224 - t11 * t3000 + t189 * t3004 - t604 * t2984 + t601 * t2982 - t3216;
+            let t3238 = 0.041666666666666664 * (t422 * t3201 + t416 * t3215 + t410 * t3229);
+            let t3239 = t422 * t3238;
+            let t3242 = t416 * t3238;
+            let t3245 = t410 * t3238;
+            let t3248 = (t3239 + t429 * t3201 + t3239) / t335;
+            let t3251 = t404 * t3248;
+            let t3256 = (t3242 + t429 * t3215 + t3242) / t335;
+            let t3260 = t399 * t3248 + t404 * t3256;
+            let t3262 = t399 * t3256;
+            let t3265 = (t3245 + t429 * t3229 + t3245) / t335;
+            let t3268 = t422 * t3248 + t416 * t3256 + t410 * t3265;
+            let t3272 = t330 * t3248 + t327 * t3256 + t321 * t3265;
+            let t3276 = t327 * t3248 + t324 * t3256 + t318 * t3265;
+            let t3280 = t321 * t3248 + t318 * t3256 + t315 * t3265;
+            let t3284 = t394 * t3248 + t404 * t3265 + t299 * t3268;
+            let t3288 = t394 * t3256 + t399 * t3265 + t296 * t3268;
+            let t3291 = t394 * t3265 - t293 * t3268;
+            let t3292 = t296 * t3251;
+            let t3299 = t299 * t3262;
+            let t3304 = t304 * t3251 - t315 * t3268 + t307 * t3260 + t312 * t3262;
+            let t3315 = t318 * t3268 - t3292 - t3292 + t299 * t3260 + t307 * t3284 + t312 * t3288;
+            let t3322 = t296 * t3260 - t3299 + t321 * t3268 - t3299 + t304 * t3284 + t307 * t3288;
+            let t3323 = t307 * t3291;
+            let t3327 = t299 * t3288 - t3323 + t296 * t3284 + t293 * t3260 - t3323;
+            let t3331 = t293 * t3251 + t299 * t3284 + t312 * t3291;
+            let t3333 = t293 * t3262 + t296 * t3288 + t304 * t3291;
+            let t3341 = t3333 + t3304 + t3331;
+            let t3342 = t3341 - t3333;
+            let t3343 = t3341 - t3304;
+            let t3344 = t3341 - t3331;
+            let t3345 = t283 * t3342;
+            let t3346 = t282 * t3344;
+            let t3347 = t281 * t3343;
+            let t3358 = t3347 + t282 * t3315 + t283 * t3322 + t3347 + t382 * t3272 - t383 * t3276;
+            let t3361 = t283 * t3276 - t282 * t3272;
+            let t3368 = t3345 + t281 * t3322 + t282 * t3327 + t3345 + t381 * t3276 - t382 * t3280;
+            let t3369 = t281 * t3272 - t283 * t3280;
+            let t3376 = t3346 + t281 * t3315 + t283 * t3327 + t3346 - t381 * t3272 + t383 * t3280;
+            let t3377 = t282 * t3280 - t281 * t3276;
+            let t3384 = t272 * t3342;
+            let t3385 = t271 * t3344;
+            let t3386 = t270 * t3343;
+            let t3397 = t3386 + t271 * t3315 + t272 * t3322 + t3386 + t373 * t3272 - t374 * t3276;
+            let t3400 = t272 * t3276 - t271 * t3272;
+            let t3407 = t3384 + t270 * t3322 + t271 * t3327 + t3384 + t372 * t3276 - t373 * t3280;
+            let t3408 = t270 * t3272 - t272 * t3280;
+            let t3415 = t3385 + t270 * t3315 + t272 * t3327 + t3385 - t372 * t3272 + t374 * t3280;
+            let t3416 = t271 * t3280 - t270 * t3276;
+            let t3423 = t261 * t3342;
+            let t3424 = t260 * t3344;
+            let t3425 = t259 * t3343;
+            let t3436 = t3425 + t260 * t3315 + t261 * t3322 + t3425 + t364 * t3272 - t365 * t3276;
+            let t3439 = t261 * t3276 - t260 * t3272;
+            let t3446 = t3423 + t259 * t3322 + t260 * t3327 + t3423 + t363 * t3276 - t364 * t3280;
+            let t3447 = t259 * t3272 - t261 * t3280;
+            let t3454 = t3424 + t259 * t3315 + t261 * t3327 + t3424 - t363 * t3272 + t365 * t3280;
+            let t3455 = t260 * t3280 - t259 * t3276;
+            let t3468 = 0.3333333333333333 * (t3377 + t3416 + t3455);
+            let t3469 = 0.3333333333333333 * (t3369 + t3408 + t3447);
+            let t3470 = 0.3333333333333333 * (t3361 + t3400 + t3439);
+            let t3471 = t3377 - t3468;
+            let t3472 = t3369 - t3469;
+            let t3473 = t3361 - t3470;
+            let t3474 = t3455 - t3468;
+            let t3475 = t3416 - t3468;
+            let t3476 = t3447 - t3469;
+            let t3477 = t3408 - t3469;
+            let t3478 = t3439 - t3470;
+            let t3479 = t3400 - t3470;
+            let t3480 = 0.3333333333333333 * (t3368 + t3407 + t3446);
+            let t3481 = 0.3333333333333333 * (t3376 + t3415 + t3454);
+            let t3482 = 0.3333333333333333 * (t3358 + t3397 + t3436);
+            let t3499 = sin_joint3_track_rotation_z * t3472 + cos_joint3_track_rotation_z * t3473;
+            let t3517 = sin_joint2_track_rotation_z * t3477 + cos_joint2_track_rotation_z * t3479;
+            let t3535 = sin_joint1_track_rotation_z * t3476 + cos_joint1_track_rotation_z * t3478;
+            residuals[0][lane] = t486 + frame_translation_x - x;
+            residuals[1][lane] = t487 + frame_translation_y - y;
+            residuals[2][lane] = t480 + frame_translation_z - z;
             residuals[3][lane] = 0.5
-                * (prepared_17 * t907 - prepared_6 * t986 - prepared_8 * t950 + prepared_7 * t914
-                + prepared_19 * t943 + prepared_10 * t979);
+                * (prepared_17 * t531 - prepared_6 * t640 - prepared_8 * t589 + prepared_7 * t538
+                + prepared_19 * t582 + prepared_10 * t633);
             residuals[4][lane] = 0.5
-                * (prepared_18 * t943 - prepared_9 * t979 - prepared_7 * t913 - prepared_16 * t907
-                + prepared_8 * t949 + prepared_6 * t985);
+                * (prepared_18 * t582 - prepared_9 * t633 - prepared_7 * t537 - prepared_16 * t531
+                + prepared_8 * t588 + prepared_6 * t639);
             residuals[5][lane] = 0.5
-                * (prepared_16 * t914 - prepared_10 * t985 - prepared_17 * t913 - prepared_18 * t950
-                - prepared_19 * t949 + prepared_9 * t986);
-            jacobian[0][lane] = t1203 + t1176;
-            jacobian[1][lane] = t1201 + t1189;
-            jacobian[2][lane] = t1199 + t1183;
-            jacobian[3][lane] = t161
-                * (sin_joint1_track_rotation_y * t556 + cos_joint1_track_rotation_y * t547)
-                - t162 * (cos_joint1_track_rotation_z * t549 - sin_joint1_track_rotation_z * t551);
-            jacobian[4][lane] = t167 * t556 - t168 * t547;
-            jacobian[5][lane] = t173 * t549 - t174 * t551;
-            jacobian[6][lane] = t1203 + t1146;
-            jacobian[7][lane] = t1201 + t1159;
-            jacobian[8][lane] = t1199 + t1153;
-            jacobian[9][lane] = t179
-                * (sin_joint2_track_rotation_y * t541 + cos_joint2_track_rotation_y * t532)
-                - t180 * (cos_joint2_track_rotation_z * t534 - sin_joint2_track_rotation_z * t536);
-            jacobian[10][lane] = t185 * t541 - t186 * t532;
-            jacobian[11][lane] = t191 * t534 - t192 * t536;
-            jacobian[12][lane] = t1203 + t1116;
-            jacobian[13][lane] = t1201 + t1129;
-            jacobian[14][lane] = t1199 + t1123;
-            jacobian[15][lane] = t197
-                * (sin_joint3_track_rotation_y * t526 + cos_joint3_track_rotation_y * t517)
-                - t198 * (cos_joint3_track_rotation_z * t519 - sin_joint3_track_rotation_z * t521);
-            jacobian[16][lane] = t203 * t526 - t204 * t517;
-            jacobian[17][lane] = t209 * t519 - t210 * t521;
+                * (prepared_16 * t538 - prepared_10 * t639 - prepared_17 * t537 - prepared_18 * t589
+                - prepared_19 * t588 + prepared_9 * t640);
+            jacobian[0][lane] = t985 + t939;
+            jacobian[1][lane] = t981 + t957;
+            jacobian[2][lane] = t977 + t949;
+            jacobian[3][lane] = t128
+                * (sin_joint1_track_rotation_y * t1044 + cos_joint1_track_rotation_y * t1032)
+                - t129
+                * (cos_joint1_track_rotation_z * t1034 - sin_joint1_track_rotation_z * t1036);
+            jacobian[4][lane] = t134 * t1044 - t135 * t1032;
+            jacobian[5][lane] = t140 * t1034 - t141 * t1036;
+            jacobian[6][lane] = t985 + t900;
+            jacobian[7][lane] = t981 + t918;
+            jacobian[8][lane] = t977 + t910;
+            jacobian[9][lane] = t146
+                * (sin_joint2_track_rotation_y * t1020 + cos_joint2_track_rotation_y * t1008)
+                - t147
+                * (cos_joint2_track_rotation_z * t1010 - sin_joint2_track_rotation_z * t1012);
+            jacobian[10][lane] = t152 * t1020 - t153 * t1008;
+            jacobian[11][lane] = t158 * t1010 - t159 * t1012;
+            jacobian[12][lane] = t985 + t861;
+            jacobian[13][lane] = t981 + t879;
+            jacobian[14][lane] = t977 + t871;
+            jacobian[15][lane] = t164
+                * (sin_joint3_track_rotation_y * t996 + cos_joint3_track_rotation_y * t980)
+                - t165 * (cos_joint3_track_rotation_z * t984 - sin_joint3_track_rotation_z * t988);
+            jacobian[16][lane] = t170 * t996 - t171 * t980;
+            jacobian[17][lane] = t176 * t984 - t177 * t988;
             jacobian[18][lane] = 1.0;
-            jacobian[19][lane] = t17 * t865 + sin_frame_rotation_z * t866;
-            jacobian[20][lane] = cos_frame_rotation_z * t871;
-            jacobian[21][lane] = -t878;
-            jacobian[22][lane] = t18 - t26 * t839 + t25 * t845;
-            jacobian[23][lane] = t25 + t26 * t833 - t18 * t845;
-            jacobian[24][lane] = t26 - t25 * t833 + t18 * t839;
-            jacobian[25][lane] = t1430 + t1403;
-            jacobian[26][lane] = t1428 + t1416;
-            jacobian[27][lane] = t1426 + t1410;
-            jacobian[28][lane] = t161
-                * (sin_joint1_track_rotation_y * t655 + cos_joint1_track_rotation_y * t646)
-                - t162 * (cos_joint1_track_rotation_z * t648 - sin_joint1_track_rotation_z * t650);
-            jacobian[29][lane] = t167 * t655 - t168 * t646;
-            jacobian[30][lane] = t173 * t648 - t174 * t650;
-            jacobian[31][lane] = t1430 + t1373;
-            jacobian[32][lane] = t1428 + t1386;
-            jacobian[33][lane] = t1426 + t1380;
-            jacobian[34][lane] = t179
-                * (sin_joint2_track_rotation_y * t640 + cos_joint2_track_rotation_y * t631)
-                - t180 * (cos_joint2_track_rotation_z * t633 - sin_joint2_track_rotation_z * t635);
-            jacobian[35][lane] = t185 * t640 - t186 * t631;
-            jacobian[36][lane] = t191 * t633 - t192 * t635;
-            jacobian[37][lane] = t1430 + t1343;
-            jacobian[38][lane] = t1428 + t1356;
-            jacobian[39][lane] = t1426 + t1350;
-            jacobian[40][lane] = t197
-                * (sin_joint3_track_rotation_y * t625 + cos_joint3_track_rotation_y * t616)
-                - t198 * (cos_joint3_track_rotation_z * t618 - sin_joint3_track_rotation_z * t620);
-            jacobian[41][lane] = t203 * t625 - t204 * t616;
-            jacobian[42][lane] = t209 * t618 - t210 * t620;
+            jacobian[19][lane] = t17 * t474 + sin_frame_rotation_z * t475;
+            jacobian[20][lane] = cos_frame_rotation_z * t480;
+            jacobian[21][lane] = -t487;
+            jacobian[22][lane] = t18 - t431 * t694 + t432 * t690;
+            jacobian[23][lane] = t25 + t430 * t694 - t432 * t686;
+            jacobian[24][lane] = t26 - t430 * t690 + t431 * t686;
+            jacobian[25][lane] = t1375 + t1329;
+            jacobian[26][lane] = t1371 + t1347;
+            jacobian[27][lane] = t1367 + t1339;
+            jacobian[28][lane] = t128
+                * (sin_joint1_track_rotation_y * t1434 + cos_joint1_track_rotation_y * t1422)
+                - t129
+                * (cos_joint1_track_rotation_z * t1424 - sin_joint1_track_rotation_z * t1426);
+            jacobian[29][lane] = t134 * t1434 - t135 * t1422;
+            jacobian[30][lane] = t140 * t1424 - t141 * t1426;
+            jacobian[31][lane] = t1375 + t1290;
+            jacobian[32][lane] = t1371 + t1308;
+            jacobian[33][lane] = t1367 + t1300;
+            jacobian[34][lane] = t146
+                * (sin_joint2_track_rotation_y * t1410 + cos_joint2_track_rotation_y * t1398)
+                - t147
+                * (cos_joint2_track_rotation_z * t1400 - sin_joint2_track_rotation_z * t1402);
+            jacobian[35][lane] = t152 * t1410 - t153 * t1398;
+            jacobian[36][lane] = t158 * t1400 - t159 * t1402;
+            jacobian[37][lane] = t1375 + t1251;
+            jacobian[38][lane] = t1371 + t1269;
+            jacobian[39][lane] = t1367 + t1261;
+            jacobian[40][lane] = t164
+                * (sin_joint3_track_rotation_y * t1386 + cos_joint3_track_rotation_y * t1370)
+                - t165
+                * (cos_joint3_track_rotation_z * t1374 - sin_joint3_track_rotation_z * t1378);
+            jacobian[41][lane] = t170 * t1386 - t171 * t1370;
+            jacobian[42][lane] = t176 * t1374 - t177 * t1378;
             jacobian[43][lane] = 1.0;
-            jacobian[44][lane] = t57 * t865 - cos_frame_rotation_z * t866;
-            jacobian[45][lane] = sin_frame_rotation_z * t871;
-            jacobian[46][lane] = t877;
-            jacobian[47][lane] = t58 - t64 * t839 + t63 * t845;
-            jacobian[48][lane] = t63 + t64 * t833 - t58 * t845;
-            jacobian[49][lane] = t64 - t63 * t833 + t58 * t839;
-            jacobian[50][lane] = t1627 - t1649 - t90;
-            jacobian[51][lane] = t1652 + t1640;
-            jacobian[52][lane] = t1650 + t1634;
-            jacobian[53][lane] = t161
-                * (sin_joint1_track_rotation_y * t754 + cos_joint1_track_rotation_y * t745)
-                - t162 * (cos_joint1_track_rotation_z * t747 - sin_joint1_track_rotation_z * t749);
-            jacobian[54][lane] = t167 * t754 - t168 * t745;
-            jacobian[55][lane] = t173 * t747 - t174 * t749;
-            jacobian[56][lane] = t1597 - t1649 - t90;
-            jacobian[57][lane] = t1652 + t1610;
-            jacobian[58][lane] = t1650 + t1604;
-            jacobian[59][lane] = t179
-                * (sin_joint2_track_rotation_y * t739 + cos_joint2_track_rotation_y * t730)
-                - t180 * (cos_joint2_track_rotation_z * t732 - sin_joint2_track_rotation_z * t734);
-            jacobian[60][lane] = t185 * t739 - t186 * t730;
-            jacobian[61][lane] = t191 * t732 - t192 * t734;
-            jacobian[62][lane] = t1567 - t1649 - t90;
-            jacobian[63][lane] = t1652 + t1580;
-            jacobian[64][lane] = t1650 + t1574;
-            jacobian[65][lane] = t197
-                * (sin_joint3_track_rotation_y * t724 + cos_joint3_track_rotation_y * t715)
-                - t198 * (cos_joint3_track_rotation_z * t717 - sin_joint3_track_rotation_z * t719);
-            jacobian[66][lane] = t203 * t724 - t204 * t715;
-            jacobian[67][lane] = t209 * t717 - t210 * t719;
+            jacobian[44][lane] = t48 * t474 - cos_frame_rotation_z * t475;
+            jacobian[45][lane] = sin_frame_rotation_z * t480;
+            jacobian[46][lane] = t486;
+            jacobian[47][lane] = t49 - t431 * t1084 + t432 * t1080;
+            jacobian[48][lane] = t54 + t430 * t1084 - t432 * t1076;
+            jacobian[49][lane] = t55 - t430 * t1080 + t431 * t1076;
+            jacobian[50][lane] = t1716 - t1753 - t63;
+            jacobian[51][lane] = t1758 + t1734;
+            jacobian[52][lane] = t1754 + t1726;
+            jacobian[53][lane] = t128
+                * (sin_joint1_track_rotation_y * t1825 + cos_joint1_track_rotation_y * t1811)
+                - t129
+                * (cos_joint1_track_rotation_z * t1813 - sin_joint1_track_rotation_z * t1817);
+            jacobian[54][lane] = t134 * t1825 - t135 * t1811;
+            jacobian[55][lane] = t140 * t1813 - t141 * t1817;
+            jacobian[56][lane] = t1677 - t1753 - t63;
+            jacobian[57][lane] = t1758 + t1695;
+            jacobian[58][lane] = t1754 + t1687;
+            jacobian[59][lane] = t146
+                * (sin_joint2_track_rotation_y * t1799 + cos_joint2_track_rotation_y * t1785)
+                - t147
+                * (cos_joint2_track_rotation_z * t1787 - sin_joint2_track_rotation_z * t1791);
+            jacobian[60][lane] = t152 * t1799 - t153 * t1785;
+            jacobian[61][lane] = t158 * t1787 - t159 * t1791;
+            jacobian[62][lane] = t1638 - t1753 - t63;
+            jacobian[63][lane] = t1758 + t1656;
+            jacobian[64][lane] = t1754 + t1648;
+            jacobian[65][lane] = t164
+                * (sin_joint3_track_rotation_y * t1773 + cos_joint3_track_rotation_y * t1757)
+                - t165
+                * (cos_joint3_track_rotation_z * t1761 - sin_joint3_track_rotation_z * t1765);
+            jacobian[66][lane] = t170 * t1773 - t171 * t1757;
+            jacobian[67][lane] = t176 * t1761 - t177 * t1765;
             jacobian[68][lane] = 1.0;
-            jacobian[69][lane] = cos_frame_rotation_y * t865;
-            jacobian[70][lane] = -t872;
-            jacobian[71][lane] = t77 * t845 - sin_frame_rotation_y - t78 * t839;
-            jacobian[72][lane] = t77 + t78 * t833 + sin_frame_rotation_y * t845;
-            jacobian[73][lane] = t78 - t77 * t833 - sin_frame_rotation_y * t839;
-            jacobian[74][lane] = t1991 - t2037;
-            jacobian[75][lane] = t2009 - t2036;
-            jacobian[76][lane] = t2001 - t2035;
-            jacobian[77][lane] = t161
-                * (sin_joint1_track_rotation_y * t2090 + cos_joint1_track_rotation_y * t2029)
-                - t162
-                * (cos_joint1_track_rotation_z * t2031 - sin_joint1_track_rotation_z * t2033);
-            jacobian[78][lane] = t167 * t2090 - t168 * t2029;
-            jacobian[79][lane] = t173 * t2031 - t174 * t2033;
-            jacobian[80][lane] = t1952 - t2037;
-            jacobian[81][lane] = t1970 - t2036;
-            jacobian[82][lane] = t1962 - t2035;
-            jacobian[83][lane] = t179
-                * (sin_joint2_track_rotation_y * t2072 + cos_joint2_track_rotation_y * t2030)
-                - t180
-                * (cos_joint2_track_rotation_z * t2032 - sin_joint2_track_rotation_z * t2034);
-            jacobian[84][lane] = t185 * t2072 - t186 * t2030;
-            jacobian[85][lane] = t191 * t2032 - t192 * t2034;
-            jacobian[86][lane] = t1913 - t2037;
-            jacobian[87][lane] = t1931 - t2036;
-            jacobian[88][lane] = t1923 - t2035;
-            jacobian[89][lane] = t197
-                * (sin_joint3_track_rotation_y * t2054 + cos_joint3_track_rotation_y * t2026)
-                - t198
-                * (cos_joint3_track_rotation_z * t2027 - sin_joint3_track_rotation_z * t2028);
-            jacobian[90][lane] = t203 * t2054 - t204 * t2026;
-            jacobian[91][lane] = t209 * t2027 - t210 * t2028;
-            jacobian[92][lane] = t97 * t973 + t92 * t974 + t229 * t937 + t108 * t938 + t243 * t901
-                - t114 * t902;
-            jacobian[93][lane] = t113 * t907 - t91 * t979 - prepared_12 * t980 - t107 * t943
-                - prepared_20 * t944 - prepared_21 * t908;
-            jacobian[94][lane] = prepared_14 * t913 - prepared_11 * t985 - prepared_13 * t949;
+            jacobian[69][lane] = cos_frame_rotation_y * t474;
+            jacobian[70][lane] = -t481;
+            jacobian[71][lane] = t432 * t1467 - sin_frame_rotation_y - t431 * t1471;
+            jacobian[72][lane] = t59 + t430 * t1471 - t432 * t1463;
+            jacobian[73][lane] = t60 - t430 * t1467 + t431 * t1463;
+            jacobian[74][lane] = t2296 - t2342;
+            jacobian[75][lane] = t2314 - t2341;
+            jacobian[76][lane] = t2306 - t2340;
+            jacobian[77][lane] = t128
+                * (sin_joint1_track_rotation_y * t2395 + cos_joint1_track_rotation_y * t2334)
+                - t129
+                * (cos_joint1_track_rotation_z * t2336 - sin_joint1_track_rotation_z * t2338);
+            jacobian[78][lane] = t134 * t2395 - t135 * t2334;
+            jacobian[79][lane] = t140 * t2336 - t141 * t2338;
+            jacobian[80][lane] = t2257 - t2342;
+            jacobian[81][lane] = t2275 - t2341;
+            jacobian[82][lane] = t2267 - t2340;
+            jacobian[83][lane] = t146
+                * (sin_joint2_track_rotation_y * t2377 + cos_joint2_track_rotation_y * t2335)
+                - t147
+                * (cos_joint2_track_rotation_z * t2337 - sin_joint2_track_rotation_z * t2339);
+            jacobian[84][lane] = t152 * t2377 - t153 * t2335;
+            jacobian[85][lane] = t158 * t2337 - t159 * t2339;
+            jacobian[86][lane] = t2218 - t2342;
+            jacobian[87][lane] = t2236 - t2341;
+            jacobian[88][lane] = t2228 - t2340;
+            jacobian[89][lane] = t164
+                * (sin_joint3_track_rotation_y * t2359 + cos_joint3_track_rotation_y * t2331)
+                - t165
+                * (cos_joint3_track_rotation_z * t2332 - sin_joint3_track_rotation_z * t2333);
+            jacobian[90][lane] = t170 * t2359 - t171 * t2331;
+            jacobian[91][lane] = t176 * t2332 - t177 * t2333;
+            jacobian[92][lane] = t70 * t627 + t65 * t628 + t192 * t576 + t79 * t577 + t200 * t525
+                - t85 * t526;
+            jacobian[93][lane] = t84 * t531 - t64 * t633 - prepared_12 * t634 - t78 * t582
+                - prepared_20 * t583 - prepared_21 * t532;
+            jacobian[94][lane] = prepared_14 * t537 - prepared_11 * t639 - prepared_13 * t588;
             jacobian[95][lane] = cos_target_rotation_x
-                * (sin_target_rotation_y * t1769 + sin_target_rotation_z * t1701
-                - cos_target_rotation_z * t1704 + cos_target_rotation_y * t1724)
+                * (sin_target_rotation_y * t2012 + sin_target_rotation_z * t1874
+                - cos_target_rotation_z * t1878 + cos_target_rotation_y * t1929)
                 - sin_target_rotation_x
-                * (sin_target_rotation_y * t1758 + cos_target_rotation_y * t1707
-                + cos_target_rotation_z * t1721 - sin_target_rotation_z * t1718);
+                * (sin_target_rotation_y * t2001 + cos_target_rotation_y * t1882
+                + cos_target_rotation_z * t1925 - sin_target_rotation_z * t1921);
             jacobian[96][lane] = cos_target_rotation_y
-                * (sin_target_rotation_x * t1769 + cos_target_rotation_x * t1758 - t244 * t839
-                - t248 + t247 * t833)
+                * (t430 * t1972 - t205 + t431 * t1988 + cos_target_rotation_x * t2001
+                + sin_target_rotation_x * t2012)
                 - sin_target_rotation_y
-                * (cos_target_rotation_x * t1707 + sin_target_rotation_x * t1724
-                + sin_target_rotation_z * t1750 + cos_target_rotation_z * t1747);
-            jacobian[97][lane] = t221 * t1704 - t222 * t1701 + t215 * t1721 - t216 * t1718
+                * (cos_target_rotation_x * t1882 + sin_target_rotation_x * t1929
+                + sin_target_rotation_z * t1992 + cos_target_rotation_z * t1986);
+            jacobian[97][lane] = t188 * t1878 - t189 * t1874 + t182 * t1925 - t183 * t1921
                 + cos_target_rotation_y
-                * (cos_target_rotation_z * t1750 - sin_target_rotation_z * t1747);
-            jacobian[98][lane] = t2401 - t2447;
-            jacobian[99][lane] = t2419 - t2446;
-            jacobian[100][lane] = t2411 - t2445;
-            jacobian[101][lane] = t161
-                * (sin_joint1_track_rotation_y * t2500 + cos_joint1_track_rotation_y * t2439)
-                - t162
-                * (cos_joint1_track_rotation_z * t2441 - sin_joint1_track_rotation_z * t2443);
-            jacobian[102][lane] = t167 * t2500 - t168 * t2439;
-            jacobian[103][lane] = t173 * t2441 - t174 * t2443;
-            jacobian[104][lane] = t2362 - t2447;
-            jacobian[105][lane] = t2380 - t2446;
-            jacobian[106][lane] = t2372 - t2445;
-            jacobian[107][lane] = t179
-                * (sin_joint2_track_rotation_y * t2482 + cos_joint2_track_rotation_y * t2440)
-                - t180
-                * (cos_joint2_track_rotation_z * t2442 - sin_joint2_track_rotation_z * t2444);
-            jacobian[108][lane] = t185 * t2482 - t186 * t2440;
-            jacobian[109][lane] = t191 * t2442 - t192 * t2444;
-            jacobian[110][lane] = t2323 - t2447;
-            jacobian[111][lane] = t2341 - t2446;
-            jacobian[112][lane] = t2333 - t2445;
-            jacobian[113][lane] = t197
-                * (sin_joint3_track_rotation_y * t2464 + cos_joint3_track_rotation_y * t2436)
-                - t198
-                * (cos_joint3_track_rotation_z * t2437 - sin_joint3_track_rotation_z * t2438);
-            jacobian[114][lane] = t203 * t2464 - t204 * t2436;
-            jacobian[115][lane] = t209 * t2437 - t210 * t2438;
-            jacobian[116][lane] = t123 * t973 + t91 * t974 + t276 * t937 + t107 * t938 - t290 * t901
-                - t113 * t902;
-            jacobian[117][lane] = t92 * t979 + prepared_15 * t980 + t108 * t943 - prepared_22 * t944
-                - t114 * t907 + prepared_23 * t908;
-            jacobian[118][lane] = prepared_14 * t914 - prepared_11 * t986 - prepared_13 * t950;
+                * (cos_target_rotation_z * t1992 - sin_target_rotation_z * t1986);
+            jacobian[98][lane] = t2866 - t2912;
+            jacobian[99][lane] = t2884 - t2911;
+            jacobian[100][lane] = t2876 - t2910;
+            jacobian[101][lane] = t128
+                * (sin_joint1_track_rotation_y * t2965 + cos_joint1_track_rotation_y * t2904)
+                - t129
+                * (cos_joint1_track_rotation_z * t2906 - sin_joint1_track_rotation_z * t2908);
+            jacobian[102][lane] = t134 * t2965 - t135 * t2904;
+            jacobian[103][lane] = t140 * t2906 - t141 * t2908;
+            jacobian[104][lane] = t2827 - t2912;
+            jacobian[105][lane] = t2845 - t2911;
+            jacobian[106][lane] = t2837 - t2910;
+            jacobian[107][lane] = t146
+                * (sin_joint2_track_rotation_y * t2947 + cos_joint2_track_rotation_y * t2905)
+                - t147
+                * (cos_joint2_track_rotation_z * t2907 - sin_joint2_track_rotation_z * t2909);
+            jacobian[108][lane] = t152 * t2947 - t153 * t2905;
+            jacobian[109][lane] = t158 * t2907 - t159 * t2909;
+            jacobian[110][lane] = t2788 - t2912;
+            jacobian[111][lane] = t2806 - t2911;
+            jacobian[112][lane] = t2798 - t2910;
+            jacobian[113][lane] = t164
+                * (sin_joint3_track_rotation_y * t2929 + cos_joint3_track_rotation_y * t2901)
+                - t165
+                * (cos_joint3_track_rotation_z * t2902 - sin_joint3_track_rotation_z * t2903);
+            jacobian[114][lane] = t170 * t2929 - t171 * t2901;
+            jacobian[115][lane] = t176 * t2902 - t177 * t2903;
+            jacobian[116][lane] = t94 * t627 + t64 * t628 + t208 * t576 + t78 * t577 - t216 * t525
+                - t84 * t526;
+            jacobian[117][lane] = t65 * t633 + prepared_15 * t634 + t79 * t582 - prepared_22 * t583
+                - t85 * t531 + prepared_23 * t532;
+            jacobian[118][lane] = prepared_14 * t538 - prepared_11 * t640 - prepared_13 * t589;
             jacobian[119][lane] = cos_target_rotation_x
-                * (sin_target_rotation_y * t2179 + sin_target_rotation_z * t2111
-                - cos_target_rotation_z * t2114 + cos_target_rotation_y * t2134)
+                * (sin_target_rotation_y * t2582 + sin_target_rotation_z * t2444
+                - cos_target_rotation_z * t2448 + cos_target_rotation_y * t2499)
                 - sin_target_rotation_x
-                * (sin_target_rotation_y * t2168 + cos_target_rotation_y * t2117
-                + cos_target_rotation_z * t2131 - sin_target_rotation_z * t2128);
+                * (sin_target_rotation_y * t2571 + cos_target_rotation_y * t2452
+                + cos_target_rotation_z * t2495 - sin_target_rotation_z * t2491);
             jacobian[120][lane] = cos_target_rotation_y
-                * (sin_target_rotation_x * t2179 + cos_target_rotation_x * t2168 - t291 * t839
-                + t295 + t294 * t833)
+                * (sin_target_rotation_x * t2582 + cos_target_rotation_x * t2571 - t431 * t2558
+                + t221 + t430 * t2542)
                 - sin_target_rotation_y
-                * (cos_target_rotation_x * t2117 + sin_target_rotation_x * t2134
-                + sin_target_rotation_z * t2160 + cos_target_rotation_z * t2157);
-            jacobian[121][lane] = t221 * t2114 - t222 * t2111 + t215 * t2131 - t216 * t2128
+                * (cos_target_rotation_x * t2452 + sin_target_rotation_x * t2499
+                + sin_target_rotation_z * t2562 + cos_target_rotation_z * t2556);
+            jacobian[121][lane] = t188 * t2448 - t189 * t2444 + t182 * t2495 - t183 * t2491
                 + cos_target_rotation_y
-                * (cos_target_rotation_z * t2160 - sin_target_rotation_z * t2157);
-            jacobian[122][lane] = t2811 - t2857;
-            jacobian[123][lane] = t2829 - t2856;
-            jacobian[124][lane] = t2821 - t2855;
-            jacobian[125][lane] = t161
-                * (sin_joint1_track_rotation_y * t2910 + cos_joint1_track_rotation_y * t2849)
-                - t162
-                * (cos_joint1_track_rotation_z * t2851 - sin_joint1_track_rotation_z * t2853);
-            jacobian[126][lane] = t167 * t2910 - t168 * t2849;
-            jacobian[127][lane] = t173 * t2851 - t174 * t2853;
-            jacobian[128][lane] = t2772 - t2857;
-            jacobian[129][lane] = t2790 - t2856;
-            jacobian[130][lane] = t2782 - t2855;
-            jacobian[131][lane] = t179
-                * (sin_joint2_track_rotation_y * t2892 + cos_joint2_track_rotation_y * t2850)
-                - t180
-                * (cos_joint2_track_rotation_z * t2852 - sin_joint2_track_rotation_z * t2854);
-            jacobian[132][lane] = t185 * t2892 - t186 * t2850;
-            jacobian[133][lane] = t191 * t2852 - t192 * t2854;
-            jacobian[134][lane] = t2733 - t2857;
-            jacobian[135][lane] = t2751 - t2856;
-            jacobian[136][lane] = t2743 - t2855;
-            jacobian[137][lane] = t197
-                * (sin_joint3_track_rotation_y * t2874 + cos_joint3_track_rotation_y * t2846)
-                - t198
-                * (cos_joint3_track_rotation_z * t2847 - sin_joint3_track_rotation_z * t2848);
-            jacobian[138][lane] = t203 * t2874 - t204 * t2846;
-            jacobian[139][lane] = t209 * t2847 - t210 * t2848;
-            jacobian[140][lane] = t147 * t973 - t146 * t974 - t327 * t937 - t326 * t938
-                + t347 * t901 - t346 * t902;
-            jacobian[141][lane] = t145 * t979 - t325 * t943 + t345 * t907;
-            jacobian[142][lane] = prepared_15 * t985 + prepared_12 * t986 - prepared_22 * t949
-                + prepared_20 * t950 + prepared_23 * t913 + prepared_21 * t914;
+                * (cos_target_rotation_z * t2562 - sin_target_rotation_z * t2556);
+            jacobian[122][lane] = t3436 - t3482;
+            jacobian[123][lane] = t3454 - t3481;
+            jacobian[124][lane] = t3446 - t3480;
+            jacobian[125][lane] = t128
+                * (sin_joint1_track_rotation_y * t3535 + cos_joint1_track_rotation_y * t3474)
+                - t129
+                * (cos_joint1_track_rotation_z * t3476 - sin_joint1_track_rotation_z * t3478);
+            jacobian[126][lane] = t134 * t3535 - t135 * t3474;
+            jacobian[127][lane] = t140 * t3476 - t141 * t3478;
+            jacobian[128][lane] = t3397 - t3482;
+            jacobian[129][lane] = t3415 - t3481;
+            jacobian[130][lane] = t3407 - t3480;
+            jacobian[131][lane] = t146
+                * (sin_joint2_track_rotation_y * t3517 + cos_joint2_track_rotation_y * t3475)
+                - t147
+                * (cos_joint2_track_rotation_z * t3477 - sin_joint2_track_rotation_z * t3479);
+            jacobian[132][lane] = t152 * t3517 - t153 * t3475;
+            jacobian[133][lane] = t158 * t3477 - t159 * t3479;
+            jacobian[134][lane] = t3358 - t3482;
+            jacobian[135][lane] = t3376 - t3481;
+            jacobian[136][lane] = t3368 - t3480;
+            jacobian[137][lane] = t164
+                * (sin_joint3_track_rotation_y * t3499 + cos_joint3_track_rotation_y * t3471)
+                - t165
+                * (cos_joint3_track_rotation_z * t3472 - sin_joint3_track_rotation_z * t3473);
+            jacobian[138][lane] = t170 * t3499 - t171 * t3471;
+            jacobian[139][lane] = t176 * t3472 - t177 * t3473;
+            jacobian[140][lane] = t116 * t627 - t115 * t628 - t228 * t576 - t227 * t577
+                + t242 * t525 - t241 * t526;
+            jacobian[141][lane] = t114 * t633 - t226 * t582 + t240 * t531;
+            jacobian[142][lane] = prepared_15 * t639 + prepared_12 * t640 - prepared_22 * t588
+                + prepared_20 * t589 + prepared_23 * t537 + prepared_21 * t538;
             jacobian[143][lane] = cos_target_rotation_x
-                * (sin_target_rotation_y * t2589 + sin_target_rotation_z * t2521
-                - cos_target_rotation_z * t2524 - cos_target_rotation_y * t2544)
+                * (sin_target_rotation_y * t3152 + sin_target_rotation_z * t3014
+                - cos_target_rotation_z * t3018 + cos_target_rotation_y * t3069)
                 - sin_target_rotation_x
-                * (sin_target_rotation_y * t2578 + cos_target_rotation_y * t2527
-                + cos_target_rotation_z * t2541 - sin_target_rotation_z * t2538);
+                * (sin_target_rotation_y * t3141 + cos_target_rotation_y * t3022
+                + cos_target_rotation_z * t3065 - sin_target_rotation_z * t3061);
             jacobian[144][lane] = cos_target_rotation_y
-                * (sin_target_rotation_x * t2589 + cos_target_rotation_x * t2578 - t348 * t839
-                - t354 + t353 * t833)
+                * (t430 * t3112 - t249 + t431 * t3128 + cos_target_rotation_x * t3141
+                + sin_target_rotation_x * t3152)
                 - sin_target_rotation_y
-                * (cos_target_rotation_x * t2527 - sin_target_rotation_x * t2544
-                + sin_target_rotation_z * t2570 + cos_target_rotation_z * t2567);
-            jacobian[145][lane] = t221 * t2524 - t222 * t2521 + t215 * t2541 - t216 * t2538
+                * (cos_target_rotation_x * t3022 + sin_target_rotation_x * t3069
+                + sin_target_rotation_z * t3132 + cos_target_rotation_z * t3126);
+            jacobian[145][lane] = t188 * t3018 - t189 * t3014 + t182 * t3065 - t183 * t3061
                 + cos_target_rotation_y
-                * (cos_target_rotation_z * t2570 - sin_target_rotation_z * t2567);
+                * (cos_target_rotation_z * t3132 - sin_target_rotation_z * t3126);
         }
     }
     /// `F·(C(q) + A(q)·m) + t − x`
@@ -12001,8 +12969,8 @@ pub mod full_piecewise {
     /// Parameters: `joint1_track_offset_x`, `joint1_track_offset_y`, `joint1_track_offset_z`, `joint1_track_rotation_x`, `joint1_track_rotation_y`, `joint1_track_rotation_z`, `joint2_track_offset_x`, `joint2_track_offset_y`, `joint2_track_offset_z`, `joint2_track_rotation_x`, `joint2_track_rotation_y`, `joint2_track_rotation_z`, `frame_translation_x`, `frame_translation_y`, `frame_translation_z`, `frame_rotation_x`, `frame_rotation_y`, `frame_rotation_z`, `target_position_x`, `target_position_y`, `target_position_z`.
     ///
     /// Once per sample: 14 operations (8 additions, 3 multiplications, 3 divisions).
-    /// Residuals: 128 operations (53 additions, 54 multiplications, 3 divisions, 18 functions).
-    /// With the Jacobian: 472 operations (191 additions, 249 multiplications, 12 divisions, 2 negations, 18 functions).
+    /// Residuals: 160 operations (65 additions, 73 multiplications, 4 divisions, 18 functions).
+    /// With the Jacobian: 687 operations (287 additions, 364 multiplications, 16 divisions, 2 negations, 18 functions).
     #[derive(Debug, Clone, Copy)]
     pub struct CartPositionTwo;
     impl Formulas for CartPositionTwo {
@@ -12098,20 +13066,28 @@ pub mod full_piecewise {
             let t87 = (t2 * t63 - t3 * t62) / t74;
             let t88 = (t3 * t61 - t1 * t63) / t74;
             let t89 = (t1 * t62 - t2 * t61) / t74;
-            let t98 = target_position_z * t88 - target_position_y * t89 + target_position_x
+            let t96 = 0.5 + 0.041666666666666664 * (t88 * t88 + t87 * t87 + t89 * t89);
+            let t97 = t87 * t96;
+            let t98 = t88 * t96;
+            let t99 = t89 * t96;
+            let t106 = 2.0 / (t98 * t98 + t97 * t97 + 1.0 + t99 * t99);
+            let t109 = target_position_z * t98 - target_position_y * t99;
+            let t112 = target_position_x * t99 - target_position_z * t97;
+            let t115 = target_position_y * t97 - target_position_x * t98;
+            let t132 = t106 * (t109 - t99 * t112 + t98 * t115) + target_position_x
                 + 0.5 * (t59 + joint2_track_offset_x + joint1_track_offset_x + t41);
-            let t101 = target_position_x * t89 - target_position_z * t87 + target_position_y
+            let t134 = t106 * (t112 - t97 * t115 + t99 * t109) + target_position_y
                 + 0.5 * (t60 + joint2_track_offset_y + joint1_track_offset_y + t42);
-            let t104 = target_position_y * t87 - target_position_x * t88 + target_position_z
+            let t136 = t106 * (t115 - t98 * t109 + t97 * t112) + target_position_z
                 + 0.5 * (t53 + joint2_track_offset_z + joint1_track_offset_z + t35);
-            let t109 = cos_frame_rotation_x * t101 - sin_frame_rotation_x * t104;
-            let t110 = sin_frame_rotation_x * t101 + cos_frame_rotation_x * t104;
-            let t115 = sin_frame_rotation_y * t110 + cos_frame_rotation_y * t98;
-            residuals[0][lane] = cos_frame_rotation_z * t115 - sin_frame_rotation_z * t109
+            let t141 = cos_frame_rotation_x * t134 - sin_frame_rotation_x * t136;
+            let t142 = sin_frame_rotation_x * t134 + cos_frame_rotation_x * t136;
+            let t147 = sin_frame_rotation_y * t142 + cos_frame_rotation_y * t132;
+            residuals[0][lane] = cos_frame_rotation_z * t147 - sin_frame_rotation_z * t141
                 + frame_translation_x - x;
-            residuals[1][lane] = sin_frame_rotation_z * t115 + cos_frame_rotation_z * t109
+            residuals[1][lane] = sin_frame_rotation_z * t147 + cos_frame_rotation_z * t141
                 + frame_translation_y - y;
-            residuals[2][lane] = cos_frame_rotation_y * t110 - sin_frame_rotation_y * t98
+            residuals[2][lane] = cos_frame_rotation_y * t142 - sin_frame_rotation_y * t132
                 + frame_translation_z - z;
         }
         #[inline(always)]
@@ -12146,9 +13122,9 @@ pub mod full_piecewise {
             let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(frame_rotation_x);
             let t19 = t11 * sin_frame_rotation_x - sin_frame_rotation_z * cos_frame_rotation_x;
             let t20 = t11 * cos_frame_rotation_x + sin_frame_rotation_z * sin_frame_rotation_x;
-            let t30 = 0.5 * t20;
-            let t31 = 0.5 * t19;
-            let t32 = 0.5 * t12;
+            let t21 = 0.5 * t20;
+            let t22 = 0.5 * t19;
+            let t23 = 0.5 * t12;
             let (sin_joint2_track_rotation_z, cos_joint2_track_rotation_z) =
                 math::sin_cos(joint2_track_rotation_z);
             let (sin_joint2_track_rotation_y, cos_joint2_track_rotation_y) =
@@ -12161,179 +13137,249 @@ pub mod full_piecewise {
                 math::sin_cos(joint1_track_rotation_y);
             let (sin_joint1_track_rotation_x, cos_joint1_track_rotation_x) =
                 math::sin_cos(joint1_track_rotation_x);
-            let t45 = sin_frame_rotation_z * sin_frame_rotation_y;
-            let t46 = sin_frame_rotation_z * cos_frame_rotation_y;
-            let t51 = sin_frame_rotation_x * t45 + cos_frame_rotation_z * cos_frame_rotation_x;
-            let t52 = cos_frame_rotation_x * t45 - cos_frame_rotation_z * sin_frame_rotation_x;
-            let t62 = 0.5 * t52;
-            let t63 = 0.5 * t51;
-            let t64 = 0.5 * t46;
-            let t65 = cos_frame_rotation_y * sin_frame_rotation_x;
-            let t66 = cos_frame_rotation_y * cos_frame_rotation_x;
-            let t76 = 0.5 * t66;
-            let t77 = 0.5 * t65;
-            let t78 = -0.5 * sin_frame_rotation_y;
-            let t83 = point_y * cos_joint1_track_rotation_x - point_z * sin_joint1_track_rotation_x;
-            let t84 = point_y * sin_joint1_track_rotation_x + point_z * cos_joint1_track_rotation_x;
-            let t89 = cos_joint1_track_rotation_y * t84 - point_x * sin_joint1_track_rotation_y;
-            let t90 = sin_joint1_track_rotation_y * t84 + point_x * cos_joint1_track_rotation_y;
-            let t95 = cos_joint1_track_rotation_z * t90 - sin_joint1_track_rotation_z * t83;
-            let t96 = sin_joint1_track_rotation_z * t90 + cos_joint1_track_rotation_z * t83;
-            let t101 = point_y * cos_joint2_track_rotation_x
-                - point_z * sin_joint2_track_rotation_x;
-            let t102 = point_y * sin_joint2_track_rotation_x
-                + point_z * cos_joint2_track_rotation_x;
-            let t107 = cos_joint2_track_rotation_y * t102 - point_x * sin_joint2_track_rotation_y;
-            let t108 = sin_joint2_track_rotation_y * t102 + point_x * cos_joint2_track_rotation_y;
-            let t113 = cos_joint2_track_rotation_z * t108 - sin_joint2_track_rotation_z * t101;
-            let t114 = sin_joint2_track_rotation_z * t108 + cos_joint2_track_rotation_z * t101;
-            let t115 = t95 - t113;
-            let t116 = t96 - t114;
-            let t117 = t89 - t107;
-            let t128 = t2 * t2 + t1 * t1 + t3 * t3;
-            let t129 = (target_position_x * t19 - target_position_y * t12) / t128;
-            let t130 = (target_position_z * t12 - target_position_x * t20) / t128;
-            let t131 = (target_position_y * t20 - target_position_z * t19) / t128;
-            let t136 = t3 * t130 - t2 * t129;
-            let t138 = t1 * t129 - t3 * t131;
-            let t140 = t2 * t131 - t1 * t130;
-            let t141 = t30 - t140;
-            let t142 = t31 - t138;
-            let t143 = t32 - t136;
-            let t148 = sin_joint2_track_rotation_z * t142 + cos_joint2_track_rotation_z * t143;
-            let t153 = t30 + t140;
-            let t154 = t31 + t138;
-            let t155 = t32 + t136;
-            let t160 = sin_joint1_track_rotation_z * t154 + cos_joint1_track_rotation_z * t155;
-            let t165 = (target_position_x * t51 - target_position_y * t46) / t128;
-            let t166 = (target_position_z * t46 - target_position_x * t52) / t128;
-            let t167 = (target_position_y * t52 - target_position_z * t51) / t128;
-            let t172 = t3 * t166 - t2 * t165;
-            let t174 = t1 * t165 - t3 * t167;
-            let t176 = t2 * t167 - t1 * t166;
-            let t177 = t62 - t176;
-            let t178 = t63 - t174;
-            let t179 = t64 - t172;
-            let t184 = sin_joint2_track_rotation_z * t178 + cos_joint2_track_rotation_z * t179;
-            let t189 = t62 + t176;
-            let t190 = t63 + t174;
-            let t191 = t64 + t172;
-            let t196 = sin_joint1_track_rotation_z * t190 + cos_joint1_track_rotation_z * t191;
-            let t201 = (target_position_x * t65 + target_position_y * sin_frame_rotation_y) / t128;
-            let t202 = (target_position_x * t66 + target_position_z * sin_frame_rotation_y) / t128;
-            let t203 = (target_position_y * t66 - target_position_z * t65) / t128;
-            let t208 = t2 * t201 + t3 * t202;
-            let t210 = t1 * t201 - t3 * t203;
-            let t212 = t1 * t202 + t2 * t203;
-            let t213 = t76 - t212;
-            let t214 = t77 - t210;
-            let t215 = t78 + t208;
-            let t220 = sin_joint2_track_rotation_z * t214 + cos_joint2_track_rotation_z * t215;
-            let t225 = t76 + t212;
-            let t226 = t77 + t210;
-            let t227 = t208 - t78;
-            let t232 = sin_joint1_track_rotation_z * t226 - cos_joint1_track_rotation_z * t227;
-            let t249 = (t2 * t117 - t3 * t116) / t128;
-            let t250 = (t3 * t115 - t1 * t117) / t128;
-            let t251 = (t1 * t116 - t2 * t115) / t128;
-            let t260 = target_position_z * t250 - target_position_y * t251 + target_position_x
-                + 0.5 * (t113 + joint2_track_offset_x + joint1_track_offset_x + t95);
-            let t263 = target_position_x * t251 - target_position_z * t249 + target_position_y
-                + 0.5 * (t114 + joint2_track_offset_y + joint1_track_offset_y + t96);
-            let t266 = target_position_y * t249 - target_position_x * t250 + target_position_z
-                + 0.5 * (t107 + joint2_track_offset_z + joint1_track_offset_z + t89);
-            let t271 = cos_frame_rotation_x * t263 - sin_frame_rotation_x * t266;
-            let t272 = sin_frame_rotation_x * t263 + cos_frame_rotation_x * t266;
-            let t277 = cos_frame_rotation_y * t272 - sin_frame_rotation_y * t260;
-            let t278 = sin_frame_rotation_y * t272 + cos_frame_rotation_y * t260;
-            let t283 = cos_frame_rotation_z * t278 - sin_frame_rotation_z * t271;
-            let t284 = sin_frame_rotation_z * t278 + cos_frame_rotation_z * t271;
-            let t311 = t129 * t251 + t130 * t250 + t131 * t249;
-            let t312 = t3 * 2.0;
-            let t314 = t2 * 2.0;
-            let t316 = t1 * 2.0;
-            let t322 = t116 * t129 - t311 * t316 - t117 * t130;
-            let t326 = t115 * t130 - t311 * t312 - t116 * t131;
-            let t329 = t117 * t131 - t311 * t314 - t115 * t129;
-            let t374 = t165 * t251 + t166 * t250 + t167 * t249;
-            let t382 = t116 * t165 - t316 * t374 - t117 * t166;
-            let t386 = t115 * t166 - t312 * t374 - t116 * t167;
-            let t389 = t117 * t167 - t314 * t374 - t115 * t165;
-            let t431 = t202 * t250 - t201 * t251 - t203 * t249;
-            let t439 = t316 * t431 + t116 * t201 + t117 * t202;
-            let t443 = t312 * t431 - t115 * t202 - t116 * t203;
-            let t446 = t314 * t431 - t115 * t201 + t117 * t203;
-            residuals[0][lane] = t283 + frame_translation_x - x;
-            residuals[1][lane] = t284 + frame_translation_y - y;
-            residuals[2][lane] = t277 + frame_translation_z - z;
-            jacobian[0][lane] = t32 + t322;
-            jacobian[1][lane] = t31 + t329;
-            jacobian[2][lane] = t30 + t326;
-            jacobian[3][lane] = t83
-                * (sin_joint1_track_rotation_y * t160 + cos_joint1_track_rotation_y * t153)
-                - t84 * (cos_joint1_track_rotation_z * t154 - sin_joint1_track_rotation_z * t155);
-            jacobian[4][lane] = t89 * t160 - t90 * t153;
-            jacobian[5][lane] = t95 * t154 - t96 * t155;
-            jacobian[6][lane] = t32 - t322;
-            jacobian[7][lane] = t31 - t329;
-            jacobian[8][lane] = t30 - t326;
-            jacobian[9][lane] = t101
-                * (sin_joint2_track_rotation_y * t148 + cos_joint2_track_rotation_y * t141)
-                - t102 * (cos_joint2_track_rotation_z * t142 - sin_joint2_track_rotation_z * t143);
-            jacobian[10][lane] = t107 * t148 - t108 * t141;
-            jacobian[11][lane] = t113 * t142 - t114 * t143;
+            let t36 = sin_frame_rotation_z * sin_frame_rotation_y;
+            let t37 = sin_frame_rotation_z * cos_frame_rotation_y;
+            let t42 = sin_frame_rotation_x * t36 + cos_frame_rotation_z * cos_frame_rotation_x;
+            let t43 = cos_frame_rotation_x * t36 - cos_frame_rotation_z * sin_frame_rotation_x;
+            let t44 = 0.5 * t43;
+            let t45 = 0.5 * t42;
+            let t46 = 0.5 * t37;
+            let t47 = cos_frame_rotation_y * sin_frame_rotation_x;
+            let t48 = cos_frame_rotation_y * cos_frame_rotation_x;
+            let t49 = 0.5 * t48;
+            let t50 = 0.5 * t47;
+            let t51 = -0.5 * sin_frame_rotation_y;
+            let t56 = point_y * cos_joint1_track_rotation_x - point_z * sin_joint1_track_rotation_x;
+            let t57 = point_y * sin_joint1_track_rotation_x + point_z * cos_joint1_track_rotation_x;
+            let t62 = cos_joint1_track_rotation_y * t57 - point_x * sin_joint1_track_rotation_y;
+            let t63 = sin_joint1_track_rotation_y * t57 + point_x * cos_joint1_track_rotation_y;
+            let t68 = cos_joint1_track_rotation_z * t63 - sin_joint1_track_rotation_z * t56;
+            let t69 = sin_joint1_track_rotation_z * t63 + cos_joint1_track_rotation_z * t56;
+            let t74 = point_y * cos_joint2_track_rotation_x - point_z * sin_joint2_track_rotation_x;
+            let t75 = point_y * sin_joint2_track_rotation_x + point_z * cos_joint2_track_rotation_x;
+            let t80 = cos_joint2_track_rotation_y * t75 - point_x * sin_joint2_track_rotation_y;
+            let t81 = sin_joint2_track_rotation_y * t75 + point_x * cos_joint2_track_rotation_y;
+            let t86 = cos_joint2_track_rotation_z * t81 - sin_joint2_track_rotation_z * t74;
+            let t87 = sin_joint2_track_rotation_z * t81 + cos_joint2_track_rotation_z * t74;
+            let t88 = t68 - t86;
+            let t89 = t69 - t87;
+            let t90 = t62 - t80;
+            let t101 = t2 * t2 + t1 * t1 + t3 * t3;
+            let t114 = (t2 * t90 - t3 * t89) / t101;
+            let t115 = (t3 * t88 - t1 * t90) / t101;
+            let t116 = (t1 * t89 - t2 * t88) / t101;
+            let t123 = 0.5 + 0.041666666666666664 * (t115 * t115 + t114 * t114 + t116 * t116);
+            let t124 = t114 * t123;
+            let t125 = t115 * t123;
+            let t126 = t116 * t123;
+            let t132 = t125 * t125 + t124 * t124 + 1.0 + t126 * t126;
+            let t133 = 2.0 / t132;
+            let t136 = target_position_z * t125 - target_position_y * t126;
+            let t139 = target_position_x * t126 - target_position_z * t124;
+            let t142 = target_position_y * t124 - target_position_x * t125;
+            let t150 = t136 - t126 * t139 + t125 * t142;
+            let t152 = t139 - t124 * t142 + t126 * t136;
+            let t154 = t142 - t125 * t136 + t124 * t139;
+            let t159 = t133 * t150 + target_position_x
+                + 0.5 * (t86 + joint2_track_offset_x + joint1_track_offset_x + t68);
+            let t161 = t133 * t152 + target_position_y
+                + 0.5 * (t87 + joint2_track_offset_y + joint1_track_offset_y + t69);
+            let t163 = t133 * t154 + target_position_z
+                + 0.5 * (t80 + joint2_track_offset_z + joint1_track_offset_z + t62);
+            let t168 = cos_frame_rotation_x * t161 - sin_frame_rotation_x * t163;
+            let t169 = sin_frame_rotation_x * t161 + cos_frame_rotation_x * t163;
+            let t174 = cos_frame_rotation_y * t169 - sin_frame_rotation_y * t159;
+            let t175 = sin_frame_rotation_y * t169 + cos_frame_rotation_y * t159;
+            let t180 = cos_frame_rotation_z * t175 - sin_frame_rotation_z * t168;
+            let t181 = sin_frame_rotation_z * t175 + cos_frame_rotation_z * t168;
+            let t193 = t20 * t133;
+            let t195 = t19 * t133;
+            let t197 = t12 * t133;
+            let t209 = t197 - t125 * t193 + t126 * t195;
+            let t213 = t195 + t124 * t193 - t126 * t197;
+            let t217 = t193 - t124 * t195 + t125 * t197;
+            let t237 = t133 * ((t20 * t154 + t19 * t152 + t12 * t150) / t132);
+            let t238 = t126 * t237;
+            let t243 = target_position_x * t213 - t238 - target_position_y * t209 - t139 * t197
+                + t136 * t195 - t238;
+            let t244 = t125 * t237;
+            let t249 = target_position_z * t209 - t244 - target_position_x * t217 + t142 * t197
+                - t136 * t193 - t244;
+            let t250 = t124 * t237;
+            let t255 = target_position_y * t217 - t250 - target_position_z * t213 - t142 * t195
+                + t139 * t193 - t250;
+            let t264 = 0.041666666666666664 * (t116 * t243 + t115 * t249 + t114 * t255);
+            let t265 = t116 * t264;
+            let t268 = t115 * t264;
+            let t271 = t114 * t264;
+            let t274 = (t265 + t123 * t243 + t265) / t101;
+            let t276 = (t268 + t123 * t249 + t268) / t101;
+            let t278 = (t271 + t123 * t255 + t271) / t101;
+            let t281 = t116 * t274 + t115 * t276 + t114 * t278;
+            let t282 = t3 * 2.0;
+            let t284 = t2 * 2.0;
+            let t286 = t1 * 2.0;
+            let t295 = t89 * t274 - t281 * t286 - t90 * t276;
+            let t298 = t3 * t276 - t2 * t274;
+            let t302 = t88 * t276 - t281 * t282 - t89 * t278;
+            let t303 = t1 * t274 - t3 * t278;
+            let t307 = t90 * t278 - t281 * t284 - t88 * t274;
+            let t308 = t2 * t278 - t1 * t276;
+            let t310 = t21 - t308;
+            let t312 = t22 - t303;
+            let t314 = t23 - t298;
+            let t322 = sin_joint2_track_rotation_z * t312 + cos_joint2_track_rotation_z * t314;
+            let t334 = t21 + t308;
+            let t336 = t22 + t303;
+            let t338 = t23 + t298;
+            let t346 = sin_joint1_track_rotation_z * t336 + cos_joint1_track_rotation_z * t338;
+            let t362 = t43 * t133;
+            let t364 = t42 * t133;
+            let t366 = t37 * t133;
+            let t378 = t366 - t125 * t362 + t126 * t364;
+            let t382 = t364 + t124 * t362 - t126 * t366;
+            let t386 = t362 - t124 * t364 + t125 * t366;
+            let t406 = t133 * ((t43 * t154 + t42 * t152 + t37 * t150) / t132);
+            let t407 = t126 * t406;
+            let t412 = target_position_x * t382 - t407 - target_position_y * t378 - t139 * t366
+                + t136 * t364 - t407;
+            let t413 = t125 * t406;
+            let t418 = target_position_z * t378 - t413 - target_position_x * t386 + t142 * t366
+                - t136 * t362 - t413;
+            let t419 = t124 * t406;
+            let t424 = target_position_y * t386 - t419 - target_position_z * t382 - t142 * t364
+                + t139 * t362 - t419;
+            let t433 = 0.041666666666666664 * (t116 * t412 + t115 * t418 + t114 * t424);
+            let t434 = t116 * t433;
+            let t437 = t115 * t433;
+            let t440 = t114 * t433;
+            let t443 = (t434 + t123 * t412 + t434) / t101;
+            let t445 = (t437 + t123 * t418 + t437) / t101;
+            let t447 = (t440 + t123 * t424 + t440) / t101;
+            let t450 = t116 * t443 + t115 * t445 + t114 * t447;
+            let t461 = t89 * t443 - t286 * t450 - t90 * t445;
+            let t464 = t3 * t445 - t2 * t443;
+            let t468 = t88 * t445 - t282 * t450 - t89 * t447;
+            let t469 = t1 * t443 - t3 * t447;
+            let t473 = t90 * t447 - t284 * t450 - t88 * t443;
+            let t474 = t2 * t447 - t1 * t445;
+            let t476 = t44 - t474;
+            let t478 = t45 - t469;
+            let t480 = t46 - t464;
+            let t488 = sin_joint2_track_rotation_z * t478 + cos_joint2_track_rotation_z * t480;
+            let t500 = t44 + t474;
+            let t502 = t45 + t469;
+            let t504 = t46 + t464;
+            let t512 = sin_joint1_track_rotation_z * t502 + cos_joint1_track_rotation_z * t504;
+            let t525 = t48 * t133;
+            let t527 = t47 * t133;
+            let t529 = sin_frame_rotation_y * t133;
+            let t541 = t126 * t527 - t529 - t125 * t525;
+            let t545 = t527 + t124 * t525 + t126 * t529;
+            let t549 = t525 - t124 * t527 - t125 * t529;
+            let t569 = t133 * ((t48 * t154 + t47 * t152 - sin_frame_rotation_y * t150) / t132);
+            let t570 = t126 * t569;
+            let t575 = target_position_x * t545 - t570 - target_position_y * t541 + t139 * t529
+                + t136 * t527 - t570;
+            let t576 = t125 * t569;
+            let t581 = target_position_z * t541 - t576 - target_position_x * t549 - t142 * t529
+                - t136 * t525 - t576;
+            let t582 = t124 * t569;
+            let t587 = target_position_y * t549 - t582 - target_position_z * t545 - t142 * t527
+                + t139 * t525 - t582;
+            let t596 = 0.041666666666666664 * (t116 * t575 + t115 * t581 + t114 * t587);
+            let t597 = t116 * t596;
+            let t600 = t115 * t596;
+            let t603 = t114 * t596;
+            let t606 = (t597 + t123 * t575 + t597) / t101;
+            let t608 = (t600 + t123 * t581 + t600) / t101;
+            let t610 = (t603 + t123 * t587 + t603) / t101;
+            let t613 = t116 * t606 + t115 * t608 + t114 * t610;
+            let t624 = t89 * t606 - t286 * t613 - t90 * t608;
+            let t627 = t3 * t608 - t2 * t606;
+            let t631 = t88 * t608 - t282 * t613 - t89 * t610;
+            let t632 = t1 * t606 - t3 * t610;
+            let t636 = t90 * t610 - t284 * t613 - t88 * t606;
+            let t637 = t2 * t610 - t1 * t608;
+            let t639 = t49 - t637;
+            let t641 = t50 - t632;
+            let t643 = t627 - t51;
+            let t651 = sin_joint2_track_rotation_z * t641 - cos_joint2_track_rotation_z * t643;
+            let t663 = t49 + t637;
+            let t665 = t50 + t632;
+            let t667 = t51 + t627;
+            let t675 = sin_joint1_track_rotation_z * t665 + cos_joint1_track_rotation_z * t667;
+            residuals[0][lane] = t180 + frame_translation_x - x;
+            residuals[1][lane] = t181 + frame_translation_y - y;
+            residuals[2][lane] = t174 + frame_translation_z - z;
+            jacobian[0][lane] = t23 + t295;
+            jacobian[1][lane] = t22 + t307;
+            jacobian[2][lane] = t21 + t302;
+            jacobian[3][lane] = t56
+                * (sin_joint1_track_rotation_y * t346 + cos_joint1_track_rotation_y * t334)
+                - t57 * (cos_joint1_track_rotation_z * t336 - sin_joint1_track_rotation_z * t338);
+            jacobian[4][lane] = t62 * t346 - t63 * t334;
+            jacobian[5][lane] = t68 * t336 - t69 * t338;
+            jacobian[6][lane] = t23 - t295;
+            jacobian[7][lane] = t22 - t307;
+            jacobian[8][lane] = t21 - t302;
+            jacobian[9][lane] = t74
+                * (sin_joint2_track_rotation_y * t322 + cos_joint2_track_rotation_y * t310)
+                - t75 * (cos_joint2_track_rotation_z * t312 - sin_joint2_track_rotation_z * t314);
+            jacobian[10][lane] = t80 * t322 - t81 * t310;
+            jacobian[11][lane] = t86 * t312 - t87 * t314;
             jacobian[12][lane] = 1.0;
-            jacobian[13][lane] = t11 * t271 + sin_frame_rotation_z * t272;
-            jacobian[14][lane] = cos_frame_rotation_z * t277;
-            jacobian[15][lane] = -t284;
-            jacobian[16][lane] = t12 - t20 * t250 + t19 * t251;
-            jacobian[17][lane] = t19 + t20 * t249 - t12 * t251;
-            jacobian[18][lane] = t20 - t19 * t249 + t12 * t250;
-            jacobian[19][lane] = t64 + t382;
-            jacobian[20][lane] = t63 + t389;
-            jacobian[21][lane] = t62 + t386;
-            jacobian[22][lane] = t83
-                * (sin_joint1_track_rotation_y * t196 + cos_joint1_track_rotation_y * t189)
-                - t84 * (cos_joint1_track_rotation_z * t190 - sin_joint1_track_rotation_z * t191);
-            jacobian[23][lane] = t89 * t196 - t90 * t189;
-            jacobian[24][lane] = t95 * t190 - t96 * t191;
-            jacobian[25][lane] = t64 - t382;
-            jacobian[26][lane] = t63 - t389;
-            jacobian[27][lane] = t62 - t386;
-            jacobian[28][lane] = t101
-                * (sin_joint2_track_rotation_y * t184 + cos_joint2_track_rotation_y * t177)
-                - t102 * (cos_joint2_track_rotation_z * t178 - sin_joint2_track_rotation_z * t179);
-            jacobian[29][lane] = t107 * t184 - t108 * t177;
-            jacobian[30][lane] = t113 * t178 - t114 * t179;
+            jacobian[13][lane] = t11 * t168 + sin_frame_rotation_z * t169;
+            jacobian[14][lane] = cos_frame_rotation_z * t174;
+            jacobian[15][lane] = -t181;
+            jacobian[16][lane] = t12 - t125 * t217 + t126 * t213;
+            jacobian[17][lane] = t19 + t124 * t217 - t126 * t209;
+            jacobian[18][lane] = t20 - t124 * t213 + t125 * t209;
+            jacobian[19][lane] = t46 + t461;
+            jacobian[20][lane] = t45 + t473;
+            jacobian[21][lane] = t44 + t468;
+            jacobian[22][lane] = t56
+                * (sin_joint1_track_rotation_y * t512 + cos_joint1_track_rotation_y * t500)
+                - t57 * (cos_joint1_track_rotation_z * t502 - sin_joint1_track_rotation_z * t504);
+            jacobian[23][lane] = t62 * t512 - t63 * t500;
+            jacobian[24][lane] = t68 * t502 - t69 * t504;
+            jacobian[25][lane] = t46 - t461;
+            jacobian[26][lane] = t45 - t473;
+            jacobian[27][lane] = t44 - t468;
+            jacobian[28][lane] = t74
+                * (sin_joint2_track_rotation_y * t488 + cos_joint2_track_rotation_y * t476)
+                - t75 * (cos_joint2_track_rotation_z * t478 - sin_joint2_track_rotation_z * t480);
+            jacobian[29][lane] = t80 * t488 - t81 * t476;
+            jacobian[30][lane] = t86 * t478 - t87 * t480;
             jacobian[31][lane] = 1.0;
-            jacobian[32][lane] = t45 * t271 - cos_frame_rotation_z * t272;
-            jacobian[33][lane] = sin_frame_rotation_z * t277;
-            jacobian[34][lane] = t283;
-            jacobian[35][lane] = t46 - t52 * t250 + t51 * t251;
-            jacobian[36][lane] = t51 + t52 * t249 - t46 * t251;
-            jacobian[37][lane] = t52 - t51 * t249 + t46 * t250;
-            jacobian[38][lane] = t78 + t439;
-            jacobian[39][lane] = t77 + t446;
-            jacobian[40][lane] = t76 + t443;
-            jacobian[41][lane] = t83
-                * (sin_joint1_track_rotation_y * t232 + cos_joint1_track_rotation_y * t225)
-                - t84 * (cos_joint1_track_rotation_z * t226 + sin_joint1_track_rotation_z * t227);
-            jacobian[42][lane] = t89 * t232 - t90 * t225;
-            jacobian[43][lane] = t95 * t226 + t96 * t227;
-            jacobian[44][lane] = t78 - t439;
-            jacobian[45][lane] = t77 - t446;
-            jacobian[46][lane] = t76 - t443;
-            jacobian[47][lane] = t101
-                * (sin_joint2_track_rotation_y * t220 + cos_joint2_track_rotation_y * t213)
-                - t102 * (cos_joint2_track_rotation_z * t214 - sin_joint2_track_rotation_z * t215);
-            jacobian[48][lane] = t107 * t220 - t108 * t213;
-            jacobian[49][lane] = t113 * t214 - t114 * t215;
+            jacobian[32][lane] = t36 * t168 - cos_frame_rotation_z * t169;
+            jacobian[33][lane] = sin_frame_rotation_z * t174;
+            jacobian[34][lane] = t180;
+            jacobian[35][lane] = t37 - t125 * t386 + t126 * t382;
+            jacobian[36][lane] = t42 + t124 * t386 - t126 * t378;
+            jacobian[37][lane] = t43 - t124 * t382 + t125 * t378;
+            jacobian[38][lane] = t51 + t624;
+            jacobian[39][lane] = t50 + t636;
+            jacobian[40][lane] = t49 + t631;
+            jacobian[41][lane] = t56
+                * (sin_joint1_track_rotation_y * t675 + cos_joint1_track_rotation_y * t663)
+                - t57 * (cos_joint1_track_rotation_z * t665 - sin_joint1_track_rotation_z * t667);
+            jacobian[42][lane] = t62 * t675 - t63 * t663;
+            jacobian[43][lane] = t68 * t665 - t69 * t667;
+            jacobian[44][lane] = t51 - t624;
+            jacobian[45][lane] = t50 - t636;
+            jacobian[46][lane] = t49 - t631;
+            jacobian[47][lane] = t74
+                * (sin_joint2_track_rotation_y * t651 + cos_joint2_track_rotation_y * t639)
+                - t75 * (cos_joint2_track_rotation_z * t641 + sin_joint2_track_rotation_z * t643);
+            jacobian[48][lane] = t80 * t651 - t81 * t639;
+            jacobian[49][lane] = t86 * t641 + t87 * t643;
             jacobian[50][lane] = 1.0;
-            jacobian[51][lane] = cos_frame_rotation_y * t271;
-            jacobian[52][lane] = -t278;
-            jacobian[53][lane] = t65 * t251 - sin_frame_rotation_y - t66 * t250;
-            jacobian[54][lane] = t65 + t66 * t249 + sin_frame_rotation_y * t251;
-            jacobian[55][lane] = t66 - t65 * t249 - sin_frame_rotation_y * t250;
+            jacobian[51][lane] = cos_frame_rotation_y * t168;
+            jacobian[52][lane] = -t175;
+            jacobian[53][lane] = t126 * t545 - sin_frame_rotation_y - t125 * t549;
+            jacobian[54][lane] = t47 + t124 * t549 - t126 * t541;
+            jacobian[55][lane] = t48 - t124 * t545 + t125 * t541;
         }
     }
     /// `F·(C(q) + A(q)·m) + t − x`
@@ -12343,8 +13389,8 @@ pub mod full_piecewise {
     /// Parameters: `joint1_track_offset_x`, `joint1_track_offset_y`, `joint1_track_offset_z`, `joint1_track_rotation_x`, `joint1_track_rotation_y`, `joint1_track_rotation_z`, `joint2_track_offset_x`, `joint2_track_offset_y`, `joint2_track_offset_z`, `joint2_track_rotation_x`, `joint2_track_rotation_y`, `joint2_track_rotation_z`, `joint3_track_offset_x`, `joint3_track_offset_y`, `joint3_track_offset_z`, `joint3_track_rotation_x`, `joint3_track_rotation_y`, `joint3_track_rotation_z`, `frame_translation_x`, `frame_translation_y`, `frame_translation_z`, `frame_rotation_x`, `frame_rotation_y`, `frame_rotation_z`, `target_position_x`, `target_position_y`, `target_position_z`.
     ///
     /// Once per sample: 14 operations (8 additions, 3 multiplications, 3 divisions).
-    /// Residuals: 290 operations (140 additions, 123 multiplications, 3 divisions, 24 functions).
-    /// With the Jacobian: 1323 operations (637 additions, 648 multiplications, 12 divisions, 2 negations, 24 functions).
+    /// Residuals: 322 operations (152 additions, 142 multiplications, 4 divisions, 24 functions).
+    /// With the Jacobian: 1522 operations (717 additions, 763 multiplications, 16 divisions, 2 negations, 24 functions).
     #[derive(Debug, Clone, Copy)]
     pub struct CartPositionThree;
     impl Formulas for CartPositionThree {
@@ -12504,26 +13550,34 @@ pub mod full_piecewise {
             let t239 = (t147 * t228 + t144 * t223 + t150 * t233) / t164;
             let t245 = ((t122 * t141 - t128 * t128) * t228 + t147 * t223 + t156 * t233) / t164;
             let t251 = (t156 * t228 + t150 * t223 + (t122 * t133 - t125 * t125) * t233) / t164;
-            let t260 = target_position_z * t245 - target_position_y * t251 + target_position_x
+            let t258 = 0.5 + 0.041666666666666664 * (t245 * t245 + t239 * t239 + t251 * t251);
+            let t259 = t239 * t258;
+            let t260 = t245 * t258;
+            let t261 = t251 * t258;
+            let t268 = 2.0 / (t260 * t260 + t259 * t259 + 1.0 + t261 * t261);
+            let t271 = target_position_z * t260 - target_position_y * t261;
+            let t274 = target_position_x * t261 - target_position_z * t259;
+            let t277 = target_position_y * t259 - target_position_x * t260;
+            let t294 = t268 * (t271 - t261 * t274 + t260 * t277) + target_position_x
                 + 0.3333333333333333
                 * (t59 + joint2_track_offset_x + t41 + joint1_track_offset_x + joint3_track_offset_x
                 + t77);
-            let t263 = target_position_x * t251 - target_position_z * t239 + target_position_y
+            let t296 = t268 * (t274 - t259 * t277 + t261 * t271) + target_position_y
                 + 0.3333333333333333
                 * (t60 + joint2_track_offset_y + t42 + joint1_track_offset_y + joint3_track_offset_y
                 + t78);
-            let t266 = target_position_y * t239 - target_position_x * t245 + target_position_z
+            let t298 = t268 * (t277 - t260 * t271 + t259 * t274) + target_position_z
                 + 0.3333333333333333
                 * (t53 + joint2_track_offset_z + t35 + joint1_track_offset_z + joint3_track_offset_z
                 + t71);
-            let t271 = cos_frame_rotation_x * t263 - sin_frame_rotation_x * t266;
-            let t272 = sin_frame_rotation_x * t263 + cos_frame_rotation_x * t266;
-            let t277 = sin_frame_rotation_y * t272 + cos_frame_rotation_y * t260;
-            residuals[0][lane] = cos_frame_rotation_z * t277 - sin_frame_rotation_z * t271
+            let t303 = cos_frame_rotation_x * t296 - sin_frame_rotation_x * t298;
+            let t304 = sin_frame_rotation_x * t296 + cos_frame_rotation_x * t298;
+            let t309 = sin_frame_rotation_y * t304 + cos_frame_rotation_y * t294;
+            residuals[0][lane] = cos_frame_rotation_z * t309 - sin_frame_rotation_z * t303
                 + frame_translation_x - x;
-            residuals[1][lane] = sin_frame_rotation_z * t277 + cos_frame_rotation_z * t271
+            residuals[1][lane] = sin_frame_rotation_z * t309 + cos_frame_rotation_z * t303
                 + frame_translation_y - y;
-            residuals[2][lane] = cos_frame_rotation_y * t272 - sin_frame_rotation_y * t260
+            residuals[2][lane] = cos_frame_rotation_y * t304 - sin_frame_rotation_y * t294
                 + frame_translation_z - z;
         }
         #[inline(always)]
@@ -12557,9 +13611,9 @@ pub mod full_piecewise {
             let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(frame_rotation_x);
             let t13 = t5 * sin_frame_rotation_x - sin_frame_rotation_z * cos_frame_rotation_x;
             let t14 = t5 * cos_frame_rotation_x + sin_frame_rotation_z * sin_frame_rotation_x;
-            let t24 = 0.3333333333333333 * t14;
-            let t25 = 0.3333333333333333 * t13;
-            let t26 = 0.3333333333333333 * t6;
+            let t15 = 0.3333333333333333 * t14;
+            let t16 = 0.3333333333333333 * t13;
+            let t17 = 0.3333333333333333 * t6;
             let (sin_joint3_track_rotation_z, cos_joint3_track_rotation_z) =
                 math::sin_cos(joint3_track_rotation_z);
             let (sin_joint3_track_rotation_y, cos_joint3_track_rotation_y) =
@@ -12578,427 +13632,495 @@ pub mod full_piecewise {
                 math::sin_cos(joint1_track_rotation_y);
             let (sin_joint1_track_rotation_x, cos_joint1_track_rotation_x) =
                 math::sin_cos(joint1_track_rotation_x);
-            let t45 = sin_frame_rotation_z * sin_frame_rotation_y;
-            let t46 = sin_frame_rotation_z * cos_frame_rotation_y;
-            let t51 = sin_frame_rotation_x * t45 + cos_frame_rotation_z * cos_frame_rotation_x;
-            let t52 = cos_frame_rotation_x * t45 - cos_frame_rotation_z * sin_frame_rotation_x;
-            let t62 = 0.3333333333333333 * t52;
-            let t63 = 0.3333333333333333 * t51;
-            let t64 = 0.3333333333333333 * t46;
-            let t65 = cos_frame_rotation_y * sin_frame_rotation_x;
-            let t66 = cos_frame_rotation_y * cos_frame_rotation_x;
-            let t76 = 0.3333333333333333 * t66;
-            let t77 = 0.3333333333333333 * t65;
-            let t78 = 0.3333333333333333 * sin_frame_rotation_y;
-            let t83 = point_y * cos_joint1_track_rotation_x - point_z * sin_joint1_track_rotation_x;
-            let t84 = point_y * sin_joint1_track_rotation_x + point_z * cos_joint1_track_rotation_x;
-            let t89 = cos_joint1_track_rotation_y * t84 - point_x * sin_joint1_track_rotation_y;
-            let t90 = sin_joint1_track_rotation_y * t84 + point_x * cos_joint1_track_rotation_y;
-            let t95 = cos_joint1_track_rotation_z * t90 - sin_joint1_track_rotation_z * t83;
-            let t96 = sin_joint1_track_rotation_z * t90 + cos_joint1_track_rotation_z * t83;
-            let t101 = point_y * cos_joint2_track_rotation_x
-                - point_z * sin_joint2_track_rotation_x;
-            let t102 = point_y * sin_joint2_track_rotation_x
-                + point_z * cos_joint2_track_rotation_x;
-            let t107 = cos_joint2_track_rotation_y * t102 - point_x * sin_joint2_track_rotation_y;
-            let t108 = sin_joint2_track_rotation_y * t102 + point_x * cos_joint2_track_rotation_y;
-            let t113 = cos_joint2_track_rotation_z * t108 - sin_joint2_track_rotation_z * t101;
-            let t114 = sin_joint2_track_rotation_z * t108 + cos_joint2_track_rotation_z * t101;
-            let t119 = point_y * cos_joint3_track_rotation_x
-                - point_z * sin_joint3_track_rotation_x;
-            let t120 = point_y * sin_joint3_track_rotation_x
-                + point_z * cos_joint3_track_rotation_x;
-            let t125 = cos_joint3_track_rotation_y * t120 - point_x * sin_joint3_track_rotation_y;
-            let t126 = sin_joint3_track_rotation_y * t120 + point_x * cos_joint3_track_rotation_y;
-            let t131 = cos_joint3_track_rotation_z * t126 - sin_joint3_track_rotation_z * t119;
-            let t132 = sin_joint3_track_rotation_z * t126 + cos_joint3_track_rotation_z * t119;
-            let t139 = 0.3333333333333333
+            let t36 = sin_frame_rotation_z * sin_frame_rotation_y;
+            let t37 = sin_frame_rotation_z * cos_frame_rotation_y;
+            let t42 = sin_frame_rotation_x * t36 + cos_frame_rotation_z * cos_frame_rotation_x;
+            let t43 = cos_frame_rotation_x * t36 - cos_frame_rotation_z * sin_frame_rotation_x;
+            let t44 = 0.3333333333333333 * t43;
+            let t45 = 0.3333333333333333 * t42;
+            let t46 = 0.3333333333333333 * t37;
+            let t47 = cos_frame_rotation_y * sin_frame_rotation_x;
+            let t48 = cos_frame_rotation_y * cos_frame_rotation_x;
+            let t49 = 0.3333333333333333 * t48;
+            let t50 = 0.3333333333333333 * t47;
+            let t51 = 0.3333333333333333 * sin_frame_rotation_y;
+            let t56 = point_y * cos_joint1_track_rotation_x - point_z * sin_joint1_track_rotation_x;
+            let t57 = point_y * sin_joint1_track_rotation_x + point_z * cos_joint1_track_rotation_x;
+            let t62 = cos_joint1_track_rotation_y * t57 - point_x * sin_joint1_track_rotation_y;
+            let t63 = sin_joint1_track_rotation_y * t57 + point_x * cos_joint1_track_rotation_y;
+            let t68 = cos_joint1_track_rotation_z * t63 - sin_joint1_track_rotation_z * t56;
+            let t69 = sin_joint1_track_rotation_z * t63 + cos_joint1_track_rotation_z * t56;
+            let t74 = point_y * cos_joint2_track_rotation_x - point_z * sin_joint2_track_rotation_x;
+            let t75 = point_y * sin_joint2_track_rotation_x + point_z * cos_joint2_track_rotation_x;
+            let t80 = cos_joint2_track_rotation_y * t75 - point_x * sin_joint2_track_rotation_y;
+            let t81 = sin_joint2_track_rotation_y * t75 + point_x * cos_joint2_track_rotation_y;
+            let t86 = cos_joint2_track_rotation_z * t81 - sin_joint2_track_rotation_z * t74;
+            let t87 = sin_joint2_track_rotation_z * t81 + cos_joint2_track_rotation_z * t74;
+            let t92 = point_y * cos_joint3_track_rotation_x - point_z * sin_joint3_track_rotation_x;
+            let t93 = point_y * sin_joint3_track_rotation_x + point_z * cos_joint3_track_rotation_x;
+            let t98 = cos_joint3_track_rotation_y * t93 - point_x * sin_joint3_track_rotation_y;
+            let t99 = sin_joint3_track_rotation_y * t93 + point_x * cos_joint3_track_rotation_y;
+            let t104 = cos_joint3_track_rotation_z * t99 - sin_joint3_track_rotation_z * t92;
+            let t105 = sin_joint3_track_rotation_z * t99 + cos_joint3_track_rotation_z * t92;
+            let t112 = 0.3333333333333333
                 * (joint2_track_offset_x + joint1_track_offset_x + joint3_track_offset_x);
-            let t140 = 0.3333333333333333
+            let t113 = 0.3333333333333333
                 * (joint2_track_offset_y + joint1_track_offset_y + joint3_track_offset_y);
-            let t141 = 0.3333333333333333
+            let t114 = 0.3333333333333333
                 * (joint2_track_offset_z + joint1_track_offset_z + joint3_track_offset_z);
-            let t142 = joint1_track_offset_x - t139;
-            let t143 = joint1_track_offset_y - t140;
-            let t144 = joint1_track_offset_z - t141;
-            let t145 = t142 * t142;
-            let t146 = t143 * t143;
-            let t147 = t144 * t144;
-            let t149 = t146 + t145 + t147;
-            let t153 = joint2_track_offset_x - t139;
-            let t154 = joint2_track_offset_y - t140;
-            let t155 = joint2_track_offset_z - t141;
-            let t156 = t153 * t153;
-            let t157 = t154 * t154;
-            let t158 = t155 * t155;
-            let t160 = t157 + t156 + t158;
-            let t164 = joint3_track_offset_x - t139;
-            let t165 = joint3_track_offset_y - t140;
-            let t166 = joint3_track_offset_z - t141;
-            let t167 = t164 * t164;
-            let t168 = t165 * t165;
-            let t169 = t166 * t166;
-            let t171 = t168 + t167 + t169;
-            let t176 = t149 - t167 - t156 - t145 + t160 + t171;
-            let t179 = t142 * t143 + t153 * t154 + t164 * t165;
-            let t182 = t142 * t144 + t153 * t155 + t164 * t166;
-            let t187 = t149 - t168 - t157 - t146 + t160 + t171;
-            let t190 = t143 * t144 + t154 * t155 + t165 * t166;
-            let t195 = t149 - t169 - t158 - t147 + t160 + t171;
-            let t198 = t187 * t195 - t190 * t190;
-            let t201 = t182 * t190 + t179 * t195;
-            let t204 = t179 * t190 + t182 * t187;
-            let t207 = t176 * t195 - t182 * t182;
-            let t210 = t179 * t182 + t176 * t190;
-            let t213 = t176 * t187 - t179 * t179;
-            let t218 = t176 * t198 - t179 * t201 - t182 * t204;
-            let t219 = (target_position_x * t13 - target_position_y * t6) / t218;
-            let t223 = (target_position_z * t6 - target_position_x * t14) / t218;
-            let t227 = (target_position_y * t14 - target_position_z * t13) / t218;
-            let t230 = t213 * t219 + t210 * t223 + t204 * t227;
-            let t233 = t210 * t219 + t207 * t223 + t201 * t227;
-            let t236 = t204 * t219 + t201 * t223 + t198 * t227;
-            let t241 = t166 * t233 - t165 * t230;
-            let t243 = t164 * t230 - t166 * t236;
-            let t245 = t165 * t236 - t164 * t233;
-            let t250 = t155 * t233 - t154 * t230;
-            let t252 = t153 * t230 - t155 * t236;
-            let t254 = t154 * t236 - t153 * t233;
-            let t259 = t144 * t233 - t143 * t230;
-            let t261 = t142 * t230 - t144 * t236;
-            let t263 = t143 * t236 - t142 * t233;
-            let t270 = 0.3333333333333333 * (t245 + t254 + t263);
-            let t271 = 0.3333333333333333 * (t243 + t252 + t261);
-            let t272 = 0.3333333333333333 * (t241 + t250 + t259);
-            let t274 = t24 + t245 - t270;
-            let t276 = t25 + t243 - t271;
-            let t278 = t26 + t241 - t272;
-            let t283 = sin_joint3_track_rotation_z * t276 + cos_joint3_track_rotation_z * t278;
-            let t289 = t24 + t254 - t270;
-            let t291 = t25 + t252 - t271;
-            let t293 = t26 + t250 - t272;
-            let t298 = sin_joint2_track_rotation_z * t291 + cos_joint2_track_rotation_z * t293;
-            let t304 = t24 + t263 - t270;
-            let t306 = t25 + t261 - t271;
-            let t308 = t26 + t259 - t272;
-            let t313 = sin_joint1_track_rotation_z * t306 + cos_joint1_track_rotation_z * t308;
-            let t318 = (target_position_x * t51 - target_position_y * t46) / t218;
-            let t322 = (target_position_z * t46 - target_position_x * t52) / t218;
-            let t326 = (target_position_y * t52 - target_position_z * t51) / t218;
-            let t329 = t213 * t318 + t210 * t322 + t204 * t326;
-            let t332 = t210 * t318 + t207 * t322 + t201 * t326;
-            let t335 = t204 * t318 + t201 * t322 + t198 * t326;
-            let t340 = t166 * t332 - t165 * t329;
-            let t342 = t164 * t329 - t166 * t335;
-            let t344 = t165 * t335 - t164 * t332;
-            let t349 = t155 * t332 - t154 * t329;
-            let t351 = t153 * t329 - t155 * t335;
-            let t353 = t154 * t335 - t153 * t332;
-            let t358 = t144 * t332 - t143 * t329;
-            let t360 = t142 * t329 - t144 * t335;
-            let t362 = t143 * t335 - t142 * t332;
-            let t369 = 0.3333333333333333 * (t344 + t353 + t362);
-            let t370 = 0.3333333333333333 * (t342 + t351 + t360);
-            let t371 = 0.3333333333333333 * (t340 + t349 + t358);
-            let t373 = t62 + t344 - t369;
-            let t375 = t63 + t342 - t370;
-            let t377 = t64 + t340 - t371;
-            let t382 = sin_joint3_track_rotation_z * t375 + cos_joint3_track_rotation_z * t377;
-            let t388 = t62 + t353 - t369;
-            let t390 = t63 + t351 - t370;
-            let t392 = t64 + t349 - t371;
-            let t397 = sin_joint2_track_rotation_z * t390 + cos_joint2_track_rotation_z * t392;
-            let t403 = t62 + t362 - t369;
-            let t405 = t63 + t360 - t370;
-            let t407 = t64 + t358 - t371;
-            let t412 = sin_joint1_track_rotation_z * t405 + cos_joint1_track_rotation_z * t407;
-            let t417 = (target_position_x * t65 + target_position_y * sin_frame_rotation_y) / t218;
-            let t421 = (target_position_x * t66 + target_position_z * sin_frame_rotation_y) / t218;
-            let t425 = (target_position_y * t66 - target_position_z * t65) / t218;
-            let t428 = t213 * t417 - t210 * t421 + t204 * t425;
-            let t431 = t210 * t417 - t207 * t421 + t201 * t425;
-            let t434 = t204 * t417 - t201 * t421 + t198 * t425;
-            let t439 = t166 * t431 - t165 * t428;
-            let t441 = t164 * t428 - t166 * t434;
-            let t443 = t165 * t434 - t164 * t431;
-            let t448 = t155 * t431 - t154 * t428;
-            let t450 = t153 * t428 - t155 * t434;
-            let t452 = t154 * t434 - t153 * t431;
-            let t457 = t144 * t431 - t143 * t428;
-            let t459 = t142 * t428 - t144 * t434;
-            let t461 = t143 * t434 - t142 * t431;
-            let t468 = 0.3333333333333333 * (t443 + t452 + t461);
-            let t469 = 0.3333333333333333 * (t441 + t450 + t459);
-            let t470 = 0.3333333333333333 * (t439 + t448 + t457);
-            let t472 = t76 + t443 - t468;
-            let t474 = t77 + t441 - t469;
-            let t476 = t439 - t78 - t470;
-            let t481 = sin_joint3_track_rotation_z * t474 + cos_joint3_track_rotation_z * t476;
-            let t487 = t76 + t452 - t468;
-            let t489 = t77 + t450 - t469;
-            let t491 = t448 - t78 - t470;
-            let t496 = sin_joint2_track_rotation_z * t489 + cos_joint2_track_rotation_z * t491;
-            let t502 = t76 + t461 - t468;
-            let t504 = t77 + t459 - t469;
-            let t506 = t457 - t78 - t470;
-            let t511 = sin_joint1_track_rotation_z * t504 + cos_joint1_track_rotation_z * t506;
-            let t540 = 0.3333333333333333 * (t113 + t95 + t131);
-            let t541 = 0.3333333333333333 * (t114 + t96 + t132);
-            let t542 = 0.3333333333333333 * (t107 + t89 + t125);
-            let t543 = t95 - t540;
-            let t544 = t96 - t541;
-            let t545 = t89 - t542;
-            let t552 = t113 - t540;
-            let t553 = t114 - t541;
-            let t554 = t107 - t542;
-            let t561 = t131 - t540;
-            let t562 = t132 - t541;
-            let t563 = t125 - t542;
-            let t574 = t143 * t545 - t166 * t562 - t155 * t553 - t144 * t544 + t154 * t554
-                + t165 * t563;
-            let t579 = t144 * t543 - t164 * t563 - t153 * t554 - t142 * t545 + t155 * t552
-                + t166 * t561;
-            let t584 = t142 * t544 - t165 * t561 - t154 * t552 - t143 * t543 + t153 * t553
-                + t164 * t562;
-            let t590 = (t201 * t579 + t198 * t574 + t204 * t584) / t218;
-            let t596 = (t207 * t579 + t201 * t574 + t210 * t584) / t218;
-            let t602 = (t210 * t579 + t204 * t574 + t213 * t584) / t218;
-            let t611 = target_position_z * t596 - target_position_y * t602 + target_position_x
+            let t115 = joint1_track_offset_x - t112;
+            let t116 = joint1_track_offset_y - t113;
+            let t117 = joint1_track_offset_z - t114;
+            let t118 = t115 * t115;
+            let t119 = t116 * t116;
+            let t120 = t117 * t117;
+            let t122 = t119 + t118 + t120;
+            let t126 = joint2_track_offset_x - t112;
+            let t127 = joint2_track_offset_y - t113;
+            let t128 = joint2_track_offset_z - t114;
+            let t129 = t126 * t126;
+            let t130 = t127 * t127;
+            let t131 = t128 * t128;
+            let t133 = t130 + t129 + t131;
+            let t137 = joint3_track_offset_x - t112;
+            let t138 = joint3_track_offset_y - t113;
+            let t139 = joint3_track_offset_z - t114;
+            let t140 = t137 * t137;
+            let t141 = t138 * t138;
+            let t142 = t139 * t139;
+            let t144 = t141 + t140 + t142;
+            let t149 = t122 - t140 - t129 - t118 + t133 + t144;
+            let t152 = t115 * t116 + t126 * t127 + t137 * t138;
+            let t155 = t115 * t117 + t126 * t128 + t137 * t139;
+            let t160 = t122 - t141 - t130 - t119 + t133 + t144;
+            let t163 = t116 * t117 + t127 * t128 + t138 * t139;
+            let t168 = t122 - t142 - t131 - t120 + t133 + t144;
+            let t171 = t160 * t168 - t163 * t163;
+            let t174 = t155 * t163 + t152 * t168;
+            let t177 = t152 * t163 + t155 * t160;
+            let t180 = t149 * t168 - t155 * t155;
+            let t183 = t152 * t155 + t149 * t163;
+            let t186 = t149 * t160 - t152 * t152;
+            let t191 = t149 * t171 - t152 * t174 - t155 * t177;
+            let t216 = 0.3333333333333333 * (t86 + t68 + t104);
+            let t217 = 0.3333333333333333 * (t87 + t69 + t105);
+            let t218 = 0.3333333333333333 * (t80 + t62 + t98);
+            let t219 = t68 - t216;
+            let t220 = t69 - t217;
+            let t221 = t62 - t218;
+            let t228 = t86 - t216;
+            let t229 = t87 - t217;
+            let t230 = t80 - t218;
+            let t237 = t104 - t216;
+            let t238 = t105 - t217;
+            let t239 = t98 - t218;
+            let t250 = t116 * t221 - t139 * t238 - t128 * t229 - t117 * t220 + t127 * t230
+                + t138 * t239;
+            let t255 = t117 * t219 - t137 * t239 - t126 * t230 - t115 * t221 + t128 * t228
+                + t139 * t237;
+            let t260 = t115 * t220 - t138 * t237 - t127 * t228 - t116 * t219 + t126 * t229
+                + t137 * t238;
+            let t266 = (t174 * t255 + t171 * t250 + t177 * t260) / t191;
+            let t272 = (t180 * t255 + t174 * t250 + t183 * t260) / t191;
+            let t278 = (t183 * t255 + t177 * t250 + t186 * t260) / t191;
+            let t285 = 0.5 + 0.041666666666666664 * (t272 * t272 + t266 * t266 + t278 * t278);
+            let t286 = t266 * t285;
+            let t287 = t272 * t285;
+            let t288 = t278 * t285;
+            let t294 = t287 * t287 + t286 * t286 + 1.0 + t288 * t288;
+            let t295 = 2.0 / t294;
+            let t298 = target_position_z * t287 - target_position_y * t288;
+            let t301 = target_position_x * t288 - target_position_z * t286;
+            let t304 = target_position_y * t286 - target_position_x * t287;
+            let t312 = t298 - t288 * t301 + t287 * t304;
+            let t314 = t301 - t286 * t304 + t288 * t298;
+            let t316 = t304 - t287 * t298 + t286 * t301;
+            let t321 = t295 * t312 + target_position_x
                 + 0.3333333333333333
-                * (t113 + joint2_track_offset_x + t95 + joint1_track_offset_x
-                + joint3_track_offset_x + t131);
-            let t614 = target_position_x * t602 - target_position_z * t590 + target_position_y
+                * (t86 + joint2_track_offset_x + t68 + joint1_track_offset_x + joint3_track_offset_x
+                + t104);
+            let t323 = t295 * t314 + target_position_y
                 + 0.3333333333333333
-                * (t114 + joint2_track_offset_y + t96 + joint1_track_offset_y
-                + joint3_track_offset_y + t132);
-            let t617 = target_position_y * t590 - target_position_x * t596 + target_position_z
+                * (t87 + joint2_track_offset_y + t69 + joint1_track_offset_y + joint3_track_offset_y
+                + t105);
+            let t325 = t295 * t316 + target_position_z
                 + 0.3333333333333333
-                * (t107 + joint2_track_offset_z + t89 + joint1_track_offset_z
-                + joint3_track_offset_z + t125);
-            let t622 = cos_frame_rotation_x * t614 - sin_frame_rotation_x * t617;
-            let t623 = sin_frame_rotation_x * t614 + cos_frame_rotation_x * t617;
-            let t628 = cos_frame_rotation_y * t623 - sin_frame_rotation_y * t611;
-            let t629 = sin_frame_rotation_y * t623 + cos_frame_rotation_y * t611;
-            let t634 = cos_frame_rotation_z * t629 - sin_frame_rotation_z * t622;
-            let t635 = sin_frame_rotation_z * t629 + cos_frame_rotation_z * t622;
-            let t659 = t219 * t584;
-            let t664 = t219 * t579 + t223 * t584;
-            let t665 = t223 * t579;
-            let t669 = t219 * t602 + t223 * t596 + t227 * t590;
-            let t676 = t219 * t574 + t227 * t584 + t182 * t669;
-            let t680 = t223 * t574 + t227 * t579 + t179 * t669;
-            let t683 = t227 * t574 - t176 * t669;
-            let t684 = t179 * t659;
-            let t691 = t182 * t665;
-            let t696 = t187 * t659 - t198 * t669 + t190 * t664 + t195 * t665;
-            let t707 = t201 * t669 - t684 - t684 + t182 * t664 + t190 * t676 + t195 * t680;
-            let t714 = t179 * t664 - t691 + t204 * t669 - t691 + t187 * t676 + t190 * t680;
-            let t715 = t190 * t683;
-            let t719 = t182 * t680 - t715 + t179 * t676 + t176 * t664 - t715;
-            let t723 = t176 * t659 + t182 * t676 + t195 * t683;
-            let t725 = t176 * t665 + t179 * t680 + t187 * t683;
-            let t733 = t725 + t696 + t723;
-            let t734 = t733 - t725;
-            let t735 = t733 - t696;
-            let t736 = t733 - t723;
-            let t737 = t166 * t734;
-            let t738 = t165 * t736;
-            let t739 = t164 * t735;
-            let t747 = t739 + t165 * t707 + t166 * t714 + t739 + t230 * t562 - t233 * t563;
-            let t754 = t737 + t164 * t714 + t165 * t719 + t737 + t233 * t561 - t236 * t562;
-            let t760 = t738 + t164 * t707 + t166 * t719 + t738 - t230 * t561 + t236 * t563;
-            let t767 = t155 * t734;
-            let t768 = t154 * t736;
-            let t769 = t153 * t735;
-            let t777 = t769 + t154 * t707 + t155 * t714 + t769 + t230 * t553 - t233 * t554;
-            let t784 = t767 + t153 * t714 + t154 * t719 + t767 + t233 * t552 - t236 * t553;
-            let t790 = t768 + t153 * t707 + t155 * t719 + t768 - t230 * t552 + t236 * t554;
-            let t797 = t144 * t734;
-            let t798 = t143 * t736;
-            let t799 = t142 * t735;
-            let t807 = t799 + t143 * t707 + t144 * t714 + t799 + t230 * t544 - t233 * t545;
-            let t814 = t797 + t142 * t714 + t143 * t719 + t797 + t233 * t543 - t236 * t544;
-            let t820 = t798 + t142 * t707 + t144 * t719 + t798 - t230 * t543 + t236 * t545;
-            let t830 = t24 - 0.3333333333333333 * (t754 + t784 + t814);
-            let t832 = t25 - 0.3333333333333333 * (t760 + t790 + t820);
-            let t834 = t26 - 0.3333333333333333 * (t747 + t777 + t807);
-            let t886 = t318 * t584;
-            let t891 = t318 * t579 + t322 * t584;
-            let t892 = t322 * t579;
-            let t896 = t318 * t602 + t322 * t596 + t326 * t590;
-            let t903 = t318 * t574 + t326 * t584 + t182 * t896;
-            let t907 = t322 * t574 + t326 * t579 + t179 * t896;
-            let t910 = t326 * t574 - t176 * t896;
-            let t911 = t179 * t886;
-            let t918 = t182 * t892;
-            let t923 = t187 * t886 - t198 * t896 + t190 * t891 + t195 * t892;
-            let t934 = t201 * t896 - t911 - t911 + t182 * t891 + t190 * t903 + t195 * t907;
-            let t941 = t179 * t891 - t918 + t204 * t896 - t918 + t187 * t903 + t190 * t907;
-            let t942 = t190 * t910;
-            let t946 = t182 * t907 - t942 + t179 * t903 + t176 * t891 - t942;
-            let t950 = t176 * t886 + t182 * t903 + t195 * t910;
-            let t952 = t176 * t892 + t179 * t907 + t187 * t910;
-            let t960 = t952 + t923 + t950;
-            let t961 = t960 - t952;
-            let t962 = t960 - t923;
-            let t963 = t960 - t950;
-            let t964 = t166 * t961;
-            let t965 = t165 * t963;
-            let t966 = t164 * t962;
-            let t974 = t966 + t165 * t934 + t166 * t941 + t966 + t329 * t562 - t332 * t563;
-            let t981 = t964 + t164 * t941 + t165 * t946 + t964 + t332 * t561 - t335 * t562;
-            let t987 = t965 + t164 * t934 + t166 * t946 + t965 - t329 * t561 + t335 * t563;
-            let t994 = t155 * t961;
-            let t995 = t154 * t963;
-            let t996 = t153 * t962;
-            let t1004 = t996 + t154 * t934 + t155 * t941 + t996 + t329 * t553 - t332 * t554;
-            let t1011 = t994 + t153 * t941 + t154 * t946 + t994 + t332 * t552 - t335 * t553;
-            let t1017 = t995 + t153 * t934 + t155 * t946 + t995 - t329 * t552 + t335 * t554;
-            let t1024 = t144 * t961;
-            let t1025 = t143 * t963;
-            let t1026 = t142 * t962;
-            let t1034 = t1026 + t143 * t934 + t144 * t941 + t1026 + t329 * t544 - t332 * t545;
-            let t1041 = t1024 + t142 * t941 + t143 * t946 + t1024 + t332 * t543 - t335 * t544;
-            let t1047 = t1025 + t142 * t934 + t144 * t946 + t1025 - t329 * t543 + t335 * t545;
-            let t1057 = t62 - 0.3333333333333333 * (t981 + t1011 + t1041);
-            let t1059 = t63 - 0.3333333333333333 * (t987 + t1017 + t1047);
-            let t1061 = t64 - 0.3333333333333333 * (t974 + t1004 + t1034);
-            let t1110 = t417 * t584;
-            let t1115 = t417 * t579 - t421 * t584;
-            let t1116 = t421 * t579;
-            let t1120 = t421 * t596 - t417 * t602 - t425 * t590;
-            let t1127 = t417 * t574 + t425 * t584 - t182 * t1120;
-            let t1131 = t425 * t579 - t421 * t574 - t179 * t1120;
-            let t1134 = t425 * t574 + t176 * t1120;
-            let t1135 = t179 * t1110;
-            let t1142 = t182 * t1116;
-            let t1147 = t198 * t1120 + t187 * t1110 + t190 * t1115 - t195 * t1116;
-            let t1158 = t182 * t1115 - t1135 - t201 * t1120 - t1135 + t190 * t1127 + t195 * t1131;
-            let t1165 = t1142 + t179 * t1115 - t204 * t1120 + t1142 + t187 * t1127 + t190 * t1131;
-            let t1166 = t190 * t1134;
-            let t1170 = t182 * t1131 - t1166 + t179 * t1127 + t176 * t1115 - t1166;
-            let t1174 = t176 * t1110 + t182 * t1127 + t195 * t1134;
-            let t1176 = t179 * t1131 - t176 * t1116 + t187 * t1134;
-            let t1184 = t1176 + t1147 + t1174;
-            let t1185 = t1184 - t1176;
-            let t1186 = t1184 - t1147;
-            let t1187 = t1184 - t1174;
-            let t1188 = t166 * t1185;
-            let t1189 = t165 * t1187;
-            let t1190 = t164 * t1186;
-            let t1198 = t1190 + t165 * t1158 + t166 * t1165 + t1190 + t428 * t562 - t431 * t563;
-            let t1205 = t1188 + t164 * t1165 + t165 * t1170 + t1188 + t431 * t561 - t434 * t562;
-            let t1211 = t1189 + t164 * t1158 + t166 * t1170 + t1189 - t428 * t561 + t434 * t563;
-            let t1218 = t155 * t1185;
-            let t1219 = t154 * t1187;
-            let t1220 = t153 * t1186;
-            let t1228 = t1220 + t154 * t1158 + t155 * t1165 + t1220 + t428 * t553 - t431 * t554;
-            let t1235 = t1218 + t153 * t1165 + t154 * t1170 + t1218 + t431 * t552 - t434 * t553;
-            let t1241 = t1219 + t153 * t1158 + t155 * t1170 + t1219 - t428 * t552 + t434 * t554;
-            let t1248 = t144 * t1185;
-            let t1249 = t143 * t1187;
-            let t1250 = t142 * t1186;
-            let t1258 = t1250 + t143 * t1158 + t144 * t1165 + t1250 + t428 * t544 - t431 * t545;
-            let t1265 = t1248 + t142 * t1165 + t143 * t1170 + t1248 + t431 * t543 - t434 * t544;
-            let t1271 = t1249 + t142 * t1158 + t144 * t1170 + t1249 - t428 * t543 + t434 * t545;
-            let t1280 = 0.3333333333333333 * (t1198 + t1228 + t1258);
-            let t1281 = t76 - 0.3333333333333333 * (t1205 + t1235 + t1265);
-            let t1283 = t77 - 0.3333333333333333 * (t1211 + t1241 + t1271);
-            residuals[0][lane] = t634 + frame_translation_x - x;
-            residuals[1][lane] = t635 + frame_translation_y - y;
-            residuals[2][lane] = t628 + frame_translation_z - z;
-            jacobian[0][lane] = t834 + t807;
-            jacobian[1][lane] = t832 + t820;
-            jacobian[2][lane] = t830 + t814;
-            jacobian[3][lane] = t83
-                * (sin_joint1_track_rotation_y * t313 + cos_joint1_track_rotation_y * t304)
-                - t84 * (cos_joint1_track_rotation_z * t306 - sin_joint1_track_rotation_z * t308);
-            jacobian[4][lane] = t89 * t313 - t90 * t304;
-            jacobian[5][lane] = t95 * t306 - t96 * t308;
-            jacobian[6][lane] = t834 + t777;
-            jacobian[7][lane] = t832 + t790;
-            jacobian[8][lane] = t830 + t784;
-            jacobian[9][lane] = t101
-                * (sin_joint2_track_rotation_y * t298 + cos_joint2_track_rotation_y * t289)
-                - t102 * (cos_joint2_track_rotation_z * t291 - sin_joint2_track_rotation_z * t293);
-            jacobian[10][lane] = t107 * t298 - t108 * t289;
-            jacobian[11][lane] = t113 * t291 - t114 * t293;
-            jacobian[12][lane] = t834 + t747;
-            jacobian[13][lane] = t832 + t760;
-            jacobian[14][lane] = t830 + t754;
-            jacobian[15][lane] = t119
-                * (sin_joint3_track_rotation_y * t283 + cos_joint3_track_rotation_y * t274)
-                - t120 * (cos_joint3_track_rotation_z * t276 - sin_joint3_track_rotation_z * t278);
-            jacobian[16][lane] = t125 * t283 - t126 * t274;
-            jacobian[17][lane] = t131 * t276 - t132 * t278;
+                * (t80 + joint2_track_offset_z + t62 + joint1_track_offset_z + joint3_track_offset_z
+                + t98);
+            let t330 = cos_frame_rotation_x * t323 - sin_frame_rotation_x * t325;
+            let t331 = sin_frame_rotation_x * t323 + cos_frame_rotation_x * t325;
+            let t336 = cos_frame_rotation_y * t331 - sin_frame_rotation_y * t321;
+            let t337 = sin_frame_rotation_y * t331 + cos_frame_rotation_y * t321;
+            let t342 = cos_frame_rotation_z * t337 - sin_frame_rotation_z * t330;
+            let t343 = sin_frame_rotation_z * t337 + cos_frame_rotation_z * t330;
+            let t355 = t14 * t295;
+            let t357 = t13 * t295;
+            let t359 = t6 * t295;
+            let t371 = t359 - t287 * t355 + t288 * t357;
+            let t375 = t357 + t286 * t355 - t288 * t359;
+            let t379 = t355 - t286 * t357 + t287 * t359;
+            let t399 = t295 * ((t14 * t316 + t13 * t314 + t6 * t312) / t294);
+            let t400 = t288 * t399;
+            let t405 = target_position_x * t375 - t400 - target_position_y * t371 - t301 * t359
+                + t298 * t357 - t400;
+            let t406 = t287 * t399;
+            let t411 = target_position_z * t371 - t406 - target_position_x * t379 + t304 * t359
+                - t298 * t355 - t406;
+            let t412 = t286 * t399;
+            let t417 = target_position_y * t379 - t412 - target_position_z * t375 - t304 * t357
+                + t301 * t355 - t412;
+            let t426 = 0.041666666666666664 * (t278 * t405 + t272 * t411 + t266 * t417);
+            let t427 = t278 * t426;
+            let t430 = t272 * t426;
+            let t433 = t266 * t426;
+            let t436 = (t427 + t285 * t405 + t427) / t191;
+            let t439 = t260 * t436;
+            let t444 = (t430 + t285 * t411 + t430) / t191;
+            let t448 = t255 * t436 + t260 * t444;
+            let t450 = t255 * t444;
+            let t453 = (t433 + t285 * t417 + t433) / t191;
+            let t456 = t278 * t436 + t272 * t444 + t266 * t453;
+            let t460 = t186 * t436 + t183 * t444 + t177 * t453;
+            let t464 = t183 * t436 + t180 * t444 + t174 * t453;
+            let t468 = t177 * t436 + t174 * t444 + t171 * t453;
+            let t472 = t250 * t436 + t260 * t453 + t155 * t456;
+            let t476 = t250 * t444 + t255 * t453 + t152 * t456;
+            let t479 = t250 * t453 - t149 * t456;
+            let t480 = t152 * t439;
+            let t487 = t155 * t450;
+            let t492 = t160 * t439 - t171 * t456 + t163 * t448 + t168 * t450;
+            let t503 = t174 * t456 - t480 - t480 + t155 * t448 + t163 * t472 + t168 * t476;
+            let t510 = t152 * t448 - t487 + t177 * t456 - t487 + t160 * t472 + t163 * t476;
+            let t511 = t163 * t479;
+            let t515 = t155 * t476 - t511 + t152 * t472 + t149 * t448 - t511;
+            let t519 = t149 * t439 + t155 * t472 + t168 * t479;
+            let t521 = t149 * t450 + t152 * t476 + t160 * t479;
+            let t529 = t521 + t492 + t519;
+            let t530 = t529 - t521;
+            let t531 = t529 - t492;
+            let t532 = t529 - t519;
+            let t533 = t139 * t530;
+            let t534 = t138 * t532;
+            let t535 = t137 * t531;
+            let t546 = t535 + t138 * t503 + t139 * t510 + t535 + t238 * t460 - t239 * t464;
+            let t549 = t139 * t464 - t138 * t460;
+            let t556 = t533 + t137 * t510 + t138 * t515 + t533 + t237 * t464 - t238 * t468;
+            let t557 = t137 * t460 - t139 * t468;
+            let t564 = t534 + t137 * t503 + t139 * t515 + t534 - t237 * t460 + t239 * t468;
+            let t565 = t138 * t468 - t137 * t464;
+            let t572 = t128 * t530;
+            let t573 = t127 * t532;
+            let t574 = t126 * t531;
+            let t585 = t574 + t127 * t503 + t128 * t510 + t574 + t229 * t460 - t230 * t464;
+            let t588 = t128 * t464 - t127 * t460;
+            let t595 = t572 + t126 * t510 + t127 * t515 + t572 + t228 * t464 - t229 * t468;
+            let t596 = t126 * t460 - t128 * t468;
+            let t603 = t573 + t126 * t503 + t128 * t515 + t573 - t228 * t460 + t230 * t468;
+            let t604 = t127 * t468 - t126 * t464;
+            let t611 = t117 * t530;
+            let t612 = t116 * t532;
+            let t613 = t115 * t531;
+            let t624 = t613 + t116 * t503 + t117 * t510 + t613 + t220 * t460 - t221 * t464;
+            let t627 = t117 * t464 - t116 * t460;
+            let t634 = t611 + t115 * t510 + t116 * t515 + t611 + t219 * t464 - t220 * t468;
+            let t635 = t115 * t460 - t117 * t468;
+            let t642 = t612 + t115 * t503 + t117 * t515 + t612 - t219 * t460 + t221 * t468;
+            let t643 = t116 * t468 - t115 * t464;
+            let t662 = t15 - 0.3333333333333333 * (t556 + t595 + t634);
+            let t664 = t15 - 0.3333333333333333 * (t565 + t604 + t643);
+            let t665 = t664 + t565;
+            let t666 = t16 - 0.3333333333333333 * (t564 + t603 + t642);
+            let t668 = t16 - 0.3333333333333333 * (t557 + t596 + t635);
+            let t669 = t668 + t557;
+            let t670 = t17 - 0.3333333333333333 * (t546 + t585 + t624);
+            let t672 = t17 - 0.3333333333333333 * (t549 + t588 + t627);
+            let t673 = t672 + t549;
+            let t681 = sin_joint3_track_rotation_z * t669 + cos_joint3_track_rotation_z * t673;
+            let t693 = t664 + t604;
+            let t695 = t668 + t596;
+            let t697 = t672 + t588;
+            let t705 = sin_joint2_track_rotation_z * t695 + cos_joint2_track_rotation_z * t697;
+            let t717 = t664 + t643;
+            let t719 = t668 + t635;
+            let t721 = t672 + t627;
+            let t729 = sin_joint1_track_rotation_z * t719 + cos_joint1_track_rotation_z * t721;
+            let t745 = t43 * t295;
+            let t747 = t42 * t295;
+            let t749 = t37 * t295;
+            let t761 = t749 - t287 * t745 + t288 * t747;
+            let t765 = t747 + t286 * t745 - t288 * t749;
+            let t769 = t745 - t286 * t747 + t287 * t749;
+            let t789 = t295 * ((t43 * t316 + t42 * t314 + t37 * t312) / t294);
+            let t790 = t288 * t789;
+            let t795 = target_position_x * t765 - t790 - target_position_y * t761 - t301 * t749
+                + t298 * t747 - t790;
+            let t796 = t287 * t789;
+            let t801 = target_position_z * t761 - t796 - target_position_x * t769 + t304 * t749
+                - t298 * t745 - t796;
+            let t802 = t286 * t789;
+            let t807 = target_position_y * t769 - t802 - target_position_z * t765 - t304 * t747
+                + t301 * t745 - t802;
+            let t816 = 0.041666666666666664 * (t278 * t795 + t272 * t801 + t266 * t807);
+            let t817 = t278 * t816;
+            let t820 = t272 * t816;
+            let t823 = t266 * t816;
+            let t826 = (t817 + t285 * t795 + t817) / t191;
+            let t829 = t260 * t826;
+            let t834 = (t820 + t285 * t801 + t820) / t191;
+            let t838 = t255 * t826 + t260 * t834;
+            let t840 = t255 * t834;
+            let t843 = (t823 + t285 * t807 + t823) / t191;
+            let t846 = t278 * t826 + t272 * t834 + t266 * t843;
+            let t850 = t186 * t826 + t183 * t834 + t177 * t843;
+            let t854 = t183 * t826 + t180 * t834 + t174 * t843;
+            let t858 = t177 * t826 + t174 * t834 + t171 * t843;
+            let t862 = t250 * t826 + t260 * t843 + t155 * t846;
+            let t866 = t250 * t834 + t255 * t843 + t152 * t846;
+            let t869 = t250 * t843 - t149 * t846;
+            let t870 = t152 * t829;
+            let t877 = t155 * t840;
+            let t882 = t160 * t829 - t171 * t846 + t163 * t838 + t168 * t840;
+            let t893 = t174 * t846 - t870 - t870 + t155 * t838 + t163 * t862 + t168 * t866;
+            let t900 = t152 * t838 - t877 + t177 * t846 - t877 + t160 * t862 + t163 * t866;
+            let t901 = t163 * t869;
+            let t905 = t155 * t866 - t901 + t152 * t862 + t149 * t838 - t901;
+            let t909 = t149 * t829 + t155 * t862 + t168 * t869;
+            let t911 = t149 * t840 + t152 * t866 + t160 * t869;
+            let t919 = t911 + t882 + t909;
+            let t920 = t919 - t911;
+            let t921 = t919 - t882;
+            let t922 = t919 - t909;
+            let t923 = t139 * t920;
+            let t924 = t138 * t922;
+            let t925 = t137 * t921;
+            let t936 = t925 + t138 * t893 + t139 * t900 + t925 + t238 * t850 - t239 * t854;
+            let t939 = t139 * t854 - t138 * t850;
+            let t946 = t923 + t137 * t900 + t138 * t905 + t923 + t237 * t854 - t238 * t858;
+            let t947 = t137 * t850 - t139 * t858;
+            let t954 = t924 + t137 * t893 + t139 * t905 + t924 - t237 * t850 + t239 * t858;
+            let t955 = t138 * t858 - t137 * t854;
+            let t962 = t128 * t920;
+            let t963 = t127 * t922;
+            let t964 = t126 * t921;
+            let t975 = t964 + t127 * t893 + t128 * t900 + t964 + t229 * t850 - t230 * t854;
+            let t978 = t128 * t854 - t127 * t850;
+            let t985 = t962 + t126 * t900 + t127 * t905 + t962 + t228 * t854 - t229 * t858;
+            let t986 = t126 * t850 - t128 * t858;
+            let t993 = t963 + t126 * t893 + t128 * t905 + t963 - t228 * t850 + t230 * t858;
+            let t994 = t127 * t858 - t126 * t854;
+            let t1001 = t117 * t920;
+            let t1002 = t116 * t922;
+            let t1003 = t115 * t921;
+            let t1014 = t1003 + t116 * t893 + t117 * t900 + t1003 + t220 * t850 - t221 * t854;
+            let t1017 = t117 * t854 - t116 * t850;
+            let t1024 = t1001 + t115 * t900 + t116 * t905 + t1001 + t219 * t854 - t220 * t858;
+            let t1025 = t115 * t850 - t117 * t858;
+            let t1032 = t1002 + t115 * t893 + t117 * t905 + t1002 - t219 * t850 + t221 * t858;
+            let t1033 = t116 * t858 - t115 * t854;
+            let t1052 = t44 - 0.3333333333333333 * (t946 + t985 + t1024);
+            let t1054 = t44 - 0.3333333333333333 * (t955 + t994 + t1033);
+            let t1055 = t1054 + t955;
+            let t1056 = t45 - 0.3333333333333333 * (t954 + t993 + t1032);
+            let t1058 = t45 - 0.3333333333333333 * (t947 + t986 + t1025);
+            let t1059 = t1058 + t947;
+            let t1060 = t46 - 0.3333333333333333 * (t936 + t975 + t1014);
+            let t1062 = t46 - 0.3333333333333333 * (t939 + t978 + t1017);
+            let t1063 = t1062 + t939;
+            let t1071 = sin_joint3_track_rotation_z * t1059 + cos_joint3_track_rotation_z * t1063;
+            let t1083 = t1054 + t994;
+            let t1085 = t1058 + t986;
+            let t1087 = t1062 + t978;
+            let t1095 = sin_joint2_track_rotation_z * t1085 + cos_joint2_track_rotation_z * t1087;
+            let t1107 = t1054 + t1033;
+            let t1109 = t1058 + t1025;
+            let t1111 = t1062 + t1017;
+            let t1119 = sin_joint1_track_rotation_z * t1109 + cos_joint1_track_rotation_z * t1111;
+            let t1132 = t48 * t295;
+            let t1134 = t47 * t295;
+            let t1136 = sin_frame_rotation_y * t295;
+            let t1148 = t288 * t1134 - t1136 - t287 * t1132;
+            let t1152 = t1134 + t286 * t1132 + t288 * t1136;
+            let t1156 = t1132 - t286 * t1134 - t287 * t1136;
+            let t1176 = t295 * ((t48 * t316 + t47 * t314 - sin_frame_rotation_y * t312) / t294);
+            let t1177 = t288 * t1176;
+            let t1182 = target_position_x * t1152 - t1177 - target_position_y * t1148 + t301 * t1136
+                + t298 * t1134 - t1177;
+            let t1183 = t287 * t1176;
+            let t1188 = target_position_z * t1148 - t1183 - target_position_x * t1156 - t304 * t1136
+                - t298 * t1132 - t1183;
+            let t1189 = t286 * t1176;
+            let t1194 = target_position_y * t1156 - t1189 - target_position_z * t1152 - t304 * t1134
+                + t301 * t1132 - t1189;
+            let t1203 = 0.041666666666666664 * (t278 * t1182 + t272 * t1188 + t266 * t1194);
+            let t1204 = t278 * t1203;
+            let t1207 = t272 * t1203;
+            let t1210 = t266 * t1203;
+            let t1213 = (t1204 + t285 * t1182 + t1204) / t191;
+            let t1216 = t260 * t1213;
+            let t1221 = (t1207 + t285 * t1188 + t1207) / t191;
+            let t1225 = t255 * t1213 + t260 * t1221;
+            let t1227 = t255 * t1221;
+            let t1230 = (t1210 + t285 * t1194 + t1210) / t191;
+            let t1233 = t278 * t1213 + t272 * t1221 + t266 * t1230;
+            let t1237 = t186 * t1213 + t183 * t1221 + t177 * t1230;
+            let t1241 = t183 * t1213 + t180 * t1221 + t174 * t1230;
+            let t1245 = t177 * t1213 + t174 * t1221 + t171 * t1230;
+            let t1249 = t250 * t1213 + t260 * t1230 + t155 * t1233;
+            let t1253 = t250 * t1221 + t255 * t1230 + t152 * t1233;
+            let t1256 = t250 * t1230 - t149 * t1233;
+            let t1257 = t152 * t1216;
+            let t1264 = t155 * t1227;
+            let t1269 = t160 * t1216 - t171 * t1233 + t163 * t1225 + t168 * t1227;
+            let t1280 = t174 * t1233 - t1257 - t1257 + t155 * t1225 + t163 * t1249 + t168 * t1253;
+            let t1287 = t152 * t1225 - t1264 + t177 * t1233 - t1264 + t160 * t1249 + t163 * t1253;
+            let t1288 = t163 * t1256;
+            let t1292 = t155 * t1253 - t1288 + t152 * t1249 + t149 * t1225 - t1288;
+            let t1296 = t149 * t1216 + t155 * t1249 + t168 * t1256;
+            let t1298 = t149 * t1227 + t152 * t1253 + t160 * t1256;
+            let t1306 = t1298 + t1269 + t1296;
+            let t1307 = t1306 - t1298;
+            let t1308 = t1306 - t1269;
+            let t1309 = t1306 - t1296;
+            let t1310 = t139 * t1307;
+            let t1311 = t138 * t1309;
+            let t1312 = t137 * t1308;
+            let t1323 = t1312 + t138 * t1280 + t139 * t1287 + t1312 + t238 * t1237 - t239 * t1241;
+            let t1326 = t139 * t1241 - t138 * t1237;
+            let t1333 = t1310 + t137 * t1287 + t138 * t1292 + t1310 + t237 * t1241 - t238 * t1245;
+            let t1334 = t137 * t1237 - t139 * t1245;
+            let t1341 = t1311 + t137 * t1280 + t139 * t1292 + t1311 - t237 * t1237 + t239 * t1245;
+            let t1342 = t138 * t1245 - t137 * t1241;
+            let t1349 = t128 * t1307;
+            let t1350 = t127 * t1309;
+            let t1351 = t126 * t1308;
+            let t1362 = t1351 + t127 * t1280 + t128 * t1287 + t1351 + t229 * t1237 - t230 * t1241;
+            let t1365 = t128 * t1241 - t127 * t1237;
+            let t1372 = t1349 + t126 * t1287 + t127 * t1292 + t1349 + t228 * t1241 - t229 * t1245;
+            let t1373 = t126 * t1237 - t128 * t1245;
+            let t1380 = t1350 + t126 * t1280 + t128 * t1292 + t1350 - t228 * t1237 + t230 * t1245;
+            let t1381 = t127 * t1245 - t126 * t1241;
+            let t1388 = t117 * t1307;
+            let t1389 = t116 * t1309;
+            let t1390 = t115 * t1308;
+            let t1401 = t1390 + t116 * t1280 + t117 * t1287 + t1390 + t220 * t1237 - t221 * t1241;
+            let t1404 = t117 * t1241 - t116 * t1237;
+            let t1411 = t1388 + t115 * t1287 + t116 * t1292 + t1388 + t219 * t1241 - t220 * t1245;
+            let t1412 = t115 * t1237 - t117 * t1245;
+            let t1419 = t1389 + t115 * t1280 + t117 * t1292 + t1389 - t219 * t1237 + t221 * t1245;
+            let t1420 = t116 * t1245 - t115 * t1241;
+            let t1435 = 0.3333333333333333 * (t1326 + t1365 + t1404);
+            let t1438 = 0.3333333333333333 * (t1323 + t1362 + t1401);
+            let t1439 = t49 - 0.3333333333333333 * (t1333 + t1372 + t1411);
+            let t1441 = t49 - 0.3333333333333333 * (t1342 + t1381 + t1420);
+            let t1442 = t1441 + t1342;
+            let t1443 = t50 - 0.3333333333333333 * (t1341 + t1380 + t1419);
+            let t1445 = t50 - 0.3333333333333333 * (t1334 + t1373 + t1412);
+            let t1446 = t1445 + t1334;
+            let t1450 = t1326 - t1435 - t51;
+            let t1458 = sin_joint3_track_rotation_z * t1446 + cos_joint3_track_rotation_z * t1450;
+            let t1470 = t1441 + t1381;
+            let t1472 = t1445 + t1373;
+            let t1476 = t1365 - t1435 - t51;
+            let t1484 = sin_joint2_track_rotation_z * t1472 + cos_joint2_track_rotation_z * t1476;
+            let t1496 = t1441 + t1420;
+            let t1498 = t1445 + t1412;
+            let t1502 = t1404 - t1435 - t51;
+            let t1510 = sin_joint1_track_rotation_z * t1498 + cos_joint1_track_rotation_z * t1502;
+            residuals[0][lane] = t342 + frame_translation_x - x;
+            residuals[1][lane] = t343 + frame_translation_y - y;
+            residuals[2][lane] = t336 + frame_translation_z - z;
+            jacobian[0][lane] = t670 + t624;
+            jacobian[1][lane] = t666 + t642;
+            jacobian[2][lane] = t662 + t634;
+            jacobian[3][lane] = t56
+                * (sin_joint1_track_rotation_y * t729 + cos_joint1_track_rotation_y * t717)
+                - t57 * (cos_joint1_track_rotation_z * t719 - sin_joint1_track_rotation_z * t721);
+            jacobian[4][lane] = t62 * t729 - t63 * t717;
+            jacobian[5][lane] = t68 * t719 - t69 * t721;
+            jacobian[6][lane] = t670 + t585;
+            jacobian[7][lane] = t666 + t603;
+            jacobian[8][lane] = t662 + t595;
+            jacobian[9][lane] = t74
+                * (sin_joint2_track_rotation_y * t705 + cos_joint2_track_rotation_y * t693)
+                - t75 * (cos_joint2_track_rotation_z * t695 - sin_joint2_track_rotation_z * t697);
+            jacobian[10][lane] = t80 * t705 - t81 * t693;
+            jacobian[11][lane] = t86 * t695 - t87 * t697;
+            jacobian[12][lane] = t670 + t546;
+            jacobian[13][lane] = t666 + t564;
+            jacobian[14][lane] = t662 + t556;
+            jacobian[15][lane] = t92
+                * (sin_joint3_track_rotation_y * t681 + cos_joint3_track_rotation_y * t665)
+                - t93 * (cos_joint3_track_rotation_z * t669 - sin_joint3_track_rotation_z * t673);
+            jacobian[16][lane] = t98 * t681 - t99 * t665;
+            jacobian[17][lane] = t104 * t669 - t105 * t673;
             jacobian[18][lane] = 1.0;
-            jacobian[19][lane] = t5 * t622 + sin_frame_rotation_z * t623;
-            jacobian[20][lane] = cos_frame_rotation_z * t628;
-            jacobian[21][lane] = -t635;
-            jacobian[22][lane] = t6 - t14 * t596 + t13 * t602;
-            jacobian[23][lane] = t13 + t14 * t590 - t6 * t602;
-            jacobian[24][lane] = t14 - t13 * t590 + t6 * t596;
-            jacobian[25][lane] = t1061 + t1034;
-            jacobian[26][lane] = t1059 + t1047;
-            jacobian[27][lane] = t1057 + t1041;
-            jacobian[28][lane] = t83
-                * (sin_joint1_track_rotation_y * t412 + cos_joint1_track_rotation_y * t403)
-                - t84 * (cos_joint1_track_rotation_z * t405 - sin_joint1_track_rotation_z * t407);
-            jacobian[29][lane] = t89 * t412 - t90 * t403;
-            jacobian[30][lane] = t95 * t405 - t96 * t407;
-            jacobian[31][lane] = t1061 + t1004;
-            jacobian[32][lane] = t1059 + t1017;
-            jacobian[33][lane] = t1057 + t1011;
-            jacobian[34][lane] = t101
-                * (sin_joint2_track_rotation_y * t397 + cos_joint2_track_rotation_y * t388)
-                - t102 * (cos_joint2_track_rotation_z * t390 - sin_joint2_track_rotation_z * t392);
-            jacobian[35][lane] = t107 * t397 - t108 * t388;
-            jacobian[36][lane] = t113 * t390 - t114 * t392;
-            jacobian[37][lane] = t1061 + t974;
-            jacobian[38][lane] = t1059 + t987;
-            jacobian[39][lane] = t1057 + t981;
-            jacobian[40][lane] = t119
-                * (sin_joint3_track_rotation_y * t382 + cos_joint3_track_rotation_y * t373)
-                - t120 * (cos_joint3_track_rotation_z * t375 - sin_joint3_track_rotation_z * t377);
-            jacobian[41][lane] = t125 * t382 - t126 * t373;
-            jacobian[42][lane] = t131 * t375 - t132 * t377;
+            jacobian[19][lane] = t5 * t330 + sin_frame_rotation_z * t331;
+            jacobian[20][lane] = cos_frame_rotation_z * t336;
+            jacobian[21][lane] = -t343;
+            jacobian[22][lane] = t6 - t287 * t379 + t288 * t375;
+            jacobian[23][lane] = t13 + t286 * t379 - t288 * t371;
+            jacobian[24][lane] = t14 - t286 * t375 + t287 * t371;
+            jacobian[25][lane] = t1060 + t1014;
+            jacobian[26][lane] = t1056 + t1032;
+            jacobian[27][lane] = t1052 + t1024;
+            jacobian[28][lane] = t56
+                * (sin_joint1_track_rotation_y * t1119 + cos_joint1_track_rotation_y * t1107)
+                - t57 * (cos_joint1_track_rotation_z * t1109 - sin_joint1_track_rotation_z * t1111);
+            jacobian[29][lane] = t62 * t1119 - t63 * t1107;
+            jacobian[30][lane] = t68 * t1109 - t69 * t1111;
+            jacobian[31][lane] = t1060 + t975;
+            jacobian[32][lane] = t1056 + t993;
+            jacobian[33][lane] = t1052 + t985;
+            jacobian[34][lane] = t74
+                * (sin_joint2_track_rotation_y * t1095 + cos_joint2_track_rotation_y * t1083)
+                - t75 * (cos_joint2_track_rotation_z * t1085 - sin_joint2_track_rotation_z * t1087);
+            jacobian[35][lane] = t80 * t1095 - t81 * t1083;
+            jacobian[36][lane] = t86 * t1085 - t87 * t1087;
+            jacobian[37][lane] = t1060 + t936;
+            jacobian[38][lane] = t1056 + t954;
+            jacobian[39][lane] = t1052 + t946;
+            jacobian[40][lane] = t92
+                * (sin_joint3_track_rotation_y * t1071 + cos_joint3_track_rotation_y * t1055)
+                - t93 * (cos_joint3_track_rotation_z * t1059 - sin_joint3_track_rotation_z * t1063);
+            jacobian[41][lane] = t98 * t1071 - t99 * t1055;
+            jacobian[42][lane] = t104 * t1059 - t105 * t1063;
             jacobian[43][lane] = 1.0;
-            jacobian[44][lane] = t45 * t622 - cos_frame_rotation_z * t623;
-            jacobian[45][lane] = sin_frame_rotation_z * t628;
-            jacobian[46][lane] = t634;
-            jacobian[47][lane] = t46 - t52 * t596 + t51 * t602;
-            jacobian[48][lane] = t51 + t52 * t590 - t46 * t602;
-            jacobian[49][lane] = t52 - t51 * t590 + t46 * t596;
-            jacobian[50][lane] = t1258 - t1280 - t78;
-            jacobian[51][lane] = t1283 + t1271;
-            jacobian[52][lane] = t1281 + t1265;
-            jacobian[53][lane] = t83
-                * (sin_joint1_track_rotation_y * t511 + cos_joint1_track_rotation_y * t502)
-                - t84 * (cos_joint1_track_rotation_z * t504 - sin_joint1_track_rotation_z * t506);
-            jacobian[54][lane] = t89 * t511 - t90 * t502;
-            jacobian[55][lane] = t95 * t504 - t96 * t506;
-            jacobian[56][lane] = t1228 - t1280 - t78;
-            jacobian[57][lane] = t1283 + t1241;
-            jacobian[58][lane] = t1281 + t1235;
-            jacobian[59][lane] = t101
-                * (sin_joint2_track_rotation_y * t496 + cos_joint2_track_rotation_y * t487)
-                - t102 * (cos_joint2_track_rotation_z * t489 - sin_joint2_track_rotation_z * t491);
-            jacobian[60][lane] = t107 * t496 - t108 * t487;
-            jacobian[61][lane] = t113 * t489 - t114 * t491;
-            jacobian[62][lane] = t1198 - t1280 - t78;
-            jacobian[63][lane] = t1283 + t1211;
-            jacobian[64][lane] = t1281 + t1205;
-            jacobian[65][lane] = t119
-                * (sin_joint3_track_rotation_y * t481 + cos_joint3_track_rotation_y * t472)
-                - t120 * (cos_joint3_track_rotation_z * t474 - sin_joint3_track_rotation_z * t476);
-            jacobian[66][lane] = t125 * t481 - t126 * t472;
-            jacobian[67][lane] = t131 * t474 - t132 * t476;
+            jacobian[44][lane] = t36 * t330 - cos_frame_rotation_z * t331;
+            jacobian[45][lane] = sin_frame_rotation_z * t336;
+            jacobian[46][lane] = t342;
+            jacobian[47][lane] = t37 - t287 * t769 + t288 * t765;
+            jacobian[48][lane] = t42 + t286 * t769 - t288 * t761;
+            jacobian[49][lane] = t43 - t286 * t765 + t287 * t761;
+            jacobian[50][lane] = t1401 - t1438 - t51;
+            jacobian[51][lane] = t1443 + t1419;
+            jacobian[52][lane] = t1439 + t1411;
+            jacobian[53][lane] = t56
+                * (sin_joint1_track_rotation_y * t1510 + cos_joint1_track_rotation_y * t1496)
+                - t57 * (cos_joint1_track_rotation_z * t1498 - sin_joint1_track_rotation_z * t1502);
+            jacobian[54][lane] = t62 * t1510 - t63 * t1496;
+            jacobian[55][lane] = t68 * t1498 - t69 * t1502;
+            jacobian[56][lane] = t1362 - t1438 - t51;
+            jacobian[57][lane] = t1443 + t1380;
+            jacobian[58][lane] = t1439 + t1372;
+            jacobian[59][lane] = t74
+                * (sin_joint2_track_rotation_y * t1484 + cos_joint2_track_rotation_y * t1470)
+                - t75 * (cos_joint2_track_rotation_z * t1472 - sin_joint2_track_rotation_z * t1476);
+            jacobian[60][lane] = t80 * t1484 - t81 * t1470;
+            jacobian[61][lane] = t86 * t1472 - t87 * t1476;
+            jacobian[62][lane] = t1323 - t1438 - t51;
+            jacobian[63][lane] = t1443 + t1341;
+            jacobian[64][lane] = t1439 + t1333;
+            jacobian[65][lane] = t92
+                * (sin_joint3_track_rotation_y * t1458 + cos_joint3_track_rotation_y * t1442)
+                - t93 * (cos_joint3_track_rotation_z * t1446 - sin_joint3_track_rotation_z * t1450);
+            jacobian[66][lane] = t98 * t1458 - t99 * t1442;
+            jacobian[67][lane] = t104 * t1446 - t105 * t1450;
             jacobian[68][lane] = 1.0;
-            jacobian[69][lane] = cos_frame_rotation_y * t622;
-            jacobian[70][lane] = -t629;
-            jacobian[71][lane] = t65 * t602 - sin_frame_rotation_y - t66 * t596;
-            jacobian[72][lane] = t65 + t66 * t590 + sin_frame_rotation_y * t602;
-            jacobian[73][lane] = t66 - t65 * t590 - sin_frame_rotation_y * t596;
+            jacobian[69][lane] = cos_frame_rotation_y * t330;
+            jacobian[70][lane] = -t337;
+            jacobian[71][lane] = t288 * t1152 - sin_frame_rotation_y - t287 * t1156;
+            jacobian[72][lane] = t47 + t286 * t1156 - t288 * t1148;
+            jacobian[73][lane] = t48 - t286 * t1152 + t287 * t1148;
         }
     }
 }
@@ -15602,8 +16724,8 @@ pub mod full_rack {
     /// Parameters: `joint1_track_offset_x`, `joint1_track_offset_y`, `joint1_track_offset_z`, `joint1_track_direction_x`, `joint1_track_direction_y`, `joint1_track_direction_z`, `joint2_track_offset_x`, `joint2_track_offset_y`, `joint2_track_offset_z`, `joint2_track_direction_x`, `joint2_track_direction_y`, `joint2_track_direction_z`, `rack_pitch_sine`, `rack_pitch_cosine`, `rack_pitch_period`, `frame_translation_x`, `frame_translation_y`, `frame_translation_z`, `frame_rotation_x`, `frame_rotation_y`, `frame_rotation_z`, `target_position_x`, `target_position_y`, `target_position_z`, `target_rotation_x`, `target_rotation_y`, `target_rotation_z`.
     ///
     /// Once per sample: 34 operations (4 additions, 24 multiplications, 6 functions).
-    /// Residuals: 265 operations (105 additions, 139 multiplications, 5 divisions, 1 negation, 15 functions).
-    /// With the Jacobian: 1325 operations (520 additions, 740 multiplications, 29 divisions, 21 negations, 15 functions).
+    /// Residuals: 342 operations (135 additions, 185 multiplications, 6 divisions, 1 negation, 15 functions).
+    /// With the Jacobian: 1966 operations (808 additions, 1086 multiplications, 36 divisions, 21 negations, 15 functions).
     #[derive(Debug, Clone, Copy)]
     pub struct CartPoseTwo;
     impl Formulas for CartPoseTwo {
@@ -15745,60 +16867,77 @@ pub mod full_rack {
             let t86 = (t16 * t17 - t14 * t19) / t84;
             let t87 = (t14 * t18 - t15 * t17) / t84;
             let t91 = 1.0 / math::sqrt(t36 * t36 + t35 * t35 + t37 * t37);
-            let t107 = target_position_z * t86 - target_position_y * t87 + target_position_x
+            let t104 = 0.5 + 0.041666666666666664 * (t86 * t86 + t85 * t85 + t87 * t87);
+            let t105 = t85 * t104;
+            let t106 = t86 * t104;
+            let t107 = t87 * t104;
+            let t114 = 2.0 / (t106 * t106 + t105 * t105 + 1.0 + t107 * t107);
+            let t117 = target_position_z * t106 - target_position_y * t107;
+            let t120 = target_position_x * t107 - target_position_z * t105;
+            let t123 = target_position_y * t105 - target_position_x * t106;
+            let t141 = t114 * (t117 - t107 * t120 + t106 * t123) + target_position_x
                 + 0.5 * (t4 + joint1_track_offset_x + t1 + joint2_track_offset_x)
                 + t13 * (t35 * t91);
-            let t111 = target_position_x * t87 - target_position_z * t85 + target_position_y
+            let t144 = t114 * (t120 - t105 * t123 + t107 * t117) + target_position_y
                 + 0.5 * (t5 + joint1_track_offset_y + t2 + joint2_track_offset_y)
                 + t13 * (t36 * t91);
-            let t115 = target_position_y * t85 - target_position_x * t86 + target_position_z
+            let t147 = t114 * (t123 - t106 * t117 + t105 * t120) + target_position_z
                 + 0.5 * (t6 + joint1_track_offset_z + t3 + joint2_track_offset_z)
                 + t13 * (t37 * t91);
-            let t123 = t45 - sin_target_rotation_y * t86 - t46 * t87;
-            let t125 = sin_target_rotation_y * t85 + t46 + t45 * t87;
-            let t127 = t46 * t85 - t45 * t86 - sin_target_rotation_y;
-            let t136 = cos_frame_rotation_x * t111 - sin_frame_rotation_x * t115;
-            let t137 = sin_frame_rotation_x * t111 + cos_frame_rotation_x * t115;
-            let t142 = sin_frame_rotation_y * t137 + cos_frame_rotation_y * t107;
-            let t160 = cos_frame_rotation_x * t125 - sin_frame_rotation_x * t127;
-            let t161 = sin_frame_rotation_x * t125 + cos_frame_rotation_x * t127;
-            let t166 = cos_frame_rotation_y * t161 - sin_frame_rotation_y * t123;
-            let t167 = sin_frame_rotation_y * t161 + cos_frame_rotation_y * t123;
-            let t172 = cos_frame_rotation_z * t167 - sin_frame_rotation_z * t160;
-            let t173 = sin_frame_rotation_z * t167 + cos_frame_rotation_z * t160;
-            let t185 = t63 - t64 * t87 + t49 * t86;
-            let t187 = t63 * t87 + t64 - t49 * t85;
-            let t189 = t49 - t63 * t86 + t64 * t85;
-            let t194 = cos_frame_rotation_x * t187 - sin_frame_rotation_x * t189;
-            let t195 = sin_frame_rotation_x * t187 + cos_frame_rotation_x * t189;
-            let t200 = cos_frame_rotation_y * t195 - sin_frame_rotation_y * t185;
-            let t201 = sin_frame_rotation_y * t195 + cos_frame_rotation_y * t185;
-            let t206 = cos_frame_rotation_z * t201 - sin_frame_rotation_z * t194;
-            let t207 = sin_frame_rotation_z * t201 + cos_frame_rotation_z * t194;
-            let t219 = t69 - t70 * t87 + t51 * t86;
-            let t221 = t69 * t87 + t70 - t51 * t85;
-            let t223 = t51 - t69 * t86 + t70 * t85;
-            let t228 = cos_frame_rotation_x * t221 - sin_frame_rotation_x * t223;
-            let t229 = sin_frame_rotation_x * t221 + cos_frame_rotation_x * t223;
-            let t234 = cos_frame_rotation_y * t229 - sin_frame_rotation_y * t219;
-            let t235 = sin_frame_rotation_y * t229 + cos_frame_rotation_y * t219;
-            let t240 = cos_frame_rotation_z * t235 - sin_frame_rotation_z * t228;
-            let t241 = sin_frame_rotation_z * t235 + cos_frame_rotation_z * t228;
-            residuals[0][lane] = cos_frame_rotation_z * t142 - sin_frame_rotation_z * t136
+            let t150 = sin_target_rotation_y * t106 + t46 * t107;
+            let t153 = t45 * t107 + sin_target_rotation_y * t105;
+            let t156 = t46 * t105 - t45 * t106;
+            let t172 = t45 + t114 * (t106 * t156 - t107 * t153 - t150);
+            let t173 = t46 + t114 * (t153 - t107 * t150 - t105 * t156);
+            let t174 = t114 * (t106 * t150 + t156 + t105 * t153) - sin_target_rotation_y;
+            let t183 = cos_frame_rotation_x * t144 - sin_frame_rotation_x * t147;
+            let t184 = sin_frame_rotation_x * t144 + cos_frame_rotation_x * t147;
+            let t189 = sin_frame_rotation_y * t184 + cos_frame_rotation_y * t141;
+            let t207 = cos_frame_rotation_x * t173 - sin_frame_rotation_x * t174;
+            let t208 = sin_frame_rotation_x * t173 + cos_frame_rotation_x * t174;
+            let t213 = cos_frame_rotation_y * t208 - sin_frame_rotation_y * t172;
+            let t214 = sin_frame_rotation_y * t208 + cos_frame_rotation_y * t172;
+            let t219 = cos_frame_rotation_z * t214 - sin_frame_rotation_z * t207;
+            let t220 = sin_frame_rotation_z * t214 + cos_frame_rotation_z * t207;
+            let t228 = t49 * t106 - t64 * t107;
+            let t230 = t63 * t107 - t49 * t105;
+            let t233 = t64 * t105 - t63 * t106;
+            let t249 = t63 + t114 * (t228 - t107 * t230 + t106 * t233);
+            let t250 = t64 + t114 * (t230 - t105 * t233 + t107 * t228);
+            let t251 = t49 + t114 * (t233 - t106 * t228 + t105 * t230);
+            let t256 = cos_frame_rotation_x * t250 - sin_frame_rotation_x * t251;
+            let t257 = sin_frame_rotation_x * t250 + cos_frame_rotation_x * t251;
+            let t262 = cos_frame_rotation_y * t257 - sin_frame_rotation_y * t249;
+            let t263 = sin_frame_rotation_y * t257 + cos_frame_rotation_y * t249;
+            let t268 = cos_frame_rotation_z * t263 - sin_frame_rotation_z * t256;
+            let t269 = sin_frame_rotation_z * t263 + cos_frame_rotation_z * t256;
+            let t277 = t51 * t106 - t70 * t107;
+            let t279 = t69 * t107 - t51 * t105;
+            let t282 = t70 * t105 - t69 * t106;
+            let t298 = t69 + t114 * (t277 - t107 * t279 + t106 * t282);
+            let t299 = t70 + t114 * (t279 - t105 * t282 + t107 * t277);
+            let t300 = t51 + t114 * (t282 - t106 * t277 + t105 * t279);
+            let t305 = cos_frame_rotation_x * t299 - sin_frame_rotation_x * t300;
+            let t306 = sin_frame_rotation_x * t299 + cos_frame_rotation_x * t300;
+            let t311 = cos_frame_rotation_y * t306 - sin_frame_rotation_y * t298;
+            let t312 = sin_frame_rotation_y * t306 + cos_frame_rotation_y * t298;
+            let t317 = cos_frame_rotation_z * t312 - sin_frame_rotation_z * t305;
+            let t318 = sin_frame_rotation_z * t312 + cos_frame_rotation_z * t305;
+            residuals[0][lane] = cos_frame_rotation_z * t189 - sin_frame_rotation_z * t183
                 + frame_translation_x - x;
-            residuals[1][lane] = sin_frame_rotation_z * t142 + cos_frame_rotation_z * t136
+            residuals[1][lane] = sin_frame_rotation_z * t189 + cos_frame_rotation_z * t183
                 + frame_translation_y - y;
-            residuals[2][lane] = cos_frame_rotation_y * t137 - sin_frame_rotation_y * t107
+            residuals[2][lane] = cos_frame_rotation_y * t184 - sin_frame_rotation_y * t141
                 + frame_translation_z - z;
             residuals[3][lane] = 0.5
-                * (prepared_16 * t166 - prepared_5 * t241 - prepared_7 * t207 + prepared_6 * t173
-                + prepared_18 * t200 + prepared_9 * t234);
+                * (prepared_16 * t213 - prepared_5 * t318 - prepared_7 * t269 + prepared_6 * t220
+                + prepared_18 * t262 + prepared_9 * t311);
             residuals[4][lane] = 0.5
-                * (prepared_17 * t200 - prepared_8 * t234 - prepared_6 * t172 - prepared_15 * t166
-                + prepared_7 * t206 + prepared_5 * t240);
+                * (prepared_17 * t262 - prepared_8 * t311 - prepared_6 * t219 - prepared_15 * t213
+                + prepared_7 * t268 + prepared_5 * t317);
             residuals[5][lane] = 0.5
-                * (prepared_15 * t173 - prepared_9 * t240 - prepared_16 * t172 - prepared_17 * t207
-                - prepared_18 * t206 + prepared_8 * t241);
+                * (prepared_15 * t220 - prepared_9 * t317 - prepared_16 * t219 - prepared_17 * t269
+                - prepared_18 * t268 + prepared_8 * t318);
         }
         #[inline(always)]
         fn linearize<S: Samples>(
@@ -15876,441 +17015,624 @@ pub mod full_rack {
             let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(frame_rotation_x);
             let t65 = t57 * sin_frame_rotation_x - sin_frame_rotation_z * cos_frame_rotation_x;
             let t66 = t57 * cos_frame_rotation_x + sin_frame_rotation_z * sin_frame_rotation_x;
-            let t76 = t13 * t66;
-            let t77 = t13 * t65;
-            let t78 = t13 * t58;
-            let t84 = 0.5 * t66;
-            let t85 = 0.5 * t65;
-            let t86 = 0.5 * t58;
-            let t87 = sin_frame_rotation_z * sin_frame_rotation_y;
-            let t88 = sin_frame_rotation_z * cos_frame_rotation_y;
-            let t93 = sin_frame_rotation_x * t87 + cos_frame_rotation_z * cos_frame_rotation_x;
-            let t94 = cos_frame_rotation_x * t87 - cos_frame_rotation_z * sin_frame_rotation_x;
-            let t104 = t13 * t94;
-            let t105 = t13 * t93;
-            let t106 = t13 * t88;
-            let t112 = 0.5 * t94;
-            let t113 = 0.5 * t93;
-            let t114 = 0.5 * t88;
-            let t115 = cos_frame_rotation_y * sin_frame_rotation_x;
-            let t116 = cos_frame_rotation_y * cos_frame_rotation_x;
-            let t126 = t13 * t116;
-            let t127 = t13 * t115;
-            let t128 = t13 * sin_frame_rotation_y;
-            let t134 = 0.5 * t116;
-            let t135 = 0.5 * t115;
-            let t136 = -0.5 * sin_frame_rotation_y;
-            let t137 = sin_frame_rotation_z * prepared_10;
-            let t138 = cos_frame_rotation_z * prepared_10;
-            let t143 = cos_frame_rotation_y * prepared_11 - sin_frame_rotation_y * t137;
-            let t144 = cos_frame_rotation_y * t137 + sin_frame_rotation_y * prepared_11;
-            let t149 = sin_frame_rotation_x * t143 - cos_frame_rotation_x * t138;
-            let t150 = cos_frame_rotation_x * t143 + sin_frame_rotation_x * t138;
-            let t153 = sin_frame_rotation_z * prepared_12;
-            let t154 = cos_frame_rotation_z * prepared_12;
-            let t159 = sin_frame_rotation_z * prepared_13;
-            let t160 = cos_frame_rotation_z * prepared_13;
-            let t169 = sin_frame_rotation_y * t138 - cos_frame_rotation_y * prepared_14;
-            let t170 = cos_frame_rotation_y * t138 + sin_frame_rotation_y * prepared_14;
-            let t175 = sin_frame_rotation_x * t169 - cos_frame_rotation_x * t137;
-            let t176 = cos_frame_rotation_x * t169 + sin_frame_rotation_x * t137;
-            let t191 = sin_frame_rotation_z * prepared_14 - cos_frame_rotation_z * prepared_11;
-            let t192 = cos_frame_rotation_z * prepared_14 + sin_frame_rotation_z * prepared_11;
-            let t193 = sin_frame_rotation_y * t191;
-            let t194 = cos_frame_rotation_y * t191;
-            let t199 = sin_frame_rotation_x * t193 + cos_frame_rotation_x * t192;
-            let t200 = cos_frame_rotation_x * t193 - sin_frame_rotation_x * t192;
-            let t207 = cos_target_rotation_z * t50 - sin_target_rotation_z * cos_target_rotation_x;
-            let t208 = sin_target_rotation_z * t50 + cos_target_rotation_z * cos_target_rotation_x;
-            let t213 = cos_target_rotation_z * t52 + sin_target_rotation_z * sin_target_rotation_x;
-            let t214 = sin_target_rotation_z * t52 - cos_target_rotation_z * sin_target_rotation_x;
-            let t221 = cos_frame_rotation_y * prepared_19 - sin_frame_rotation_y * t153;
-            let t222 = cos_frame_rotation_y * t153 + sin_frame_rotation_y * prepared_19;
-            let t225 = sin_frame_rotation_x * t221 - cos_frame_rotation_x * t154;
-            let t226 = sin_frame_rotation_x * t154 + cos_frame_rotation_x * t221;
-            let t235 = sin_frame_rotation_y * t159 + cos_frame_rotation_y * prepared_20;
-            let t236 = cos_frame_rotation_y * t159 - sin_frame_rotation_y * prepared_20;
-            let t239 = cos_frame_rotation_x * t160 + sin_frame_rotation_x * t235;
-            let t240 = cos_frame_rotation_x * t235 - sin_frame_rotation_x * t160;
-            let t268 = sin_frame_rotation_y * t154 + cos_frame_rotation_y * prepared_21;
-            let t269 = cos_frame_rotation_y * t154 - sin_frame_rotation_y * prepared_21;
-            let t272 = sin_frame_rotation_x * t268 - cos_frame_rotation_x * t153;
-            let t273 = sin_frame_rotation_x * t153 + cos_frame_rotation_x * t268;
-            let t282 = sin_frame_rotation_y * t160 + cos_frame_rotation_y * prepared_22;
-            let t283 = sin_frame_rotation_y * prepared_22 - cos_frame_rotation_y * t160;
-            let t286 = cos_frame_rotation_x * t159 - sin_frame_rotation_x * t282;
-            let t287 = sin_frame_rotation_x * t159 + cos_frame_rotation_x * t282;
-            let t317 = sin_frame_rotation_z * prepared_21 + cos_frame_rotation_z * prepared_19;
-            let t318 = sin_frame_rotation_z * prepared_19 - cos_frame_rotation_z * prepared_21;
-            let t319 = sin_frame_rotation_y * t317;
-            let t320 = cos_frame_rotation_y * t317;
-            let t325 = cos_frame_rotation_x * t318 - sin_frame_rotation_x * t319;
-            let t326 = cos_frame_rotation_x * t319 + sin_frame_rotation_x * t318;
-            let t337 = sin_frame_rotation_z * prepared_22 - cos_frame_rotation_z * prepared_20;
-            let t338 = cos_frame_rotation_z * prepared_22 + sin_frame_rotation_z * prepared_20;
-            let t339 = sin_frame_rotation_y * t337;
-            let t340 = cos_frame_rotation_y * t337;
-            let t345 = sin_frame_rotation_x * t339 + cos_frame_rotation_x * t338;
-            let t346 = cos_frame_rotation_x * t339 - sin_frame_rotation_x * t338;
-            let t381 = t15 * t15 + t14 * t14 + t16 * t16;
-            let t382 = (t15 * t19 - t16 * t18) / t381;
-            let t383 = (t16 * t17 - t14 * t19) / t381;
-            let t384 = (t14 * t18 - t15 * t17) / t381;
-            let t387 = math::sqrt(t36 * t36 + t35 * t35 + t37 * t37);
-            let t388 = 1.0 / t387;
-            let t389 = t35 * t388;
-            let t390 = t36 * t388;
-            let t391 = t37 * t388;
-            let t404 = target_position_z * t383 - target_position_y * t384 + target_position_x
-                + 0.5 * (t4 + joint1_track_offset_x + t1 + joint2_track_offset_x) + t13 * t389;
-            let t408 = target_position_x * t384 - target_position_z * t382 + target_position_y
-                + 0.5 * (t5 + joint1_track_offset_y + t2 + joint2_track_offset_y) + t13 * t390;
-            let t412 = target_position_y * t382 - target_position_x * t383 + target_position_z
-                + 0.5 * (t6 + joint1_track_offset_z + t3 + joint2_track_offset_z) + t13 * t391;
-            let t420 = t45 - sin_target_rotation_y * t383 - t46 * t384;
-            let t422 = sin_target_rotation_y * t382 + t46 + t45 * t384;
-            let t424 = t46 * t382 - t45 * t383 - sin_target_rotation_y;
-            let t445 = t66 * t391 + t65 * t390 + t58 * t389;
-            let t449 = t388 * t388;
-            let t451 = 2.0 * t387;
-            let t452 = (t37 * t76 + t36 * t77 + t35 * t78) * t449 / t451;
-            let t453 = t37 * t452;
-            let t456 = t36 * t452;
-            let t459 = t35 * t452;
-            let t462 = 0.5 * (t76 * t388 - t453 - t453);
-            let t463 = 0.5 * (t77 * t388 - t456 - t456);
-            let t464 = 0.5 * (t78 * t388 - t459 - t459);
-            let t465 = (target_position_x * t65 - target_position_y * t58) / t381;
-            let t467 = (target_position_z * t58 - target_position_x * t66) / t381;
-            let t469 = (target_position_y * t66 - target_position_z * t65) / t381;
-            let t472 = t384 * t465 + t383 * t467 + t382 * t469;
-            let t473 = 2.0 * t16;
-            let t475 = 2.0 * t15;
-            let t477 = 2.0 * t14;
-            let t486 = t18 * t465 - t472 * t477 - t19 * t467;
-            let t489 = t16 * t467 - t15 * t465;
-            let t493 = t17 * t467 - t472 * t473 - t18 * t469;
-            let t494 = t14 * t465 - t16 * t469;
-            let t498 = t19 * t469 - t472 * t475 - t17 * t465;
-            let t499 = t15 * t469 - t14 * t467;
-            let t504 = rack_pitch_sine * t11 - t9 * rack_pitch_cosine;
-            let t548 = t94 * t391 + t93 * t390 + t88 * t389;
-            let t553 = (t37 * t104 + t36 * t105 + t35 * t106) * t449 / t451;
-            let t554 = t37 * t553;
-            let t557 = t36 * t553;
-            let t560 = t35 * t553;
-            let t563 = 0.5 * (t104 * t388 - t554 - t554);
-            let t564 = 0.5 * (t105 * t388 - t557 - t557);
-            let t565 = 0.5 * (t106 * t388 - t560 - t560);
-            let t566 = (target_position_x * t93 - target_position_y * t88) / t381;
-            let t568 = (target_position_z * t88 - target_position_x * t94) / t381;
-            let t570 = (target_position_y * t94 - target_position_z * t93) / t381;
-            let t573 = t384 * t566 + t383 * t568 + t382 * t570;
-            let t584 = t18 * t566 - t477 * t573 - t19 * t568;
-            let t587 = t16 * t568 - t15 * t566;
-            let t591 = t17 * t568 - t473 * t573 - t18 * t570;
-            let t592 = t14 * t566 - t16 * t570;
-            let t596 = t19 * t570 - t475 * t573 - t17 * t566;
-            let t597 = t15 * t570 - t14 * t568;
-            let t643 = t116 * t391 + t115 * t390 - sin_frame_rotation_y * t389;
-            let t648 = (t37 * t126 + t36 * t127 - t35 * t128) * t449 / t451;
-            let t649 = t37 * t648;
-            let t652 = t36 * t648;
-            let t655 = t35 * t648;
-            let t658 = 0.5 * (t126 * t388 - t649 - t649);
-            let t659 = 0.5 * (t127 * t388 - t652 - t652);
-            let t660 = -0.5 * (t655 + t128 * t388 + t655);
-            let t661 = (target_position_x * t115 + target_position_y * sin_frame_rotation_y) / t381;
-            let t663 = (target_position_x * t116 + target_position_z * sin_frame_rotation_y) / t381;
-            let t665 = (target_position_y * t116 - target_position_z * t115) / t381;
-            let t668 = t383 * t663 - t384 * t661 - t382 * t665;
-            let t679 = t477 * t668 + t18 * t661 + t19 * t663;
-            let t682 = t15 * t661 + t16 * t663;
-            let t686 = t473 * t668 - t17 * t663 - t18 * t665;
-            let t687 = t14 * t661 - t16 * t665;
-            let t691 = t475 * t668 - t17 * t661 + t19 * t665;
-            let t692 = t14 * t663 + t15 * t665;
-            let t727 = t149 * t384 - t144 - t150 * t383;
-            let t730 = t149 + t150 * t382 + t144 * t384;
-            let t733 = t150 - t149 * t382 - t144 * t383;
-            let t738 = sin_target_rotation_z * t730 + cos_target_rotation_z * t727;
-            let t748 = t170 - t176 * t383 + t175 * t384;
-            let t751 = t175 + t176 * t382 - t170 * t384;
-            let t754 = t176 - t175 * t382 + t170 * t383;
-            let t759 = sin_target_rotation_z * t751 + cos_target_rotation_z * t748;
-            let t769 = t194 - t200 * t383 + t199 * t384;
-            let t772 = t199 + t200 * t382 - t194 * t384;
-            let t775 = t200 - t199 * t382 + t194 * t383;
-            let t780 = sin_target_rotation_z * t772 + cos_target_rotation_z * t769;
-            let t789 = cos_frame_rotation_x * t408 - sin_frame_rotation_x * t412;
-            let t790 = sin_frame_rotation_x * t408 + cos_frame_rotation_x * t412;
-            let t795 = cos_frame_rotation_y * t790 - sin_frame_rotation_y * t404;
-            let t796 = sin_frame_rotation_y * t790 + cos_frame_rotation_y * t404;
-            let t801 = cos_frame_rotation_z * t796 - sin_frame_rotation_z * t789;
-            let t802 = sin_frame_rotation_z * t796 + cos_frame_rotation_z * t789;
-            let t813 = cos_frame_rotation_x * t422 - sin_frame_rotation_x * t424;
-            let t814 = sin_frame_rotation_x * t422 + cos_frame_rotation_x * t424;
-            let t819 = cos_frame_rotation_y * t814 - sin_frame_rotation_y * t420;
-            let t820 = sin_frame_rotation_y * t814 + cos_frame_rotation_y * t420;
-            let t825 = cos_frame_rotation_z * t820 - sin_frame_rotation_z * t813;
-            let t826 = sin_frame_rotation_z * t820 + cos_frame_rotation_z * t813;
-            let t838 = t207 - t208 * t384 + t49 * t383;
-            let t840 = t207 * t384 + t208 - t49 * t382;
-            let t842 = t49 - t207 * t383 + t208 * t382;
-            let t847 = cos_frame_rotation_x * t840 - sin_frame_rotation_x * t842;
-            let t848 = sin_frame_rotation_x * t840 + cos_frame_rotation_x * t842;
-            let t853 = cos_frame_rotation_y * t848 - sin_frame_rotation_y * t838;
-            let t854 = sin_frame_rotation_y * t848 + cos_frame_rotation_y * t838;
-            let t859 = cos_frame_rotation_z * t854 - sin_frame_rotation_z * t847;
-            let t860 = sin_frame_rotation_z * t854 + cos_frame_rotation_z * t847;
-            let t872 = t213 - t214 * t384 + t51 * t383;
-            let t874 = t213 * t384 + t214 - t51 * t382;
-            let t876 = t51 - t213 * t383 + t214 * t382;
-            let t881 = cos_frame_rotation_x * t874 - sin_frame_rotation_x * t876;
-            let t882 = sin_frame_rotation_x * t874 + cos_frame_rotation_x * t876;
-            let t887 = cos_frame_rotation_y * t882 - sin_frame_rotation_y * t872;
-            let t888 = sin_frame_rotation_y * t882 + cos_frame_rotation_y * t872;
-            let t893 = cos_frame_rotation_z * t888 - sin_frame_rotation_z * t881;
-            let t894 = sin_frame_rotation_z * t888 + cos_frame_rotation_z * t881;
-            let t943 = t225 * t384 - t222 - t226 * t383;
-            let t946 = t225 + t226 * t382 + t222 * t384;
-            let t949 = t226 - t225 * t382 - t222 * t383;
-            let t972 = t236 - t240 * t383 + t239 * t384;
-            let t975 = t239 + t240 * t382 - t236 * t384;
-            let t985 = sin_target_rotation_z * t946 + cos_target_rotation_z * t943;
-            let t1019 =
-                (t149 * t213 + t144 * t214 + t207 * t225 + t208 * t222 + t45 * t239 - t46 * t236)
-                / t381;
-            let t1021 =
-                (t51 * t144 + t150 * t213 + t207 * t226 + t49 * t222 + t45 * t240
-                + sin_target_rotation_y * t236) / t381;
-            let t1023 =
-                (t150 * t214 - t51 * t149 + t208 * t226 - t49 * t225 + t46 * t240
-                + sin_target_rotation_y * t239) / t381;
-            let t1026 = t383 * t1021 - t384 * t1019 - t382 * t1023;
-            let t1037 = t477 * t1026 + t18 * t1019 + t19 * t1021;
-            let t1044 = t473 * t1026 - t17 * t1021 - t18 * t1023;
-            let t1049 = t475 * t1026 - t17 * t1019 + t19 * t1023;
-            let t1051 = q * (t14 * t1021 + t15 * t1023);
-            let t1052 = q * (t14 * t1019 - t16 * t1023);
-            let t1053 = q * (t15 * t1019 + t16 * t1021);
-            let t1069 = t269 - t273 * t383 + t272 * t384;
-            let t1072 = t272 + t273 * t382 - t269 * t384;
-            let t1075 = t273 - t272 * t382 + t269 * t383;
-            let t1098 = t283 + t287 * t383 + t286 * t384;
-            let t1101 = t286 - t287 * t382 - t283 * t384;
-            let t1111 = sin_target_rotation_z * t1072 + cos_target_rotation_z * t1069;
-            let t1145 =
-                (t175 * t213 - t170 * t214 + t207 * t272 - t208 * t269 + t45 * t286 - t46 * t283)
-                / t381;
-            let t1147 =
-                (t51 * t170 - t176 * t213 - t207 * t273 + t49 * t269 + t45 * t287
-                - sin_target_rotation_y * t283) / t381;
-            let t1149 =
-                (t176 * t214 - t51 * t175 + t208 * t273 - t49 * t272 - t46 * t287
-                + sin_target_rotation_y * t286) / t381;
-            let t1152 = t384 * t1145 + t383 * t1147 + t382 * t1149;
-            let t1163 = t18 * t1145 - t477 * t1152 - t19 * t1147;
-            let t1170 = t17 * t1147 - t473 * t1152 - t18 * t1149;
-            let t1175 = t19 * t1149 - t475 * t1152 - t17 * t1145;
-            let t1177 = q * (t15 * t1149 - t14 * t1147);
-            let t1178 = q * (t14 * t1145 - t16 * t1149);
-            let t1179 = q * (t16 * t1147 - t15 * t1145);
-            let t1195 = t326 * t383 - t320 + t325 * t384;
-            let t1198 = t325 - t326 * t382 + t320 * t384;
-            let t1201 = t326 + t325 * t382 + t320 * t383;
-            let t1224 = t340 - t346 * t383 + t345 * t384;
-            let t1227 = t345 + t346 * t382 - t340 * t384;
-            let t1237 = sin_target_rotation_z * t1198 + cos_target_rotation_z * t1195;
-            let t1271 =
-                (t199 * t213 - t194 * t214 + t207 * t325 + t208 * t320 + t45 * t345 - t46 * t340)
-                / t381;
-            let t1273 =
-                (t51 * t194 - t200 * t213 + t207 * t326 - t49 * t320 - t45 * t346
-                - sin_target_rotation_y * t340) / t381;
-            let t1275 =
-                (t200 * t214 - t51 * t199 - t208 * t326 - t49 * t325 + t46 * t346
-                + sin_target_rotation_y * t345) / t381;
-            let t1278 = t384 * t1271 + t383 * t1273 + t382 * t1275;
-            let t1289 = t18 * t1271 - t477 * t1278 - t19 * t1273;
-            let t1296 = t17 * t1273 - t473 * t1278 - t18 * t1275;
-            let t1301 = t19 * t1275 - t475 * t1278 - t17 * t1271;
-            let t1303 = q * (t15 * t1275 - t14 * t1273);
-            let t1304 = q * (t14 * t1271 - t16 * t1275);
-            let t1305 = q * (t16 * t1273 - t15 * t1271);
-            residuals[0][lane] = t801 + frame_translation_x - x;
-            residuals[1][lane] = t802 + frame_translation_y - y;
-            residuals[2][lane] = t795 + frame_translation_z - z;
+            let t67 = t13 * t66;
+            let t68 = t13 * t65;
+            let t69 = t13 * t58;
+            let t75 = 0.5 * t66;
+            let t76 = 0.5 * t65;
+            let t77 = 0.5 * t58;
+            let t78 = sin_frame_rotation_z * sin_frame_rotation_y;
+            let t79 = sin_frame_rotation_z * cos_frame_rotation_y;
+            let t84 = sin_frame_rotation_x * t78 + cos_frame_rotation_z * cos_frame_rotation_x;
+            let t85 = cos_frame_rotation_x * t78 - cos_frame_rotation_z * sin_frame_rotation_x;
+            let t86 = t13 * t85;
+            let t87 = t13 * t84;
+            let t88 = t13 * t79;
+            let t94 = 0.5 * t85;
+            let t95 = 0.5 * t84;
+            let t96 = 0.5 * t79;
+            let t97 = cos_frame_rotation_y * sin_frame_rotation_x;
+            let t98 = cos_frame_rotation_y * cos_frame_rotation_x;
+            let t99 = t13 * t98;
+            let t100 = t13 * t97;
+            let t101 = t13 * sin_frame_rotation_y;
+            let t107 = 0.5 * t98;
+            let t108 = 0.5 * t97;
+            let t109 = -0.5 * sin_frame_rotation_y;
+            let t110 = sin_frame_rotation_z * prepared_10;
+            let t111 = cos_frame_rotation_z * prepared_10;
+            let t116 = cos_frame_rotation_y * prepared_11 - sin_frame_rotation_y * t110;
+            let t117 = cos_frame_rotation_y * t110 + sin_frame_rotation_y * prepared_11;
+            let t122 = sin_frame_rotation_x * t116 - cos_frame_rotation_x * t111;
+            let t123 = cos_frame_rotation_x * t116 + sin_frame_rotation_x * t111;
+            let t124 = sin_frame_rotation_z * prepared_12;
+            let t125 = cos_frame_rotation_z * prepared_12;
+            let t130 = sin_frame_rotation_z * prepared_13;
+            let t131 = cos_frame_rotation_z * prepared_13;
+            let t140 = sin_frame_rotation_y * t111 - cos_frame_rotation_y * prepared_14;
+            let t141 = cos_frame_rotation_y * t111 + sin_frame_rotation_y * prepared_14;
+            let t146 = sin_frame_rotation_x * t140 - cos_frame_rotation_x * t110;
+            let t147 = cos_frame_rotation_x * t140 + sin_frame_rotation_x * t110;
+            let t160 = sin_frame_rotation_z * prepared_14 - cos_frame_rotation_z * prepared_11;
+            let t161 = cos_frame_rotation_z * prepared_14 + sin_frame_rotation_z * prepared_11;
+            let t162 = sin_frame_rotation_y * t160;
+            let t163 = cos_frame_rotation_y * t160;
+            let t168 = sin_frame_rotation_x * t162 + cos_frame_rotation_x * t161;
+            let t169 = cos_frame_rotation_x * t162 - sin_frame_rotation_x * t161;
+            let t174 = cos_target_rotation_z * t50 - sin_target_rotation_z * cos_target_rotation_x;
+            let t175 = sin_target_rotation_z * t50 + cos_target_rotation_z * cos_target_rotation_x;
+            let t180 = cos_target_rotation_z * t52 + sin_target_rotation_z * sin_target_rotation_x;
+            let t181 = sin_target_rotation_z * t52 - cos_target_rotation_z * sin_target_rotation_x;
+            let t184 = cos_frame_rotation_y * prepared_19 - sin_frame_rotation_y * t124;
+            let t185 = cos_frame_rotation_y * t124 + sin_frame_rotation_y * prepared_19;
+            let t188 = sin_frame_rotation_x * t184 - cos_frame_rotation_x * t125;
+            let t189 = sin_frame_rotation_x * t125 + cos_frame_rotation_x * t184;
+            let t192 = sin_frame_rotation_y * t130 + cos_frame_rotation_y * prepared_20;
+            let t193 = cos_frame_rotation_y * t130 - sin_frame_rotation_y * prepared_20;
+            let t196 = cos_frame_rotation_x * t131 + sin_frame_rotation_x * t192;
+            let t197 = cos_frame_rotation_x * t192 - sin_frame_rotation_x * t131;
+            let t200 = sin_frame_rotation_y * t125 + cos_frame_rotation_y * prepared_21;
+            let t201 = cos_frame_rotation_y * t125 - sin_frame_rotation_y * prepared_21;
+            let t204 = sin_frame_rotation_x * t200 - cos_frame_rotation_x * t124;
+            let t205 = sin_frame_rotation_x * t124 + cos_frame_rotation_x * t200;
+            let t208 = sin_frame_rotation_y * t131 + cos_frame_rotation_y * prepared_22;
+            let t209 = sin_frame_rotation_y * prepared_22 - cos_frame_rotation_y * t131;
+            let t212 = cos_frame_rotation_x * t130 - sin_frame_rotation_x * t208;
+            let t213 = sin_frame_rotation_x * t130 + cos_frame_rotation_x * t208;
+            let t218 = sin_frame_rotation_z * prepared_21 + cos_frame_rotation_z * prepared_19;
+            let t219 = sin_frame_rotation_z * prepared_19 - cos_frame_rotation_z * prepared_21;
+            let t220 = sin_frame_rotation_y * t218;
+            let t221 = cos_frame_rotation_y * t218;
+            let t226 = cos_frame_rotation_x * t219 - sin_frame_rotation_x * t220;
+            let t227 = cos_frame_rotation_x * t220 + sin_frame_rotation_x * t219;
+            let t232 = sin_frame_rotation_z * prepared_22 - cos_frame_rotation_z * prepared_20;
+            let t233 = cos_frame_rotation_z * prepared_22 + sin_frame_rotation_z * prepared_20;
+            let t234 = sin_frame_rotation_y * t232;
+            let t235 = cos_frame_rotation_y * t232;
+            let t240 = sin_frame_rotation_x * t234 + cos_frame_rotation_x * t233;
+            let t241 = cos_frame_rotation_x * t234 - sin_frame_rotation_x * t233;
+            let t255 = t15 * t15 + t14 * t14 + t16 * t16;
+            let t256 = (t15 * t19 - t16 * t18) / t255;
+            let t257 = (t16 * t17 - t14 * t19) / t255;
+            let t258 = (t14 * t18 - t15 * t17) / t255;
+            let t261 = math::sqrt(t36 * t36 + t35 * t35 + t37 * t37);
+            let t262 = 1.0 / t261;
+            let t263 = t35 * t262;
+            let t264 = t36 * t262;
+            let t265 = t37 * t262;
+            let t275 = 0.5 + 0.041666666666666664 * (t257 * t257 + t256 * t256 + t258 * t258);
+            let t276 = t256 * t275;
+            let t277 = t257 * t275;
+            let t278 = t258 * t275;
+            let t284 = t277 * t277 + t276 * t276 + 1.0 + t278 * t278;
+            let t285 = 2.0 / t284;
+            let t288 = target_position_z * t277 - target_position_y * t278;
+            let t291 = target_position_x * t278 - target_position_z * t276;
+            let t294 = target_position_y * t276 - target_position_x * t277;
+            let t302 = t288 - t278 * t291 + t277 * t294;
+            let t304 = t291 - t276 * t294 + t278 * t288;
+            let t306 = t294 - t277 * t288 + t276 * t291;
+            let t312 = t285 * t302 + target_position_x
+                + 0.5 * (t4 + joint1_track_offset_x + t1 + joint2_track_offset_x) + t13 * t263;
+            let t315 = t285 * t304 + target_position_y
+                + 0.5 * (t5 + joint1_track_offset_y + t2 + joint2_track_offset_y) + t13 * t264;
+            let t318 = t285 * t306 + target_position_z
+                + 0.5 * (t6 + joint1_track_offset_z + t3 + joint2_track_offset_z) + t13 * t265;
+            let t321 = sin_target_rotation_y * t277 + t46 * t278;
+            let t324 = t45 * t278 + sin_target_rotation_y * t276;
+            let t327 = t46 * t276 - t45 * t277;
+            let t335 = t277 * t327 - t278 * t324 - t321;
+            let t337 = t324 - t278 * t321 - t276 * t327;
+            let t339 = t277 * t321 + t327 + t276 * t324;
+            let t343 = t45 + t285 * t335;
+            let t344 = t46 + t285 * t337;
+            let t345 = t285 * t339 - sin_target_rotation_y;
+            let t351 = t66 * t285;
+            let t353 = t65 * t285;
+            let t355 = t58 * t285;
+            let t367 = t355 - t277 * t351 + t278 * t353;
+            let t371 = t353 + t276 * t351 - t278 * t355;
+            let t375 = t351 - t276 * t353 + t277 * t355;
+            let t395 = t285 * ((t66 * t306 + t65 * t304 + t58 * t302) / t284);
+            let t396 = t278 * t395;
+            let t401 = target_position_x * t371 - t396 - target_position_y * t367 - t291 * t355
+                + t288 * t353 - t396;
+            let t402 = t277 * t395;
+            let t407 = target_position_z * t367 - t402 - target_position_x * t375 + t294 * t355
+                - t288 * t351 - t402;
+            let t408 = t276 * t395;
+            let t413 = target_position_y * t375 - t408 - target_position_z * t371 - t294 * t353
+                + t291 * t351 - t408;
+            let t422 = 0.041666666666666664 * (t258 * t401 + t257 * t407 + t256 * t413);
+            let t423 = t258 * t422;
+            let t426 = t257 * t422;
+            let t429 = t256 * t422;
+            let t436 = t66 * t265 + t65 * t264 + t58 * t263;
+            let t440 = t262 * t262;
+            let t442 = 2.0 * t261;
+            let t443 = (t37 * t67 + t36 * t68 + t35 * t69) * t440 / t442;
+            let t444 = t37 * t443;
+            let t447 = t36 * t443;
+            let t450 = t35 * t443;
+            let t453 = 0.5 * (t67 * t262 - t444 - t444);
+            let t454 = 0.5 * (t68 * t262 - t447 - t447);
+            let t455 = 0.5 * (t69 * t262 - t450 - t450);
+            let t456 = (t423 + t275 * t401 + t423) / t255;
+            let t458 = (t426 + t275 * t407 + t426) / t255;
+            let t460 = (t429 + t275 * t413 + t429) / t255;
+            let t463 = t258 * t456 + t257 * t458 + t256 * t460;
+            let t464 = 2.0 * t16;
+            let t466 = 2.0 * t15;
+            let t468 = 2.0 * t14;
+            let t477 = t18 * t456 - t463 * t468 - t19 * t458;
+            let t480 = t16 * t458 - t15 * t456;
+            let t484 = t17 * t458 - t463 * t464 - t18 * t460;
+            let t485 = t14 * t456 - t16 * t460;
+            let t489 = t19 * t460 - t463 * t466 - t17 * t456;
+            let t490 = t15 * t460 - t14 * t458;
+            let t495 = rack_pitch_sine * t11 - t9 * rack_pitch_cosine;
+            let t524 = t85 * t285;
+            let t526 = t84 * t285;
+            let t528 = t79 * t285;
+            let t540 = t528 - t277 * t524 + t278 * t526;
+            let t544 = t526 + t276 * t524 - t278 * t528;
+            let t548 = t524 - t276 * t526 + t277 * t528;
+            let t568 = t285 * ((t85 * t306 + t84 * t304 + t79 * t302) / t284);
+            let t569 = t278 * t568;
+            let t574 = target_position_x * t544 - t569 - target_position_y * t540 - t291 * t528
+                + t288 * t526 - t569;
+            let t575 = t277 * t568;
+            let t580 = target_position_z * t540 - t575 - target_position_x * t548 + t294 * t528
+                - t288 * t524 - t575;
+            let t581 = t276 * t568;
+            let t586 = target_position_y * t548 - t581 - target_position_z * t544 - t294 * t526
+                + t291 * t524 - t581;
+            let t595 = 0.041666666666666664 * (t258 * t574 + t257 * t580 + t256 * t586);
+            let t596 = t258 * t595;
+            let t599 = t257 * t595;
+            let t602 = t256 * t595;
+            let t609 = t85 * t265 + t84 * t264 + t79 * t263;
+            let t614 = (t37 * t86 + t36 * t87 + t35 * t88) * t440 / t442;
+            let t615 = t37 * t614;
+            let t618 = t36 * t614;
+            let t621 = t35 * t614;
+            let t624 = 0.5 * (t86 * t262 - t615 - t615);
+            let t625 = 0.5 * (t87 * t262 - t618 - t618);
+            let t626 = 0.5 * (t88 * t262 - t621 - t621);
+            let t627 = (t596 + t275 * t574 + t596) / t255;
+            let t629 = (t599 + t275 * t580 + t599) / t255;
+            let t631 = (t602 + t275 * t586 + t602) / t255;
+            let t634 = t258 * t627 + t257 * t629 + t256 * t631;
+            let t645 = t18 * t627 - t468 * t634 - t19 * t629;
+            let t648 = t16 * t629 - t15 * t627;
+            let t652 = t17 * t629 - t464 * t634 - t18 * t631;
+            let t653 = t14 * t627 - t16 * t631;
+            let t657 = t19 * t631 - t466 * t634 - t17 * t627;
+            let t658 = t15 * t631 - t14 * t629;
+            let t689 = t98 * t285;
+            let t691 = t97 * t285;
+            let t693 = sin_frame_rotation_y * t285;
+            let t705 = t278 * t691 - t693 - t277 * t689;
+            let t709 = t691 + t276 * t689 + t278 * t693;
+            let t713 = t689 - t276 * t691 - t277 * t693;
+            let t733 = t285 * ((t98 * t306 + t97 * t304 - sin_frame_rotation_y * t302) / t284);
+            let t734 = t278 * t733;
+            let t739 = target_position_x * t709 - t734 - target_position_y * t705 + t291 * t693
+                + t288 * t691 - t734;
+            let t740 = t277 * t733;
+            let t745 = target_position_z * t705 - t740 - target_position_x * t713 - t294 * t693
+                - t288 * t689 - t740;
+            let t746 = t276 * t733;
+            let t751 = target_position_y * t713 - t746 - target_position_z * t709 - t294 * t691
+                + t291 * t689 - t746;
+            let t760 = 0.041666666666666664 * (t258 * t739 + t257 * t745 + t256 * t751);
+            let t761 = t258 * t760;
+            let t764 = t257 * t760;
+            let t767 = t256 * t760;
+            let t774 = t98 * t265 + t97 * t264 - sin_frame_rotation_y * t263;
+            let t779 = (t37 * t99 + t36 * t100 - t35 * t101) * t440 / t442;
+            let t780 = t37 * t779;
+            let t783 = t36 * t779;
+            let t786 = t35 * t779;
+            let t789 = 0.5 * (t99 * t262 - t780 - t780);
+            let t790 = 0.5 * (t100 * t262 - t783 - t783);
+            let t791 = -0.5 * (t786 + t101 * t262 + t786);
+            let t792 = (t761 + t275 * t739 + t761) / t255;
+            let t794 = (t764 + t275 * t745 + t764) / t255;
+            let t796 = (t767 + t275 * t751 + t767) / t255;
+            let t799 = t258 * t792 + t257 * t794 + t256 * t796;
+            let t810 = t18 * t792 - t468 * t799 - t19 * t794;
+            let t813 = t16 * t794 - t15 * t792;
+            let t817 = t17 * t794 - t464 * t799 - t18 * t796;
+            let t818 = t14 * t792 - t16 * t796;
+            let t822 = t19 * t796 - t466 * t799 - t17 * t792;
+            let t823 = t15 * t796 - t14 * t794;
+            let t853 = t123 * t285;
+            let t854 = t122 * t285;
+            let t855 = t117 * t285;
+            let t861 = t278 * t854 - t855 - t277 * t853;
+            let t864 = t854 + t276 * t853 + t278 * t855;
+            let t867 = t853 - t276 * t854 - t277 * t855;
+            let t874 = t278 * t864 - t117 - t277 * t867;
+            let t877 = t122 + t276 * t867 - t278 * t861;
+            let t881 = t123 - t276 * t864 + t277 * t861;
+            let t886 = sin_target_rotation_z * t877 + cos_target_rotation_z * t874;
+            let t891 = t147 * t285;
+            let t892 = t146 * t285;
+            let t893 = t141 * t285;
+            let t899 = t893 - t277 * t891 + t278 * t892;
+            let t902 = t892 + t276 * t891 - t278 * t893;
+            let t905 = t891 - t276 * t892 + t277 * t893;
+            let t912 = t141 - t277 * t905 + t278 * t902;
+            let t915 = t146 + t276 * t905 - t278 * t899;
+            let t919 = t147 - t276 * t902 + t277 * t899;
+            let t924 = sin_target_rotation_z * t915 + cos_target_rotation_z * t912;
+            let t929 = t169 * t285;
+            let t930 = t168 * t285;
+            let t931 = t163 * t285;
+            let t937 = t931 - t277 * t929 + t278 * t930;
+            let t940 = t930 + t276 * t929 - t278 * t931;
+            let t943 = t929 - t276 * t930 + t277 * t931;
+            let t950 = t163 - t277 * t943 + t278 * t940;
+            let t953 = t168 + t276 * t943 - t278 * t937;
+            let t957 = t169 - t276 * t940 + t277 * t937;
+            let t962 = sin_target_rotation_z * t953 + cos_target_rotation_z * t950;
+            let t971 = cos_frame_rotation_x * t315 - sin_frame_rotation_x * t318;
+            let t972 = sin_frame_rotation_x * t315 + cos_frame_rotation_x * t318;
+            let t977 = cos_frame_rotation_y * t972 - sin_frame_rotation_y * t312;
+            let t978 = sin_frame_rotation_y * t972 + cos_frame_rotation_y * t312;
+            let t983 = cos_frame_rotation_z * t978 - sin_frame_rotation_z * t971;
+            let t984 = sin_frame_rotation_z * t978 + cos_frame_rotation_z * t971;
+            let t995 = cos_frame_rotation_x * t344 - sin_frame_rotation_x * t345;
+            let t996 = sin_frame_rotation_x * t344 + cos_frame_rotation_x * t345;
+            let t1001 = cos_frame_rotation_y * t996 - sin_frame_rotation_y * t343;
+            let t1002 = sin_frame_rotation_y * t996 + cos_frame_rotation_y * t343;
+            let t1007 = cos_frame_rotation_z * t1002 - sin_frame_rotation_z * t995;
+            let t1008 = sin_frame_rotation_z * t1002 + cos_frame_rotation_z * t995;
+            let t1016 = t49 * t277 - t175 * t278;
+            let t1018 = t174 * t278 - t49 * t276;
+            let t1021 = t175 * t276 - t174 * t277;
+            let t1029 = t1016 - t278 * t1018 + t277 * t1021;
+            let t1031 = t1018 - t276 * t1021 + t278 * t1016;
+            let t1033 = t1021 - t277 * t1016 + t276 * t1018;
+            let t1037 = t174 + t285 * t1029;
+            let t1038 = t175 + t285 * t1031;
+            let t1039 = t49 + t285 * t1033;
+            let t1044 = cos_frame_rotation_x * t1038 - sin_frame_rotation_x * t1039;
+            let t1045 = sin_frame_rotation_x * t1038 + cos_frame_rotation_x * t1039;
+            let t1050 = cos_frame_rotation_y * t1045 - sin_frame_rotation_y * t1037;
+            let t1051 = sin_frame_rotation_y * t1045 + cos_frame_rotation_y * t1037;
+            let t1056 = cos_frame_rotation_z * t1051 - sin_frame_rotation_z * t1044;
+            let t1057 = sin_frame_rotation_z * t1051 + cos_frame_rotation_z * t1044;
+            let t1065 = t51 * t277 - t181 * t278;
+            let t1067 = t180 * t278 - t51 * t276;
+            let t1070 = t181 * t276 - t180 * t277;
+            let t1078 = t1065 - t278 * t1067 + t277 * t1070;
+            let t1080 = t1067 - t276 * t1070 + t278 * t1065;
+            let t1082 = t1070 - t277 * t1065 + t276 * t1067;
+            let t1086 = t180 + t285 * t1078;
+            let t1087 = t181 + t285 * t1080;
+            let t1088 = t51 + t285 * t1082;
+            let t1093 = cos_frame_rotation_x * t1087 - sin_frame_rotation_x * t1088;
+            let t1094 = sin_frame_rotation_x * t1087 + cos_frame_rotation_x * t1088;
+            let t1099 = cos_frame_rotation_y * t1094 - sin_frame_rotation_y * t1086;
+            let t1100 = sin_frame_rotation_y * t1094 + cos_frame_rotation_y * t1086;
+            let t1105 = cos_frame_rotation_z * t1100 - sin_frame_rotation_z * t1093;
+            let t1106 = sin_frame_rotation_z * t1100 + cos_frame_rotation_z * t1093;
+            let t1164 = t189 * t285;
+            let t1166 = t188 * t285;
+            let t1168 = t185 * t285;
+            let t1178 = t278 * t1166 - t1168 - t277 * t1164;
+            let t1182 = t1166 + t276 * t1164 + t278 * t1168;
+            let t1186 = t1164 - t276 * t1166 - t277 * t1168;
+            let t1196 = t278 * t1182 - t185 - t277 * t1186;
+            let t1200 = t188 + t276 * t1186 - t278 * t1178;
+            let t1204 = t189 - t276 * t1182 + t277 * t1178;
+            let t1223 = t197 * t285;
+            let t1225 = t196 * t285;
+            let t1227 = t193 * t285;
+            let t1235 = t123 * t1082 + t122 * t1080 - t117 * t1078 + t189 * t1033 + t188 * t1031
+                - t185 * t1029 + t197 * t339 + t196 * t337 + t193 * t335;
+            let t1247 = t1225 + t276 * t1223 - t278 * t1227;
+            let t1251 = t1223 - t276 * t1225 + t277 * t1227;
+            let t1261 = t193 - t277 * t1251 + t278 * t1247;
+            let t1263 = t277 * t1223 - t278 * t1225 - t1227;
+            let t1267 = t196 + t276 * t1251 + t278 * t1263;
+            let t1278 = sin_target_rotation_z * t1200 + cos_target_rotation_z * t1196;
+            let t1313 = t285 * (t1235 / t284);
+            let t1314 = t278 * t1313;
+            let t1322 = t46 * t1263 - t1314 + t45 * t1247 - t324 * t1227 - t321 * t1225
+                - t175 * t1178 + t174 * t1182 + t1018 * t1168 + t1016 * t1166;
+            let t1327 = t1322 - t181 * t861 + t180 * t864 + t855 * t1067 + t854 * t1065 - t1314;
+            let t1328 = t277 * t1313;
+            let t1336 = sin_target_rotation_y * t1263 - t1328 - t45 * t1251 + t327 * t1227
+                + t321 * t1223 + t49 * t1178 - t174 * t1186 - t1021 * t1168 - t1016 * t1164;
+            let t1341 = t1336 - t180 * t867 - t855 * t1070 - t853 * t1065 + t51 * t861 - t1328;
+            let t1342 = t276 * t1313;
+            let t1350 = sin_target_rotation_y * t1247 - t1342 + t46 * t1251 - t327 * t1225
+                + t324 * t1223 - t49 * t1182 + t175 * t1186 - t1021 * t1166 + t1018 * t1164;
+            let t1355 = t1350 + t181 * t867 - t854 * t1070 + t853 * t1067 - t51 * t864 - t1342;
+            let t1364 = 0.041666666666666664 * (t258 * t1327 + t257 * t1341 + t256 * t1355);
+            let t1365 = t258 * t1364;
+            let t1368 = t257 * t1364;
+            let t1371 = t256 * t1364;
+            let t1374 = (t1365 + t275 * t1327 + t1365) / t255;
+            let t1376 = (t1368 + t275 * t1341 + t1368) / t255;
+            let t1378 = (t1371 + t275 * t1355 + t1371) / t255;
+            let t1381 = t258 * t1374 + t257 * t1376 + t256 * t1378;
+            let t1392 = t18 * t1374 - t468 * t1381 - t19 * t1376;
+            let t1399 = t17 * t1376 - t464 * t1381 - t18 * t1378;
+            let t1404 = t19 * t1378 - t466 * t1381 - t17 * t1374;
+            let t1406 = q * (t15 * t1378 - t14 * t1376);
+            let t1407 = q * (t14 * t1374 - t16 * t1378);
+            let t1408 = q * (t16 * t1376 - t15 * t1374);
+            let t1433 = t205 * t285;
+            let t1435 = t204 * t285;
+            let t1437 = t201 * t285;
+            let t1447 = t1437 - t277 * t1433 + t278 * t1435;
+            let t1451 = t1435 + t276 * t1433 - t278 * t1437;
+            let t1455 = t1433 - t276 * t1435 + t277 * t1437;
+            let t1465 = t201 - t277 * t1455 + t278 * t1451;
+            let t1469 = t204 + t276 * t1455 - t278 * t1447;
+            let t1473 = t205 - t276 * t1451 + t277 * t1447;
+            let t1492 = t213 * t285;
+            let t1494 = t212 * t285;
+            let t1496 = t209 * t285;
+            let t1504 = t147 * t1082 + t146 * t1080 + t141 * t1078 + t205 * t1033 + t204 * t1031
+                + t201 * t1029 - t213 * t339 + t212 * t337 + t209 * t335;
+            let t1516 = t1494 - t276 * t1492 - t278 * t1496;
+            let t1520 = t277 * t1496 - t1492 - t276 * t1494;
+            let t1530 = t209 - t277 * t1520 + t278 * t1516;
+            let t1532 = t278 * t1494 + t1496 + t277 * t1492;
+            let t1536 = t212 + t276 * t1520 - t278 * t1532;
+            let t1547 = sin_target_rotation_z * t1469 + cos_target_rotation_z * t1465;
+            let t1582 = t285 * (t1504 / t284);
+            let t1583 = t278 * t1582;
+            let t1591 = t45 * t1516 - t1583 - t46 * t1532 - t324 * t1496 - t321 * t1494
+                - t175 * t1447 + t174 * t1451 - t1018 * t1437 + t1016 * t1435;
+            let t1596 = t1591 - t181 * t899 + t180 * t902 - t893 * t1067 + t892 * t1065 - t1583;
+            let t1597 = t277 * t1582;
+            let t1605 = t327 * t1496 - t1597 - sin_target_rotation_y * t1532 - t45 * t1520
+                - t321 * t1492 + t49 * t1447 - t174 * t1455 + t1021 * t1437 - t1016 * t1433;
+            let t1610 = t1605 - t180 * t905 + t893 * t1070 - t891 * t1065 + t51 * t899 - t1597;
+            let t1611 = t276 * t1582;
+            let t1619 = sin_target_rotation_y * t1516 - t1611 + t46 * t1520 - t327 * t1494
+                - t324 * t1492 - t49 * t1451 + t175 * t1455 - t1021 * t1435 + t1018 * t1433;
+            let t1624 = t1619 + t181 * t905 - t892 * t1070 + t891 * t1067 - t51 * t902 - t1611;
+            let t1633 = 0.041666666666666664 * (t258 * t1596 + t257 * t1610 + t256 * t1624);
+            let t1634 = t258 * t1633;
+            let t1637 = t257 * t1633;
+            let t1640 = t256 * t1633;
+            let t1643 = (t1634 + t275 * t1596 + t1634) / t255;
+            let t1645 = (t1637 + t275 * t1610 + t1637) / t255;
+            let t1647 = (t1640 + t275 * t1624 + t1640) / t255;
+            let t1650 = t258 * t1643 + t257 * t1645 + t256 * t1647;
+            let t1661 = t18 * t1643 - t468 * t1650 - t19 * t1645;
+            let t1668 = t17 * t1645 - t464 * t1650 - t18 * t1647;
+            let t1673 = t19 * t1647 - t466 * t1650 - t17 * t1643;
+            let t1675 = q * (t15 * t1647 - t14 * t1645);
+            let t1676 = q * (t14 * t1643 - t16 * t1647);
+            let t1677 = q * (t16 * t1645 - t15 * t1643);
+            let t1702 = t227 * t285;
+            let t1704 = t226 * t285;
+            let t1706 = t221 * t285;
+            let t1716 = t277 * t1702 - t1706 + t278 * t1704;
+            let t1720 = t1704 - t276 * t1702 + t278 * t1706;
+            let t1724 = t1702 + t276 * t1704 + t277 * t1706;
+            let t1734 = t277 * t1724 - t221 + t278 * t1720;
+            let t1738 = t226 - t276 * t1724 - t278 * t1716;
+            let t1742 = t277 * t1716 - t227 - t276 * t1720;
+            let t1761 = t241 * t285;
+            let t1763 = t240 * t285;
+            let t1765 = t235 * t285;
+            let t1773 = t169 * t1082 + t168 * t1080 + t163 * t1078 - t227 * t1033 + t226 * t1031
+                - t221 * t1029 + t241 * t339 + t240 * t337 + t235 * t335;
+            let t1785 = t1763 + t276 * t1761 - t278 * t1765;
+            let t1789 = t1761 - t276 * t1763 + t277 * t1765;
+            let t1799 = t235 - t277 * t1789 + t278 * t1785;
+            let t1801 = t277 * t1761 - t278 * t1763 - t1765;
+            let t1805 = t240 + t276 * t1789 + t278 * t1801;
+            let t1816 = sin_target_rotation_z * t1738 + cos_target_rotation_z * t1734;
+            let t1851 = t285 * (t1773 / t284);
+            let t1852 = t278 * t1851;
+            let t1860 = t46 * t1801 - t1852 + t45 * t1785 - t324 * t1765 - t321 * t1763
+                - t175 * t1716 + t174 * t1720 + t1018 * t1706 + t1016 * t1704;
+            let t1865 = t1860 - t181 * t937 + t180 * t940 - t931 * t1067 + t930 * t1065 - t1852;
+            let t1866 = t277 * t1851;
+            let t1874 = sin_target_rotation_y * t1801 - t1866 - t45 * t1789 + t327 * t1765
+                + t321 * t1761 + t49 * t1716 + t174 * t1724 - t1021 * t1706 + t1016 * t1702;
+            let t1879 = t1874 - t180 * t943 + t931 * t1070 - t929 * t1065 + t51 * t937 - t1866;
+            let t1880 = t276 * t1851;
+            let t1888 = sin_target_rotation_y * t1785 - t1880 + t46 * t1789 - t327 * t1763
+                + t324 * t1761 - t49 * t1720 - t175 * t1724 - t1021 * t1704 - t1018 * t1702;
+            let t1893 = t1888 + t181 * t943 - t930 * t1070 + t929 * t1067 - t51 * t940 - t1880;
+            let t1902 = 0.041666666666666664 * (t258 * t1865 + t257 * t1879 + t256 * t1893);
+            let t1903 = t258 * t1902;
+            let t1906 = t257 * t1902;
+            let t1909 = t256 * t1902;
+            let t1912 = (t1903 + t275 * t1865 + t1903) / t255;
+            let t1914 = (t1906 + t275 * t1879 + t1906) / t255;
+            let t1916 = (t1909 + t275 * t1893 + t1909) / t255;
+            let t1919 = t258 * t1912 + t257 * t1914 + t256 * t1916;
+            let t1930 = t18 * t1912 - t468 * t1919 - t19 * t1914;
+            let t1937 = t17 * t1914 - t464 * t1919 - t18 * t1916;
+            let t1942 = t19 * t1916 - t466 * t1919 - t17 * t1912;
+            let t1944 = q * (t15 * t1916 - t14 * t1914);
+            let t1945 = q * (t14 * t1912 - t16 * t1916);
+            let t1946 = q * (t16 * t1914 - t15 * t1912);
+            residuals[0][lane] = t983 + frame_translation_x - x;
+            residuals[1][lane] = t984 + frame_translation_y - y;
+            residuals[2][lane] = t977 + frame_translation_z - z;
             residuals[3][lane] = 0.5
-                * (prepared_16 * t819 - prepared_5 * t894 - prepared_7 * t860 + prepared_6 * t826
-                + prepared_18 * t853 + prepared_9 * t887);
+                * (prepared_16 * t1001 - prepared_5 * t1106 - prepared_7 * t1057
+                + prepared_6 * t1008 + prepared_18 * t1050 + prepared_9 * t1099);
             residuals[4][lane] = 0.5
-                * (prepared_17 * t853 - prepared_8 * t887 - prepared_6 * t825 - prepared_15 * t819
-                + prepared_7 * t859 + prepared_5 * t893);
+                * (prepared_17 * t1050 - prepared_8 * t1099 - prepared_6 * t1007
+                - prepared_15 * t1001 + prepared_7 * t1056 + prepared_5 * t1105);
             residuals[5][lane] = 0.5
-                * (prepared_15 * t826 - prepared_9 * t893 - prepared_16 * t825 - prepared_17 * t860
-                - prepared_18 * t859 + prepared_8 * t894);
-            jacobian[0][lane] = t86 + t486;
-            jacobian[1][lane] = t85 + t498;
-            jacobian[2][lane] = t84 + t493;
-            jacobian[3][lane] = t464 + q * (t86 + t489);
-            jacobian[4][lane] = t463 + q * (t85 + t494);
-            jacobian[5][lane] = t462 + q * (t84 + t499);
-            jacobian[6][lane] = t86 - t486;
-            jacobian[7][lane] = t85 - t498;
-            jacobian[8][lane] = t84 - t493;
-            jacobian[9][lane] = t464 + q * (t86 - t489);
-            jacobian[10][lane] = t463 + q * (t85 - t494);
-            jacobian[11][lane] = t462 + q * (t84 - t499);
-            jacobian[12][lane] = t9 * t445;
-            jacobian[13][lane] = t11 * t445;
-            jacobian[14][lane] = t7 * (t445 * t504 / rack_pitch_period);
+                * (prepared_15 * t1008 - prepared_9 * t1105 - prepared_16 * t1007
+                - prepared_17 * t1057 - prepared_18 * t1056 + prepared_8 * t1106);
+            jacobian[0][lane] = t77 + t477;
+            jacobian[1][lane] = t76 + t489;
+            jacobian[2][lane] = t75 + t484;
+            jacobian[3][lane] = t455 + q * (t77 + t480);
+            jacobian[4][lane] = t454 + q * (t76 + t485);
+            jacobian[5][lane] = t453 + q * (t75 + t490);
+            jacobian[6][lane] = t77 - t477;
+            jacobian[7][lane] = t76 - t489;
+            jacobian[8][lane] = t75 - t484;
+            jacobian[9][lane] = t455 + q * (t77 - t480);
+            jacobian[10][lane] = t454 + q * (t76 - t485);
+            jacobian[11][lane] = t453 + q * (t75 - t490);
+            jacobian[12][lane] = t9 * t436;
+            jacobian[13][lane] = t11 * t436;
+            jacobian[14][lane] = t7 * (t436 * t495 / rack_pitch_period);
             jacobian[15][lane] = 1.0;
-            jacobian[16][lane] = t57 * t789 + sin_frame_rotation_z * t790;
-            jacobian[17][lane] = cos_frame_rotation_z * t795;
-            jacobian[18][lane] = -t802;
-            jacobian[19][lane] = t58 - t66 * t383 + t65 * t384;
-            jacobian[20][lane] = t65 + t66 * t382 - t58 * t384;
-            jacobian[21][lane] = t66 - t65 * t382 + t58 * t383;
-            jacobian[22][lane] = t114 + t584;
-            jacobian[23][lane] = t113 + t596;
-            jacobian[24][lane] = t112 + t591;
-            jacobian[25][lane] = t565 + q * (t114 + t587);
-            jacobian[26][lane] = t564 + q * (t113 + t592);
-            jacobian[27][lane] = t563 + q * (t112 + t597);
-            jacobian[28][lane] = t114 - t584;
-            jacobian[29][lane] = t113 - t596;
-            jacobian[30][lane] = t112 - t591;
-            jacobian[31][lane] = t565 + q * (t114 - t587);
-            jacobian[32][lane] = t564 + q * (t113 - t592);
-            jacobian[33][lane] = t563 + q * (t112 - t597);
-            jacobian[34][lane] = t9 * t548;
-            jacobian[35][lane] = t11 * t548;
-            jacobian[36][lane] = t7 * (t504 * t548 / rack_pitch_period);
+            jacobian[16][lane] = t57 * t971 + sin_frame_rotation_z * t972;
+            jacobian[17][lane] = cos_frame_rotation_z * t977;
+            jacobian[18][lane] = -t984;
+            jacobian[19][lane] = t58 - t277 * t375 + t278 * t371;
+            jacobian[20][lane] = t65 + t276 * t375 - t278 * t367;
+            jacobian[21][lane] = t66 - t276 * t371 + t277 * t367;
+            jacobian[22][lane] = t96 + t645;
+            jacobian[23][lane] = t95 + t657;
+            jacobian[24][lane] = t94 + t652;
+            jacobian[25][lane] = t626 + q * (t96 + t648);
+            jacobian[26][lane] = t625 + q * (t95 + t653);
+            jacobian[27][lane] = t624 + q * (t94 + t658);
+            jacobian[28][lane] = t96 - t645;
+            jacobian[29][lane] = t95 - t657;
+            jacobian[30][lane] = t94 - t652;
+            jacobian[31][lane] = t626 + q * (t96 - t648);
+            jacobian[32][lane] = t625 + q * (t95 - t653);
+            jacobian[33][lane] = t624 + q * (t94 - t658);
+            jacobian[34][lane] = t9 * t609;
+            jacobian[35][lane] = t11 * t609;
+            jacobian[36][lane] = t7 * (t495 * t609 / rack_pitch_period);
             jacobian[37][lane] = 1.0;
-            jacobian[38][lane] = t87 * t789 - cos_frame_rotation_z * t790;
-            jacobian[39][lane] = sin_frame_rotation_z * t795;
-            jacobian[40][lane] = t801;
-            jacobian[41][lane] = t88 - t94 * t383 + t93 * t384;
-            jacobian[42][lane] = t93 + t94 * t382 - t88 * t384;
-            jacobian[43][lane] = t94 - t93 * t382 + t88 * t383;
-            jacobian[44][lane] = t136 + t679;
-            jacobian[45][lane] = t135 + t691;
-            jacobian[46][lane] = t134 + t686;
-            jacobian[47][lane] = t660 - q * (t682 - t136);
-            jacobian[48][lane] = t659 + q * (t135 + t687);
-            jacobian[49][lane] = t658 + q * (t134 + t692);
-            jacobian[50][lane] = t136 - t679;
-            jacobian[51][lane] = t135 - t691;
-            jacobian[52][lane] = t134 - t686;
-            jacobian[53][lane] = t660 + q * (t136 + t682);
-            jacobian[54][lane] = t659 + q * (t135 - t687);
-            jacobian[55][lane] = t658 + q * (t134 - t692);
-            jacobian[56][lane] = t9 * t643;
-            jacobian[57][lane] = t11 * t643;
-            jacobian[58][lane] = t7 * (t504 * t643 / rack_pitch_period);
+            jacobian[38][lane] = t78 * t971 - cos_frame_rotation_z * t972;
+            jacobian[39][lane] = sin_frame_rotation_z * t977;
+            jacobian[40][lane] = t983;
+            jacobian[41][lane] = t79 - t277 * t548 + t278 * t544;
+            jacobian[42][lane] = t84 + t276 * t548 - t278 * t540;
+            jacobian[43][lane] = t85 - t276 * t544 + t277 * t540;
+            jacobian[44][lane] = t109 + t810;
+            jacobian[45][lane] = t108 + t822;
+            jacobian[46][lane] = t107 + t817;
+            jacobian[47][lane] = t791 + q * (t109 + t813);
+            jacobian[48][lane] = t790 + q * (t108 + t818);
+            jacobian[49][lane] = t789 + q * (t107 + t823);
+            jacobian[50][lane] = t109 - t810;
+            jacobian[51][lane] = t108 - t822;
+            jacobian[52][lane] = t107 - t817;
+            jacobian[53][lane] = t791 - q * (t813 - t109);
+            jacobian[54][lane] = t790 + q * (t108 - t818);
+            jacobian[55][lane] = t789 + q * (t107 - t823);
+            jacobian[56][lane] = t9 * t774;
+            jacobian[57][lane] = t11 * t774;
+            jacobian[58][lane] = t7 * (t495 * t774 / rack_pitch_period);
             jacobian[59][lane] = 1.0;
-            jacobian[60][lane] = cos_frame_rotation_y * t789;
-            jacobian[61][lane] = -t796;
-            jacobian[62][lane] = t115 * t384 - sin_frame_rotation_y - t116 * t383;
-            jacobian[63][lane] = t115 + t116 * t382 + sin_frame_rotation_y * t384;
-            jacobian[64][lane] = t116 - t115 * t382 - sin_frame_rotation_y * t383;
-            jacobian[65][lane] = t1037;
-            jacobian[66][lane] = t1049;
-            jacobian[67][lane] = t1044;
-            jacobian[68][lane] = -t1053;
-            jacobian[69][lane] = t1052;
-            jacobian[70][lane] = t1051;
-            jacobian[71][lane] = -t1037;
-            jacobian[72][lane] = -t1049;
-            jacobian[73][lane] = -t1044;
-            jacobian[74][lane] = t1053;
-            jacobian[75][lane] = -t1052;
-            jacobian[76][lane] = -t1051;
-            jacobian[77][lane] = t143 * t881 + t138 * t882 + t221 * t847 + t154 * t848 + t235 * t813
-                - t160 * t814;
-            jacobian[78][lane] = t159 * t819 - t137 * t887 - prepared_11 * t888 - t153 * t853
-                - prepared_19 * t854 - prepared_20 * t820;
-            jacobian[79][lane] = prepared_13 * t825 - prepared_10 * t893 - prepared_12 * t859;
+            jacobian[60][lane] = cos_frame_rotation_y * t971;
+            jacobian[61][lane] = -t978;
+            jacobian[62][lane] = t278 * t709 - sin_frame_rotation_y - t277 * t713;
+            jacobian[63][lane] = t97 + t276 * t713 - t278 * t705;
+            jacobian[64][lane] = t98 - t276 * t709 + t277 * t705;
+            jacobian[65][lane] = t1392;
+            jacobian[66][lane] = t1404;
+            jacobian[67][lane] = t1399;
+            jacobian[68][lane] = t1408;
+            jacobian[69][lane] = t1407;
+            jacobian[70][lane] = t1406;
+            jacobian[71][lane] = -t1392;
+            jacobian[72][lane] = -t1404;
+            jacobian[73][lane] = -t1399;
+            jacobian[74][lane] = -t1408;
+            jacobian[75][lane] = -t1407;
+            jacobian[76][lane] = -t1406;
+            jacobian[77][lane] = t116 * t1093 + t111 * t1094 + t184 * t1044 + t125 * t1045
+                + t192 * t995 - t131 * t996;
+            jacobian[78][lane] = t130 * t1001 - t110 * t1099 - prepared_11 * t1100 - t124 * t1050
+                - prepared_19 * t1051 - prepared_20 * t1002;
+            jacobian[79][lane] = prepared_13 * t1007 - prepared_10 * t1105 - prepared_12 * t1056;
             jacobian[80][lane] = cos_target_rotation_x
-                * (sin_target_rotation_y * t985 + sin_target_rotation_z * t727
-                - cos_target_rotation_z * t730 + cos_target_rotation_y * t949)
+                * (sin_target_rotation_y * t1278 + sin_target_rotation_z * t874
+                - cos_target_rotation_z * t877 + cos_target_rotation_y * t1204)
                 - sin_target_rotation_x
-                * (sin_target_rotation_y * t738 + cos_target_rotation_y * t733
-                + cos_target_rotation_z * t946 - sin_target_rotation_z * t943);
+                * (sin_target_rotation_y * t886 + cos_target_rotation_y * t881
+                + cos_target_rotation_z * t1200 - sin_target_rotation_z * t1196);
             jacobian[81][lane] = cos_target_rotation_y
-                * (sin_target_rotation_x * t985 - t236 * t383 + t239 * t382 - t240
-                + cos_target_rotation_x * t738)
+                * (t277 * t1263 - t197 + cos_target_rotation_x * t886 + t276 * t1247
+                + sin_target_rotation_x * t1278)
                 - sin_target_rotation_y
-                * (cos_target_rotation_x * t733 + sin_target_rotation_x * t949
-                + sin_target_rotation_z * t975 + cos_target_rotation_z * t972);
-            jacobian[82][lane] = t213 * t730 - t214 * t727 + t207 * t946 - t208 * t943
+                * (cos_target_rotation_x * t881 + sin_target_rotation_x * t1204
+                + sin_target_rotation_z * t1267 + cos_target_rotation_z * t1261);
+            jacobian[82][lane] = t180 * t877 - t181 * t874 + t174 * t1200 - t175 * t1196
                 + cos_target_rotation_y
-                * (cos_target_rotation_z * t975 - sin_target_rotation_z * t972);
-            jacobian[83][lane] = t1163;
-            jacobian[84][lane] = t1175;
-            jacobian[85][lane] = t1170;
-            jacobian[86][lane] = t1179;
-            jacobian[87][lane] = t1178;
-            jacobian[88][lane] = t1177;
-            jacobian[89][lane] = -t1163;
-            jacobian[90][lane] = -t1175;
-            jacobian[91][lane] = -t1170;
-            jacobian[92][lane] = -t1179;
-            jacobian[93][lane] = -t1178;
-            jacobian[94][lane] = -t1177;
-            jacobian[95][lane] = t169 * t881 + t137 * t882 + t268 * t847 + t153 * t848 - t282 * t813
-                - t159 * t814;
-            jacobian[96][lane] = t138 * t887 + prepared_14 * t888 + t154 * t853 - prepared_21 * t854
-                - t160 * t819 + prepared_22 * t820;
-            jacobian[97][lane] = prepared_13 * t826 - prepared_10 * t894 - prepared_12 * t860;
+                * (cos_target_rotation_z * t1267 - sin_target_rotation_z * t1261);
+            jacobian[83][lane] = t1661;
+            jacobian[84][lane] = t1673;
+            jacobian[85][lane] = t1668;
+            jacobian[86][lane] = t1677;
+            jacobian[87][lane] = t1676;
+            jacobian[88][lane] = t1675;
+            jacobian[89][lane] = -t1661;
+            jacobian[90][lane] = -t1673;
+            jacobian[91][lane] = -t1668;
+            jacobian[92][lane] = -t1677;
+            jacobian[93][lane] = -t1676;
+            jacobian[94][lane] = -t1675;
+            jacobian[95][lane] = t140 * t1093 + t110 * t1094 + t200 * t1044 + t124 * t1045
+                - t208 * t995 - t130 * t996;
+            jacobian[96][lane] = t111 * t1099 + prepared_14 * t1100 + t125 * t1050
+                - prepared_21 * t1051 - t131 * t1001 + prepared_22 * t1002;
+            jacobian[97][lane] = prepared_13 * t1008 - prepared_10 * t1106 - prepared_12 * t1057;
             jacobian[98][lane] = cos_target_rotation_x
-                * (sin_target_rotation_y * t1111 + sin_target_rotation_z * t748
-                - cos_target_rotation_z * t751 + cos_target_rotation_y * t1075)
+                * (sin_target_rotation_y * t1547 + sin_target_rotation_z * t912
+                - cos_target_rotation_z * t915 + cos_target_rotation_y * t1473)
                 - sin_target_rotation_x
-                * (sin_target_rotation_y * t759 + cos_target_rotation_y * t754
-                + cos_target_rotation_z * t1072 - sin_target_rotation_z * t1069);
+                * (sin_target_rotation_y * t924 + cos_target_rotation_y * t919
+                + cos_target_rotation_z * t1469 - sin_target_rotation_z * t1465);
             jacobian[99][lane] = cos_target_rotation_y
-                * (sin_target_rotation_x * t1111 - t283 * t383 + t286 * t382 + t287
-                + cos_target_rotation_x * t759)
+                * (sin_target_rotation_x * t1547 - t277 * t1532 + t276 * t1516 + t213
+                + cos_target_rotation_x * t924)
                 - sin_target_rotation_y
-                * (cos_target_rotation_x * t754 + sin_target_rotation_x * t1075
-                + sin_target_rotation_z * t1101 + cos_target_rotation_z * t1098);
-            jacobian[100][lane] = t213 * t751 - t214 * t748 + t207 * t1072 - t208 * t1069
+                * (cos_target_rotation_x * t919 + sin_target_rotation_x * t1473
+                + sin_target_rotation_z * t1536 + cos_target_rotation_z * t1530);
+            jacobian[100][lane] = t180 * t915 - t181 * t912 + t174 * t1469 - t175 * t1465
                 + cos_target_rotation_y
-                * (cos_target_rotation_z * t1101 - sin_target_rotation_z * t1098);
-            jacobian[101][lane] = t1289;
-            jacobian[102][lane] = t1301;
-            jacobian[103][lane] = t1296;
-            jacobian[104][lane] = t1305;
-            jacobian[105][lane] = t1304;
-            jacobian[106][lane] = t1303;
-            jacobian[107][lane] = -t1289;
-            jacobian[108][lane] = -t1301;
-            jacobian[109][lane] = -t1296;
-            jacobian[110][lane] = -t1305;
-            jacobian[111][lane] = -t1304;
-            jacobian[112][lane] = -t1303;
-            jacobian[113][lane] = t193 * t881 - t192 * t882 - t319 * t847 - t318 * t848
-                + t339 * t813 - t338 * t814;
-            jacobian[114][lane] = t191 * t887 - t317 * t853 + t337 * t819;
-            jacobian[115][lane] = prepared_14 * t893 + prepared_11 * t894 - prepared_21 * t859
-                + prepared_19 * t860 + prepared_22 * t825 + prepared_20 * t826;
+                * (cos_target_rotation_z * t1536 - sin_target_rotation_z * t1530);
+            jacobian[101][lane] = t1930;
+            jacobian[102][lane] = t1942;
+            jacobian[103][lane] = t1937;
+            jacobian[104][lane] = t1946;
+            jacobian[105][lane] = t1945;
+            jacobian[106][lane] = t1944;
+            jacobian[107][lane] = -t1930;
+            jacobian[108][lane] = -t1942;
+            jacobian[109][lane] = -t1937;
+            jacobian[110][lane] = -t1946;
+            jacobian[111][lane] = -t1945;
+            jacobian[112][lane] = -t1944;
+            jacobian[113][lane] = t162 * t1093 - t161 * t1094 - t220 * t1044 - t219 * t1045
+                + t234 * t995 - t233 * t996;
+            jacobian[114][lane] = t160 * t1099 - t218 * t1050 + t232 * t1001;
+            jacobian[115][lane] = prepared_14 * t1105 + prepared_11 * t1106 - prepared_21 * t1056
+                + prepared_19 * t1057 + prepared_22 * t1007 + prepared_20 * t1008;
             jacobian[116][lane] = cos_target_rotation_x
-                * (sin_target_rotation_y * t1237 + sin_target_rotation_z * t769
-                - cos_target_rotation_z * t772 - cos_target_rotation_y * t1201)
+                * (sin_target_rotation_y * t1816 + sin_target_rotation_z * t950
+                - cos_target_rotation_z * t953 + cos_target_rotation_y * t1742)
                 - sin_target_rotation_x
-                * (sin_target_rotation_y * t780 + cos_target_rotation_y * t775
-                + cos_target_rotation_z * t1198 - sin_target_rotation_z * t1195);
+                * (sin_target_rotation_y * t962 + cos_target_rotation_y * t957
+                + cos_target_rotation_z * t1738 - sin_target_rotation_z * t1734);
             jacobian[117][lane] = cos_target_rotation_y
-                * (sin_target_rotation_x * t1237 - t340 * t383 + t345 * t382 - t346
-                + cos_target_rotation_x * t780)
+                * (t277 * t1801 - t241 + cos_target_rotation_x * t962 + t276 * t1785
+                + sin_target_rotation_x * t1816)
                 - sin_target_rotation_y
-                * (cos_target_rotation_x * t775 - sin_target_rotation_x * t1201
-                + sin_target_rotation_z * t1227 + cos_target_rotation_z * t1224);
-            jacobian[118][lane] = t213 * t772 - t214 * t769 + t207 * t1198 - t208 * t1195
+                * (cos_target_rotation_x * t957 + sin_target_rotation_x * t1742
+                + sin_target_rotation_z * t1805 + cos_target_rotation_z * t1799);
+            jacobian[118][lane] = t180 * t953 - t181 * t950 + t174 * t1738 - t175 * t1734
                 + cos_target_rotation_y
-                * (cos_target_rotation_z * t1227 - sin_target_rotation_z * t1224);
+                * (cos_target_rotation_z * t1805 - sin_target_rotation_z * t1799);
         }
     }
     /// `F·(C(q) + A(q)·m) + t − x`
@@ -16320,8 +17642,8 @@ pub mod full_rack {
     /// Parameters: `joint1_track_offset_x`, `joint1_track_offset_y`, `joint1_track_offset_z`, `joint1_track_direction_x`, `joint1_track_direction_y`, `joint1_track_direction_z`, `joint2_track_offset_x`, `joint2_track_offset_y`, `joint2_track_offset_z`, `joint2_track_direction_x`, `joint2_track_direction_y`, `joint2_track_direction_z`, `rack_pitch_sine`, `rack_pitch_cosine`, `rack_pitch_period`, `frame_translation_x`, `frame_translation_y`, `frame_translation_z`, `frame_rotation_x`, `frame_rotation_y`, `frame_rotation_z`, `target_position_x`, `target_position_y`, `target_position_z`.
     ///
     /// Once per sample: 1 operations (1 multiplication).
-    /// Residuals: 115 operations (50 additions, 50 multiplications, 5 divisions, 1 negation, 9 functions).
-    /// With the Jacobian: 497 operations (201 additions, 264 multiplications, 20 divisions, 3 negations, 9 functions).
+    /// Residuals: 147 operations (62 additions, 69 multiplications, 6 divisions, 1 negation, 9 functions).
+    /// With the Jacobian: 712 operations (297 additions, 379 multiplications, 24 divisions, 3 negations, 9 functions).
     #[derive(Debug, Clone, Copy)]
     pub struct CartPositionTwo;
     impl Formulas for CartPositionTwo {
@@ -16397,23 +17719,31 @@ pub mod full_rack {
             let t62 = (t16 * t17 - t14 * t19) / t60;
             let t63 = (t14 * t18 - t15 * t17) / t60;
             let t67 = 1.0 / math::sqrt(t36 * t36 + t35 * t35 + t37 * t37);
-            let t83 = target_position_z * t62 - target_position_y * t63 + target_position_x
+            let t80 = 0.5 + 0.041666666666666664 * (t62 * t62 + t61 * t61 + t63 * t63);
+            let t81 = t61 * t80;
+            let t82 = t62 * t80;
+            let t83 = t63 * t80;
+            let t90 = 2.0 / (t82 * t82 + t81 * t81 + 1.0 + t83 * t83);
+            let t93 = target_position_z * t82 - target_position_y * t83;
+            let t96 = target_position_x * t83 - target_position_z * t81;
+            let t99 = target_position_y * t81 - target_position_x * t82;
+            let t117 = t90 * (t93 - t83 * t96 + t82 * t99) + target_position_x
                 + 0.5 * (t4 + joint1_track_offset_x + t1 + joint2_track_offset_x)
                 + t13 * (t35 * t67);
-            let t87 = target_position_x * t63 - target_position_z * t61 + target_position_y
+            let t120 = t90 * (t96 - t81 * t99 + t83 * t93) + target_position_y
                 + 0.5 * (t5 + joint1_track_offset_y + t2 + joint2_track_offset_y)
                 + t13 * (t36 * t67);
-            let t91 = target_position_y * t61 - target_position_x * t62 + target_position_z
+            let t123 = t90 * (t99 - t82 * t93 + t81 * t96) + target_position_z
                 + 0.5 * (t6 + joint1_track_offset_z + t3 + joint2_track_offset_z)
                 + t13 * (t37 * t67);
-            let t96 = cos_frame_rotation_x * t87 - sin_frame_rotation_x * t91;
-            let t97 = sin_frame_rotation_x * t87 + cos_frame_rotation_x * t91;
-            let t102 = sin_frame_rotation_y * t97 + cos_frame_rotation_y * t83;
-            residuals[0][lane] = cos_frame_rotation_z * t102 - sin_frame_rotation_z * t96
+            let t128 = cos_frame_rotation_x * t120 - sin_frame_rotation_x * t123;
+            let t129 = sin_frame_rotation_x * t120 + cos_frame_rotation_x * t123;
+            let t134 = sin_frame_rotation_y * t129 + cos_frame_rotation_y * t117;
+            residuals[0][lane] = cos_frame_rotation_z * t134 - sin_frame_rotation_z * t128
                 + frame_translation_x - x;
-            residuals[1][lane] = sin_frame_rotation_z * t102 + cos_frame_rotation_z * t96
+            residuals[1][lane] = sin_frame_rotation_z * t134 + cos_frame_rotation_z * t128
                 + frame_translation_y - y;
-            residuals[2][lane] = cos_frame_rotation_y * t97 - sin_frame_rotation_y * t83
+            residuals[2][lane] = cos_frame_rotation_y * t129 - sin_frame_rotation_y * t117
                 + frame_translation_z - z;
         }
         #[inline(always)]
@@ -16464,179 +17794,251 @@ pub mod full_rack {
             let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(frame_rotation_x);
             let t53 = t45 * sin_frame_rotation_x - sin_frame_rotation_z * cos_frame_rotation_x;
             let t54 = t45 * cos_frame_rotation_x + sin_frame_rotation_z * sin_frame_rotation_x;
-            let t64 = t13 * t54;
-            let t65 = t13 * t53;
-            let t66 = t13 * t46;
-            let t72 = 0.5 * t54;
-            let t73 = 0.5 * t53;
-            let t74 = 0.5 * t46;
-            let t75 = sin_frame_rotation_z * sin_frame_rotation_y;
-            let t76 = sin_frame_rotation_z * cos_frame_rotation_y;
-            let t81 = sin_frame_rotation_x * t75 + cos_frame_rotation_z * cos_frame_rotation_x;
-            let t82 = cos_frame_rotation_x * t75 - cos_frame_rotation_z * sin_frame_rotation_x;
-            let t92 = t13 * t82;
-            let t93 = t13 * t81;
-            let t94 = t13 * t76;
-            let t100 = 0.5 * t82;
-            let t101 = 0.5 * t81;
-            let t102 = 0.5 * t76;
-            let t103 = cos_frame_rotation_y * sin_frame_rotation_x;
-            let t104 = cos_frame_rotation_y * cos_frame_rotation_x;
-            let t114 = t13 * t104;
-            let t115 = t13 * t103;
-            let t116 = t13 * sin_frame_rotation_y;
-            let t122 = 0.5 * t104;
-            let t123 = 0.5 * t103;
-            let t124 = -0.5 * sin_frame_rotation_y;
-            let t138 = t15 * t15 + t14 * t14 + t16 * t16;
-            let t139 = (t15 * t19 - t16 * t18) / t138;
-            let t140 = (t16 * t17 - t14 * t19) / t138;
-            let t141 = (t14 * t18 - t15 * t17) / t138;
-            let t144 = math::sqrt(t36 * t36 + t35 * t35 + t37 * t37);
-            let t145 = 1.0 / t144;
-            let t146 = t35 * t145;
-            let t147 = t36 * t145;
-            let t148 = t37 * t145;
-            let t161 = target_position_z * t140 - target_position_y * t141 + target_position_x
-                + 0.5 * (t4 + joint1_track_offset_x + t1 + joint2_track_offset_x) + t13 * t146;
-            let t165 = target_position_x * t141 - target_position_z * t139 + target_position_y
-                + 0.5 * (t5 + joint1_track_offset_y + t2 + joint2_track_offset_y) + t13 * t147;
-            let t169 = target_position_y * t139 - target_position_x * t140 + target_position_z
-                + 0.5 * (t6 + joint1_track_offset_z + t3 + joint2_track_offset_z) + t13 * t148;
-            let t186 = t54 * t148 + t53 * t147 + t46 * t146;
-            let t190 = t145 * t145;
-            let t192 = 2.0 * t144;
-            let t193 = (t37 * t64 + t36 * t65 + t35 * t66) * t190 / t192;
-            let t194 = t37 * t193;
-            let t197 = t36 * t193;
-            let t200 = t35 * t193;
-            let t203 = 0.5 * (t64 * t145 - t194 - t194);
-            let t204 = 0.5 * (t65 * t145 - t197 - t197);
-            let t205 = 0.5 * (t66 * t145 - t200 - t200);
-            let t206 = (target_position_x * t53 - target_position_y * t46) / t138;
-            let t208 = (target_position_z * t46 - target_position_x * t54) / t138;
-            let t210 = (target_position_y * t54 - target_position_z * t53) / t138;
-            let t213 = t141 * t206 + t140 * t208 + t139 * t210;
-            let t214 = 2.0 * t16;
-            let t216 = 2.0 * t15;
-            let t218 = 2.0 * t14;
-            let t227 = t18 * t206 - t213 * t218 - t19 * t208;
-            let t230 = t16 * t208 - t15 * t206;
-            let t234 = t17 * t208 - t213 * t214 - t18 * t210;
-            let t235 = t14 * t206 - t16 * t210;
-            let t239 = t19 * t210 - t213 * t216 - t17 * t206;
-            let t240 = t15 * t210 - t14 * t208;
-            let t245 = rack_pitch_sine * t11 - t9 * rack_pitch_cosine;
-            let t289 = t82 * t148 + t81 * t147 + t76 * t146;
-            let t294 = (t37 * t92 + t36 * t93 + t35 * t94) * t190 / t192;
-            let t295 = t37 * t294;
-            let t298 = t36 * t294;
-            let t301 = t35 * t294;
-            let t304 = 0.5 * (t92 * t145 - t295 - t295);
-            let t305 = 0.5 * (t93 * t145 - t298 - t298);
-            let t306 = 0.5 * (t94 * t145 - t301 - t301);
-            let t307 = (target_position_x * t81 - target_position_y * t76) / t138;
-            let t309 = (target_position_z * t76 - target_position_x * t82) / t138;
-            let t311 = (target_position_y * t82 - target_position_z * t81) / t138;
-            let t314 = t141 * t307 + t140 * t309 + t139 * t311;
-            let t325 = t18 * t307 - t218 * t314 - t19 * t309;
-            let t328 = t16 * t309 - t15 * t307;
-            let t332 = t17 * t309 - t214 * t314 - t18 * t311;
-            let t333 = t14 * t307 - t16 * t311;
-            let t337 = t19 * t311 - t216 * t314 - t17 * t307;
-            let t338 = t15 * t311 - t14 * t309;
-            let t384 = t104 * t148 + t103 * t147 - sin_frame_rotation_y * t146;
-            let t389 = (t37 * t114 + t36 * t115 - t35 * t116) * t190 / t192;
-            let t390 = t37 * t389;
-            let t393 = t36 * t389;
-            let t396 = t35 * t389;
-            let t399 = 0.5 * (t114 * t145 - t390 - t390);
-            let t400 = 0.5 * (t115 * t145 - t393 - t393);
-            let t401 = -0.5 * (t396 + t116 * t145 + t396);
-            let t402 = (target_position_x * t103 + target_position_y * sin_frame_rotation_y) / t138;
-            let t404 = (target_position_x * t104 + target_position_z * sin_frame_rotation_y) / t138;
-            let t406 = (target_position_y * t104 - target_position_z * t103) / t138;
-            let t409 = t140 * t404 - t141 * t402 - t139 * t406;
-            let t420 = t218 * t409 + t18 * t402 + t19 * t404;
-            let t423 = t15 * t402 + t16 * t404;
-            let t427 = t214 * t409 - t17 * t404 - t18 * t406;
-            let t428 = t14 * t402 - t16 * t406;
-            let t432 = t216 * t409 - t17 * t402 + t19 * t406;
-            let t433 = t14 * t404 + t15 * t406;
-            let t467 = cos_frame_rotation_x * t165 - sin_frame_rotation_x * t169;
-            let t468 = sin_frame_rotation_x * t165 + cos_frame_rotation_x * t169;
-            let t473 = cos_frame_rotation_y * t468 - sin_frame_rotation_y * t161;
-            let t474 = sin_frame_rotation_y * t468 + cos_frame_rotation_y * t161;
-            let t479 = cos_frame_rotation_z * t474 - sin_frame_rotation_z * t467;
-            let t480 = sin_frame_rotation_z * t474 + cos_frame_rotation_z * t467;
-            residuals[0][lane] = t479 + frame_translation_x - x;
-            residuals[1][lane] = t480 + frame_translation_y - y;
-            residuals[2][lane] = t473 + frame_translation_z - z;
-            jacobian[0][lane] = t74 + t227;
-            jacobian[1][lane] = t73 + t239;
-            jacobian[2][lane] = t72 + t234;
-            jacobian[3][lane] = t205 + q * (t74 + t230);
-            jacobian[4][lane] = t204 + q * (t73 + t235);
-            jacobian[5][lane] = t203 + q * (t72 + t240);
-            jacobian[6][lane] = t74 - t227;
-            jacobian[7][lane] = t73 - t239;
-            jacobian[8][lane] = t72 - t234;
-            jacobian[9][lane] = t205 + q * (t74 - t230);
-            jacobian[10][lane] = t204 + q * (t73 - t235);
-            jacobian[11][lane] = t203 + q * (t72 - t240);
-            jacobian[12][lane] = t9 * t186;
-            jacobian[13][lane] = t11 * t186;
-            jacobian[14][lane] = t7 * (t186 * t245 / rack_pitch_period);
+            let t55 = t13 * t54;
+            let t56 = t13 * t53;
+            let t57 = t13 * t46;
+            let t63 = 0.5 * t54;
+            let t64 = 0.5 * t53;
+            let t65 = 0.5 * t46;
+            let t66 = sin_frame_rotation_z * sin_frame_rotation_y;
+            let t67 = sin_frame_rotation_z * cos_frame_rotation_y;
+            let t72 = sin_frame_rotation_x * t66 + cos_frame_rotation_z * cos_frame_rotation_x;
+            let t73 = cos_frame_rotation_x * t66 - cos_frame_rotation_z * sin_frame_rotation_x;
+            let t74 = t13 * t73;
+            let t75 = t13 * t72;
+            let t76 = t13 * t67;
+            let t82 = 0.5 * t73;
+            let t83 = 0.5 * t72;
+            let t84 = 0.5 * t67;
+            let t85 = cos_frame_rotation_y * sin_frame_rotation_x;
+            let t86 = cos_frame_rotation_y * cos_frame_rotation_x;
+            let t87 = t13 * t86;
+            let t88 = t13 * t85;
+            let t89 = t13 * sin_frame_rotation_y;
+            let t95 = 0.5 * t86;
+            let t96 = 0.5 * t85;
+            let t97 = -0.5 * sin_frame_rotation_y;
+            let t111 = t15 * t15 + t14 * t14 + t16 * t16;
+            let t112 = (t15 * t19 - t16 * t18) / t111;
+            let t113 = (t16 * t17 - t14 * t19) / t111;
+            let t114 = (t14 * t18 - t15 * t17) / t111;
+            let t117 = math::sqrt(t36 * t36 + t35 * t35 + t37 * t37);
+            let t118 = 1.0 / t117;
+            let t119 = t35 * t118;
+            let t120 = t36 * t118;
+            let t121 = t37 * t118;
+            let t131 = 0.5 + 0.041666666666666664 * (t113 * t113 + t112 * t112 + t114 * t114);
+            let t132 = t112 * t131;
+            let t133 = t113 * t131;
+            let t134 = t114 * t131;
+            let t140 = t133 * t133 + t132 * t132 + 1.0 + t134 * t134;
+            let t141 = 2.0 / t140;
+            let t144 = target_position_z * t133 - target_position_y * t134;
+            let t147 = target_position_x * t134 - target_position_z * t132;
+            let t150 = target_position_y * t132 - target_position_x * t133;
+            let t158 = t144 - t134 * t147 + t133 * t150;
+            let t160 = t147 - t132 * t150 + t134 * t144;
+            let t162 = t150 - t133 * t144 + t132 * t147;
+            let t168 = t141 * t158 + target_position_x
+                + 0.5 * (t4 + joint1_track_offset_x + t1 + joint2_track_offset_x) + t13 * t119;
+            let t171 = t141 * t160 + target_position_y
+                + 0.5 * (t5 + joint1_track_offset_y + t2 + joint2_track_offset_y) + t13 * t120;
+            let t174 = t141 * t162 + target_position_z
+                + 0.5 * (t6 + joint1_track_offset_z + t3 + joint2_track_offset_z) + t13 * t121;
+            let t176 = t54 * t141;
+            let t178 = t53 * t141;
+            let t180 = t46 * t141;
+            let t192 = t180 - t133 * t176 + t134 * t178;
+            let t196 = t178 + t132 * t176 - t134 * t180;
+            let t200 = t176 - t132 * t178 + t133 * t180;
+            let t220 = t141 * ((t54 * t162 + t53 * t160 + t46 * t158) / t140);
+            let t221 = t134 * t220;
+            let t226 = target_position_x * t196 - t221 - target_position_y * t192 - t147 * t180
+                + t144 * t178 - t221;
+            let t227 = t133 * t220;
+            let t232 = target_position_z * t192 - t227 - target_position_x * t200 + t150 * t180
+                - t144 * t176 - t227;
+            let t233 = t132 * t220;
+            let t238 = target_position_y * t200 - t233 - target_position_z * t196 - t150 * t178
+                + t147 * t176 - t233;
+            let t247 = 0.041666666666666664 * (t114 * t226 + t113 * t232 + t112 * t238);
+            let t248 = t114 * t247;
+            let t251 = t113 * t247;
+            let t254 = t112 * t247;
+            let t261 = t54 * t121 + t53 * t120 + t46 * t119;
+            let t265 = t118 * t118;
+            let t267 = 2.0 * t117;
+            let t268 = (t37 * t55 + t36 * t56 + t35 * t57) * t265 / t267;
+            let t269 = t37 * t268;
+            let t272 = t36 * t268;
+            let t275 = t35 * t268;
+            let t278 = 0.5 * (t55 * t118 - t269 - t269);
+            let t279 = 0.5 * (t56 * t118 - t272 - t272);
+            let t280 = 0.5 * (t57 * t118 - t275 - t275);
+            let t281 = (t248 + t131 * t226 + t248) / t111;
+            let t283 = (t251 + t131 * t232 + t251) / t111;
+            let t285 = (t254 + t131 * t238 + t254) / t111;
+            let t288 = t114 * t281 + t113 * t283 + t112 * t285;
+            let t289 = 2.0 * t16;
+            let t291 = 2.0 * t15;
+            let t293 = 2.0 * t14;
+            let t302 = t18 * t281 - t288 * t293 - t19 * t283;
+            let t305 = t16 * t283 - t15 * t281;
+            let t309 = t17 * t283 - t288 * t289 - t18 * t285;
+            let t310 = t14 * t281 - t16 * t285;
+            let t314 = t19 * t285 - t288 * t291 - t17 * t281;
+            let t315 = t15 * t285 - t14 * t283;
+            let t320 = rack_pitch_sine * t11 - t9 * rack_pitch_cosine;
+            let t349 = t73 * t141;
+            let t351 = t72 * t141;
+            let t353 = t67 * t141;
+            let t365 = t353 - t133 * t349 + t134 * t351;
+            let t369 = t351 + t132 * t349 - t134 * t353;
+            let t373 = t349 - t132 * t351 + t133 * t353;
+            let t393 = t141 * ((t73 * t162 + t72 * t160 + t67 * t158) / t140);
+            let t394 = t134 * t393;
+            let t399 = target_position_x * t369 - t394 - target_position_y * t365 - t147 * t353
+                + t144 * t351 - t394;
+            let t400 = t133 * t393;
+            let t405 = target_position_z * t365 - t400 - target_position_x * t373 + t150 * t353
+                - t144 * t349 - t400;
+            let t406 = t132 * t393;
+            let t411 = target_position_y * t373 - t406 - target_position_z * t369 - t150 * t351
+                + t147 * t349 - t406;
+            let t420 = 0.041666666666666664 * (t114 * t399 + t113 * t405 + t112 * t411);
+            let t421 = t114 * t420;
+            let t424 = t113 * t420;
+            let t427 = t112 * t420;
+            let t434 = t73 * t121 + t72 * t120 + t67 * t119;
+            let t439 = (t37 * t74 + t36 * t75 + t35 * t76) * t265 / t267;
+            let t440 = t37 * t439;
+            let t443 = t36 * t439;
+            let t446 = t35 * t439;
+            let t449 = 0.5 * (t74 * t118 - t440 - t440);
+            let t450 = 0.5 * (t75 * t118 - t443 - t443);
+            let t451 = 0.5 * (t76 * t118 - t446 - t446);
+            let t452 = (t421 + t131 * t399 + t421) / t111;
+            let t454 = (t424 + t131 * t405 + t424) / t111;
+            let t456 = (t427 + t131 * t411 + t427) / t111;
+            let t459 = t114 * t452 + t113 * t454 + t112 * t456;
+            let t470 = t18 * t452 - t293 * t459 - t19 * t454;
+            let t473 = t16 * t454 - t15 * t452;
+            let t477 = t17 * t454 - t289 * t459 - t18 * t456;
+            let t478 = t14 * t452 - t16 * t456;
+            let t482 = t19 * t456 - t291 * t459 - t17 * t452;
+            let t483 = t15 * t456 - t14 * t454;
+            let t514 = t86 * t141;
+            let t516 = t85 * t141;
+            let t518 = sin_frame_rotation_y * t141;
+            let t530 = t134 * t516 - t518 - t133 * t514;
+            let t534 = t516 + t132 * t514 + t134 * t518;
+            let t538 = t514 - t132 * t516 - t133 * t518;
+            let t558 = t141 * ((t86 * t162 + t85 * t160 - sin_frame_rotation_y * t158) / t140);
+            let t559 = t134 * t558;
+            let t564 = target_position_x * t534 - t559 - target_position_y * t530 + t147 * t518
+                + t144 * t516 - t559;
+            let t565 = t133 * t558;
+            let t570 = target_position_z * t530 - t565 - target_position_x * t538 - t150 * t518
+                - t144 * t514 - t565;
+            let t571 = t132 * t558;
+            let t576 = target_position_y * t538 - t571 - target_position_z * t534 - t150 * t516
+                + t147 * t514 - t571;
+            let t585 = 0.041666666666666664 * (t114 * t564 + t113 * t570 + t112 * t576);
+            let t586 = t114 * t585;
+            let t589 = t113 * t585;
+            let t592 = t112 * t585;
+            let t599 = t86 * t121 + t85 * t120 - sin_frame_rotation_y * t119;
+            let t604 = (t37 * t87 + t36 * t88 - t35 * t89) * t265 / t267;
+            let t605 = t37 * t604;
+            let t608 = t36 * t604;
+            let t611 = t35 * t604;
+            let t614 = 0.5 * (t87 * t118 - t605 - t605);
+            let t615 = 0.5 * (t88 * t118 - t608 - t608);
+            let t616 = -0.5 * (t611 + t89 * t118 + t611);
+            let t617 = (t586 + t131 * t564 + t586) / t111;
+            let t619 = (t589 + t131 * t570 + t589) / t111;
+            let t621 = (t592 + t131 * t576 + t592) / t111;
+            let t624 = t114 * t617 + t113 * t619 + t112 * t621;
+            let t635 = t18 * t617 - t293 * t624 - t19 * t619;
+            let t638 = t16 * t619 - t15 * t617;
+            let t642 = t17 * t619 - t289 * t624 - t18 * t621;
+            let t643 = t14 * t617 - t16 * t621;
+            let t647 = t19 * t621 - t291 * t624 - t17 * t617;
+            let t648 = t15 * t621 - t14 * t619;
+            let t682 = cos_frame_rotation_x * t171 - sin_frame_rotation_x * t174;
+            let t683 = sin_frame_rotation_x * t171 + cos_frame_rotation_x * t174;
+            let t688 = cos_frame_rotation_y * t683 - sin_frame_rotation_y * t168;
+            let t689 = sin_frame_rotation_y * t683 + cos_frame_rotation_y * t168;
+            let t694 = cos_frame_rotation_z * t689 - sin_frame_rotation_z * t682;
+            let t695 = sin_frame_rotation_z * t689 + cos_frame_rotation_z * t682;
+            residuals[0][lane] = t694 + frame_translation_x - x;
+            residuals[1][lane] = t695 + frame_translation_y - y;
+            residuals[2][lane] = t688 + frame_translation_z - z;
+            jacobian[0][lane] = t65 + t302;
+            jacobian[1][lane] = t64 + t314;
+            jacobian[2][lane] = t63 + t309;
+            jacobian[3][lane] = t280 + q * (t65 + t305);
+            jacobian[4][lane] = t279 + q * (t64 + t310);
+            jacobian[5][lane] = t278 + q * (t63 + t315);
+            jacobian[6][lane] = t65 - t302;
+            jacobian[7][lane] = t64 - t314;
+            jacobian[8][lane] = t63 - t309;
+            jacobian[9][lane] = t280 + q * (t65 - t305);
+            jacobian[10][lane] = t279 + q * (t64 - t310);
+            jacobian[11][lane] = t278 + q * (t63 - t315);
+            jacobian[12][lane] = t9 * t261;
+            jacobian[13][lane] = t11 * t261;
+            jacobian[14][lane] = t7 * (t261 * t320 / rack_pitch_period);
             jacobian[15][lane] = 1.0;
-            jacobian[16][lane] = t45 * t467 + sin_frame_rotation_z * t468;
-            jacobian[17][lane] = cos_frame_rotation_z * t473;
-            jacobian[18][lane] = -t480;
-            jacobian[19][lane] = t46 - t54 * t140 + t53 * t141;
-            jacobian[20][lane] = t53 + t54 * t139 - t46 * t141;
-            jacobian[21][lane] = t54 - t53 * t139 + t46 * t140;
-            jacobian[22][lane] = t102 + t325;
-            jacobian[23][lane] = t101 + t337;
-            jacobian[24][lane] = t100 + t332;
-            jacobian[25][lane] = t306 + q * (t102 + t328);
-            jacobian[26][lane] = t305 + q * (t101 + t333);
-            jacobian[27][lane] = t304 + q * (t100 + t338);
-            jacobian[28][lane] = t102 - t325;
-            jacobian[29][lane] = t101 - t337;
-            jacobian[30][lane] = t100 - t332;
-            jacobian[31][lane] = t306 + q * (t102 - t328);
-            jacobian[32][lane] = t305 + q * (t101 - t333);
-            jacobian[33][lane] = t304 + q * (t100 - t338);
-            jacobian[34][lane] = t9 * t289;
-            jacobian[35][lane] = t11 * t289;
-            jacobian[36][lane] = t7 * (t245 * t289 / rack_pitch_period);
+            jacobian[16][lane] = t45 * t682 + sin_frame_rotation_z * t683;
+            jacobian[17][lane] = cos_frame_rotation_z * t688;
+            jacobian[18][lane] = -t695;
+            jacobian[19][lane] = t46 - t133 * t200 + t134 * t196;
+            jacobian[20][lane] = t53 + t132 * t200 - t134 * t192;
+            jacobian[21][lane] = t54 - t132 * t196 + t133 * t192;
+            jacobian[22][lane] = t84 + t470;
+            jacobian[23][lane] = t83 + t482;
+            jacobian[24][lane] = t82 + t477;
+            jacobian[25][lane] = t451 + q * (t84 + t473);
+            jacobian[26][lane] = t450 + q * (t83 + t478);
+            jacobian[27][lane] = t449 + q * (t82 + t483);
+            jacobian[28][lane] = t84 - t470;
+            jacobian[29][lane] = t83 - t482;
+            jacobian[30][lane] = t82 - t477;
+            jacobian[31][lane] = t451 + q * (t84 - t473);
+            jacobian[32][lane] = t450 + q * (t83 - t478);
+            jacobian[33][lane] = t449 + q * (t82 - t483);
+            jacobian[34][lane] = t9 * t434;
+            jacobian[35][lane] = t11 * t434;
+            jacobian[36][lane] = t7 * (t320 * t434 / rack_pitch_period);
             jacobian[37][lane] = 1.0;
-            jacobian[38][lane] = t75 * t467 - cos_frame_rotation_z * t468;
-            jacobian[39][lane] = sin_frame_rotation_z * t473;
-            jacobian[40][lane] = t479;
-            jacobian[41][lane] = t76 - t82 * t140 + t81 * t141;
-            jacobian[42][lane] = t81 + t82 * t139 - t76 * t141;
-            jacobian[43][lane] = t82 - t81 * t139 + t76 * t140;
-            jacobian[44][lane] = t124 + t420;
-            jacobian[45][lane] = t123 + t432;
-            jacobian[46][lane] = t122 + t427;
-            jacobian[47][lane] = t401 - q * (t423 - t124);
-            jacobian[48][lane] = t400 + q * (t123 + t428);
-            jacobian[49][lane] = t399 + q * (t122 + t433);
-            jacobian[50][lane] = t124 - t420;
-            jacobian[51][lane] = t123 - t432;
-            jacobian[52][lane] = t122 - t427;
-            jacobian[53][lane] = t401 + q * (t124 + t423);
-            jacobian[54][lane] = t400 + q * (t123 - t428);
-            jacobian[55][lane] = t399 + q * (t122 - t433);
-            jacobian[56][lane] = t9 * t384;
-            jacobian[57][lane] = t11 * t384;
-            jacobian[58][lane] = t7 * (t245 * t384 / rack_pitch_period);
+            jacobian[38][lane] = t66 * t682 - cos_frame_rotation_z * t683;
+            jacobian[39][lane] = sin_frame_rotation_z * t688;
+            jacobian[40][lane] = t694;
+            jacobian[41][lane] = t67 - t133 * t373 + t134 * t369;
+            jacobian[42][lane] = t72 + t132 * t373 - t134 * t365;
+            jacobian[43][lane] = t73 - t132 * t369 + t133 * t365;
+            jacobian[44][lane] = t97 + t635;
+            jacobian[45][lane] = t96 + t647;
+            jacobian[46][lane] = t95 + t642;
+            jacobian[47][lane] = t616 + q * (t97 + t638);
+            jacobian[48][lane] = t615 + q * (t96 + t643);
+            jacobian[49][lane] = t614 + q * (t95 + t648);
+            jacobian[50][lane] = t97 - t635;
+            jacobian[51][lane] = t96 - t647;
+            jacobian[52][lane] = t95 - t642;
+            jacobian[53][lane] = t616 - q * (t638 - t97);
+            jacobian[54][lane] = t615 + q * (t96 - t643);
+            jacobian[55][lane] = t614 + q * (t95 - t648);
+            jacobian[56][lane] = t9 * t599;
+            jacobian[57][lane] = t11 * t599;
+            jacobian[58][lane] = t7 * (t320 * t599 / rack_pitch_period);
             jacobian[59][lane] = 1.0;
-            jacobian[60][lane] = cos_frame_rotation_y * t467;
-            jacobian[61][lane] = -t474;
-            jacobian[62][lane] = t103 * t141 - sin_frame_rotation_y - t104 * t140;
-            jacobian[63][lane] = t103 + t104 * t139 + sin_frame_rotation_y * t141;
-            jacobian[64][lane] = t104 - t103 * t139 - sin_frame_rotation_y * t140;
+            jacobian[60][lane] = cos_frame_rotation_y * t682;
+            jacobian[61][lane] = -t689;
+            jacobian[62][lane] = t134 * t534 - sin_frame_rotation_y - t133 * t538;
+            jacobian[63][lane] = t85 + t132 * t538 - t134 * t530;
+            jacobian[64][lane] = t86 - t132 * t534 + t133 * t530;
         }
     }
 }
