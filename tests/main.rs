@@ -8,6 +8,7 @@ mod codegen;
 mod derivatives;
 mod discover_command;
 mod discovery;
+mod discovery_counts;
 mod discovery_folders;
 mod discovery_robots;
 mod discovery_tracks;

@@ -37,7 +37,7 @@ constants! {
     /// Ratio of prior odds between one effect and one more: machines with several faults are rarer.
     further: 0.1;
     /// Share of the level that all names have together; unnamed families are many and have the rest.
-    share_of_names: 0.95;
+    share_of_names: 0.8;
     /// Fall of −2 ln L within which two models fit as well: odds of twenty to one.
     as_good: 6.0;
     /// Level at which structure is looked for where a found effect acts, among the families that act there alone.

@@ -1,0 +1,131 @@
+//! Discovery over many machines: shares of right and false answers, held against bounds that a right program breaks
+//! once in a thousand runs.
+
+use rayon::prelude::*;
+use tau::discovery::{Discovery, Options, Status, discover};
+use tau::robot_file::RobotFile;
+use tau::simulation::{Approach, Build, Effect, Poses, Simulation, Temperature, simulate};
+
+use crate::support::{Random, gantry_tau, prototype};
+
+/// The chance that a right program's answers exceed a bound.
+const RARE: f64 = 1e-3;
+
+/// A machine, and what discovery says of it; sets are of half the prototype's size.
+fn searched(seed: u64, file: &RobotFile, build: Build, effects: &[&str]) -> Discovery {
+    let (robot, (_, drawing)) = (gantry_tau(), prototype());
+    let simulation = Simulation {
+        build,
+        effects: (effects.iter())
+            .map(|effect| Effect::parse(effect, &robot, "effect").unwrap())
+            .collect(),
+        poses: Poses::Grid {
+            counts: [5, 5, 4],
+            step_m: None,
+            limit: None,
+            jitter: 0.5,
+        },
+        random_poses: 80,
+        approach: Approach::Random,
+        temperature: Temperature {
+            rise_k: 4.0,
+            ..Temperature::default()
+        },
+        seed,
+        ..Simulation::new(robot.clone(), file.clone())
+    };
+    let folder = simulate(&simulation).unwrap().folder;
+    let options = Options::default();
+    discover(&robot, "Full", &drawing, &folder, &options, &mut |_| {})
+        .unwrap()
+        .discovery
+}
+
+/// The largest count that a right program exceeds more rarely than [`RARE`], of `trials` with a chance each.
+fn bound(trials: u32, chance: f64) -> usize {
+    let mut mass = (1.0 - chance).powi(trials as i32);
+    let mut sum = mass;
+    let mut count = 0;
+    while 1.0 - sum > RARE {
+        mass *= f64::from(trials - count) / f64::from(count + 1) * chance / (1.0 - chance);
+        sum += mass;
+        count += 1;
+    }
+    count as usize
+}
+
+#[test]
+fn bounds_are_those_of_the_binomial_distribution() {
+    // Ten throws of a coin: eleven of 1024 outcomes have nine heads or ten.
+    assert_eq!(bound(10, 0.5), 9);
+    assert_eq!(bound(1, 0.5), 1);
+    assert_eq!(bound(100, 0.0), 0);
+}
+
+/// Nothing is hidden: names are false in one machine of twenty.
+#[test]
+fn false_names_are_as_rare_as_the_level() {
+    let (_, file) = prototype();
+    let seeds: Vec<u64> = (100..140).collect();
+    let false_names = (seeds.par_iter())
+        .filter(|&&seed| {
+            !searched(seed, &file, Build::default(), &[])
+                .effects
+                .is_empty()
+        })
+        .count();
+    assert!(false_names <= bound(40, 0.05), "{false_names} of 40");
+}
+
+/// Joints of one cart may run along directions that differ by as much as the drawing tolerates.
+#[test]
+fn links_of_a_cart_may_run_in_different_directions() {
+    let (_, file) = prototype();
+    let seeds: Vec<u64> = (200..224).collect();
+    let wrong = seeds.par_iter().filter(|&&seed| {
+        let mut file = file.clone();
+        let mut random = Random(seed);
+        for link in file.links.values_mut() {
+            let direction = link.track_direction.as_mut().unwrap();
+            for component in &mut direction.value {
+                *component += direction.tol * random.normal();
+            }
+        }
+        let found = searched(seed, &file, Build::Exact, &[]);
+        found.status != Status::NothingMissing
+    });
+    let wrong = wrong.count();
+    assert!(wrong <= bound(24, 0.05), "{wrong} of 24");
+}
+
+/// Effects well above the noise have their names, and nothing else has one.
+#[test]
+fn clear_effects_have_their_names() {
+    let hidden = [
+        ("backlash(two): gap=6e-5", "backlash", "two"),
+        (
+            "rack_pitch(one): sine=6e-5, period=0.0133",
+            "rack_pitch",
+            "one",
+        ),
+        (
+            "cart_crosstalk(three, one): gain=4e-5",
+            "cart_crosstalk",
+            "three,one",
+        ),
+        ("link_thermal(l2b): expansion=2e-5", "link_thermal", "l2b"),
+    ];
+    let (_, file) = prototype();
+    let seeds: Vec<u64> = (300..324).collect();
+    let wrong: Vec<(u64, Vec<(String, String)>)> = (seeds.par_iter())
+        .filter_map(|&seed| {
+            let (effect, name, place) = hidden[seed as usize % hidden.len()];
+            let found = searched(seed, &file, Build::default(), &[effect]);
+            let names: Vec<(String, String)> = (found.effects.into_iter())
+                .map(|effect| (effect.name, effect.place))
+                .collect();
+            (names != [(name.to_owned(), place.to_owned())]).then_some((seed, names))
+        })
+        .collect();
+    assert!(wrong.len() <= bound(24, 0.05), "{wrong:?}");
+}
