@@ -369,14 +369,20 @@ impl Formula {
 
     /// Its value, if it is a scalar that holds neither parameters nor quantities.
     pub fn constant(&self) -> Option<f64> {
+        self.value(&|_| None)
+    }
+
+    /// Its value, if it is a scalar, with those of the parameters and quantities that it holds.
+    pub fn value(&self, of: &dyn Fn(&Self) -> Option<f64>) -> Option<f64> {
         Some(match self {
             Self::Number(value) => *value,
-            Self::Parameter(..) | Self::Read(_) | Self::Vector(_) => return None,
-            Self::Negate(inner) => -inner.constant()?,
-            Self::Binary(operator, left, right) => operator.of(left.constant()?, right.constant()?),
-            Self::Power(inner, exponent) => inner.constant()?.powi(*exponent),
+            Self::Parameter(..) | Self::Read(_) => of(self)?,
+            Self::Vector(_) => return None,
+            Self::Negate(inner) => -inner.value(of)?,
+            Self::Binary(operator, left, right) => operator.of(left.value(of)?, right.value(of)?),
+            Self::Power(inner, exponent) => inner.value(of)?.powi(*exponent),
             Self::Call(function, arguments) => {
-                let values: Option<Vec<f64>> = arguments.iter().map(Self::constant).collect();
+                let values: Option<Vec<f64>> = arguments.iter().map(|a| a.value(of)).collect();
                 function.of(&values?)?
             }
         })

@@ -82,6 +82,12 @@ impl Dimension {
 
     /// Text of the coherent SI unit: `m`, `rad`, `1`, `m/N`, `m/s`. The language reads it back.
     pub fn si_unit(self) -> String {
+        let (above, below) = self.si_fraction();
+        above + &below
+    }
+
+    /// The same in two parts: what multiplies, and what divides from the first `/` on.
+    pub fn si_fraction(self) -> (String, String) {
         // With force in place of mass where that leaves no seconds: `m/N`, not `s^2/kg`.
         let (mass, time) = (i16::from(self.mass), i16::from(self.time));
         let force = if mass != 0 && time + 2 * mass == 0 {
@@ -97,17 +103,17 @@ impl Dimension {
             ("K", self.temperature.into()),
             ("s", time + 2 * force),
         ];
-        let mut text = String::new();
+        let (mut above, mut below) = (String::new(), String::new());
         for (unit, exponent) in factors.into_iter().filter(|(_, exponent)| *exponent > 0) {
-            append(&mut text, '*', unit, exponent);
+            append(&mut above, '*', unit, exponent);
         }
-        if text.is_empty() {
-            text.push('1');
+        if above.is_empty() {
+            above.push('1');
         }
         for (unit, exponent) in factors.into_iter().filter(|(_, exponent)| *exponent < 0) {
-            append(&mut text, '/', unit, -exponent);
+            append(&mut below, '/', unit, -exponent);
         }
-        text
+        (above, below)
     }
 
     /// The dimension in words where it has a name, with its unit: `length (m)`, `number`, `m/K`.

@@ -1,6 +1,6 @@
 //! The words that effects and their formulas may use.
 
-use crate::model::{Function, Readable, Subject, Target};
+use crate::model::{Function, Readable, Subject, Target, Track};
 use crate::units::{Dimension, find_unit};
 
 /// Targets of effects: name, target, dimension, whether it is a vector.
@@ -15,6 +15,28 @@ pub(super) const TARGETS: [(&str, Target, Dimension, bool); 9] = [
     ("joint", Target::Joint, Dimension::LENGTH, true),
     ("position", Target::Position, Dimension::LENGTH, true),
 ];
+
+impl Target {
+    fn described(self) -> (&'static str, Self, Dimension, bool) {
+        let known = TARGETS.into_iter().find(|known| known.1 == self);
+        known.unwrap_or_else(|| unreachable!("every target has a word"))
+    }
+
+    /// Its word in the language.
+    pub fn name(self) -> &'static str {
+        self.described().0
+    }
+
+    /// Its dimension.
+    pub fn dimension(self) -> Dimension {
+        self.described().2
+    }
+
+    /// True if it has three components.
+    pub fn is_vector(self) -> bool {
+        self.described().3
+    }
+}
 
 /// The word for what an effect acts on.
 pub(super) fn subject_word(subject: Subject) -> &'static str {
@@ -108,6 +130,27 @@ pub(super) const QUANTITIES: [Quantity; 12] = [
 /// The quantity of a name.
 pub(super) fn find_quantity(name: &str) -> Option<&'static Quantity> {
     QUANTITIES.iter().find(|quantity| quantity.name == name)
+}
+
+impl Readable {
+    fn quantity(self) -> Option<&'static Quantity> {
+        QUANTITIES.iter().find(|known| known.readable == self)
+    }
+
+    /// As a formula writes it, on a robot with these tracks.
+    pub fn written(self, tracks: &[Track]) -> String {
+        match self {
+            Self::CommandOf(track) => format!("q({})", tracks[track].name),
+            Self::SourceCommand => "q(source)".to_owned(),
+            _ => self.quantity().map_or("", |known| known.name).to_owned(),
+        }
+    }
+
+    /// Its dimension.
+    pub fn dimension(self) -> Dimension {
+        self.quantity()
+            .map_or(Dimension::LENGTH, |known| known.dimension)
+    }
 }
 
 /// Elementary functions with their number of arguments.
