@@ -2,10 +2,10 @@
 
 use nalgebra::DMatrix;
 use tau_codegen::compile::compile_some;
-use tau_codegen::language::model::{EffectUse, Model, Place};
+use tau_codegen::language::model::{Model, Place, Subject, Target};
 use tau_estimation::calibration::{Error, Nominal};
 use tau_estimation::joint::Joint;
-use tau_estimation::joint::variant::{free_turning, index_of, with_effects};
+use tau_estimation::joint::variant::{add, additive, cart, free_turning};
 use tau_estimation::samples::Sample;
 use tau_kinematics::Machine;
 use tau_robot::robot::{Arm, Variant};
@@ -78,50 +78,35 @@ pub(super) struct ClosureProbe {
     pub(super) joint: Option<[usize; 3]>,
 }
 
-/// Constants that a cart's probe adds: along, horizontal, vertical, roll, pitch, yaw.
-const TARGETS_OF_CART: [&str; 6] = [
-    "shift_along",
-    "shift_horizontal",
-    "shift_vertical",
-    "turn_roll",
-    "turn_pitch",
-    "turn_yaw",
+/// Targets of a cart's probe, in its order.
+pub(super) const TARGETS_OF_CART: [Target; 6] = [
+    Target::Along,
+    Target::Horizontal,
+    Target::Vertical,
+    Target::Roll,
+    Target::Pitch,
+    Target::Yaw,
 ];
 
-/// Effects that add one constant to each target: their derivatives are those of the targets.
-const TARGETS: &str = "
-effect unnamed_probe_cart on cart {
-    param shift_along, shift_horizontal, shift_vertical: length;
-    param turn_roll, turn_pitch, turn_yaw: angle;
-    along += shift_along; horizontal += shift_horizontal; vertical += shift_vertical;
-    roll += turn_roll; pitch += turn_pitch; yaw += turn_yaw;
-}
-effect unnamed_probe_tcp on tcp { param shift[3]: length; position += shift; }
-";
-
-/// The variant (by index in the model) with a constant added to every target.
+/// The variant (by index in the model) with a constant added to every target: the derivatives by these are
+/// those of the targets.
 pub(super) fn compiled(model: &Model, variant: usize) -> Variant {
-    let mut probed = with_effects(model, TARGETS);
-    let (cart, tcp) = (
-        index_of(&probed, "unnamed_probe_cart"),
-        index_of(&probed, "unnamed_probe_tcp"),
+    let mut probed = model.clone();
+    let targets = TARGETS_OF_CART.map(|target| (target, None));
+    let of_cart = additive("unnamed_probe_cart", Subject::Cart, &targets, None);
+    let of_tcp = additive(
+        "unnamed_probe_tcp",
+        Subject::Tcp,
+        &[(Target::Position, None)],
+        None,
     );
-    let places = (0..model.tracks.len()).map(|track| Place::Cart {
-        track,
-        source: None,
-    });
-    let used = places
-        .map(|place| EffectUse {
-            effect: cart,
-            place,
-            with: vec![],
-        })
-        .chain([EffectUse {
-            effect: tcp,
-            place: Place::Tcp,
-            with: vec![],
-        }]);
-    probed.variants[variant].effects.extend(used);
+    add(
+        &mut probed,
+        variant,
+        of_cart,
+        (0..model.tracks.len()).map(cart),
+    );
+    add(&mut probed, variant, of_tcp, std::iter::once(Place::Tcp));
     let closures = Variant::from(&compile_some(&probed, variant, |kind, _| {
         kind == ResidualKind::Closure
     }));
@@ -159,15 +144,16 @@ impl Probes {
         let carts = (0..tracks)
             .map(|track| {
                 let owner = Owner::Effect(first + track);
-                TARGETS_OF_CART.map(|quantity| {
-                    columns.add((owner, quantity, None), &|sample| {
+                TARGETS_OF_CART.map(|target| {
+                    columns.add((owner, target.name(), None), &|sample| {
                         sample.track.is_none_or(|own| own == track)
                     })
                 })
             })
             .collect();
         let shift = Owner::Effect(first + tracks);
-        let tcp = [0, 1, 2].map(|k| columns.add((shift, "shift", Some(k)), &is_of_set_1));
+        let position = Target::Position.name();
+        let tcp = [0, 1, 2].map(|k| columns.add((shift, position, Some(k)), &is_of_set_1));
         let closures = columns.closures(model);
         Ok(Self {
             all: columns.all,

@@ -7,7 +7,7 @@ use tau_robot::robot_file::Noise;
 
 use super::{Component, Joint};
 use crate::calibration::Line;
-use crate::joint::variant::{TURNING, TURNING_RATES};
+use crate::joint::variant::{ROTATIONS, TURNING};
 use crate::samples::Sample;
 
 impl Joint {
@@ -32,8 +32,12 @@ impl Joint {
             let (Some(line), Some(direction)) = (Line::fit(&points), self.direction(track)) else {
                 continue;
             };
-            for (quantity, axis) in TURNING_RATES.iter().zip(track_axes(direction)) {
-                let name = format!("{TURNING}({}).{quantity}", self.machine.robot.tracks[track]);
+            for (target, axis) in ROTATIONS.iter().zip(track_axes(direction)) {
+                let name = format!(
+                    "{TURNING}({}).{}",
+                    self.machine.robot.tracks[track],
+                    target.name()
+                );
                 let mut parameters = variant.parameters.iter();
                 let rate = parameters.position(|parameter| parameter.name == name);
                 if let Some(rate) = rate {

@@ -1,45 +1,83 @@
 //! Variants as discovery fits them: as described, but for how sets 2 and 3 see the carts turn.
 
 use tau_codegen::compile::compile_some;
-use tau_codegen::language::effects_from_text;
-use tau_codegen::language::model::{self as language, EffectUse, Model, Place};
+use tau_codegen::language::model::{
+    self as language, BinaryOperator, Effect, EffectParameter, EffectUse, Formula, Model, Place,
+    Readable, Subject, Target, Term,
+};
+use tau_codegen::language::units::Dimension;
 use tau_robot::robot::{Arm, Instance, Variant};
 use tau_runtime::ResidualKind;
 
 use crate::numerics::parallel;
 
-/// Name of the effect that turns carts, and its parameters about the axes of the track.
-pub(crate) const TURNING: &str = "unnamed_turning";
-pub(crate) const TURNING_RATES: [&str; 3] = ["roll_rate", "pitch_rate", "yaw_rate"];
-
-/// Turning and drifting of a cart in proportion to its command.
+/// Name of the effect that turns carts, and the rotations that it is of.
 ///
 /// The directions of a cart's links say something of its rotation and of the direction in which it
 /// runs, but not all: those of one or two links leave rotations open, and each absorbs what else is
 /// linear in the command (the two links of the paper's second cart run along directions that differ by
 /// 0.17 mm/m). So the rates at which sets 2 and 3 see the carts turn are free, and those at which they
 /// see them drift aside have room.
-const TEXT: &str = "
-effect unnamed_turning on cart {
-    param roll_rate, pitch_rate, yaw_rate: angle/length tol 10 mrad/m;
-    param horizontal_rate, vertical_rate: ratio tol 200 ppm;
-    roll += roll_rate * q; pitch += pitch_rate * q; yaw += yaw_rate * q;
-    horizontal += horizontal_rate * q; vertical += vertical_rate * q;
-}
-";
+pub(crate) const TURNING: &str = "unnamed_turning";
+pub(crate) const ROTATIONS: [Target; 3] = [Target::Roll, Target::Pitch, Target::Yaw];
 
 /// Name of the effect by which piecewise paths stretch with their cart's turning.
-const STRETCHING: &str = "unnamed_stretching";
-
-/// Motions that straight paths of a cart's links allow and piecewise ones do not: a cart that turns in
+///
+/// Straight paths of a cart's links allow motions that piecewise ones do not: a cart that turns in
 /// proportion to its command carries its joints by different amounts along the track, but paths as measured
 /// turn and do not stretch. So that nothing that every full arm takes up by itself gets a name.
-const STRETCHES: &str = "
-effect unnamed_stretching on cart {
-    param pitch_rate, yaw_rate: angle/length tol 10 mrad/m;
-    pitch += pitch_rate * q; yaw += yaw_rate * q;
+const STRETCHING: &str = "unnamed_stretching";
+
+/// Tolerances of the rates at which carts turn (rad/m) and drift aside (m/m).
+const TURN: f64 = 10e-3;
+const DRIFT: f64 = 200e-6;
+
+/// An effect that adds to each target a parameter of the target's name, with a tolerance (SI) or free, times a
+/// quantity, or alone.
+pub fn additive(
+    name: &str,
+    subject: Subject,
+    targets: &[(Target, Option<f64>)],
+    factor: Option<Readable>,
+) -> Effect {
+    let per = factor.map_or(Dimension::NUMBER, Readable::dimension);
+    let parameter = |&(target, tolerance): &(Target, Option<f64>)| EffectParameter {
+        name: target.name().to_owned(),
+        components: if target.is_vector() { 3 } else { 1 },
+        dimension: target.dimension().divide(per).unwrap_or_default(),
+        nominal: 0.0,
+        tolerance,
+        search: None,
+        optional: false,
+    };
+    let amount = |index: usize, component: usize| {
+        let parameter = Formula::Parameter(index, component);
+        let times = |factor| {
+            let factor = Box::new(Formula::Read(factor));
+            Formula::Binary(
+                BinaryOperator::Multiply,
+                Box::new(parameter.clone()),
+                factor,
+            )
+        };
+        factor.map_or_else(|| parameter.clone(), times)
+    };
+    let term = |(index, &(target, _)): (usize, &(Target, Option<f64>))| Term {
+        target,
+        formula: if target.is_vector() {
+            Formula::Vector(Box::new([0, 1, 2].map(|k| amount(index, k))))
+        } else {
+            amount(index, 0)
+        },
+    };
+    Effect {
+        name: name.to_owned(),
+        docs: vec![],
+        subject,
+        parameters: targets.iter().map(parameter).collect(),
+        terms: targets.iter().enumerate().map(term).collect(),
+    }
 }
-";
 
 /// The variant of a model (by index), its carts turning freely in sets 2 and 3. `closures` is the same
 /// variant where its closures have been compiled already.
@@ -111,28 +149,43 @@ pub fn free_turning_from(model: &Model, variant: usize, before: &Variant, place:
 
 /// The model with carts that turn and drift in proportion to their commands.
 fn turning(model: &Model, variant: usize) -> Model {
-    on_carts(model, variant, (TEXT, TURNING), 0..model.tracks.len())
+    let turns = ROTATIONS.map(|target| (target, Some(TURN)));
+    let drifts = [Target::Horizontal, Target::Vertical].map(|target| (target, Some(DRIFT)));
+    let targets = [&turns[..], &drifts].concat();
+    on_carts(model, variant, (TURNING, &targets), 0..model.tracks.len())
 }
 
-/// The model with an effect, described by a text, on the carts of some tracks in a variant.
+/// The model with an effect in proportion to the commands on the carts of some tracks in a variant.
 fn on_carts(
     model: &Model,
     variant: usize,
-    (text, name): (&str, &str),
+    (name, targets): (&str, &[(Target, Option<f64>)]),
     tracks: impl IntoIterator<Item = usize>,
 ) -> Model {
-    let mut model = with_effects(model, text);
-    let effect = index_of(&model, name);
-    let carts = tracks.into_iter().map(|track| EffectUse {
-        effect,
-        place: Place::Cart {
-            track,
-            source: None,
-        },
+    let mut model = model.clone();
+    let effect = additive(name, Subject::Cart, targets, Some(Readable::Command));
+    add(&mut model, variant, effect, tracks.into_iter().map(cart));
+    model
+}
+
+/// Adds an effect at places of a variant.
+pub fn add(model: &mut Model, variant: usize, effect: Effect, places: impl Iterator<Item = Place>) {
+    let index = model.effects.len();
+    model.effects.push(effect);
+    let used = places.map(|place| EffectUse {
+        effect: index,
+        place,
         with: vec![],
     });
-    model.variants[variant].effects.extend(carts);
-    model
+    model.variants[variant].effects.extend(used);
+}
+
+/// The cart of a track as a place.
+pub fn cart(track: usize) -> Place {
+    Place::Cart {
+        track,
+        source: None,
+    }
 }
 
 /// The model with piecewise paths that stretch with the turning of their carts; `None` where it has no
@@ -147,7 +200,8 @@ fn stretching(model: &Model, variant: usize) -> Option<Model> {
                 && model.links_of_track(track).len() > 1
         })
         .collect();
-    (!tracks.is_empty()).then(|| on_carts(model, variant, (STRETCHES, STRETCHING), tracks))
+    let targets = [Target::Pitch, Target::Yaw].map(|target| (target, Some(TURN)));
+    (!tracks.is_empty()).then(|| on_carts(model, variant, (STRETCHING, &targets), tracks))
 }
 
 /// Takes over instances of another variant whose parameters are there by the same names.
@@ -181,17 +235,4 @@ fn order(kind: ResidualKind) -> usize {
         ResidualKind::CartPose => 2,
         ResidualKind::CartPosition => 3,
     }
-}
-
-/// A model with further effects, whose text is the program's own.
-pub fn with_effects(model: &Model, text: &str) -> Model {
-    effects_from_text(text, model).unwrap_or_else(|errors| {
-        unreachable!("the program's own effects are well-formed: {errors}")
-    })
-}
-
-/// Index of an effect that is the model's.
-pub fn index_of(model: &Model, name: &str) -> usize {
-    let index = model.effects.iter().position(|effect| effect.name == name);
-    index.unwrap_or_else(|| unreachable!("`{name}` is an effect of the model"))
 }
