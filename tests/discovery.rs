@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use serde_json::Value;
 use tau::Robot;
+use tau::discovery::results::Place;
 use tau::discovery::{Discovery, Options, Status, discover};
 use tau::measurements::{Folder, Shape};
 use tau::robot_file::RobotFile;
@@ -44,7 +45,7 @@ fn check(name: &str) {
     let named: BTreeSet<(String, String)> = found
         .effects
         .iter()
-        .map(|effect| (effect.name.clone(), effect.place.clone()))
+        .map(|effect| (effect.name.clone(), effect.place.to_string()))
         .collect();
     assert_eq!(named, hidden, "trial {name}");
     let status = serde_json::to_value(found.status).unwrap();
@@ -85,19 +86,16 @@ fn a_track_with_a_bump_follows_its_points_without_a_name() {
     for (base, effects) in [("Full", vec![]), ("Nominal", vec!["full_arm(all)"])] {
         let found = from_base("11", base, &[1, 2, 3]);
         assert_eq!(names(&found), effects, "{base}");
-        let places: Vec<&str> = found
-            .piecewise_tracks
-            .iter()
-            .map(|t| t.place.as_str())
-            .collect();
-        assert_eq!(places, ["two"], "{base}");
-        assert!(found.unnamed.iter().all(|unnamed| unnamed.place == "two"));
+        let two = Place::Cart("two".to_owned());
+        let places: Vec<&Place> = found.piecewise_tracks.iter().map(|t| &t.place).collect();
+        assert_eq!(places, [&two], "{base}");
+        assert!(found.unnamed.iter().all(|unnamed| unnamed.place == two));
         assert_eq!(found.base, base);
         assert_eq!(
-            found.steps[0].model,
+            found.steps[0].model.to_string(),
             format!("variant Discovered = {base};")
         );
-        let gaps: Vec<f64> = found.steps.iter().map(|step| step.mean_um).collect();
+        let gaps: Vec<f64> = found.steps.iter().map(|step| step.gap.mean_um).collect();
         assert!(
             gaps.windows(2).all(|pair| pair[1] < pair[0]),
             "{base}: {gaps:?}"
@@ -134,8 +132,9 @@ fn a_reduced_arm_lacks_the_full_one() {
     let names: Vec<&str> = found.effects.iter().map(|e| e.name.as_str()).collect();
     assert_eq!(names, ["full_arm", "rack_pitch"]);
     assert_eq!(found.base, "Nominal");
-    assert_eq!(found.steps[0].model, "variant Discovered = Nominal;");
-    let gaps: Vec<f64> = found.steps.iter().map(|step| step.mean_um).collect();
+    let first = found.steps[0].model.to_string();
+    assert_eq!(first, "variant Discovered = Nominal;");
+    let gaps: Vec<f64> = found.steps.iter().map(|step| step.gap.mean_um).collect();
     assert!(gaps.windows(2).all(|pair| pair[1] < pair[0]), "{gaps:?}");
     assert!((gaps[2] - found.validation.after.mean_um).abs() < 1e-9);
     // What any method could remove is what was removed and what remains.
@@ -257,11 +256,11 @@ fn the_prototypes_error_falls_to_its_noise() {
         found
             .steps
             .windows(2)
-            .all(|pair| pair[1].mean_um < pair[0].mean_um)
+            .all(|pair| pair[1].gap.mean_um < pair[0].gap.mean_um)
     );
 
     // What was found is a robot like any other, with the values that are reported.
-    let written = outcome.robot().unwrap();
+    let written = outcome.robot();
     let calibrated = outcome.calibration(&written, &file, &folder).unwrap();
     for effect in &found.effects {
         for (name, reported) in &effect.parameters {
@@ -391,12 +390,11 @@ fn a_withheld_effect_stays_without_a_name() {
     let found = search(&folder, &file, &options);
     assert_eq!(names(&found), Vec::<String>::new());
     let unnamed = &found.unnamed[0];
-    let described = (
-        &unnamed.place[..],
-        &unnamed.direction[..],
-        &unnamed.against[..],
+    let described = format!(
+        "{} {} {}",
+        unnamed.place, unnamed.direction, unnamed.against.name
     );
-    assert_eq!(described, ("one", "along", "direction"));
+    assert_eq!(described, "one along direction");
     // Half of the gap of 119 µm on either side.
     assert!((unnamed.rms_um - 59.5).abs() < 5.0, "{}", unnamed.rms_um);
 }

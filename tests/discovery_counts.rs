@@ -122,7 +122,7 @@ fn clear_effects_have_their_names() {
             let (effect, name, place) = hidden[seed as usize % hidden.len()];
             let found = searched(seed, &file, Build::default(), &[effect]);
             let names: Vec<(String, String)> = (found.effects.into_iter())
-                .map(|effect| (effect.name, effect.place))
+                .map(|effect| (effect.name, effect.place.to_string()))
                 .collect();
             (names != [(name.to_owned(), place.to_owned())]).then_some((seed, names))
         })

@@ -3,8 +3,7 @@
 use std::f64::consts::PI;
 use std::sync::Arc;
 
-use tau::discovery::results::Unnamed;
-use tau::discovery::results::Verdict;
+use tau::discovery::results::{self, Motion, Target, Unnamed, Verdict};
 use tau::discovery::{Discovery, Options, Status, discover};
 use tau::simulation::{CartError, CartReading, Effect, Physics, Simulation, simulate};
 use tau_codegen::language::model::Place;
@@ -79,20 +78,20 @@ fn a_wavy_track_follows_its_points() {
     let found = searched(1, BUMPS, 0);
     assert!(found.effects.is_empty());
     assert_eq!(found.status, Status::UnnamedStructure);
-    let places: Vec<&str> = found
-        .piecewise_tracks
-        .iter()
-        .map(|t| t.place.as_str())
-        .collect();
-    assert_eq!(places, ["two"]);
-    assert!(found.unnamed.iter().all(|unnamed| unnamed.place == "two"));
-    for (axis, direction) in ["horizontal", "vertical"].into_iter().enumerate() {
+    let cart = |name: &str| results::Place::Cart(name.to_owned());
+    let places: Vec<_> = found.piecewise_tracks.iter().map(|t| &t.place).collect();
+    assert_eq!(places, [&cart("two")]);
+    assert!(found.unnamed.iter().all(|own| own.place == cart("two")));
+    let sideways = [Target::Horizontal, Target::Vertical];
+    for (axis, target) in sideways.into_iter().enumerate() {
+        let direction = Motion::Target(target, 0);
         let shown = found.unnamed.iter().find(|own| own.direction == direction);
         let left = off_a_line(shown.unwrap(), |q_m| path(BUMPS, q_m)[axis]);
         // They carry 10 µm of noise.
         assert!(left < 13e-6, "{direction}: {left}");
     }
-    let lines: Vec<&str> = found.steps.iter().map(|step| step.model.as_str()).collect();
+    let lines = found.steps.iter().map(|step| step.model.to_string());
+    let lines: Vec<String> = lines.collect();
     assert_eq!(
         lines,
         [
@@ -100,7 +99,7 @@ fn a_wavy_track_follows_its_points() {
             "variant Discovered = BestPerLink;"
         ]
     );
-    assert!(found.model_text.contains(lines[1]));
+    assert!(found.model_text.contains(&lines[1]));
     let (before, after) = (found.validation.before, found.validation.after);
     assert!(
         after.mean_um < 0.85 * before.mean_um,
@@ -112,8 +111,8 @@ fn a_wavy_track_follows_its_points() {
     );
     let noted = &found.considered[0];
     assert_eq!(
-        (noted.name.as_str(), noted.place.as_str()),
-        ("piecewise_track", "two")
+        (noted.name.as_str(), &noted.place),
+        ("piecewise_track", &cart("two"))
     );
 }
 
@@ -123,7 +122,8 @@ fn a_track_with_a_single_bump_stays_straight() {
     let found = searched(2, &[(0.1, 0.25, [0.0, 30e-6])], 3);
     assert!(found.effects.is_empty() && found.piecewise_tracks.is_empty());
     assert_eq!(found.status, Status::UnnamedStructure);
-    assert!(found.unnamed.iter().all(|unnamed| unnamed.place == "three"));
+    let three = results::Place::Cart("three".to_owned());
+    assert!(found.unnamed.iter().all(|unnamed| unnamed.place == three));
     assert_eq!(found.steps.len(), 1);
     let noted = found
         .considered

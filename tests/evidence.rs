@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use tau::discovery::results::{Discovery, Pattern};
+use tau::discovery::results::{Dimension, Discovery, Pattern, Place, Readable};
 use tau::discovery::{Options, discover};
 use tau::measurements::{Folder, Shape};
 use tau::robot_file::RobotFile;
@@ -63,8 +63,8 @@ fn a_spectrum_peaks_at_the_hidden_period_and_residuals_follow_it() {
     };
     let spectrum = evidence.spectrum.as_ref().unwrap();
     assert_eq!(
-        (&spectrum.parameter[..], &spectrum.unit[..]),
-        ("period", "m")
+        (&spectrum.parameter[..], spectrum.unit),
+        ("period", Dimension::LENGTH)
     );
     let highest =
         |points: &[[f64; 3]]| *points.iter().max_by(|a, b| a[1].total_cmp(&b[1])).unwrap();
@@ -80,7 +80,8 @@ fn a_spectrum_peaks_at_the_hidden_period_and_residuals_follow_it() {
     let [pattern] = &evidence.residuals[..] else {
         panic!("{:?}", evidence.residuals);
     };
-    assert_eq!((&pattern.place[..], &pattern.target[..]), ("two", "along"));
+    let shown = format!("{}, {}", pattern.place, pattern.target);
+    assert_eq!(shown, "two, along");
     let period = pattern.period.unwrap();
     for bin in &pattern.bins {
         let hidden = 30.0 * (std::f64::consts::TAU * bin.at / period).sin();
@@ -100,7 +101,7 @@ fn residuals_against_the_side_of_approach_show_the_gap() {
     let [pattern] = &found.evidence[0].residuals[..] else {
         panic!("{:?}", found.evidence);
     };
-    assert_eq!(pattern.against, "direction");
+    assert_eq!(pattern.against.readable, Readable::Direction);
     let [back, forth] = &pattern.bins[..] else {
         panic!("{:?}", pattern.bins);
     };
@@ -137,8 +138,9 @@ fn look_alikes_are_listed_before_anything_is_found() {
     let found = trial("06");
     let is_pair = |a: (&str, &str), b: (&str, &str)| {
         found.ambiguous.iter().any(|pair| {
-            let one = (&pair.name[..], &pair.place[..]);
-            let other = (&pair.with_name[..], &pair.with_place[..]);
+            let places = [&pair.place, &pair.with_place].map(ToString::to_string);
+            let one = (&pair.name[..], &places[0][..]);
+            let other = (&pair.with_name[..], &places[1][..]);
             (one, other) == (a, b) || (one, other) == (b, a)
         })
     };
@@ -150,9 +152,9 @@ fn look_alikes_are_listed_before_anything_is_found() {
     for pair in &found.ambiguous {
         assert!(pair.kappa > 0.64 && pair.kappa <= 1.0);
         assert!(pair.kappa_reverse <= pair.kappa && pair.kappa_reverse >= 0.0);
-        let is_seen = |name: &str, place: &str| {
+        let is_seen = |name: &str, place: &Place| {
             let mut seen = found.detectable.iter();
-            seen.any(|other| other.name == name && other.place == place)
+            seen.any(|other| other.name == name && other.place == *place)
         };
         assert!(is_seen(&pair.name, &pair.place) && is_seen(&pair.with_name, &pair.with_place));
     }

@@ -47,6 +47,6 @@ pub(crate) struct Named {
     pub(crate) p_value: f64,
     pub(crate) chi2_drop: f64,
     pub(crate) period_m: Option<f64>,
-    /// Names and places of rivals for which a separating measurement is given.
+    /// Names and places of rivals.
     pub(crate) rivals: Vec<(String, String)>,
 }

@@ -215,7 +215,7 @@ impl Laboratory {
             let score = discovery
                 .considered
                 .iter()
-                .find(|score| score.name == own.name && score.place == own.place);
+                .find(|score| score.name == own.name && score.place.to_string() == own.place);
             own.p_value = score.map(|score| score.p_value);
         }
         let mut found = Found::of(&discovery);
@@ -421,15 +421,14 @@ impl Found {
                 .iter()
                 .map(|effect| Named {
                     name: effect.name.clone(),
-                    place: effect.place.clone(),
+                    place: effect.place.to_string(),
                     p_value: effect.p_value,
                     chi2_drop: effect.chi2_drop,
                     period_m: effect.parameters.get("period").map(|period| period.value),
                     rivals: effect
                         .rivals
                         .iter()
-                        .filter(|rival| !rival.separate_by.is_empty())
-                        .map(|rival| (rival.name.clone(), rival.place.clone()))
+                        .map(|rival| (rival.name.clone(), rival.place.to_string()))
                         .collect(),
                 })
                 .collect(),
@@ -438,9 +437,9 @@ impl Found {
                 .iter()
                 .map(|unnamed| {
                     [
-                        unnamed.place.clone(),
-                        unnamed.direction.clone(),
-                        unnamed.against.clone(),
+                        unnamed.place.to_string(),
+                        unnamed.direction.to_string(),
+                        unnamed.against.name.clone(),
                     ]
                 })
                 .collect(),
@@ -451,7 +450,9 @@ impl Found {
             base_um: discovery.validation.before.rms_um,
             tool_um: discovery.validation.after.rms_um,
             oracle_um: None,
-            steps_um: (discovery.steps.iter()).map(|step| step.rms_um).collect(),
+            steps_um: (discovery.steps.iter())
+                .map(|step| step.gap.rms_um)
+                .collect(),
             seconds: discovery.seconds,
         }
     }

@@ -1,11 +1,11 @@
 //! `tau discover`.
 
-use tau::discovery::Options;
+use tau::discovery::{Discovery, Options};
 use tau::input_error::InputError;
 use tau::{Robot, Session};
 use tau_codegen::CompiledRobot;
 use tau_codegen::emit;
-use tau_codegen::language::{self, Model};
+use tau_codegen::language;
 use tau_report as report;
 use tau_robot::input_error::both;
 
@@ -62,14 +62,13 @@ pub(super) fn run(
         noise: (file.noise.position_m, file.noise.rotation_rad),
     };
     let (code, (calibrated, page)) = rayon::join(
-        || generated(compiled, &discovery.model_text),
+        || generated(compiled, discovery),
         || {
             let calibrated = session.state_found(&found);
             let page = report::html::discovery_page(discovery, &setting, &robot.name, &folder.name);
             (calibrated, page)
         },
     );
-    let code = code?;
     let calibrated = calibrated?;
     drop(spinner);
 
@@ -104,20 +103,14 @@ fn base(session: &Session, named: Option<&str>) -> Result<String, InputError> {
 
 fn compiled(robot: &Robot) -> Result<CompiledRobot, InputError> {
     let text = &robot.description;
-    Ok(tau_codegen::compile(&checked(text, &robot.name)?, text))
+    let model = language::check_text(text)
+        .map_err(|errors| InputError::of_description(&robot.name, text, &errors))?;
+    Ok(tau_codegen::compile(&model, text))
 }
 
 /// The code of the description that was found, as `tau generate` writes it; `known` is the robot without it.
-fn generated(known: CompiledRobot, text: &str) -> Result<String, InputError> {
-    let model = checked(text, DESCRIPTION)?;
+fn generated(known: CompiledRobot, found: &Discovery) -> String {
     let command = format!("tau generate {DESCRIPTION} --out .");
-    Ok(emit::file(
-        &known.extended(&model, text),
-        DESCRIPTION,
-        &command,
-    ))
-}
-
-fn checked(text: &str, name: &str) -> Result<Model, InputError> {
-    language::check_text(text).map_err(|errors| InputError::of_description(name, text, &errors))
+    let compiled = known.extended(&found.model, &found.model_text);
+    emit::file(&compiled, DESCRIPTION, &command)
 }

@@ -45,7 +45,7 @@ pub(super) struct CandidateSet {
     /// Pairs of probes whose products scores take.
     pairs: BTreeSet<(usize, usize)>,
     /// Candidates that the measurements cannot show, and why.
-    pub(super) unseen: Vec<(usize, String)>,
+    pub(super) unseen: Vec<(usize, &'static str)>,
     /// Candidates that take no part, because no plausible amplitude of them would show.
     pub(super) hidden: BTreeSet<usize>,
     /// Number of units.
@@ -173,7 +173,7 @@ impl CandidateSet {
                     scans.push(index, band);
                 }
                 Ok(Columns::Later) => searched_families.push(index),
-                Err(why) => unseen.push((index, why.to_owned())),
+                Err(why) => unseen.push((index, why)),
             }
         }
         let units = Sample::units(&samples);

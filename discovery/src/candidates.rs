@@ -4,7 +4,8 @@ mod scope;
 
 use nalgebra::DMatrix;
 use tau_codegen::equations;
-use tau_codegen::language::model::{Effect, EffectUse, Formula, Model, Place, Target};
+use tau_codegen::language::model::{Effect, EffectUse, Formula, Model, Place, Subject, Target};
+use tau_codegen::language::units::Dimension;
 use tau_estimation::samples::{NOT_FINITE, Sample};
 use tau_kinematics::Surroundings;
 use tau_robot::effects;
@@ -13,6 +14,7 @@ use tau_robot::robot::{Arm, Variant};
 use super::formula::{Formulas, Series};
 use super::generic::{self, Family, Placement};
 use super::probes::Probes;
+use super::results;
 pub(super) use scope::Scope;
 use scope::actions;
 
@@ -25,8 +27,8 @@ pub(super) struct Candidate {
     /// Further places of an unnamed family, each with amplitudes of its own.
     further: Vec<Place>,
     pub(super) name: String,
-    /// Places as the description writes them.
-    pub(super) places: String,
+    /// The same in words: all places at once where it has further ones.
+    pub(super) at: results::Place,
     /// Description of an unnamed family.
     pub(super) family: Option<Family>,
     /// The parameter whose range is searched, by index of its component.
@@ -38,7 +40,7 @@ pub(super) struct Candidate {
 #[derive(Debug, Clone)]
 pub(super) struct ParameterKind {
     pub(super) name: String,
-    pub(super) unit: String,
+    pub(super) unit: Dimension,
     /// At no effect.
     pub(super) none: f64,
     pub(super) tolerance: Option<f64>,
@@ -71,17 +73,15 @@ impl Entry {
     }
 }
 
-/// All candidates for a variant: effects at every place that a name can have.
+/// All candidates for a variant: effects at every place that a name can have. The last effects are `families`.
 pub(super) fn all(model: &Model, base: &Variant, families: &[Family]) -> Vec<Candidate> {
     let mut candidates = Vec::new();
     let is_admitted = |effect: &Effect, place| {
         base.arm == Arm::Full || effect.needs_full_arm(place, &model.links).is_none()
     };
     for (index, effect) in model.effects.iter().enumerate() {
-        let family = families
-            .iter()
-            .find(|family| family.name == effect.name)
-            .cloned();
+        let family = (index + families.len()).checked_sub(model.effects.len());
+        let family = family.map(|index| families[index].clone());
         let placement = family.as_ref().map(|family| family.placement);
         if let (Some(family), Some(Placement::PerPlace)) = (&family, placement) {
             let each: Vec<Place> = effects::places(model, effect)
@@ -114,13 +114,8 @@ pub(super) fn all(model: &Model, base: &Variant, families: &[Family]) -> Vec<Can
                 .iter()
                 .any(|(name, at)| *name == effect.name && *at == places);
             if !is_used {
-                candidates.push(Candidate::new(
-                    index,
-                    effect,
-                    place,
-                    places.join(","),
-                    family.clone(),
-                ));
+                let at = results::Place::of(model, place);
+                candidates.push(Candidate::new(index, effect, place, at, family.clone()));
             }
         }
     }
@@ -132,7 +127,7 @@ impl Candidate {
         index: usize,
         effect: &Effect,
         place: Place,
-        places: String,
+        at: results::Place,
         family: Option<Family>,
     ) -> Self {
         let mut parameters = Vec::new();
@@ -149,7 +144,7 @@ impl Candidate {
                 };
                 parameters.push(ParameterKind {
                     name: format!("{}{suffix}", parameter.name),
-                    unit: parameter.dimension.si_unit(),
+                    unit: parameter.dimension,
                     none: parameter.nominal,
                     tolerance: parameter.tolerance,
                     is_optional: parameter.optional,
@@ -170,7 +165,7 @@ impl Candidate {
             place,
             further: vec![],
             name: effect.name.clone(),
-            places,
+            at,
             family,
             search,
             parameters,
@@ -179,7 +174,11 @@ impl Candidate {
 
     /// An unnamed family at all its places at once.
     fn of_all(index: usize, effect: &Effect, places: &[Place], family: &Family) -> Self {
-        let first = Self::new(index, effect, places[0], "all".into(), Some(family.clone()));
+        let at = match effect.subject {
+            Subject::Link => results::Place::AllLinks,
+            _ => results::Place::AllCarts,
+        };
+        let first = Self::new(index, effect, places[0], at, Some(family.clone()));
         Self {
             further: places[1..].to_vec(),
             parameters: vec![first.parameters.clone(); places.len()].concat(),
@@ -195,21 +194,6 @@ impl Candidate {
     /// True if it has a name of its own.
     pub(super) fn is_named(&self) -> bool {
         !self.name.starts_with(generic::UNNAMED)
-    }
-
-    /// As the description writes it.
-    pub(super) fn label(&self) -> String {
-        format!("{}({})", self.name, self.places.replace(',', ", "))
-    }
-
-    /// The same with its optional parameters.
-    pub(super) fn extended_label(&self, model: &Model) -> String {
-        let parameters = model.effects[self.effect].parameters.iter();
-        let names: Vec<&str> = parameters
-            .filter(|parameter| parameter.optional)
-            .map(|parameter| parameter.name.as_str())
-            .collect();
-        format!("{} with {}", self.label(), names.join(", "))
     }
 
     /// Indices of the parameters that are amplitudes: all but the searched and the optional ones.
@@ -397,6 +381,8 @@ mod tests {
 
     use super::*;
 
+    const AT: results::Place = results::Place::Cart(String::new());
+
     #[test]
     fn no_effect_is_where_nothing_is_added() {
         let model = check_text(
@@ -417,9 +403,8 @@ mod tests {
             track: 0,
             source: None,
         };
-        let none = |index: usize| {
-            Candidate::new(index, &model.effects[index], place, String::new(), None).none()
-        };
+        let none =
+            |index: usize| Candidate::new(index, &model.effects[index], place, AT, None).none();
         let expected: [&[f64]; 6] = [
             &[0.0, 0.0],
             &[0.0, 0.3],
@@ -460,7 +445,7 @@ mod tests {
                 source: None,
             };
             let index = index.unwrap();
-            Candidate::new(index, &model.effects[index], place, String::new(), None)
+            Candidate::new(index, &model.effects[index], place, AT, None)
         };
         let wave = at("wave", 0);
         assert!(wave.looks_like(&at("richer", 0), &model));

@@ -8,7 +8,7 @@ use tau_estimation::samples::Sample;
 use super::candidate_set::{CandidateSet, Table};
 use super::candidates::Candidate;
 use super::linear_model::LinearModel;
-use super::results::{Detectable, Unseen};
+use super::results::{Detectable, Reason, Unseen};
 use super::significance::Null;
 
 /// Below this fraction, report "absorbed by the base" rather than "implausibly large".
@@ -59,22 +59,22 @@ pub(super) fn detectability(
         if !candidate.is_named() {
             continue;
         }
-        let out_of_sight = |why: String| Unseen {
+        let out_of_sight = |why: Reason| Unseen {
             name: candidate.name.clone(),
-            place: candidate.places.clone(),
+            place: candidate.at.clone(),
             why,
         };
-        if let Some((_, why)) = bench.unseen.iter().find(|(unseen, _)| *unseen == index) {
-            unseen.push(out_of_sight(why.clone()));
+        if let Some(&(_, why)) = bench.unseen.iter().find(|(unseen, _)| *unseen == index) {
+            unseen.push(out_of_sight(Reason::Lacks(why)));
             bench.hidden.insert(index);
             continue;
         }
-        if let Some(why) = constant {
-            unseen.push(out_of_sight(why.to_owned()));
+        if let Some(readable) = constant {
+            unseen.push(out_of_sight(Reason::Constant(readable)));
             continue;
         }
         let Some(((best, _), null)) = best_columns[index].zip(nulls[index]) else {
-            unseen.push(out_of_sight("the base absorbs it".to_owned()));
+            unseen.push(out_of_sight(Reason::Absorbed));
             bench.hidden.insert(index);
             continue;
         };
@@ -90,12 +90,9 @@ pub(super) fn detectability(
             .is_some_and(|t| amplitude > limits.implausible * t);
         if surviving < limits.absorbed || hopeless {
             let why = if surviving < MOSTLY_ABSORBED {
-                format!("the base absorbs {:.2} % of it", 100.0 * (1.0 - surviving))
+                Reason::MostlyAbsorbed(1.0 - surviving)
             } else {
-                format!(
-                    "it would be seen from {} = {amplitude:.1e} {} on, beyond what is plausible",
-                    parameter.name, parameter.unit
-                )
+                Reason::Implausible(parameter.name.clone(), amplitude, parameter.unit)
             };
             unseen.push(out_of_sight(why));
             bench.hidden.insert(index);
@@ -103,44 +100,37 @@ pub(super) fn detectability(
         }
         detectable.push(Detectable {
             name: candidate.name.clone(),
-            place: candidate.places.clone(),
+            place: candidate.at.clone(),
             parameter: parameter.name.clone(),
             amplitude,
-            unit: parameter.unit.clone(),
+            unit: parameter.unit,
             absorbed: 1.0 - surviving,
         });
     }
     (detectable, unseen)
 }
 
-/// The quantity that an effect reads and that never changes, in words.
+/// The quantity that an effect reads and that never changes.
 ///
 /// It has to vary in set 1: another level in sets 2 and 3, which have frames and targets of their own, says nothing
 /// that could not have other causes.
-fn constant(model: &Model, candidate: &Candidate, samples: &[Sample]) -> Option<&'static str> {
+fn constant(model: &Model, candidate: &Candidate, samples: &[Sample]) -> Option<Readable> {
     let is_constant = |of: &dyn Fn(&Sample) -> Option<f64>| {
         let mut values = samples.iter().filter(|sample| sample.set == 1);
         let first = values.next().and_then(of);
         values.all(|sample| of(sample) == first)
     };
-    model.effects[candidate.effect]
-        .quantities()
-        .into_iter()
-        .find_map(|readable| match readable {
-            Readable::Temperature => is_constant(&|s| s.conditions.temperature_c)
-                .then_some("the temperature never changes"),
-            Readable::Time => {
-                is_constant(&|s| s.conditions.time_s).then_some("the time never changes")
-            }
-            Readable::Direction => {
-                let mut commands = match candidate.place {
-                    Place::Cart { track, .. } => track..track + 1,
-                    _ => 0..model.tracks.len(),
-                };
-                commands
-                    .all(|command| is_constant(&|s| s.direction(command)))
-                    .then_some("the side of approach never changes")
-            }
-            _ => None,
-        })
+    let mut read = model.effects[candidate.effect].quantities();
+    read.find(|readable| match readable {
+        Readable::Temperature => is_constant(&|s| s.conditions.temperature_c),
+        Readable::Time => is_constant(&|s| s.conditions.time_s),
+        Readable::Direction => {
+            let mut commands = match candidate.place {
+                Place::Cart { track, .. } => track..track + 1,
+                _ => 0..model.tracks.len(),
+            };
+            commands.all(|command| is_constant(&|s| s.direction(command)))
+        }
+        _ => false,
+    })
 }

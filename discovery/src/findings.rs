@@ -1,6 +1,6 @@
 //! Assembly of the results of a search.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 use tau_estimation::evaluation::evaluate;
 use tau_estimation::joint::fit::Fit;
@@ -14,10 +14,11 @@ use super::candidate_set::CandidateSet;
 use super::evidence::{self, whiteness::Series};
 use super::linear_model::LinearModel;
 use super::results::{
-    Considered, Discovery, Estimate, FoundEffect, Gap, LeftOut, Rival, SerialCorrelation, Status,
-    Unseen, Validation, Verdict, Whiteness,
+    Considered, Discovery, Estimate, FoundEffect, Gap, LeftOut, Place, Rival, SerialCorrelation,
+    Status, Unseen, Validation, Verdict, Whiteness,
 };
 use super::search::{Found, Search};
+use super::waves::waves;
 use super::{Error, Input, Outcome, floor, misfit, results, structure, text};
 
 /// Chance in white noise below which residuals are said to follow each other.
@@ -49,6 +50,7 @@ pub(super) fn finish(
         folder,
         division,
         options,
+        ..
     } = *input;
     let (fit, bench) = (&search.state.fit, &search.bench);
     let machine = fit.joint.machine.with_values(fit.joint.values(&fit.fitted));
@@ -59,15 +61,7 @@ pub(super) fn finish(
         || evidence::of_effects(search, &beforehand.view),
     );
     let floor = floor?;
-    let line = text::line(base, &search.labels());
-    let names: Vec<&str> = search
-        .state
-        .members
-        .iter()
-        .map(|member| bench.candidates[member.candidate].name.as_str())
-        .collect();
-    let catalogues: Vec<&str> = options.catalogues.iter().map(String::as_str).collect();
-    let model_text = text::description(robot, &catalogues, &names, &line)?;
+    let (model_text, model) = text::description(robot, &options.catalogues, &search.derived())?;
     let unnamed = unnamed(search, file.noise);
     // Noise many times the stated one is something that no family follows, or stated wrongly by far.
     let is_noisy = misfit::noise_scales(fit)
@@ -117,6 +111,7 @@ pub(super) fn finish(
         left_out,
         steps: search.steps.clone(),
         model_text,
+        model,
         remarks: remarks(search, whiteness.as_ref()),
         whiteness,
         seconds: 0.0,
@@ -184,34 +179,38 @@ fn whiteness(search: &Search<'_>, before: Option<SerialCorrelation>) -> Option<W
 
 fn effects(search: &Search<'_>, found: &[Found]) -> Vec<FoundEffect> {
     let (fit, bench) = (&search.state.fit, &search.bench);
-    let places = |candidates: &[usize]| {
-        let places = candidates
-            .iter()
-            .map(|&c| bench.candidates[c].places.as_str());
-        places.collect::<Vec<_>>().join(", ")
+    let place = |candidates: &[usize]| match candidates {
+        [one] => bench.candidates[*one].at.clone(),
+        all => Place::Several(
+            all.iter()
+                .map(|&c| bench.candidates[c].at.clone())
+                .collect(),
+        ),
     };
     let members = search.state.members.iter().enumerate();
     members
         .zip(found)
         .map(|((index, member), found)| {
             let candidate = &bench.candidates[member.candidate];
-            let parameters = search
-                .state
-                .places_of(&search.context(), index)
-                .into_iter()
-                .map(|(place, column)| {
-                    let described = &candidate.parameters[place];
-                    let estimate = Estimate {
-                        value: fit.fitted[column],
-                        sigma: fit.basis.b.row(column).norm(),
-                        unit: described.unit.clone(),
-                    };
-                    (described.name.clone(), estimate)
-                })
-                .collect();
+            let (mut parameters, mut fitted) = (BTreeMap::new(), BTreeMap::new());
+            for (index, column) in search.state.places_of(&search.context(), index) {
+                let described = &candidate.parameters[index];
+                let (value, root) = (fit.fitted[column], fit.basis.b.row(column));
+                let estimate = Estimate {
+                    value,
+                    sigma: root.norm(),
+                    unit: described.unit,
+                    index,
+                    tolerance: described.tolerance,
+                };
+                parameters.insert(described.name.clone(), estimate);
+                fitted.insert(described.name.as_str(), (value, root.into_owned()));
+            }
+            let effect = &bench.model.effects[candidate.effect];
             FoundEffect {
+                waves: waves(&bench.model, effect, &fitted),
                 name: candidate.name.clone(),
-                place: candidate.places.clone(),
+                place: candidate.at.clone(),
                 parameters,
                 p_value: found.p_value,
                 chi2_drop: found.chi2_drop,
@@ -221,7 +220,7 @@ fn effects(search: &Search<'_>, found: &[Found]) -> Vec<FoundEffect> {
                     .iter()
                     .map(|rival| Rival {
                         name: bench.candidates[rival.candidates[0]].name.clone(),
-                        place: places(&rival.candidates),
+                        place: place(&rival.candidates),
                         cosine: rival.cosine,
                         separate_by: rival.separate_by.clone(),
                     })
@@ -266,7 +265,7 @@ fn considered(search: &Search<'_>, found: &[Found]) -> Vec<Considered> {
             };
             Considered {
                 name: candidate.name.clone(),
-                place: candidate.places.clone(),
+                place: candidate.at.clone(),
                 p_value: score.p_value,
                 verdict,
             }

@@ -1,20 +1,18 @@
-//! Unnamed rivals: smooth functions of every covariate at every place, in the language.
-
-use std::fmt::Write;
+//! Unnamed rivals: smooth functions of every covariate at every place.
 
 use tau_codegen::language::Model;
+use tau_codegen::language::model::{
+    Effect, EffectParameter, Formula, Function, Readable, Subject, Target, Term,
+};
+use tau_codegen::language::units::Dimension;
 
 /// Start of the names of unnamed families; no catalogue may use it.
 pub const UNNAMED: &str = "unnamed_";
 
-/// An unnamed family: the displacement, and the quantity that it follows.
+/// An unnamed family besides its effect: the quantities that it follows.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Family {
-    pub(super) name: String,
-    /// `along`, `roll`, `length`, `position x`, …
-    pub(super) direction: String,
-    /// `q`, `time`, `load`, …
-    pub(super) against: &'static str,
+    pub(super) against: Vec<Readable>,
     pub(super) placement: Placement,
 }
 
@@ -29,273 +27,273 @@ pub(super) enum Placement {
     Shared,
 }
 
-/// Periods of what repeats along a track: racks, pinions, rails on a cart; joints and cables on a link.
-const PERIODS: [(&str, &str, &str); 2] = [
-    ("cart", "along", "4 mm ..= 1 m"),
-    ("link", "length", "50 mm ..= 1 m"),
+/// A target and its component.
+type Axis = (Target, usize);
+
+const SHIFT: [Axis; 3] = [
+    (Target::Along, 0),
+    (Target::Horizontal, 0),
+    (Target::Vertical, 0),
 ];
+const TURN: [Axis; 3] = [(Target::Roll, 0), (Target::Pitch, 0), (Target::Yaw, 0)];
+const LENGTH: [Axis; 1] = [(Target::Length, 0)];
+const POSITION: [Axis; 3] = [
+    (Target::Position, 0),
+    (Target::Position, 1),
+    (Target::Position, 2),
+];
+/// Periods of what repeats along a track (m): racks, pinions, rails on a cart; joints and cables on a link.
+const PERIODS: [(Target, (f64, f64)); 2] =
+    [(Target::Along, (4e-3, 1.0)), (Target::Length, (50e-3, 1.0))];
 /// Number of triangles that follow a track piece by piece.
 const TRIANGLES: usize = 9;
-/// Smooth functions of conditions.
-const TIME: [&str; 2] = ["time/(1 s)", "(time/(1 s))^2"];
-const TEMPERATURE: [&str; 1] = ["(temperature - 20 K)/(1 K)"];
-const WARM_TRAVEL: [&str; 2] = [
-    "(temperature - 20 K)/(1 K)",
-    "q/(1 m) * (temperature - 20 K)/(1 K)",
-];
-const DIRECTION: [&str; 3] = [
-    "direction",
-    "direction * q/(1 m)",
-    "direction * (q/(1 m))^2",
-];
-const LOAD: [&str; 3] = [
-    "load_along/(1 N)",
-    "load_horizontal/(1 N)",
-    "load_vertical/(1 N)",
-];
-const TENSION: [&str; 2] = ["tension/(1 N)", "(tension/(1 N))^2"];
-const PLACE: [&str; 9] = [
-    "x/(1 m)",
-    "y/(1 m)",
-    "z/(1 m)",
-    "(x/(1 m))^2",
-    "(y/(1 m))^2",
-    "(z/(1 m))^2",
-    "x*y/(1 m)^2",
-    "y*z/(1 m)^2",
-    "z*x/(1 m)^2",
-];
 
-/// The families of a robot whose commands span a range (m): their text in the language, and what each is.
-pub(super) fn families(model: &Model, (low_m, high_m): (f64, f64)) -> (String, Vec<Family>) {
+/// Functions of conditions, and the name that they have in those of families.
+type Covariate = (&'static str, Vec<Formula>);
+
+/// The first of the functions.
+fn first((name, basis): &Covariate, count: usize) -> Covariate {
+    (name, basis[..count].to_vec())
+}
+
+fn number(value: f64) -> Formula {
+    Formula::Number(value)
+}
+
+/// A quantity over its SI unit.
+fn si(readable: Readable) -> Formula {
+    Formula::Read(readable) / number(1.0)
+}
+
+fn power(base: &Formula, exponent: i32) -> Formula {
+    Formula::Power(Box::new(base.clone()), exponent)
+}
+
+/// The families of a robot whose commands span a range (m), and the effects that they are, in the same order.
+pub(super) fn families(model: &Model, (low_m, high_m): (f64, f64)) -> (Vec<Effect>, Vec<Family>) {
+    use Readable::{
+        Command, Direction, LoadAlong, LoadHorizontal, LoadVertical, Position, Temperature,
+        Tension, Time,
+    };
     let (middle_m, half_m) = (
         f64::midpoint(low_m, high_m),
         (0.5 * (high_m - low_m)).max(1e-3),
     );
     // From −1 to 1 along the track.
-    let s = format!("((q - ({middle_m} m)) / ({half_m} m))");
+    let s = (Formula::Read(Command) - number(middle_m)) / number(half_m);
     let legendre = [
         s.clone(),
-        format!("(3*{s}^2 - 1) / 2"),
-        format!("(5*{s}^3 - 3*{s}) / 2"),
-        format!("(35*{s}^4 - 30*{s}^2 + 3) / 8"),
+        (number(3.0) * power(&s, 2) - number(1.0)) / number(2.0),
+        (number(5.0) * power(&s, 3) - number(3.0) * s.clone()) / number(2.0),
+        (number(35.0) * power(&s, 4) - number(30.0) * power(&s, 2) + number(3.0)) / number(8.0),
     ];
-    let legendre = legendre.each_ref().map(String::as_str);
-    let triangles: Vec<String> = (0..TRIANGLES)
-        .map(|k| {
-            let width = 2.0 / (TRIANGLES - 1) as f64;
-            let top = width * k as f64 - 1.0;
-            format!("max(0, 1 - abs({s} - ({top})) / {width})")
-        })
-        .collect();
-    let triangles: Vec<&str> = triangles.iter().map(String::as_str).collect();
-    let mut families = Families {
-        text: String::new(),
-        list: Vec::new(),
+    let triangle = |k: usize| {
+        let width = 2.0 / (TRIANGLES - 1) as f64;
+        let off = s.clone() - number(width * k as f64 - 1.0);
+        let height = number(1.0) - Formula::Call(Function::Abs, vec![off]) / number(width);
+        Formula::Call(Function::Max, vec![number(0.0), height])
     };
-    let commands: Vec<String> = model
-        .tracks
-        .iter()
-        .map(|track| format!("q({})/(1 m)", track.name))
-        .collect();
-    let mut travels = commands.clone();
-    for (k, a) in commands.iter().enumerate() {
-        travels.extend(commands[k..].iter().map(|b| format!("{a} * {b}")));
+    let triangles: Vec<Formula> = (0..TRIANGLES).map(triangle).collect();
+    let warm = Formula::Read(Temperature) - number(20.0);
+    let side = Formula::Read(Direction);
+    let axes = [0, 1, 2].map(Position);
+    let product = |a: usize, b: usize| {
+        Formula::Read(axes[a]) * Formula::Read(axes[b]) / power(&number(1.0), 2)
+    };
+    let commands: Vec<Readable> = (0..model.tracks.len()).map(Readable::CommandOf).collect();
+    let mut travels: Vec<Formula> = commands.iter().copied().map(si).collect();
+    for (k, &a) in commands.iter().enumerate() {
+        let products = commands[k..].iter();
+        travels.extend(products.map(|&b| si(a) * Formula::Read(b) / number(1.0)));
     }
-    let travels: Vec<&str> = travels.iter().map(String::as_str).collect();
-    let shift = ["along", "horizontal", "vertical"];
-    let turn = ["roll", "pitch", "yaw"];
+    let places = [
+        axes.map(si),
+        axes.map(|axis| power(&si(axis), 2)),
+        [product(0, 1), product(1, 2), product(2, 0)],
+    ];
+
+    let smooth = ("q", legendre.to_vec());
+    let stretch = ("stretch", triangles);
+    let sides = vec![
+        side.clone(),
+        side.clone() * Formula::Read(Command) / number(1.0),
+        side * power(&si(Command), 2),
+    ];
+    let direction = ("direction", sides);
+    let warm_travel = vec![warm.clone() / number(1.0), si(Command) * warm / number(1.0)];
+    let warm_travel = ("temperature", warm_travel);
+    let temperature = first(&warm_travel, 1);
+    let time = ("time", vec![si(Time), power(&si(Time), 2)]);
+    let tension = ("tension", vec![si(Tension), power(&si(Tension), 2)]);
+    let loads = [LoadAlong, LoadHorizontal, LoadVertical];
+    let load = ("load", loads.map(si).to_vec());
+    let place = ("position", places.concat());
+    let travel = ("commands", travels);
+
+    let mut families = Families::default();
+    let single = Placement::Single;
     if !model.tracks.is_empty() {
-        for axis in shift {
-            families.add("cart", axis, "q", &legendre);
-            families.add("cart", axis, "direction", &DIRECTION);
-            families.add("cart", axis, "temperature", &WARM_TRAVEL);
-            families.add("cart", axis, "time", &TIME);
-            families.add("cart", axis, "load", &LOAD);
-            families.add("cart", axis, "position", &PLACE);
-            families.add("cart", axis, "commands", &travels);
-            families.add("cart", axis, "stretch", &triangles);
+        for axis in SHIFT {
+            for covariate in [
+                &smooth,
+                &direction,
+                &warm_travel,
+                &time,
+                &load,
+                &place,
+                &travel,
+                &stretch,
+            ] {
+                families.add(single, &[axis], covariate);
+            }
         }
-        for axis in turn {
-            families.add("cart", axis, "q", &legendre[..3]);
-            families.add("cart", axis, "direction", &DIRECTION[..2]);
-            families.add("cart", axis, "temperature", &TEMPERATURE);
-            families.add("cart", axis, "time", &TIME);
-            families.add("cart", axis, "load", &LOAD);
-            families.add("cart", axis, "commands", &travels);
+        let (smooth, sides) = (first(&smooth, 3), first(&direction, 2));
+        for axis in TURN {
+            for covariate in [&smooth, &sides, &temperature, &time, &load, &travel] {
+                families.add(single, &[axis], covariate);
+            }
         }
-        for (axes, name) in [(shift, "shift"), (turn, "turn")] {
-            families.bundle(
-                ("cart", Placement::Single),
-                name,
-                &axes,
-                "q",
-                &legendre[..3],
-            );
-            families.bundle(
-                ("cart", Placement::Single),
-                name,
-                &axes,
-                "direction",
-                &DIRECTION[..2],
-            );
-            families.bundle(("cart", Placement::Single), name, &axes, "load", &LOAD);
+        for axes in [SHIFT, TURN] {
+            for covariate in [&smooth, &sides, &load] {
+                families.add(single, &axes, covariate);
+            }
         }
-        families.of_all("cart", "along", "temperature", &WARM_TRAVEL);
-        families.of_all("cart", "along", "direction", &DIRECTION[..1]);
-        families.of_all("cart", "along", "q", &legendre[..3]);
+        for covariate in [&warm_travel, &first(&direction, 1), &smooth] {
+            families.add(Placement::PerPlace, &SHIFT[..1], covariate);
+        }
     }
-    families.add("link", "length", "q", &legendre);
-    families.add("link", "length", "stretch", &triangles);
-    families.add("link", "length", "position", &PLACE);
-    families.add("link", "length", "tension", &TENSION);
-    families.add("link", "length", "temperature", &TEMPERATURE);
-    families.add("link", "length", "time", &TIME);
-    families.of_all("link", "length", "tension", &TENSION[..1]);
-    families.of_all("link", "length", "temperature", &TEMPERATURE);
-    let axes = ["x", "y", "z"];
-    for axis in axes {
-        families.add("tcp", axis, "time", &TIME);
-        families.add("tcp", axis, "temperature", &TEMPERATURE);
-        families.add("tcp", axis, "position", &PLACE);
+    for covariate in [&smooth, &stretch, &place, &tension, &temperature, &time] {
+        families.add(single, &LENGTH, covariate);
     }
-    families.bundle(("tcp", Placement::Single), "vector", &axes, "time", &TIME);
-    families.bundle(
-        ("tcp", Placement::Single),
-        "vector",
-        &axes,
-        "temperature",
-        &TEMPERATURE,
-    );
-    families.bundle(
-        ("tcp", Placement::Single),
-        "vector",
-        &axes,
-        "position",
-        &PLACE[..3],
-    );
+    let tension = first(&tension, 1);
+    for covariate in [&tension, &temperature] {
+        families.add(Placement::PerPlace, &LENGTH, covariate);
+    }
+    for axis in POSITION {
+        for covariate in [&time, &temperature, &place] {
+            families.add(single, &[axis], covariate);
+        }
+    }
+    for covariate in [&time, &temperature, &first(&place, 3)] {
+        families.add(single, &POSITION, covariate);
+    }
     families.scale();
-    for (subject, axis, range) in PERIODS {
-        families.periodic(subject, axis, range);
+    for (target, range) in PERIODS {
+        families.periodic(target, range);
     }
-    families.common("link", "length", "temperature", &TEMPERATURE);
-    families.common("link", "length", "tension", &TENSION[..1]);
-    (families.text, families.list)
+    for covariate in [&temperature, &tension] {
+        families.add(Placement::Shared, &LENGTH, covariate);
+    }
+    (families.effects, families.list)
 }
 
+#[derive(Default)]
 struct Families {
-    text: String,
+    effects: Vec<Effect>,
     list: Vec<Family>,
 }
 
 impl Families {
-    /// One axis as a function of something.
-    fn add(&mut self, subject: &str, axis: &str, against: &'static str, basis: &[&str]) {
-        self.bundle((subject, Placement::Single), axis, &[axis], against, basis);
-    }
-
-    /// A wave along a track.
-    fn periodic(&mut self, subject: &str, axis: &str, range: &str) {
-        let name = format!("{UNNAMED}{subject}_{axis}_periodic");
-        let _ = writeln!(
-            self.text,
-            "effect {name} on {subject} {{ param sine, cosine: length; \
-             search period: length in {range}; \
-             {axis} += sine * sin(2*pi*q/period) + cosine * cos(2*pi*q/period); }}"
-        );
-        self.list.push(Family {
-            name,
-            direction: axis.into(),
-            against: "q",
-            placement: Placement::Single,
-        });
-    }
-
-    /// A displacement that grows with the distance from the origin.
-    fn scale(&mut self) {
-        let name = format!("{UNNAMED}tcp_scale_position");
-        let _ = writeln!(
-            self.text,
-            "effect {name} on tcp {{ param c: length; position += c * (x/(1 m), y/(1 m), z/(1 m)); }}"
-        );
-        self.list.push(Family {
-            name,
-            direction: "position".into(),
-            against: "position",
-            placement: Placement::Single,
-        });
-    }
-
-    /// The same everywhere.
-    fn common(&mut self, subject: &str, axis: &str, against: &'static str, basis: &[&str]) {
-        self.bundle((subject, Placement::Shared), axis, &[axis], against, basis);
-    }
-
-    /// The same at all places at once.
-    fn of_all(&mut self, subject: &str, axis: &str, against: &'static str, basis: &[&str]) {
-        self.bundle(
-            (subject, Placement::PerPlace),
-            axis,
-            &[axis],
-            against,
-            basis,
-        );
-    }
-
-    /// Several axes, each with amplitudes of its own.
-    fn bundle(
+    /// A family of such a name, with functions of what it follows.
+    fn push(
         &mut self,
-        (subject, placement): (&str, Placement),
-        direction: &str,
-        axes: &[&str],
-        against: &'static str,
-        basis: &[&str],
+        (name, placement): (&str, Placement),
+        basis: &[Formula],
+        parameters: Vec<EffectParameter>,
+        terms: Vec<Term>,
     ) {
+        let (subject, word) = match terms[0].target {
+            Target::Length | Target::Joint => (Subject::Link, "link"),
+            Target::Position => (Subject::Tcp, "tcp"),
+            _ => (Subject::Cart, "cart"),
+        };
         let at = match placement {
             Placement::Single => "",
             Placement::PerPlace => "_all",
             Placement::Shared => "_common",
         };
-        let name = format!("{UNNAMED}{subject}{at}_{direction}_{against}");
-        let (mut parameters, mut terms) = (String::new(), String::new());
-        for (k, axis) in axes.iter().enumerate() {
-            let coefficients: Vec<String> =
-                (1..=basis.len()).map(|i| format!("c{k}_{i}")).collect();
-            let sum: Vec<String> = coefficients
-                .iter()
-                .zip(basis)
-                .map(|(c, term)| format!("{c} * ({term})"))
-                .collect();
-            let sum = sum.join(" + ");
-            let unit = match *axis {
-                "roll" | "pitch" | "yaw" => "angle",
-                _ => "length",
-            };
-            let term = match *axis {
-                "x" => format!("position += ({sum}) * (1, 0, 0);"),
-                "y" => format!("position += ({sum}) * (0, 1, 0);"),
-                "z" => format!("position += ({sum}) * (0, 0, 1);"),
-                _ => format!("{axis} += {sum};"),
-            };
-            // Writing into a string can't fail.
-            let _ = write!(parameters, "param {}: {unit}; ", coefficients.join(", "));
-            let _ = write!(terms, "{term} ");
+        let mut against: Vec<Readable> = Vec::new();
+        for function in basis {
+            let mut read: Vec<Readable> = function.quantities().collect();
+            read.dedup();
+            if let [single] = read[..]
+                && !against.contains(&single)
+            {
+                against.push(single);
+            }
         }
-        let _ = writeln!(
-            self.text,
-            "effect {name} on {subject} {{ {parameters}{terms}}}"
-        );
-        let direction = match direction {
-            "x" | "y" | "z" => format!("position {direction}"),
-            "vector" => "position".into(),
-            "shift" | "turn" => axes.join(", "),
-            _ => direction.to_owned(),
-        };
-        self.list.push(Family {
-            name,
-            direction,
-            against: if against == "stretch" { "q" } else { against },
-            placement,
+        self.list.push(Family { against, placement });
+        self.effects.push(Effect {
+            name: format!("{UNNAMED}{word}{at}_{name}"),
+            docs: vec![],
+            subject,
+            parameters,
+            terms,
         });
+    }
+
+    /// Functions of a covariate along each axis, with amplitudes of its own.
+    fn add(&mut self, placement: Placement, axes: &[Axis], (name, basis): &Covariate) {
+        let (mut parameters, mut terms) = (Vec::new(), Vec::new());
+        for (k, &(target, component)) in axes.iter().enumerate() {
+            let products = basis.iter().enumerate().map(|(i, function)| {
+                let name = format!("c{k}_{}", i + 1);
+                parameters.push(EffectParameter::amplitude(&name, target.dimension()));
+                Formula::Parameter(k * basis.len() + i, 0) * function.clone()
+            });
+            let Some(sum) = products.reduce(|sum, next| sum + next) else {
+                return;
+            };
+            let along = |k: usize| sum.clone() * number(f64::from(u8::from(k == component)));
+            let formula = if target.is_vector() {
+                Formula::Vector(Box::new([0, 1, 2].map(along)))
+            } else {
+                sum
+            };
+            terms.push(Term { target, formula });
+        }
+        let direction = match axes {
+            [(target, component)] if target.is_vector() => ["x", "y", "z"][*component],
+            [(target, _)] => target.name(),
+            [(Target::Along, _), ..] => "shift",
+            [(Target::Roll, _), ..] => "turn",
+            _ => "vector",
+        };
+        let name = format!("{direction}_{name}");
+        self.push((&name, placement), basis, parameters, terms);
+    }
+
+    /// A wave along a track.
+    fn periodic(&mut self, target: Target, range: (f64, f64)) {
+        let amplitude = |name| EffectParameter::amplitude(name, Dimension::LENGTH);
+        let period = EffectParameter {
+            nominal: range.0 + 0.5 * (range.1 - range.0),
+            search: Some(range),
+            ..amplitude("period")
+        };
+        let q = Formula::Read(Readable::Command);
+        let turn = number(2.0) * number(std::f64::consts::PI);
+        let angle = turn * q.clone() / Formula::Parameter(2, 0);
+        let swing = |index, function| {
+            Formula::Parameter(index, 0) * Formula::Call(function, vec![angle.clone()])
+        };
+        let formula = swing(0, Function::Sin) + swing(1, Function::Cos);
+        let name = format!("{}_periodic", target.name());
+        let parameters = vec![amplitude("sine"), amplitude("cosine"), period];
+        let terms = vec![Term { target, formula }];
+        self.push((&name, Placement::Single), &[q], parameters, terms);
+    }
+
+    /// A displacement that grows with the distance from the origin.
+    fn scale(&mut self) {
+        let basis = [0, 1, 2].map(|axis| si(Readable::Position(axis)));
+        let along = basis.clone().map(|own| Formula::Parameter(0, 0) * own);
+        let term = Term {
+            target: Target::Position,
+            formula: Formula::Vector(Box::new(along)),
+        };
+        let amplitude = EffectParameter::amplitude("c", Dimension::LENGTH);
+        let name = ("scale_position", Placement::Single);
+        self.push(name, &basis, vec![amplitude], vec![term]);
     }
 }

@@ -32,6 +32,7 @@ mod significance;
 mod structural;
 mod structure;
 mod text;
+mod waves;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Instant;
@@ -127,6 +128,8 @@ impl Default for Options {
 #[derive(Clone, Copy)]
 struct Input<'a> {
     robot: &'a Robot,
+    /// Its description, checked.
+    model: &'a Model,
     base: &'a str,
     file: &'a RobotFile,
     folder: &'a Folder,
@@ -151,15 +154,10 @@ pub struct Outcome {
 
 impl Outcome {
     /// The robot with the discovered variant alone, compiled at run time.
-    ///
-    /// # Errors
-    /// None for a description that discovery wrote.
-    pub fn robot(&self) -> Result<Robot, Error> {
-        let text = &self.discovery.model_text;
-        let mut model = language::check_text(text)
-            .map_err(|errors| InputError::whole("model_text", errors.to_string()))?;
+    pub fn robot(&self) -> Robot {
+        let mut model = self.discovery.model.clone();
         model.variants.retain(|variant| variant.name == DISCOVERED);
-        Ok(Robot::from(&tau_codegen::compile(&model, text)))
+        Robot::from(&tau_codegen::compile(&model, &self.discovery.model_text))
     }
 
     /// The discovered variant as the joint fit of all sets left it: values and standard deviations are those that
@@ -242,8 +240,10 @@ fn discovered(
     let Poses { division, .. } = Poses::select(robot, file, folder, options.split)?;
     let completed = file.completed(robot);
     check_poses(robot, variant, &completed, folder, &division.calibration)?;
+    let model = &language::check_text(&robot.description).map_err(|errors| not_sound(&errors))?;
     let input = Input {
         robot,
+        model,
         base,
         file: &completed,
         folder,
@@ -258,9 +258,10 @@ fn discovered(
         return searched(&input, progress);
     }
     progress("comparing the reduced arm with a full one");
-    let (fuller, name) = structural::with_full_arm(robot, variant)?;
+    let ((fuller, model_of_fuller), name) = structural::with_full_arm((robot, model), base)?;
     let with_full_arm = Input {
         robot: &fuller,
+        model: &model_of_fuller,
         base: &name,
         ..input
     };
@@ -312,6 +313,7 @@ fn shortfall(input: &Input<'_>) -> Result<(Vec<Misfit>, Gap), Error> {
 fn model_of(input: &Input<'_>) -> Result<(Model, usize, Vec<generic::Family>), Error> {
     let Input {
         robot,
+        model,
         folder,
         division,
         options,
@@ -324,7 +326,7 @@ fn model_of(input: &Input<'_>) -> Result<(Model, usize, Vec<generic::Family>), E
     let range_m = commands.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), &q| {
         (low.min(q), high.max(q))
     });
-    let (model, families) = catalogue(robot, options, range_m)?;
+    let (model, families) = catalogue(model, options, range_m)?;
     let index = model
         .variants
         .iter()
@@ -437,17 +439,15 @@ pub fn reserved(error: InputError) -> InputError {
     ))
 }
 
-/// The model with all catalogues and the unnamed families.
+/// The model of a description with all catalogues and the unnamed families.
 fn catalogue(
-    robot: &Robot,
+    described: &Model,
     options: &Options,
     range_m: (f64, f64),
 ) -> Result<(Model, Vec<generic::Family>), Error> {
-    let input_error =
-        |errors: language::Errors| Error::Input(InputError::whole("effects", errors.to_string()));
-    let mut model = language::check_text(&robot.description).map_err(input_error)?;
+    let mut model = described.clone();
     for text in &options.catalogues {
-        model = effects_from_text(text, &model).map_err(input_error)?;
+        model = effects_from_text(text, &model).map_err(|errors| not_sound(&errors))?;
     }
     let mut names = model.effects.iter().map(|effect| &effect.name);
     if let Some(name) = names.find(|name| name.starts_with(UNNAMED)) {
@@ -456,9 +456,11 @@ fn catalogue(
             "effects", problem,
         ))));
     }
-    let (text, families) = generic::families(&model, range_m);
-    Ok((
-        effects_from_text(&text, &model).map_err(input_error)?,
-        families,
-    ))
+    let (effects, families) = generic::families(&model, range_m);
+    model.effects.extend(effects);
+    Ok((model, families))
+}
+
+fn not_sound(errors: &language::Errors) -> Error {
+    Error::Input(InputError::whole("effects", errors.to_string()))
 }

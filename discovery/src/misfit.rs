@@ -9,7 +9,7 @@ use tau_robot::robot::Arm;
 use tau_robot::robot_file::Noise;
 use tau_runtime::{Owner, ResidualKind};
 
-use super::results::{Misfit, NoiseScale};
+use super::results::{Micro, Misfit, NoiseScale};
 
 const MICRO: f64 = 1e6;
 
@@ -23,7 +23,7 @@ pub(super) fn misfits(fit: &Fit, samples: &[Sample], noise: Noise) -> Vec<Misfit
             0,
             "position",
             noise.position_m,
-            "um",
+            Micro::Metre,
         ),
         (
             Component::CartRotation,
@@ -31,7 +31,7 @@ pub(super) fn misfits(fit: &Fit, samples: &[Sample], noise: Noise) -> Vec<Misfit
             3,
             "rotation",
             noise.rotation_rad,
-            "urad",
+            Micro::Radian,
         ),
         (
             Component::Position,
@@ -39,7 +39,7 @@ pub(super) fn misfits(fit: &Fit, samples: &[Sample], noise: Noise) -> Vec<Misfit
             0,
             "position",
             noise.position_m,
-            "um",
+            Micro::Metre,
         ),
     ] {
         for (track, name) in fit.joint.machine.robot.tracks.iter().enumerate() {
@@ -75,7 +75,7 @@ fn misfit(
     sum: f64,
     degrees: f64,
     count: f64,
-    (sigma, unit): (f64, &'static str),
+    (sigma, unit): (f64, Micro),
 ) -> Misfit {
     let (rms, expected) = (
         (sum / count).sqrt() * sigma,
@@ -152,7 +152,7 @@ fn closures(fit: &Fit) -> Vec<Misfit> {
                 rms,
                 expected_rms,
                 excess_rms: (rms * rms - expected_rms * expected_rms).max(0.0).sqrt(),
-                unit: "um",
+                unit: Micro::Metre,
                 degrees: poses,
                 p_value: chi2_survival(chi2, poses),
             }

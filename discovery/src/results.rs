@@ -2,8 +2,17 @@
 
 use std::collections::BTreeMap;
 
-use serde::Serialize;
+use serde::{Serialize, Serializer};
+pub use tau_codegen::language::Model;
+pub use tau_codegen::language::model::{Readable, Target};
+pub use tau_codegen::language::units::Dimension;
 use tau_estimation::evaluation::Summary;
+pub use tau_estimation::samples::Treatment;
+
+mod words;
+
+pub(crate) use words::TREATMENTS;
+pub use words::{Derived, Micro, Motion, Place, Quantity, Reason, Separation, UsedEffect};
 
 /// Result of a discovery: misfit, missing effects, the gap that they close, and the rest.
 #[derive(Debug, Clone, Serialize)]
@@ -55,6 +64,9 @@ pub struct Discovery {
     pub steps: Vec<Step>,
     /// The complete description with what was found.
     pub model_text: String,
+    /// The same, checked.
+    #[serde(skip)]
+    pub model: Model,
     /// Remarks for the reader, in sentences.
     pub remarks: Vec<String>,
     /// Wall time (s).
@@ -136,8 +148,8 @@ pub struct Misfit {
     pub expected_rms: f64,
     /// Root of the excess of the one's square over the other's.
     pub excess_rms: f64,
-    /// `um` or `urad`.
-    pub unit: &'static str,
+    /// Unit of the residuals.
+    pub unit: Micro,
     /// Degrees of freedom.
     pub degrees: f64,
     /// Chance of so much misfit from the stated noise alone.
@@ -161,7 +173,7 @@ pub struct FoundEffect {
     /// Name in the catalogue.
     pub name: String,
     /// Its place.
-    pub place: String,
+    pub place: Place,
     /// Parameters, SI.
     pub parameters: BTreeMap<String, Estimate>,
     /// Chance of such a score beside all that was found, anywhere in the candidate's search, without an effect.
@@ -177,13 +189,40 @@ pub struct FoundEffect {
     pub searched: Option<String>,
     /// Other values of the searched parameter that fit as well.
     pub aliases: Vec<f64>,
+    /// Its sines and cosines as waves.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub waves: Vec<Wave>,
+}
+
+/// A sine and a cosine of one argument, taken together.
+#[derive(Debug, Clone, Serialize)]
+pub struct Wave {
+    /// The motion that it adds to.
+    pub target: Motion,
+    /// Names of the parameters that multiply the sine and the cosine.
+    #[serde(skip)]
+    pub parameters: [String; 2],
+    /// Amplitude, SI.
+    pub amplitude: f64,
+    /// Its standard deviation, with the covariance of sine and cosine.
+    pub sigma: f64,
+    /// Dimension of the amplitude; in JSON the SI unit.
+    #[serde(serialize_with = "si_unit")]
+    pub unit: Dimension,
+    /// The quantity along which it repeats.
+    #[serde(flatten)]
+    pub against: Quantity,
+    /// Distance along the quantity between two crests, SI.
+    pub period: f64,
+    /// The first crest from zero on, SI.
+    pub peak: f64,
 }
 
 /// A track of the model that follows the measured points of its cart.
 #[derive(Debug, Clone, Serialize)]
 pub struct PiecewiseTrack {
     /// Name of the track.
-    pub place: String,
+    pub place: Place,
     /// Chance that points which are free to move take up so much on a straight track.
     pub p_value: f64,
     /// Fall of χ².
@@ -199,8 +238,15 @@ pub struct Estimate {
     pub value: f64,
     /// One standard deviation.
     pub sigma: f64,
-    /// Unit.
-    pub unit: String,
+    /// Its dimension; in JSON the SI unit.
+    #[serde(serialize_with = "si_unit")]
+    pub unit: Dimension,
+    /// Its place among the parameters of the effect.
+    #[serde(skip)]
+    pub index: usize,
+    /// One standard deviation of what the description expects, SI.
+    #[serde(skip)]
+    pub tolerance: Option<f64>,
 }
 
 /// An effect that could be meant instead.
@@ -208,12 +254,12 @@ pub struct Estimate {
 pub struct Rival {
     /// Name in the catalogue.
     pub name: String,
-    /// Its place; several places, each with amplitudes of its own, are separated by commas.
-    pub place: String,
+    /// Its place, or several, each with amplitudes of its own.
+    pub place: Place,
     /// Cosine between the two signals, after what the model absorbs.
     pub cosine: f64,
-    /// The measurement that would decide, in words.
-    pub separate_by: String,
+    /// The measurement that would decide.
+    pub separate_by: Separation,
 }
 
 /// A candidate and what became of it.
@@ -222,14 +268,14 @@ pub struct Considered {
     /// Name in the catalogue.
     pub name: String,
     /// Its place.
-    pub place: String,
+    pub place: Place,
     /// Of its score beside the base.
     pub p_value: f64,
     /// Its verdict.
     pub verdict: Verdict,
 }
 
-/// Verdict on a candidate; in JSON by its [`words`](Self::words).
+/// Verdict on a candidate; it displays, and serialises, in words.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Verdict {
     /// It is in the model, under its name.
@@ -248,36 +294,15 @@ pub enum Verdict {
     WithoutName,
 }
 
-impl Verdict {
-    /// The verdict in words.
-    pub fn words(self) -> &'static str {
-        match self {
-            Self::Found => "found",
-            Self::Rival => "could be meant instead",
-            Self::NotSignificant => "not significant",
-            Self::NotConfirmed => "not confirmed",
-            Self::NotTheBest => "not the best explanation",
-            Self::Explained => "explained by what was found",
-            Self::WithoutName => "in the model, without a name",
-        }
-    }
-}
-
-impl Serialize for Verdict {
-    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.serialize_str(self.words())
-    }
-}
-
 /// An effect that the measurements cannot show.
 #[derive(Debug, Clone, Serialize)]
 pub struct Unseen {
     /// Name in the catalogue.
     pub name: String,
     /// Its place.
-    pub place: String,
-    /// Why not, in words.
-    pub why: String,
+    pub place: Place,
+    /// Why not.
+    pub why: Reason,
 }
 
 /// The smallest amplitude that would be found.
@@ -286,13 +311,14 @@ pub struct Detectable {
     /// Name in the catalogue.
     pub name: String,
     /// Its place.
-    pub place: String,
+    pub place: Place,
     /// The parameter that the amplitude is of.
     pub parameter: String,
     /// Smallest amplitude found in four of five cases, at the family's level.
     pub amplitude: f64,
-    /// Its unit.
-    pub unit: String,
+    /// Its dimension; in JSON the SI unit.
+    #[serde(serialize_with = "si_unit")]
+    pub unit: Dimension,
     /// Share of the signal that the base absorbs.
     pub absorbed: f64,
 }
@@ -303,11 +329,11 @@ pub struct Ambiguous {
     /// Name in the catalogue.
     pub name: String,
     /// Its place.
-    pub place: String,
+    pub place: Place,
     /// Name of the effect that could be taken for it.
     pub with_name: String,
     /// The place of that effect.
-    pub with_place: String,
+    pub with_place: Place,
     /// Share of what the base leaves of the first one's signal that the second explains, with
     /// amplitudes of the size of their tolerances: above 0.64 ambiguous, above 0.99 identical.
     pub kappa: f64,
@@ -349,7 +375,7 @@ pub struct Evidence {
     /// Name in the catalogue.
     pub name: String,
     /// Its place.
-    pub place: String,
+    pub place: Place,
     /// One for each motion that it adds to.
     pub residuals: Vec<Pattern>,
     /// Score over the search, for a searched parameter.
@@ -362,15 +388,14 @@ pub struct Evidence {
 #[derive(Debug, Clone, Serialize)]
 pub struct Pattern {
     /// Moving part: a cart, a link, `tcp`, or several.
-    pub place: String,
-    /// Its motion: `along`, `roll`, `length`, `position x`, …
-    pub target: String,
-    /// `um` or `urad`.
-    pub unit: &'static str,
+    pub place: Place,
+    /// Its motion.
+    pub target: Motion,
+    /// Unit of the residuals.
+    pub unit: Micro,
     /// The quantity that the effect follows best.
-    pub against: String,
-    /// Its unit.
-    pub against_unit: &'static str,
+    #[serde(flatten)]
+    pub against: Quantity,
     /// The quantity is folded by this, where the effect repeats.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub period: Option<f64>,
@@ -401,8 +426,9 @@ pub struct Bin {
 pub struct Spectrum {
     /// The parameter.
     pub parameter: String,
-    /// Its unit.
-    pub unit: String,
+    /// Its dimension; in JSON the SI unit.
+    #[serde(serialize_with = "si_unit")]
+    pub unit: Dimension,
     /// Score that is significant over the whole search and all candidates.
     pub threshold: f64,
     /// Value of the parameter, score without and with the effect in the model; the highest of each of
@@ -417,11 +443,12 @@ pub struct Spectrum {
 #[derive(Debug, Clone, Serialize)]
 pub struct Unnamed {
     /// Cart, link or `tcp`.
-    pub place: String,
+    pub place: Place,
     /// Its motion.
-    pub direction: String,
+    pub direction: Motion,
     /// As a function of what.
-    pub against: String,
+    #[serde(flatten)]
+    pub against: Quantity,
     /// Size over the samples (µm, or µrad for rotations).
     pub rms_um: f64,
     /// The function, sorted by the first of each pair (SI).
@@ -442,12 +469,25 @@ pub struct LeftOut {
 /// The gap with a model.
 #[derive(Debug, Clone, Serialize)]
 pub struct Step {
-    /// The variant's line.
-    pub model: String,
-    /// Mean position error on the validation poses (µm).
-    pub mean_um: f64,
-    /// Largest (µm).
-    pub max_um: f64,
-    /// Root mean square (µm).
-    pub rms_um: f64,
+    /// The model.
+    pub model: Derived,
+    /// Position error on the validation poses.
+    #[serde(flatten)]
+    pub gap: Gap,
+}
+
+impl Step {
+    /// The step of a base without further effects.
+    pub(crate) fn at_base(base: &str, gap: Gap) -> Self {
+        let model = Derived {
+            base: base.to_owned(),
+            effects: vec![],
+        };
+        Self { model, gap }
+    }
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes references")]
+fn si_unit<S: Serializer>(dimension: &Dimension, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.serialize_str(&dimension.si_unit())
 }

@@ -16,10 +16,9 @@ use std::sync::Arc;
 use super::candidate_set::{CandidateSet, Table};
 use super::confirmation::held_out_gain;
 use super::linear_model::LinearModel;
-use super::results::{Gap, Step};
+use super::results::{Derived, Gap, Step, UsedEffect};
 use super::score::Yardstick;
 use super::serial;
-use super::text;
 use super::{Error, Input, Rule};
 use moves::{Joining, Move, Without};
 pub(crate) use review::Found;
@@ -209,10 +208,9 @@ impl<'a> Search<'a> {
         let fit = if change.members == self.state.members {
             self.state.fit.clone()
         } else {
-            progress(&format!(
-                "trying {}",
-                self.labels_of(&change.members).join(" + ")
-            ));
+            let effects = self.effects_of(&change.members);
+            let effects: Vec<String> = effects.iter().map(UsedEffect::to_string).collect();
+            progress(&format!("trying {}", effects.join(" + ")));
             let start = self.start(change);
             let context = self.context();
             (self
@@ -381,28 +379,24 @@ impl<'a> Search<'a> {
     }
 
     fn step(&self, gap: Gap) -> Step {
-        Step {
-            model: text::line(self.input.base, &self.labels()),
-            mean_um: gap.mean_um,
-            max_um: gap.max_um,
-            rms_um: gap.rms_um,
+        let model = self.derived();
+        Step { model, gap }
+    }
+
+    /// The model as a variant.
+    pub(crate) fn derived(&self) -> Derived {
+        Derived {
+            base: self.input.base.to_owned(),
+            effects: self.effects_of(&self.state.members),
         }
     }
 
-    /// The effects as the description writes them.
-    pub(crate) fn labels(&self) -> Vec<String> {
-        self.labels_of(&self.state.members)
-    }
-
-    fn labels_of(&self, members: &[Member]) -> Vec<String> {
-        let label = |member: &Member| {
+    fn effects_of(&self, members: &[Member]) -> Vec<UsedEffect> {
+        let model = &self.bench.model;
+        let used = |member: &Member| {
             let described = &self.bench.candidates[member.candidate];
-            if member.extended {
-                described.extended_label(&self.bench.model)
-            } else {
-                described.label()
-            }
+            UsedEffect::of(model, &described.used(model, member.extended))
         };
-        members.iter().map(label).collect()
+        members.iter().map(used).collect()
     }
 }

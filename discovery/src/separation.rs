@@ -8,11 +8,12 @@ use tau_estimation::samples::{Sample, Treatment};
 
 use super::candidate_set::CandidateSet;
 use super::candidates::{self, Candidate};
+use super::results::{Separation, TREATMENTS};
 
 /// Further poses that are proposed.
-const POSES: usize = 30;
+pub(crate) const POSES: usize = 30;
 /// A measurement that raises the separation by less than this factor is not worth proposing.
-const MIN_SEPARATION_GAIN: f64 = 2.0;
+pub(crate) const MIN_SEPARATION_GAIN: f64 = 2.0;
 
 /// An effect with values of its parameters.
 pub(super) struct Signal<'a> {
@@ -20,7 +21,7 @@ pub(super) struct Signal<'a> {
     pub(super) values: Vec<f64>,
 }
 
-/// In words: poses of set 1, repeated under other conditions, that separate an effect as fitted from a
+/// Poses of set 1, repeated under other conditions, that separate an effect as fitted from a
 /// rival, or that nothing does. The rival is one effect or several together.
 ///
 /// The separation is the non-centrality that is left of the effect's signal once base and rival have
@@ -32,9 +33,9 @@ pub(super) fn separate_by(
     own: &Signal<'_>,
     rivals: &[Signal<'_>],
     base: &[usize],
-) -> String {
+) -> Separation {
     let Some(now) = system(bench, fit, own, rivals, base, Treatment::Same) else {
-        return "no measurement of set 1 shows the one without the other".to_owned();
+        return Separation::NotInSet1;
     };
     let present = now.all().separation();
     let parameters: usize = rivals.iter().map(|r| r.candidate.parameters.len()).sum();
@@ -43,41 +44,27 @@ pub(super) fn separate_by(
         bench.constants.level,
         bench.constants.power,
     );
-    let treatments = [
-        (Treatment::Same, "under the same conditions"),
-        (Treatment::Load(3.0), "with three times the payload"),
-        (Treatment::Load(0.0), "without payload"),
-        (Treatment::Warmer(5.0), "5 K warmer"),
-        (Treatment::Reversed, "approached from the other side"),
-        (Treatment::Later(3600.0), "an hour later"),
-    ];
-    let best = treatments
+    let best = TREATMENTS
         .into_iter()
-        .filter_map(|(treatment, words)| {
+        .filter_map(|(treatment, _)| {
             let (poses, sum) = if treatment == Treatment::Same {
                 now.with_best(&now)
             } else {
                 now.with_best(&system(bench, fit, own, rivals, base, treatment)?)
             };
-            Some((sum.separation(), poses, words))
+            Some((sum.separation(), poses, treatment))
         })
         .max_by(|a, b| a.0.total_cmp(&b.0));
-    let Some((separation, poses, words)) = best else {
-        return "nothing on this machine can".to_owned();
+    let Some((raised, poses, treatment)) = best else {
+        return Separation::NotInSet1;
     };
-    if separation < needed || separation < MIN_SEPARATION_GAIN * present {
-        return format!(
-            "nothing on this machine can: {POSES} further poses would raise the separation from \
-             χ² = {present:.1} to {separation:.1} at most, {needed:.1} are needed"
-        );
+    let mut poses: Vec<u32> = poses.iter().map(|&s| bench.samples[s].number).collect();
+    poses.sort_unstable();
+    Separation::Repeat {
+        poses,
+        treatment,
+        chi2: [present, raised, needed],
     }
-    let mut numbers: Vec<u32> = poses.iter().map(|&s| bench.samples[s].number).collect();
-    numbers.sort_unstable();
-    let list: Vec<String> = numbers.iter().map(u32::to_string).collect();
-    format!(
-        "poses {} once more, {words}: they raise the separation from χ² = {present:.1} to {separation:.1}",
-        list.join(", ")
-    )
 }
 
 /// Products of the columns of base and rival, and of the signal with them, by sample.

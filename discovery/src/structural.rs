@@ -3,137 +3,99 @@
 
 pub(super) mod piecewise;
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 
 use nalgebra::{Cholesky, DMatrix, DVector, Matrix3, RowDVector};
+use tau_codegen::language::Model;
+use tau_codegen::language::model::{Arm, TrackModel, Variant};
 use tau_estimation::joint::fit::Fit;
 use tau_estimation::samples::Sample;
 use tau_kinematics::{Machine, nearest_rotation};
-use tau_robot::input_error::InputError;
-use tau_robot::robot::{Arm, Owner, Robot, TrackModel, TrackShape, Variant};
+use tau_robot::robot::{Owner, Robot};
 
-use tau_codegen::language::check_text;
-
-use super::Error;
 use super::candidate_set::f_form;
 use super::constants::Constants;
-use super::results::{Considered, Discovery, FoundEffect, Gap, Misfit, Status, Step, Verdict};
-use super::text;
+use super::results::{
+    Considered, Derived, Discovery, FoundEffect, Gap, Misfit, Place, Status, Step, UsedEffect,
+    Verdict,
+};
+use super::{Error, not_described, text};
 
-/// Name of the candidate by which all links get closures of their own, and its place.
-const FULL_ARM: (&str, &str) = ("full_arm", "all");
+/// Name of the candidate by which all links get closures of their own.
+const FULL_ARM: &str = "full_arm";
 
-/// Structure of a variant.
-struct Structure {
-    arm: Arm,
-    tracks: Vec<TrackModel>,
-}
+/// A robot with its description, checked.
+pub(super) type Described = (Robot, Model);
 
 /// The robot with a variant that differs from one with a reduced arm by its full one, and the name of
 /// that variant; the description's own if it has one.
-pub(super) fn with_full_arm(robot: &Robot, base: &Variant) -> Result<(Robot, String), Error> {
-    let tracks = base
-        .tracks
-        .iter()
-        .map(|&TrackModel { shape, .. }| TrackModel {
-            shape,
-            per_link: true,
-        });
-    let structure = Structure {
-        arm: Arm::Full,
-        tracks: tracks.collect(),
-    };
-    with_structure(robot, base, &structure, "FullArm")
+pub(super) fn with_full_arm(
+    described: (&Robot, &Model),
+    base: &str,
+) -> Result<(Described, String), Error> {
+    let per_link = |track: &mut TrackModel| track.per_link = true;
+    with_structure(described, base, "FullArm", |variant| {
+        variant.arm = Arm::Full;
+        variant.tracks.iter_mut().for_each(per_link);
+    })
 }
 
 /// The robot with a variant that differs from another in its structure, and the name of that variant: the
 /// description's own if it has one, else the other's name with something behind it.
 fn with_structure(
-    robot: &Robot,
-    base: &Variant,
-    structure: &Structure,
+    (robot, model): (&Robot, &Model),
+    base: &str,
     suffix: &str,
-) -> Result<(Robot, String), Error> {
+    change: impl FnOnce(&mut Variant),
+) -> Result<(Described, String), Error> {
+    let known = model.variant(base);
+    let mut variant = known.ok_or_else(|| not_described(robot, base))?.clone();
+    change(&mut variant);
     let is_same = |other: &&Variant| {
-        other.arm == structure.arm
-            && other.tracks == structure.tracks
-            && other.effects == base.effects
-            && of_effects(other) == of_effects(base)
+        other.arm == variant.arm
+            && other.tracks == variant.tracks
+            && other.effects == variant.effects
     };
-    if let Some(own) = robot.variants.iter().find(is_same) {
-        return Ok((robot.clone(), own.name.clone()));
+    if let Some(own) = model.variants.iter().find(is_same) {
+        return Ok(((robot.clone(), model.clone()), own.name.clone()));
     }
-    let name = free_name(robot, &format!("{}{suffix}", base.name));
-    let plain = free_name(robot, &format!("{name}Alone"));
-    let arm = match structure.arm {
-        Arm::Full => "arm full;",
-        Arm::Reduced => "arm reduced;",
-    };
-    let tracks: Vec<String> = robot
-        .tracks
-        .iter()
-        .zip(&structure.tracks)
-        .map(|(track, model)| {
-            let shape = match model.shape {
-                TrackShape::Linear => "linear",
-                TrackShape::Piecewise => "piecewise",
-            };
-            let per_link = if model.per_link { " per link" } else { "" };
-            format!("track {track} {shape}{per_link};")
-        })
-        .collect();
-    let tracks = tracks.join(" ");
-    let mut terms = vec![plain.clone()];
-    let model = check_text(&robot.description)
-        .map_err(|errors| InputError::whole(&robot.name, errors.to_string()))?;
-    for (index, (effect, places)) in base.effects.iter().enumerate() {
-        let described = model.effects.iter().find(|own| own.name == *effect);
-        let taken: Vec<&str> = described
-            .iter()
-            .flat_map(|described| &described.parameters)
-            .filter(|own| own.optional && of_effects(base).contains(&(index, own.name.as_str())))
-            .map(|own| own.name.as_str())
-            .collect();
-        let with = if taken.is_empty() { "" } else { " with " };
-        terms.push(format!(
-            "{effect}({}){with}{}",
-            places.join(", "),
-            taken.join(", ")
-        ));
-    }
-    let lines = if base.effects.is_empty() {
-        format!("variant {name} {{ {arm} {tracks} }}")
+    let name = free_name(model, &format!("{base}{suffix}"));
+    variant.name.clone_from(&name);
+    let mut model = model.clone();
+    let lines = if variant.effects.is_empty() {
+        text::structure(&model, &variant)
     } else {
-        let terms = terms.join(" + ");
-        format!("variant {plain} {{ {arm} {tracks} }}\n    variant {name} = {terms};")
+        // Effects join a variant that is there without them.
+        let plain = Variant {
+            name: free_name(&model, &format!("{name}Alone")),
+            effects: vec![],
+            ..variant.clone()
+        };
+        let used = variant.effects.iter();
+        let derived = Derived {
+            base: plain.name.clone(),
+            effects: used.map(|used| UsedEffect::of(&model, used)).collect(),
+        };
+        let lines = text::structure(&model, &plain) + "\n    " + &derived.line(&name);
+        model.variants.push(plain);
+        lines
     };
-    let docs = format!("The structure that `{}` lacks.", base.name);
+    model.variants.push(variant);
+    let docs = format!("The structure that `{base}` lacks.");
     let description = text::with_lines(robot, &docs, &lines)?;
-    let robot = Robot::from_text(&description)
-        .map_err(|errors| InputError::whole(&robot.name, errors.to_string()))?;
-    Ok((robot, name))
+    let robot = Robot::from(&tau_codegen::compile(&model, &description));
+    Ok(((robot, model), name))
 }
 
 /// A name that no variant has.
-fn free_name(robot: &Robot, wanted: &str) -> String {
+fn free_name(model: &Model, wanted: &str) -> String {
     let mut name = wanted.to_owned();
     let mut tried = 1;
-    while robot.variant(&name).is_some() {
+    while model.variant(&name).is_some() {
         tried += 1;
         name = format!("{wanted}{tried}");
     }
     name
-}
-
-/// Parameters of a variant's effects: index of the effect, and name.
-fn of_effects(variant: &Variant) -> BTreeSet<(usize, &str)> {
-    let parameters = variant.parameters.iter();
-    parameters
-        .filter_map(|parameter| match parameter.owner {
-            Owner::Effect(index) => Some((index, parameter.quantity.as_str())),
-            _ => None,
-        })
-        .collect()
 }
 
 /// Test of a full arm: do the links of a cluster differ, where the base takes them for one?
@@ -167,8 +129,8 @@ impl FullArm {
 
     fn considered(&self) -> Considered {
         Considered {
-            name: FULL_ARM.0.into(),
-            place: FULL_ARM.1.into(),
+            name: FULL_ARM.into(),
+            place: Place::AllLinks,
             p_value: self.p_value,
             verdict: if self.is_significant() {
                 Verdict::Found
@@ -205,8 +167,8 @@ impl FullArm {
         found.effects.insert(
             0,
             FoundEffect {
-                name: FULL_ARM.0.into(),
-                place: FULL_ARM.1.into(),
+                name: FULL_ARM.into(),
+                place: Place::AllLinks,
                 parameters: BTreeMap::new(),
                 p_value: self.p_value,
                 chi2_drop: self.chi2_drop,
@@ -214,17 +176,10 @@ impl FullArm {
                 rivals: vec![],
                 searched: None,
                 aliases: vec![],
+                waves: vec![],
             },
         );
-        found.steps.insert(
-            0,
-            Step {
-                model: text::line(base, &[]),
-                mean_um: gap.mean_um,
-                max_um: gap.max_um,
-                rms_um: gap.rms_um,
-            },
-        );
+        found.steps.insert(0, Step::at_base(base, gap));
     }
 }
 
@@ -282,6 +237,8 @@ fn ties(full: &Fit, samples: &[Sample]) -> Option<DMatrix<f64>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use tau_codegen::language::check_text;
+    use tau_robot::robot;
 
     #[test]
     fn a_full_arm_takes_no_variants_name() {
@@ -292,10 +249,10 @@ mod tests {
             variant Nominal { arm reduced; tracks linear; }
             variant NominalFullArm { arm full; tracks piecewise; }
         }";
-        let robot = Robot::from_text(text).unwrap();
-        let (fuller, name) = with_full_arm(&robot, &robot.variants[0]).unwrap();
+        let (robot, model) = (Robot::from_text(text).unwrap(), check_text(text).unwrap());
+        let ((fuller, _), name) = with_full_arm((&robot, &model), "Nominal").unwrap();
         assert!(robot.variant(&name).is_none());
-        assert_eq!(fuller.variant(&name).unwrap().arm, Arm::Full);
+        assert_eq!(fuller.variant(&name).unwrap().arm, robot::Arm::Full);
     }
 
     /// A base keeps the optional parameters of its effects on its way to a full arm.
@@ -312,14 +269,22 @@ mod tests {
             variant Nominal { arm reduced; tracks linear; }
             variant Bent = Nominal + bent(one) with c + bent(two);
         }";
-        let robot = Robot::from_text(text).unwrap();
-        let base = robot.variant("Bent").unwrap();
-        let (fuller, name) = with_full_arm(&robot, base).unwrap();
-        let full = fuller.variant(&name).unwrap();
+        let (robot, model) = (Robot::from_text(text).unwrap(), check_text(text).unwrap());
+        let ((fuller, _), name) = with_full_arm((&robot, &model), "Bent").unwrap();
+        let again = check_text(&fuller.description).unwrap();
+        let full = again.variant(&name).unwrap();
         assert_eq!(full.arm, Arm::Full);
+        assert_eq!(full.effects, model.variant("Bent").unwrap().effects);
+        let parameters = &fuller.variant(&name).unwrap().parameters;
+        let of_effects = parameters
+            .iter()
+            .filter_map(|parameter| match parameter.owner {
+                Owner::Effect(index) => Some((index, parameter.quantity.as_str())),
+                _ => None,
+            });
         assert_eq!(
-            of_effects(full),
-            BTreeSet::from([(0, "a"), (0, "c"), (1, "a")])
+            of_effects.collect::<Vec<_>>(),
+            [(0, "a"), (0, "c"), (1, "a")]
         );
     }
 }

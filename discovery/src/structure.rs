@@ -2,16 +2,16 @@
 
 use std::collections::BTreeMap;
 
+use tau_codegen::language::model::{Readable, Target};
 use tau_estimation::joint::fit::Fit;
-use tau_estimation::samples::Sample;
 use tau_estimation::samples::outliers;
-use tau_kinematics::Surroundings;
-use tau_robot::robot::Input;
 use tau_robot::robot_file::Noise;
 
 use super::candidate_set::CandidateSet;
+use super::candidates::Scope;
 use super::linear_model::LinearModel;
-use super::results::Unnamed;
+use super::probes::TARGETS_OF_CART;
+use super::results::{Motion, Place, Quantity, Unnamed};
 
 /// A displacement that carries less than this share of what its family explains is not reported.
 const LEAST_SHARE: f64 = 0.1;
@@ -32,17 +32,16 @@ pub(super) fn crowds(fit: &Fit, bench: &CandidateSet, noise: Noise) -> Vec<Unnam
                 (sum / count.max(1.0)).sqrt() * noise.position_m
             };
             let square: f64 = crowd.iter().map(|&s| size(s).powi(2)).sum();
-            let name = bench.model.tracks.get(command);
-            let place = name.map_or_else(|| format!("command {}", command + 1), |t| t.name.clone());
+            let track = bench.model.tracks.get(command);
             Unnamed {
-                direction: "in one stretch".into(),
-                against: "q".into(),
+                place: track.map_or(Place::Command(command + 1), |t| Place::Cart(t.name.clone())),
+                direction: Motion::InOneStretch,
+                against: Quantity::of(Readable::Command, &bench.model),
                 rms_um: (square / crowd.len().max(1) as f64).sqrt() * 1e6,
                 curve: crowd
                     .iter()
                     .map(|&s| [bench.samples[s].commands_m[command], size(s)])
                     .collect(),
-                place,
             }
         })
         .collect()
@@ -100,7 +99,7 @@ fn found(
         .filter(|(_, of)| of.1 > LEAST_SHARE * most)
         .filter_map(|(probe, (values, _))| {
             let samples = &bench.probes.all[probe].samples;
-            let (against, covariate) = covariates(described.against, probe, bench, samples)
+            let (against, covariate) = covariates(&described.against, probe, bench, samples)
                 .into_iter()
                 .max_by(|a, b| correlation(&a.1, &values).total_cmp(&correlation(&b.1, &values)))?;
             let mut curve: Vec<[f64; 2]> = covariate
@@ -131,81 +130,52 @@ impl CandidateSet {
             .sum()
     }
 
-    /// Cart, link or `tcp` that a probe displaces, and its direction.
-    fn displaced(&self, probe: usize) -> (String, String) {
-        let axes = ["along", "horizontal", "vertical", "roll", "pitch", "yaw"];
+    /// Cart, link, cluster or TCP that a probe displaces, and its direction.
+    fn displaced(&self, probe: usize) -> (Place, Motion) {
         for (track, probes) in self.model.tracks.iter().zip(&self.probes.carts) {
             if let Some(axis) = probes.iter().position(|&own| own == probe) {
-                return (track.name.clone(), axes[axis].into());
+                let motion = Motion::Target(TARGETS_OF_CART[axis], 0);
+                return (Place::Cart(track.name.clone()), motion);
             }
         }
         for closure in &self.probes.closures {
             if closure.length == probe {
-                let name = match closure.link {
-                    Some(link) => &self.model.links[link].name,
-                    None => &self.model.clusters[closure.cluster].name,
-                };
-                return (name.clone(), "length".into());
+                let cluster = || Place::Cluster(self.model.clusters[closure.cluster].name.clone());
+                let link = |link: usize| Place::Link(self.model.links[link].name.clone());
+                let place = closure.link.map_or_else(cluster, link);
+                return (place, Motion::Target(Target::Length, 0));
             }
         }
         let axis = self.probes.tcp.iter().position(|&own| own == probe);
-        let axis = ["x", "y", "z"][axis.unwrap_or_default()];
-        ("tcp".into(), format!("position {axis}"))
+        let motion = Motion::Target(Target::Position, axis.unwrap_or_default());
+        (Place::Tcp, motion)
     }
 }
 
 /// The single quantities that a family reads.
 fn covariates(
-    against: &str,
+    against: &[Readable],
     probe: usize,
     bench: &CandidateSet,
     samples: &[usize],
-) -> Vec<(String, Vec<f64>)> {
+) -> Vec<(Quantity, Vec<f64>)> {
     let cart = |track: &usize| bench.probes.carts[*track].contains(&probe);
     let closure = bench
         .probes
         .closures
         .iter()
         .find(|closure| closure.length == probe);
-    let link = closure.and_then(|closure| closure.link).unwrap_or(0);
-    let track = (0..bench.probes.carts.len())
-        .find(cart)
-        .or_else(|| closure.and_then(|closure| closure.command))
-        .unwrap_or(0);
-    let tracks = &bench.model.tracks;
-    let list: Vec<(String, Input)> = match against {
-        "q" => vec![("q".into(), Input::Command(track))],
-        "direction" => vec![("direction".into(), Input::Direction(track))],
-        "temperature" => vec![("temperature".into(), Input::Temperature)],
-        "time" => vec![("time".into(), Input::Time)],
-        "tension" => vec![("tension".into(), Input::Tension(link))],
-        "load" => ["along", "horizontal", "vertical"]
-            .iter()
-            .enumerate()
-            .map(|(component, axis)| (format!("load_{axis}"), Input::Load { track, component }))
-            .collect(),
-        "commands" => tracks
-            .iter()
-            .enumerate()
-            .map(|(k, track)| (format!("q({})", track.name), Input::Command(k)))
-            .collect(),
-        _ => ["x", "y", "z"]
-            .iter()
-            .enumerate()
-            .map(|(k, axis)| ((*axis).to_owned(), Input::TcpPosition(k)))
-            .collect(),
+    let track = (0..bench.probes.carts.len()).find(cart);
+    let scope = match (track, closure) {
+        (Some(track), _) => Scope::of_cart(track, None),
+        (None, Some(closure)) => Scope::of_closure(closure),
+        (None, None) => Scope::NOWHERE,
     };
-    let surroundings: &Surroundings = &bench.surroundings;
-    let read = |input: Input| -> Option<Vec<f64>> {
-        let sample = |&s: &usize| -> Option<f64> {
-            let sample: &Sample = &bench.samples[s];
-            sample.input(input, surroundings).ok()
-        };
-        samples.iter().map(sample).collect()
+    let series = |readable: Readable| {
+        let series = scope.read(readable, samples, &bench.samples, &bench.surroundings);
+        Some((Quantity::of(readable, &bench.model), series.ok()?))
     };
-    list.into_iter()
-        .filter_map(|(name, input)| Some((name, read(input)?)))
-        .collect()
+    against.iter().copied().filter_map(series).collect()
 }
 
 /// Magnitude of the correlation of two series.

@@ -290,6 +290,21 @@ pub struct EffectParameter {
     pub optional: bool,
 }
 
+impl EffectParameter {
+    /// An amplitude without a prior, zero where there is no effect.
+    pub fn amplitude(name: &str, dimension: Dimension) -> Self {
+        Self {
+            name: name.to_owned(),
+            components: 1,
+            dimension,
+            nominal: 0.0,
+            tolerance: None,
+            search: None,
+            optional: false,
+        }
+    }
+}
+
 /// `target += formula;`
 #[derive(Debug, Clone, PartialEq)]
 pub struct Term {
@@ -409,6 +424,20 @@ pub enum BinaryOperator {
     /// `/`
     Divide,
 }
+
+macro_rules! operators {
+    ($($trait:ident $method:ident $operator:ident),*) => {$(
+        impl std::ops::$trait for Formula {
+            type Output = Self;
+
+            fn $method(self, other: Self) -> Self {
+                Self::Binary(BinaryOperator::$operator, Box::new(self), Box::new(other))
+            }
+        }
+    )*};
+}
+
+operators!(Add add Add, Sub sub Subtract, Mul mul Multiply, Div div Divide);
 
 impl BinaryOperator {
     fn of(self, left: f64, right: f64) -> f64 {

@@ -62,18 +62,17 @@ pub fn discovery(found: &Discovery) -> String {
     use discovery::{findings, tables};
     let mut text = wrap(&findings::verdict(found), "") + &wrap(&findings::gap(found), "") + "\n";
     text += &render(&tables::steps(found));
-    let words = discovery::words::Words::of(found);
-    let unnamed = findings::unnamed(&words, found);
+    let unnamed = findings::unnamed(found);
     if !found.effects.is_empty() || !unnamed.is_empty() {
         text += "\nWhat is wrong with the machine\n";
     }
     for effect in &found.effects {
         let label = discovery::at(&effect.name, &effect.place);
         text += &wrap(
-            &format!("{label}: {}", findings::headline(&words, effect)),
+            &format!("{label}: {}", findings::headline(&found.model, effect)),
             "  ",
         );
-        for sentence in findings::effect(&words, effect) {
+        for sentence in findings::effect(&found.model, effect) {
             text += &wrap(&sentence, "    ");
         }
         for rival in findings::rivals(effect) {

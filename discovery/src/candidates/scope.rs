@@ -5,7 +5,7 @@ use tau_estimation::samples::Sample;
 use tau_kinematics::Surroundings;
 use tau_robot::robot::Input;
 
-use super::super::probes::Probes;
+use super::super::probes::{ClosureProbe, Probes, TARGETS_OF_CART};
 
 /// Action of a term on a probe.
 pub(super) struct Action {
@@ -26,24 +26,13 @@ pub(crate) struct Scope {
 
 /// Actions of a term of an effect at a place.
 pub(super) fn actions(place: Place, model: &Model, term: &Term, probes: &Probes) -> Vec<Action> {
-    let none = Scope::NOWHERE;
-    let on_cart = |track: usize, source: Option<usize>, component: usize| Action {
-        probes: vec![probes.carts[track][component]],
-        scope: Scope {
-            command: Some(track),
-            track: Some(track),
-            source,
-            ..none
-        },
-    };
-    let axis = match term.target {
-        Target::Along => 0,
-        Target::Horizontal => 1,
-        Target::Vertical => 2,
-        Target::Roll => 3,
-        Target::Pitch => 4,
-        Target::Yaw => 5,
-        Target::Length | Target::Joint | Target::Position => 6,
+    let axis = TARGETS_OF_CART.iter().position(|own| *own == term.target);
+    let on_cart = |track: usize, source: Option<usize>| {
+        let scope = Scope::of_cart(track, source);
+        axis.map(|axis| Action {
+            probes: vec![probes.carts[track][axis]],
+            scope,
+        })
     };
     let on_closure = |closure: usize| {
         let owner = &probes.closures[closure];
@@ -52,18 +41,13 @@ pub(super) fn actions(place: Place, model: &Model, term: &Term, probes: &Probes)
                 Target::Length => vec![owner.length],
                 _ => owner.joint?.to_vec(),
             },
-            scope: Scope {
-                command: owner.command,
-                link: owner.link,
-                length: Some(owner.length_m),
-                ..none
-            },
+            scope: Scope::of_closure(owner),
         })
     };
     match place {
-        Place::Cart { track, source } => vec![on_cart(track, source, axis)],
+        Place::Cart { track, source } => on_cart(track, source).into_iter().collect(),
         Place::AllCarts => (0..model.tracks.len())
-            .map(|track| on_cart(track, None, axis))
+            .filter_map(|track| on_cart(track, None))
             .collect(),
         Place::Link(link) => {
             let closure = probes.closures.iter().position(|closure| {
@@ -75,19 +59,37 @@ pub(super) fn actions(place: Place, model: &Model, term: &Term, probes: &Probes)
         Place::AllLinks => (0..probes.closures.len()).filter_map(on_closure).collect(),
         Place::Tcp => vec![Action {
             probes: probes.tcp.to_vec(),
-            scope: none,
+            scope: Scope::NOWHERE,
         }],
     }
 }
 
 impl Scope {
-    pub(super) const NOWHERE: Self = Self {
+    pub(crate) const NOWHERE: Self = Self {
         command: None,
         track: None,
         source: None,
         link: None,
         length: None,
     };
+
+    pub(crate) fn of_cart(track: usize, source: Option<usize>) -> Self {
+        Self {
+            command: Some(track),
+            track: Some(track),
+            source,
+            ..Self::NOWHERE
+        }
+    }
+
+    pub(crate) fn of_closure(closure: &ClosureProbe) -> Self {
+        Self {
+            command: closure.command,
+            link: closure.link,
+            length: Some(closure.length_m),
+            ..Self::NOWHERE
+        }
+    }
 
     /// True if there is a cart whose command `q` is.
     pub(crate) fn has_command(&self) -> bool {
@@ -99,11 +101,13 @@ impl Scope {
         self.source
     }
 
-    /// Name of the cart or link that moves.
-    pub(crate) fn name(&self, model: &Model) -> Option<String> {
-        let track = || Some(model.tracks.get(self.track?)?.name.clone());
-        let link = || Some(model.links.get(self.link?)?.name.clone());
-        track().or_else(link)
+    /// The cart or link that moves.
+    pub(crate) fn place(&self) -> Option<Place> {
+        let cart = |track| Place::Cart {
+            track,
+            source: None,
+        };
+        self.track.map(cart).or(self.link.map(Place::Link))
     }
 
     pub(crate) fn read(

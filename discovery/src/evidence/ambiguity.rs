@@ -50,9 +50,9 @@ pub(crate) fn ambiguous(bench: &CandidateSet, view: &LinearModel) -> Vec<Ambiguo
             );
             pairs.push(Ambiguous {
                 name: one.name.clone(),
-                place: one.places.clone(),
+                place: one.at.clone(),
                 with_name: other.name.clone(),
-                with_place: other.places.clone(),
+                with_place: other.at.clone(),
                 kappa: of_a.max(of_b),
                 kappa_reverse: of_a.min(of_b),
             });

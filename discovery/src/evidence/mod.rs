@@ -24,7 +24,7 @@ pub(super) fn of_effects(search: &Search<'_>, base: &LinearModel) -> Vec<Evidenc
         let values = search.state.values_of(&search.context(), effect);
         let mut evidence = Evidence {
             name: described.name.clone(),
-            place: described.places.clone(),
+            place: described.at.clone(),
             residuals: vec![],
             spectrum: None,
         };

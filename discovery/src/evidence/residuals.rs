@@ -4,13 +4,14 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::{DMatrix, DVector};
 use tau_codegen::language::Model;
-use tau_codegen::language::model::{Readable, Target, Term};
+use tau_codegen::language::model::{Readable, Term};
+use tau_codegen::language::units::Dimension;
 
 use crate::candidate_set::CandidateSet;
 use crate::candidates::{Candidate, Entry, Scope};
 use crate::linear_model::LinearModel;
 use crate::probes::{Moved, Probe};
-use crate::results::{Bin, Pattern};
+use crate::results::{Bin, Motion, Pattern, Place, Quantity};
 use crate::structure::correlation;
 
 /// Bins along a quantity that takes more values than that.
@@ -76,7 +77,6 @@ pub(super) fn patterns(
             let moving = terms.iter().filter(|term| term.target == target);
             let read = moving.flat_map(|term| term.formula.quantities()).collect();
             let readable = covariate(bench, described, values, &group, read)?;
-            let (against, against_unit) = quantity(&bench.model, readable, group[0].scope);
             let period = period(described, values, readable);
             // The displacement is the same whichever term moves it.
             let mut probes = BTreeSet::new();
@@ -91,13 +91,12 @@ pub(super) fn patterns(
                     point.at = point.at.rem_euclid(period);
                 }
             }
-            let (target, unit) = motion(target, component);
+            let target = Motion::Target(target, component);
             Some(Pattern {
                 place: place(&bench.model, described, &group),
+                unit: target.unit(),
                 target,
-                unit,
-                against,
-                against_unit,
+                against: quantity(&bench.model, readable, group[0].scope),
                 period,
                 bins: binned(&points),
                 points: shown(&points),
@@ -170,7 +169,7 @@ fn period(described: &Candidate, values: &[f64], readable: Readable) -> Option<f
         Readable::Command | Readable::CommandOf(_) | Readable::SourceCommand
     );
     let (searched, _) = described.search.filter(|_| is_command)?;
-    let is_length = described.parameters[searched].unit == "m";
+    let is_length = described.parameters[searched].unit == Dimension::LENGTH;
     Some(values[searched]).filter(|period| is_length && *period > 0.0)
 }
 
@@ -278,50 +277,20 @@ fn shown(points: &[Point]) -> Vec<[f64; 3]> {
 }
 
 /// Cart or link that moves, or the effect's own place where there are several.
-fn place(model: &Model, described: &Candidate, group: &[&Entry]) -> String {
+fn place(model: &Model, described: &Candidate, group: &[&Entry]) -> Place {
     let own = match group {
-        [one] => one.scope.name(model),
+        [one] => one.scope.place(),
         _ => None,
     };
-    own.unwrap_or_else(|| described.places.clone())
+    own.map_or_else(|| described.at.clone(), |own| Place::of(model, own))
 }
 
-/// A motion and its unit.
-fn motion(target: Target, component: usize) -> (String, &'static str) {
-    let axis = ["x", "y", "z"][component.min(2)];
-    match target {
-        Target::Along => ("along".to_owned(), "um"),
-        Target::Horizontal => ("horizontal".to_owned(), "um"),
-        Target::Vertical => ("vertical".to_owned(), "um"),
-        Target::Roll => ("roll".to_owned(), "urad"),
-        Target::Pitch => ("pitch".to_owned(), "urad"),
-        Target::Yaw => ("yaw".to_owned(), "urad"),
-        Target::Length => ("length".to_owned(), "um"),
-        Target::Joint => (format!("joint {axis}"), "um"),
-        Target::Position => (format!("position {axis}"), "um"),
-    }
-}
-
-/// A quantity as a formula writes it, and its unit.
-fn quantity(model: &Model, readable: Readable, scope: Scope) -> (String, &'static str) {
-    let command = |track: usize| (format!("q({})", model.tracks[track].name), "m");
-    match readable {
-        Readable::Command => ("q".to_owned(), "m"),
-        Readable::CommandOf(track) => command(track),
-        Readable::SourceCommand => match scope.source() {
-            Some(track) => command(track),
-            None => ("q(source)".to_owned(), "m"),
-        },
-        Readable::Direction => ("direction".to_owned(), ""),
-        Readable::Time => ("time".to_owned(), "s"),
-        Readable::Temperature => ("temperature".to_owned(), "°C"),
-        Readable::LoadAlong => ("load_along".to_owned(), "N"),
-        Readable::LoadHorizontal => ("load_horizontal".to_owned(), "N"),
-        Readable::LoadVertical => ("load_vertical".to_owned(), "N"),
-        Readable::Tension => ("tension".to_owned(), "N"),
-        Readable::Length => ("length".to_owned(), "m"),
-        Readable::Position(k) => (["x", "y", "z"][k.min(2)].to_owned(), "m"),
-    }
+/// A quantity by its name: that of the source cart's command where there is one.
+fn quantity(model: &Model, readable: Readable, scope: Scope) -> Quantity {
+    let source = scope
+        .source()
+        .filter(|_| readable == Readable::SourceCommand);
+    Quantity::of(source.map_or(readable, Readable::CommandOf), model)
 }
 
 #[cfg(test)]

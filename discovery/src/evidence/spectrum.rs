@@ -56,7 +56,7 @@ pub(super) fn spectrum(
         .collect();
     Some(Spectrum {
         parameter: described.parameters[searched].name.clone(),
-        unit: described.parameters[searched].unit.clone(),
+        unit: described.parameters[searched].unit,
         threshold,
         points: highest(&whole, POINTS),
         curve: highest(&whole, CURVE),

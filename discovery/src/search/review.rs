@@ -5,6 +5,7 @@ use std::collections::BTreeSet;
 
 use super::super::candidate_set::{Score, f_form};
 use super::super::linear_model::LinearModel;
+use super::super::results::Separation;
 use super::super::separation::{Signal, separate_by};
 use super::Search;
 use super::moves::Without;
@@ -30,7 +31,7 @@ pub(crate) struct Found {
 pub(crate) struct FoundRival {
     pub(crate) candidates: Vec<usize>,
     pub(crate) cosine: f64,
-    pub(crate) separate_by: String,
+    pub(crate) separate_by: Separation,
 }
 
 impl Search<'_> {
@@ -235,8 +236,8 @@ impl Search<'_> {
         Some((family, strongest.1, p_value))
     }
 
-    /// The measurement that would tell an effect from a rival, in words: candidates, with what is searched.
-    fn separate_by(&self, member: usize, rival: &[(usize, Option<f64>)]) -> String {
+    /// The measurement that would tell an effect from a rival: candidates, with what is searched.
+    fn separate_by(&self, member: usize, rival: &[(usize, Option<f64>)]) -> Separation {
         let own = &self.bench.candidates[self.state.members[member].candidate];
         let columns = self.state.columns_of(&self.context(), member);
         let base: Vec<usize> = (0..self.state.fit.jacobian.ncols())

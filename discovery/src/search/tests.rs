@@ -1,5 +1,6 @@
 //! Searches on small folders with known answers.
 
+use tau_codegen::language::{Model, check_text};
 use tau_robot::Robot;
 use tau_robot::measurements::{Division, Folder, Poses};
 use tau_robot::prototype;
@@ -10,6 +11,7 @@ use super::*;
 
 struct Case {
     robot: Robot,
+    model: Model,
     file: RobotFile,
     folder: Folder,
     division: Division,
@@ -25,6 +27,7 @@ impl Case {
         let options = Options::default();
         let Poses { division, .. } = Poses::select(&robot, &file, &folder, options.split).unwrap();
         Self {
+            model: check_text(&robot.description).unwrap(),
             robot,
             file,
             folder,
@@ -36,6 +39,7 @@ impl Case {
     fn input(&self) -> Input<'_> {
         Input {
             robot: &self.robot,
+            model: &self.model,
             base: "Full",
             file: &self.file,
             folder: &self.folder,

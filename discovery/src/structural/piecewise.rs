@@ -17,15 +17,20 @@ use nalgebra::Vector3;
 use super::super::candidate_set::f_form;
 use super::super::candidates::{self, Entry};
 use super::super::linear_model::LinearModel;
-use super::super::results::{Considered, Discovery, PiecewiseTrack, Step, Unnamed, Verdict};
+use super::super::probes::TARGETS_OF_CART;
+use super::super::results::{
+    Considered, Discovery, Motion, PiecewiseTrack, Place, Quantity, Step, Unnamed, Verdict,
+};
 use super::super::score::Yardstick;
 use super::super::search::Search;
 use super::super::significance::Null;
-use super::super::{Error, Input, Outcome, search_from, text};
-use super::{Structure, with_structure};
+use super::super::{Error, Input, Outcome, search_from};
+use super::{Described, with_structure};
+use tau_codegen::language::Model;
+use tau_codegen::language::model::{Arm, Readable, TrackModel, TrackShape};
 use tau_estimation::calibration::Line;
 use tau_kinematics::track_axes;
-use tau_robot::robot::{Arm, Robot, TrackModel, TrackShape, Variant};
+use tau_robot::robot::{self, Robot, Variant};
 
 /// Name of the candidate by which a track follows the measured points of its cart.
 const NAME: &str = "piecewise_track";
@@ -92,9 +97,11 @@ fn bent(
             "letting track `{}` follow its measured points",
             track.place
         ));
-        let (robot, base) = with_piecewise(input.robot, input.base, track.track)?;
+        let ((robot, model), base) =
+            with_piecewise((input.robot, input.model), input.base, track.track)?;
         let input_there = Input {
             robot: &robot,
+            model: &model,
             base: &base,
             ..*input
         };
@@ -167,22 +174,21 @@ impl Found {
 }
 
 /// The robot with a variant of which one more track is piecewise, and that variant's name.
-fn with_piecewise(robot: &Robot, base: &str, track: usize) -> Result<(Robot, String), Error> {
-    let variant = super::super::variant_of(robot, base)?;
-    let mut tracks = variant.tracks.clone();
-    tracks[track] = TrackModel {
-        shape: TrackShape::Piecewise,
-        per_link: variant.arm == Arm::Full,
-    };
-    let structure = Structure {
-        arm: variant.arm,
-        tracks,
-    };
-    let mut suffix = robot.tracks[track].clone();
+fn with_piecewise(
+    described: (&Robot, &Model),
+    base: &str,
+    track: usize,
+) -> Result<(Described, String), Error> {
+    let mut suffix = described.0.tracks[track].clone();
     if let Some(first) = suffix.get_mut(..1) {
         first.make_ascii_uppercase();
     }
-    with_structure(robot, variant, &structure, &format!("Piecewise{suffix}"))
+    with_structure(described, base, &format!("Piecewise{suffix}"), |variant| {
+        variant.tracks[track] = TrackModel {
+            shape: TrackShape::Piecewise,
+            per_link: variant.arm == Arm::Full,
+        };
+    })
 }
 
 /// Tests of all straight tracks beside what was found, their measured points free to move.
@@ -191,7 +197,7 @@ pub(in super::super) fn tracks(search: &Search<'_>, base: &Variant) -> Vec<Track
         .tracks
         .iter()
         .enumerate()
-        .filter(|(_, model)| model.shape == TrackShape::Linear)
+        .filter(|(_, model)| model.shape == robot::TrackShape::Linear)
         .map(|(track, _)| (track, knots(search, track)))
         .filter(|(_, knots)| knots.len() > 2)
         .collect();
@@ -302,17 +308,17 @@ fn off_line(search: &Search<'_>, track: usize) -> Vec<Unnamed> {
         return vec![];
     };
     let axes = track_axes(line.direction);
-    let unnamed = ["along", "horizontal", "vertical"].into_iter().zip(axes);
-    let unnamed = unnamed.filter_map(|(direction, axis)| {
+    let unnamed = TARGETS_OF_CART.into_iter().zip(axes);
+    let unnamed = unnamed.filter_map(|(target, axis)| {
         let off = |&(q, position): &(f64, Vector3<f64>)| [q, axis.dot(&(position - line.at(q)))];
         let curve: Vec<[f64; 2]> = points.iter().map(off).collect();
         let square: f64 = curve.iter().map(|[_, off]| off * off).sum();
         let count = curve.len() as f64;
         let p_value = chi2_survival(square / input.file.noise.position_m.powi(2), count - 2.0);
         (p_value <= search.bench.constants.left_where_found).then(|| Unnamed {
-            place: input.robot.tracks[track].clone(),
-            direction: direction.into(),
-            against: "q".into(),
+            place: Place::Cart(input.robot.tracks[track].clone()),
+            direction: Motion::Target(target, 0),
+            against: Quantity::of(Readable::Command, &search.bench.model),
             rms_um: (square / count).sqrt() * 1e6,
             curve,
         })
@@ -324,7 +330,7 @@ impl TrackTest {
     fn considered(&self) -> Considered {
         Considered {
             name: NAME.into(),
-            place: self.place.clone(),
+            place: Place::Cart(self.place.clone()),
             p_value: self.p_value,
             verdict: self.verdict,
         }
@@ -343,7 +349,7 @@ impl TrackTest {
         found.piecewise_tracks.insert(
             0,
             PiecewiseTrack {
-                place: self.place.clone(),
+                place: Place::Cart(self.place.clone()),
                 p_value: self.p_value,
                 chi2_drop: self.statistic,
                 heldout_drop_um: gap.mean_um - found.validation.before.mean_um,
@@ -355,15 +361,7 @@ impl TrackTest {
         found.validation.before = gap;
         found.status = found.status.with_unnamed();
         found.unnamed.splice(0..0, self.unnamed.iter().cloned());
-        found.steps.insert(
-            0,
-            Step {
-                model: text::line(base, &[]),
-                mean_um: gap.mean_um,
-                max_um: gap.max_um,
-                rms_um: gap.rms_um,
-            },
-        );
+        found.steps.insert(0, Step::at_base(base, gap));
     }
 }
 
@@ -389,6 +387,7 @@ fn triangle(knots: &[f64], knot: usize, q: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use tau_codegen::language::check_text;
 
     #[test]
     fn many_knots_are_thinned_evenly_and_few_are_kept() {
@@ -421,17 +420,20 @@ mod tests {
             variant Full { arm full; tracks linear per link; }
             variant Measured { arm full; tracks linear per link; track one piecewise per link; }
         }";
-        let robot = Robot::from_text(text).unwrap();
-        let shapes = |robot: &Robot, name: &str| -> Vec<(bool, bool)> {
-            let tracks = &robot.variant(name).unwrap().tracks;
-            let is = |own: &TrackModel| (own.shape == TrackShape::Piecewise, own.per_link);
-            tracks.iter().map(is).collect()
+        let described = (Robot::from_text(text).unwrap(), check_text(text).unwrap());
+        let piecewise = |(robot, model): &Described, base: &str, track: usize| {
+            with_piecewise((robot, model), base, track).unwrap()
         };
-        assert_eq!(with_piecewise(&robot, "Full", 0).unwrap().1, "Measured");
-        let (once, name) = with_piecewise(&robot, "Nominal", 1).unwrap();
+        let shapes = |(robot, _): &Described, name: &str| -> Vec<(bool, bool)> {
+            let again = check_text(&robot.description).unwrap();
+            let is = |own: &TrackModel| (own.shape == TrackShape::Piecewise, own.per_link);
+            again.variant(name).unwrap().tracks.iter().map(is).collect()
+        };
+        assert_eq!(piecewise(&described, "Full", 0).1, "Measured");
+        let (once, name) = piecewise(&described, "Nominal", 1);
         assert_eq!(name, "NominalPiecewiseTwo");
         assert_eq!(shapes(&once, &name), [(false, false), (true, false)]);
-        let (twice, both) = with_piecewise(&once, &name, 0).unwrap();
+        let (twice, both) = piecewise(&once, &name, 0);
         assert_eq!(shapes(&twice, &both), [(true, false), (true, false)]);
     }
 

@@ -2,8 +2,8 @@
 
 use tau_codegen::compile::compile_some;
 use tau_codegen::language::model::{
-    self as language, BinaryOperator, Effect, EffectParameter, EffectUse, Formula, Model, Place,
-    Readable, Subject, Target, Term,
+    self as language, Effect, EffectParameter, EffectUse, Formula, Model, Place, Readable, Subject,
+    Target, Term,
 };
 use tau_codegen::language::units::Dimension;
 use tau_robot::robot::{Arm, Instance, Variant};
@@ -41,41 +41,31 @@ pub fn additive(
     factor: Option<Readable>,
 ) -> Effect {
     let per = factor.map_or(Dimension::NUMBER, Readable::dimension);
-    let parameter = |&(target, tolerance): &(Target, Option<f64>)| EffectParameter {
-        name: target.name().to_owned(),
-        components: if target.is_vector() { 3 } else { 1 },
-        dimension: target.dimension().divide(per).unwrap_or_default(),
-        nominal: 0.0,
-        tolerance,
-        search: None,
-        optional: false,
-    };
-    let amount = |index: usize, component: usize| {
-        let parameter = Formula::Parameter(index, component);
-        let times = |factor| {
-            let factor = Box::new(Formula::Read(factor));
-            Formula::Binary(
-                BinaryOperator::Multiply,
-                Box::new(parameter.clone()),
-                factor,
-            )
+    let (mut parameters, mut terms) = (Vec::new(), Vec::new());
+    for (index, &(target, tolerance)) in targets.iter().enumerate() {
+        let dimension = target.dimension().divide(per).unwrap_or_default();
+        parameters.push(EffectParameter {
+            components: if target.is_vector() { 3 } else { 1 },
+            tolerance,
+            ..EffectParameter::amplitude(target.name(), dimension)
+        });
+        let amount = |component| match factor {
+            Some(factor) => Formula::Parameter(index, component) * Formula::Read(factor),
+            None => Formula::Parameter(index, component),
         };
-        factor.map_or_else(|| parameter.clone(), times)
-    };
-    let term = |(index, &(target, _)): (usize, &(Target, Option<f64>))| Term {
-        target,
-        formula: if target.is_vector() {
-            Formula::Vector(Box::new([0, 1, 2].map(|k| amount(index, k))))
+        let formula = if target.is_vector() {
+            Formula::Vector(Box::new([0, 1, 2].map(amount)))
         } else {
-            amount(index, 0)
-        },
-    };
+            amount(0)
+        };
+        terms.push(Term { target, formula });
+    }
     Effect {
         name: name.to_owned(),
         docs: vec![],
         subject,
-        parameters: targets.iter().map(parameter).collect(),
-        terms: targets.iter().enumerate().map(term).collect(),
+        parameters,
+        terms,
     }
 }
 

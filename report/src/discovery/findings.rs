@@ -1,16 +1,18 @@
 //! Findings of discovery, in plain sentences.
 
-use tau::discovery::results::{FoundEffect, LeftOut, Unnamed};
+use tau::discovery::results::{
+    FoundEffect, LeftOut, Model, Motion, Place, Quantity, Readable, Reason, Target, Unnamed,
+};
 use tau::discovery::{Discovery, Status};
 
-use super::words::{self, Words, capital, probability};
+use super::words::{self, capital, part, probability};
 use super::{at, chance, listed, readable};
 use crate::figures::typographic;
 use crate::number::{fixed, general, largest};
 
 /// The verdict.
 pub(crate) fn verdict(found: &Discovery) -> String {
-    let base = format!("the model {}", Words::of(found).variant(&found.base));
+    let base = format!("the model {}", words::variant(&found.model, &found.base));
     let count = found.effects.len();
     let errors = match count {
         1 => "one error".to_owned(),
@@ -108,16 +110,19 @@ pub(crate) fn is_base(found: &Discovery) -> bool {
 }
 
 /// Name and place of an effect.
-pub(crate) fn headline(words: &Words, effect: &FoundEffect) -> String {
-    let FoundEffect { name, place, .. } = effect;
-    format!("{} – {}", words.title(name), words.place(name, place))
+pub(crate) fn headline(model: &Model, effect: &FoundEffect) -> String {
+    format!(
+        "{} – {}",
+        words::title(model, &effect.name),
+        part(&effect.place)
+    )
 }
 
 /// Size, consequence and certainty of one effect, a sentence or two each.
-pub(crate) fn effect(words: &Words, effect: &FoundEffect) -> Vec<String> {
-    let mut sentences: Vec<String> = words.more(&effect.name).into_iter().collect();
-    sentences.extend(words.amplitudes(effect));
-    let sizes = words::parameters(&words.sizes(effect));
+pub(crate) fn effect(model: &Model, effect: &FoundEffect) -> Vec<String> {
+    let mut sentences: Vec<String> = words::more(model, &effect.name).into_iter().collect();
+    sentences.extend(effect.waves.iter().map(words::wave));
+    let sizes = words::parameters(&words::sizes(effect));
     if !sizes.is_empty() {
         sentences.push(sizes);
     }
@@ -140,14 +145,14 @@ pub(crate) fn rivals(effect: &FoundEffect) -> Vec<String> {
         .rivals
         .iter()
         .map(|rival| {
-            let by = rival.separate_by.trim_end_matches('.');
-            let decide = match by.strip_prefix("nothing") {
-                _ if by.is_empty() => String::new(),
-                Some(rest) => format!(" Nothing{rest}."),
-                None => format!(" To decide: {by}."),
+            let by = &rival.separate_by;
+            let decide = if by.decides() {
+                format!("To decide: {by}")
+            } else {
+                capital(&by.to_string())
             };
             format!(
-                "{} could be {} instead (cosine of the two signals {}).{decide}",
+                "{} could be {} instead (cosine of the two signals {}). {decide}.",
                 at(&effect.name, &effect.place),
                 at(&rival.name, &rival.place),
                 typographic(&fixed(rival.cosine, 2))
@@ -166,13 +171,12 @@ pub(crate) fn rivals(effect: &FoundEffect) -> Vec<String> {
 
 /// Values of the searched parameter that fit as well, with their units.
 pub(crate) fn aliases(effect: &FoundEffect) -> Option<String> {
-    let estimate = effect.parameters.get(effect.searched.as_ref()?);
-    let unit = estimate.map_or("", |estimate| estimate.unit.as_str());
+    let estimate = effect.parameters.get(effect.searched.as_ref()?)?;
     let values: Vec<String> = effect
         .aliases
         .iter()
         .map(|value| {
-            let (factor, unit) = readable(unit, *value);
+            let (factor, unit) = readable(estimate.unit, *value);
             let value = typographic(&general(factor * value, 4));
             format!("{value} {unit}").trim_end().to_owned()
         })
@@ -289,16 +293,18 @@ fn serial(found: &Discovery) -> Option<String> {
 }
 
 /// Unnamed structure, one entry for each track that follows its points and for everything else.
-pub(crate) fn unnamed(words: &Words, found: &Discovery) -> Vec<String> {
-    let is_of = |track: &str, structure: &&Unnamed| {
-        structure.place == track && structure.against == "q" && bend(&structure.direction).is_some()
+pub(crate) fn unnamed(found: &Discovery) -> Vec<String> {
+    let is_of = |track: &Place, structure: &&Unnamed| {
+        structure.place == *track
+            && structure.against.readable == Readable::Command
+            && bend(structure.direction).is_some()
     };
     let tracks = found.piecewise_tracks.iter().map(|track| {
         let bends: Vec<String> = found
             .unnamed
             .iter()
             .filter(|structure| is_of(&track.place, structure))
-            .map(|structure| format!("{} {}", bend(&structure.direction).unwrap_or(""), extent(structure)))
+            .map(|structure| format!("{} {}", bend(structure.direction).unwrap_or(""), extent(structure)))
             .collect();
         let bends = if bends.is_empty() {
             "does not run straight".to_owned()
@@ -323,8 +329,8 @@ pub(crate) fn unnamed(words: &Words, found: &Discovery) -> Vec<String> {
     let others = others.map(|structure| {
         format!(
             "{} {} {}. No effect of the catalogue explains it, and it is not in the model.",
-            capital(&words.part(&structure.place)),
-            movement(&structure.direction),
+            capital(&part(&structure.place)),
+            movement(structure.direction),
             extent(structure)
         )
     });
@@ -338,21 +344,15 @@ fn extent(structure: &Unnamed) -> String {
         structure.curve.iter().filter(finite)
     };
     let most = curve().max_by(|a, b| a[1].abs().total_cmp(&b[1].abs()));
-    let unit = unnamed_unit(structure);
-    let Unnamed { against, .. } = structure;
+    let unit = structure.direction.unit();
+    let Quantity {
+        name, unit: of_at, ..
+    } = &structure.against;
     let place = most.map_or_else(
-        || format!("as a function of {against}"),
+        || format!("as a function of {name}"),
         |[at, _]| {
-            let range = largest(curve().map(|point| point[0]));
-            let (factor, name) = match super::unit_of(against) {
-                // One unit along a track, whatever the place.
-                "m" => (1.0, "m".to_owned()),
-                unit => readable(unit, range),
-            };
-            let at = typographic(&general(factor * at, 2));
-            format!("near {against} = {at} {name}")
-                .trim_end()
-                .to_owned()
+            let at = typographic(&general(*at, 2));
+            format!("near {name} = {at} {of_at}").trim_end().to_owned()
         },
     );
     let most = general(1e6 * largest(curve().map(|point| point[1])), 2);
@@ -361,34 +361,28 @@ fn extent(structure: &Unnamed) -> String {
 }
 
 /// Verb for a track that leaves a straight line with even scale.
-fn bend(direction: &str) -> Option<&'static str> {
+fn bend(direction: Motion) -> Option<&'static str> {
     match direction {
-        "along" => Some("runs unevenly along itself"),
-        "horizontal" => Some("bends sideways"),
-        "vertical" => Some("bends up and down"),
+        Motion::Target(Target::Along, _) => Some("runs unevenly along itself"),
+        Motion::Target(Target::Horizontal, _) => Some("bends sideways"),
+        Motion::Target(Target::Vertical, _) => Some("bends up and down"),
         _ => None,
     }
 }
 
 /// Verb for a part of the machine that moves in a direction.
-fn movement(direction: &str) -> String {
+fn movement(direction: Motion) -> String {
     match direction {
-        "along" => "moves along its track".to_owned(),
-        "horizontal" => "moves sideways".to_owned(),
-        "vertical" => "moves up and down".to_owned(),
-        "length" => "changes its length".to_owned(),
-        "in one stretch" => "lies off in one stretch of its track".to_owned(),
-        turn @ ("roll" | "pitch" | "yaw") => format!("turns in {turn}"),
-        other => format!("moves in {other}"),
+        Motion::Target(Target::Along, _) => "moves along its track".to_owned(),
+        Motion::Target(Target::Horizontal, _) => "moves sideways".to_owned(),
+        Motion::Target(Target::Vertical, _) => "moves up and down".to_owned(),
+        Motion::Target(Target::Length, _) => "changes its length".to_owned(),
+        Motion::InOneStretch => "lies off in one stretch of its track".to_owned(),
+        Motion::Target(Target::Roll | Target::Pitch | Target::Yaw, _) => {
+            format!("turns in {direction}")
+        }
+        Motion::Target(..) => format!("moves in {direction}"),
     }
-}
-
-/// Micrometres, or microradians where it is a rotation.
-pub(crate) fn unnamed_unit(structure: &Unnamed) -> &'static str {
-    let is_rotation = ["roll", "pitch", "yaw", "rotation"]
-        .iter()
-        .any(|turn| structure.direction.contains(turn));
-    if is_rotation { "µrad" } else { "µm" }
 }
 
 /// Outliers, set by set.
@@ -416,11 +410,11 @@ pub(crate) fn outliers(left_out: &[LeftOut]) -> Option<String> {
 }
 
 /// Names of effects, each with its places.
-type Places<'a> = Vec<(&'a str, Vec<&'a str>)>;
+type Places<'a> = Vec<(&'a str, Vec<String>)>;
 
 /// Effects that could not be seen with their places, those with one reason together.
 pub(crate) fn unseen(found: &Discovery) -> Vec<(String, String)> {
-    let mut reasons: Vec<(&str, Places<'_>)> = Vec::new();
+    let mut reasons: Vec<(String, Places<'_>)> = Vec::new();
     for unseen in &found.cannot_see {
         let why = reason(&unseen.why);
         let index = reasons.iter().position(|group| group.0 == why);
@@ -430,8 +424,8 @@ pub(crate) fn unseen(found: &Discovery) -> Vec<(String, String)> {
         });
         let effects = &mut reasons[index].1;
         match effects.iter_mut().find(|group| group.0 == unseen.name) {
-            Some((_, places)) => places.push(&unseen.place),
-            None => effects.push((&unseen.name, vec![&unseen.place])),
+            Some((_, places)) => places.push(unseen.place.to_string()),
+            None => effects.push((&unseen.name, vec![unseen.place.to_string()])),
         }
     }
     reasons
@@ -439,19 +433,20 @@ pub(crate) fn unseen(found: &Discovery) -> Vec<(String, String)> {
         .map(|(why, effects)| {
             let effects: Vec<String> = effects
                 .into_iter()
-                .map(|(name, places)| at(name, &places.join(", ")))
+                .map(|(name, places)| format!("{name}({})", places.join(", ")))
                 .collect();
-            (listed(&effects), why.to_owned())
+            (listed(&effects), why)
         })
         .collect()
 }
 
 /// A reason; the base absorbs all of a signal or all but less than a percent.
-fn reason(why: &str) -> &str {
-    if why.starts_with("the base absorbs") {
-        "the base absorbs all but at most 1 % of the signal"
-    } else {
-        why
+fn reason(why: &Reason) -> String {
+    match why {
+        Reason::Absorbed | Reason::MostlyAbsorbed(_) => {
+            "the base absorbs all but at most 1 % of the signal".to_owned()
+        }
+        other => other.to_string(),
     }
 }
 

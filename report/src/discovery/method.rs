@@ -5,7 +5,7 @@ use tau::discovery::Discovery;
 use tau::measurements::PoseCounts;
 use tau::study::results::Study;
 
-use super::words::Words;
+use super::words;
 use crate::findings;
 use crate::number::general;
 
@@ -42,7 +42,7 @@ pub(crate) fn obtained(found: &Discovery, setting: &Setting) -> Markup {
         ol.steps {
             li {
                 b { "Fit. " }
-                (Words::of(found).variant(base)) " is fitted to all sets that there are at once: set 1 through the closure of its links, \
+                (words::variant(&found.model, base)) " is fitted to all sets that there are at once: set 1 through the closure of its links, \
                  sets 2 and 3 through the motion of the carts, with the frames of the tracker and the places of the \
                  targets unknown and the tolerances of the robot file as priors. Table I of a study fits set 1 alone, so \
                  that the error of " (base) " there is another one (here " (general(found.validation.before.mean_um, 3))

@@ -8,26 +8,42 @@ pub(super) mod tables;
 mod tests;
 pub(super) mod words;
 
+use tau::discovery::results::{Dimension, Place, Quantity};
+
 use super::number::general;
 
-/// Factor and name of the unit in which a quantity in this SI unit and of this size reads best.
-pub(super) fn readable(unit: &str, size: f64) -> (f64, String) {
-    let (above, below) = match unit.find('/') {
-        Some(slash) => unit.split_at(slash),
-        None => (unit, ""),
-    };
+/// Factor and name of the unit in which a quantity of this dimension and size reads best.
+pub(super) fn readable(dimension: Dimension, size: f64) -> (f64, String) {
+    let (above, below) = dimension.si_fraction();
     let size = size.abs();
-    let (factor, name) = match above {
+    let (factor, name) = match above.as_str() {
         "m" if size < 1e-7 => (1e9, "nm"),
         "m" if size < 1e-3 => (1e6, "µm"),
         "m" if size < 1.0 => (1e3, "mm"),
         "rad" if size < 1e-3 => (1e6, "µrad"),
         "rad" if size < 1.0 => (1e3, "mrad"),
-        "1" | "" if size < 1e-3 => (1e6, "ppm"),
+        "1" if size < 1e-3 => (1e6, "ppm"),
         "1" if below.is_empty() => (1.0, ""),
-        _ => (1.0, above),
+        above => (1.0, above),
     };
     (factor, format!("{name}{below}"))
+}
+
+/// The same for a quantity that effects follow.
+pub(super) fn readable_at(quantity: &Quantity, size: f64) -> (f64, String) {
+    match quantity.readable.dimension() {
+        Dimension::LENGTH => readable(Dimension::LENGTH, size),
+        _ => (1.0, quantity.unit.clone()),
+    }
+}
+
+/// A quantity with its unit, for an axis.
+pub(super) fn labelled(Quantity { name, unit, .. }: &Quantity) -> String {
+    if unit.is_empty() {
+        name.clone()
+    } else {
+        format!("{name} ({unit})")
+    }
 }
 
 /// A chance in few digits; the smallest ones have none that mean anything.
@@ -37,19 +53,6 @@ fn chance(p_value: f64) -> String {
         format!("<{SMALLEST:e}")
     } else {
         general(p_value, 2)
-    }
-}
-
-/// The unit of a quantity that an effect may follow.
-pub(super) fn unit_of(quantity: &str) -> &'static str {
-    match quantity {
-        "q" | "x" | "y" | "z" | "length" => "m",
-        "time" => "s",
-        "temperature" => "°C",
-        "tension" => "N",
-        _ if quantity.starts_with("q(") => "m",
-        _ if quantity.starts_with("load_") => "N",
-        _ => "",
     }
 }
 
@@ -64,6 +67,6 @@ fn listed(names: &[impl AsRef<str>]) -> String {
 }
 
 /// An effect with its place, as the language writes it.
-pub(super) fn at(name: &str, place: &str) -> String {
+pub(super) fn at(name: &str, place: &Place) -> String {
     format!("{name}({place})")
 }

@@ -4,7 +4,6 @@ use maud::{Markup, html};
 use tau::discovery::Discovery;
 
 use super::method::{self, Setting};
-use super::words::Words;
 use super::{at, findings, tables};
 use crate::elements::{figure, table};
 use crate::figures::Figure;
@@ -32,7 +31,7 @@ pub(crate) fn keys(found: &Discovery) -> Markup {
 
 /// Number of errors found, with and without a name.
 fn count(found: &Discovery) -> String {
-    let unnamed = findings::unnamed(&Words::of(found), found).len();
+    let unnamed = findings::unnamed(found).len();
     match (found.effects.len(), unnamed) {
         (0, 0) => "none".to_owned(),
         (named, 0) => named.to_string(),
@@ -43,12 +42,11 @@ fn count(found: &Discovery) -> String {
 
 /// The verdict, what was found in a few words, and what that brings: for a summary.
 pub(crate) fn summary(found: &Discovery) -> Markup {
-    let words = Words::of(found);
     let names: Vec<String> = found
         .effects
         .iter()
-        .map(|effect| findings::headline(&words, effect))
-        .chain(findings::unnamed(&words, found))
+        .map(|effect| findings::headline(&found.model, effect))
+        .chain(findings::unnamed(found))
         .collect();
     html! {
         p { (findings::verdict(found)) }
@@ -66,8 +64,7 @@ pub(crate) fn sentences(found: &Discovery) -> Markup {
         .flat_map(findings::rivals)
         .chain(findings::undisputed(found))
         .collect();
-    let words = Words::of(found);
-    let unnamed = findings::unnamed(&words, found);
+    let unnamed = findings::unnamed(found);
     html! {
         p { (findings::verdict(found)) }
         p { (findings::gap(found)) }
@@ -76,9 +73,9 @@ pub(crate) fn sentences(found: &Discovery) -> Markup {
             ol.found {
                 @for effect in &found.effects {
                     li {
-                        b { (findings::headline(&words, effect)) } " "
+                        b { (findings::headline(&found.model, effect)) } " "
                         code { (at(&effect.name, &effect.place)) }
-                        @for sentence in findings::effect(&words, effect) { div { (sentence) } }
+                        @for sentence in findings::effect(&found.model, effect) { div { (sentence) } }
                     }
                 }
                 @for structure in &unnamed { li { b { "Without a name" } div { (structure) } } }

@@ -2,9 +2,9 @@
 
 use tau::discovery::Discovery;
 use tau::discovery::results::Verdict;
-use tau::discovery::results::{FoundEffect, SerialCorrelation};
+use tau::discovery::results::{SerialCorrelation, UsedEffect};
 
-use super::words::Words;
+use super::words::sizes;
 use super::{at, chance, readable};
 use crate::number::{fixed, general, shared_decimals};
 use crate::tables::{Cell, Table, columns, number, text};
@@ -14,38 +14,34 @@ const EXCESS: f64 = 0.05;
 
 /// Labels of the steps: the base first, then the effects that came and went.
 pub(crate) fn labels(found: &Discovery) -> Vec<String> {
-    let mut before: Vec<&str> = vec![&found.base];
+    let (mut base, mut before): (&str, &[UsedEffect]) = (&found.base, &[]);
     found
         .steps
         .iter()
         .enumerate()
         .map(|(index, step)| {
-            let sum = step
-                .model
-                .split_once('=')
-                .map_or(step.model.as_str(), |(_, sum)| sum);
-            let terms: Vec<&str> = sum.trim().trim_end_matches(';').split(" + ").collect();
-            let is_extended = |term: &str| {
-                let extended =
-                    |other: &&str| other.split_once(" with ").map(|own| own.0) == Some(term);
-                terms.iter().any(extended)
-            };
-            // The base stands first; where it gives way to another, that is one change.
-            let base = (terms[0] != before[0]).then(|| format!("{} for {}", terms[0], before[0]));
-            let came = terms[1..].iter().filter(|term| !before.contains(term));
-            let mut changes: Vec<String> = base.into_iter().collect();
-            changes.extend(came.map(|term| match term.split_once(" with ") {
-                Some((effect, optional)) if before.contains(&effect) => {
-                    format!("+ {optional} of {effect}")
+            let model = &step.model;
+            let same = |a: &UsedEffect, b: &UsedEffect| (&a.name, &a.place) == (&b.name, &b.place);
+            // Where the base gives way to another, that is one change.
+            let other_base = (model.base != base).then(|| format!("{} for {base}", model.base));
+            let mut changes: Vec<String> = other_base.into_iter().collect();
+            let came = model.effects.iter().filter(|own| !before.contains(own));
+            changes.extend(came.map(|own| {
+                match before
+                    .iter()
+                    .find(|known| same(known, own) && known.with.is_empty())
+                {
+                    Some(known) => format!("+ {} of {known}", own.with.join(", ")),
+                    None => format!("+ {own}"),
                 }
-                _ => format!("+ {term}"),
             }));
-            let went = before[1..].iter().filter(|term| !terms.contains(term));
-            changes.extend(
-                went.filter(|term| !is_extended(term))
-                    .map(|term| format!("− {term}")),
-            );
-            before = terms;
+            let went = before.iter().filter(|own| {
+                let stays =
+                    |other: &UsedEffect| other == *own || own.with.is_empty() && same(other, own);
+                !model.effects.iter().any(stays)
+            });
+            changes.extend(went.map(|own| format!("− {own}")));
+            (base, before) = (&model.base, &model.effects);
             match changes.is_empty() {
                 true if index == 0 => found.base.clone(),
                 true => "refitted".to_owned(),
@@ -57,11 +53,8 @@ pub(crate) fn labels(found: &Discovery) -> Vec<String> {
 
 /// The variant beside which effects were scored: the base, or what its structure gave way to.
 pub(crate) fn scored(found: &Discovery) -> &str {
-    let is_structural = |effect: &&FoundEffect| effect.name == "full_arm";
-    let changes = found.piecewise_tracks.len() + found.effects.iter().filter(is_structural).count();
-    let model = found.steps.get(changes).map(|step| step.model.as_str());
-    let sum = model.and_then(|model| model.split_once('=')?.1.split(['+', ';']).next());
-    sum.map_or(&found.base, str::trim)
+    let last = found.steps.last();
+    last.map_or(&found.base, |step| &step.model.base)
 }
 
 /// The gap after each step, and the noise floor.
@@ -70,14 +63,14 @@ pub(crate) fn steps(found: &Discovery) -> Table {
         found
             .steps
             .iter()
-            .flat_map(|step| [step.mean_um, step.max_um, step.rms_um])
+            .flat_map(|step| [step.gap.mean_um, step.gap.max_um, step.gap.rms_um])
     };
     let decimals = shared_decimals(errors());
     let mut rows: Vec<Vec<Cell>> = labels(found)
         .iter()
         .zip(&found.steps)
         .map(|(label, step)| {
-            let errors = [step.mean_um, step.max_um, step.rms_um];
+            let errors = [step.gap.mean_um, step.gap.max_um, step.gap.rms_um];
             let errors = errors.map(|error| number(error, decimals));
             std::iter::once(text(label)).chain(errors).collect()
         })
@@ -101,9 +94,8 @@ pub(crate) fn steps(found: &Discovery) -> Table {
 
 /// Parameters of the effects that were found.
 pub(crate) fn effects(found: &Discovery) -> Option<Table> {
-    let words = Words::of(found);
     let rows = found.effects.iter().flat_map(|effect| {
-        let sizes = words.sizes(effect).into_iter().enumerate();
+        let sizes = sizes(effect).into_iter().enumerate();
         let rows: Vec<Vec<Cell>> = sizes
             .map(|(index, size)| {
                 let first = index == 0;
@@ -168,11 +160,7 @@ pub(crate) fn misfit(found: &Discovery) -> Option<Table> {
                 } else {
                     Cell::Empty
                 },
-                text(if misfit.unit == "urad" {
-                    "µrad"
-                } else {
-                    "µm"
-                }),
+                Cell::Text(misfit.unit.to_string()),
                 Cell::Number(chance(misfit.p_value)),
             ]
         })
@@ -284,7 +272,7 @@ pub(crate) fn detectable(found: &Discovery) -> Option<Table> {
         .detectable
         .iter()
         .map(|detectable| {
-            let (factor, unit) = readable(&detectable.unit, detectable.amplitude);
+            let (factor, unit) = readable(detectable.unit, detectable.amplitude);
             vec![
                 text(&at(&detectable.name, &detectable.place)),
                 text(&detectable.parameter),
@@ -324,14 +312,14 @@ pub(crate) fn considered(found: &Discovery) -> Option<Table> {
         .map(|candidate| {
             let verdict = match candidate.verdict {
                 Verdict::Found if candidate.p_value > too_weak => {
-                    "found once others were in the model"
+                    "found once others were in the model".to_owned()
                 }
-                verdict => verdict.words(),
+                verdict => verdict.to_string(),
             };
             vec![
                 text(&at(&candidate.name, &candidate.place)),
                 Cell::Number(chance(candidate.p_value)),
-                text(verdict),
+                Cell::Text(verdict),
             ]
         })
         .collect();

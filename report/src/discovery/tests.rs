@@ -1,13 +1,15 @@
 use roxmltree::Document;
 use tau::discovery::results::{
-    Ambiguous, Bin, Discovery, Estimate, Evidence, FoundEffect, Gap, LeftOut, NoiseScale, Pattern,
-    PiecewiseTrack, Rival, SerialCorrelation, Spectrum, Status, Step, Unnamed, Unseen, Validation,
-    Whiteness,
+    Ambiguous, Bin, Derived, Dimension, Discovery, Estimate, Evidence, FoundEffect, Gap, LeftOut,
+    Micro, Motion, NoiseScale, Pattern, PiecewiseTrack, Place, Quantity, Readable, Reason, Rival,
+    Separation, SerialCorrelation, Spectrum, Status, Step, Target, Treatment, Unnamed, Unseen,
+    UsedEffect, Validation, Wave, Whiteness,
 };
 use tau::measurements::PoseCounts;
+use tau_codegen::language::check_text;
 
 use super::method::Setting;
-use super::words::Words;
+use super::words::{part, title, variant};
 use super::{chance, findings, readable, tables};
 use crate::{figures, html, json, terminal};
 
@@ -19,18 +21,35 @@ fn gap(mean_um: f64) -> Gap {
     }
 }
 
-fn step(model: &str, mean_um: f64) -> Step {
-    let Gap {
-        mean_um,
-        max_um,
-        rms_um,
-    } = gap(mean_um);
-    Step {
-        model: format!("variant Discovered = {model};"),
-        mean_um,
-        max_um,
-        rms_um,
+fn cart(name: &str) -> Place {
+    Place::Cart(name.to_owned())
+}
+
+fn link(name: &str) -> Place {
+    Place::Link(name.to_owned())
+}
+
+fn quantity(readable: Readable, name: &str, unit: &str) -> Quantity {
+    Quantity {
+        readable,
+        name: name.to_owned(),
+        unit: unit.to_owned(),
     }
+}
+
+/// A base with effects: name, cart, optional parameters.
+fn step(base: &str, effects: &[(&str, &str, &[&str])], mean_um: f64) -> Step {
+    let used = |(name, place, with): &(&str, &str, &[&str])| UsedEffect {
+        name: (*name).to_owned(),
+        place: cart(place),
+        with: with.iter().map(|name| (*name).to_owned()).collect(),
+    };
+    let model = Derived {
+        base: base.to_owned(),
+        effects: effects.iter().map(used).collect(),
+    };
+    let gap = gap(mean_um);
+    Step { model, gap }
 }
 
 fn serial(lag1: f64, p_value: f64) -> SerialCorrelation {
@@ -46,13 +65,12 @@ fn serial(lag1: f64, p_value: f64) -> SerialCorrelation {
 fn evidence() -> Evidence {
     Evidence {
         name: "backlash".to_owned(),
-        place: "one".to_owned(),
+        place: cart("one"),
         residuals: vec![Pattern {
-            place: "one".to_owned(),
-            target: "along".to_owned(),
-            unit: "um",
-            against: "direction".to_owned(),
-            against_unit: "",
+            place: cart("one"),
+            target: Motion::Target(Target::Along, 0),
+            unit: Micro::Metre,
+            against: quantity(Readable::Direction, "direction", ""),
             period: None,
             bins: [-1.0, 1.0]
                 .map(|at| Bin {
@@ -67,7 +85,7 @@ fn evidence() -> Evidence {
         }],
         spectrum: Some(Spectrum {
             parameter: "gap".to_owned(),
-            unit: "m".to_owned(),
+            unit: Dimension::LENGTH,
             threshold: 25.0,
             points: vec![[4e-5, 900.0, 3.0]],
             curve: vec![[1e-4, 2.0, 1.0], [4e-5, 900.0, 3.0], [2e-5, 4.0, 4.0]],
@@ -80,12 +98,14 @@ fn found() -> Discovery {
     let estimate = Estimate {
         value: 4.123e-5,
         sigma: 1.3e-6,
-        unit: "m".to_owned(),
+        unit: Dimension::LENGTH,
+        index: 0,
+        tolerance: None,
     };
     let unseen = |place: &str| Unseen {
         name: "link_thermal".to_owned(),
-        place: place.to_owned(),
-        why: "the column <temperature_c> is missing".to_owned(),
+        place: link(place),
+        why: Reason::Lacks("the column <temperature_c> is missing"),
     };
     Discovery {
         base: "Full".to_owned(),
@@ -102,19 +122,24 @@ fn found() -> Discovery {
         noise: vec![],
         effects: vec![FoundEffect {
             name: "backlash".to_owned(),
-            place: "one".to_owned(),
+            place: cart("one"),
             parameters: [("gap".to_owned(), estimate)].into(),
             p_value: 0.0,
             chi2_drop: 812.0,
             heldout_drop_um: 75.0,
             rivals: vec![Rival {
                 name: "positioning_error".to_owned(),
-                place: "one".to_owned(),
+                place: cart("one"),
                 cosine: 0.93,
-                separate_by: "approach the same poses from both sides".to_owned(),
+                separate_by: Separation::Repeat {
+                    poses: vec![3, 14],
+                    treatment: Treatment::Reversed,
+                    chi2: [2.0, 40.0, 9.0],
+                },
             }],
             searched: Some("gap".to_owned()),
             aliases: vec![8.4e-5],
+            waves: vec![],
         }],
         piecewise_tracks: vec![],
         considered: vec![],
@@ -122,9 +147,9 @@ fn found() -> Discovery {
         detectable: vec![],
         ambiguous: vec![Ambiguous {
             name: "link_thermal".to_owned(),
-            place: "l1".to_owned(),
+            place: link("l1"),
             with_name: "track_thermal".to_owned(),
-            with_place: "one".to_owned(),
+            with_place: cart("one"),
             kappa: 0.995,
             kappa_reverse: 0.7,
         }],
@@ -137,9 +162,9 @@ fn found() -> Discovery {
         }),
         evidence: vec![evidence()],
         unnamed: vec![Unnamed {
-            place: "two".to_owned(),
-            direction: "along".to_owned(),
-            against: "q".to_owned(),
+            place: cart("two"),
+            direction: Motion::Target(Target::Along, 0),
+            against: quantity(Readable::Command, "q", "m"),
             rms_um: 12.0,
             curve: vec![[-0.5, 1e-5], [0.0, -1e-5], [0.5, f64::NAN]],
         }],
@@ -157,12 +182,13 @@ fn found() -> Discovery {
             },
         ],
         steps: vec![
-            step("Full", 100.0),
-            step("Full + straightness(two)", 60.0),
-            step("Full + backlash(one)", 25.0),
-            step("Full + backlash(one)", 24.0),
+            step("Full", &[], 100.0),
+            step("Full", &[("straightness", "two", &[])], 60.0),
+            step("Full", &[("backlash", "one", &[])], 25.0),
+            step("Full", &[("backlash", "one", &[])], 24.0),
         ],
-        model_text: "/// Slack <of> the drive.\neffect backlash on cart { }".to_owned(),
+        model_text: MACHINE.to_owned(),
+        model: check_text(MACHINE).unwrap(),
         remarks: vec!["set 2 & set 3 disagree".to_owned()],
         seconds: 0.5,
     }
@@ -190,6 +216,8 @@ pub robot Machine {
     variant Full { arm full; tracks linear per link; }
     variant Bent { arm full; tracks linear per link; track two piecewise per link; }
 
+    /// Slack <of> the drive.
+    effect backlash on cart { param gap: length; along += gap * direction; }
     /// Hum of the drive. It grows with age.
     effect hum on cart from source {
         param in_phase, out_of_phase: length tol 50 um;
@@ -208,50 +236,66 @@ pub robot Machine {
 
 #[test]
 fn effects_of_a_user_are_told_in_words() {
-    let estimate = |value: f64, sigma: f64, unit: &str| Estimate {
+    let estimate = |value: f64, sigma: f64, unit: Dimension, tolerance: f64| Estimate {
         value,
         sigma,
-        unit: unit.to_owned(),
+        unit,
+        index: 0,
+        tolerance: Some(tolerance),
     };
-    let mut found = found();
-    MACHINE.clone_into(&mut found.model_text);
+    let found = found();
+    let parameters = [
+        ("in_phase", estimate(-3e-5, 1e-6, Dimension::LENGTH, 5e-5)),
+        (
+            "out_of_phase",
+            estimate(4e-5, 1e-6, Dimension::LENGTH, 5e-5),
+        ),
+        ("lean", estimate(1e-5, 3e-4, Dimension::ANGLE, 1e-4)),
+        ("twist", estimate(1.5e-3, 1e-4, Dimension::ANGLE, 1e-3)),
+        ("pitch", estimate(0.05, 1e-4, Dimension::LENGTH, 1.0)),
+    ];
+    let parameters = parameters.into_iter().enumerate();
     let effect = FoundEffect {
         name: "hum".to_owned(),
-        place: "two,one".to_owned(),
-        parameters: [
-            ("in_phase", estimate(-3e-5, 1e-6, "m")),
-            ("out_of_phase", estimate(4e-5, 1e-6, "m")),
-            ("pitch", estimate(0.05, 1e-4, "m")),
-            ("lean", estimate(1e-5, 3e-4, "rad")),
-            ("twist", estimate(1.5e-3, 1e-4, "rad")),
-        ]
-        .map(|(name, estimate)| (name.to_owned(), estimate))
-        .into(),
+        place: Place::CartFrom("two".to_owned(), "one".to_owned()),
+        parameters: parameters
+            .map(|(index, (name, estimate))| (name.to_owned(), Estimate { index, ..estimate }))
+            .collect(),
         searched: Some("pitch".to_owned()),
+        waves: vec![Wave {
+            target: Motion::Target(Target::Along, 0),
+            parameters: ["out_of_phase", "in_phase"].map(str::to_owned),
+            amplitude: 5e-5,
+            sigma: 1e-6,
+            unit: Dimension::LENGTH,
+            against: quantity(Readable::SourceCommand, "q(source)", "m"),
+            period: 0.05,
+            peak: 0.0176,
+        }],
         ..found.effects[0].clone()
     };
-    let words = Words::of(&found);
+    let model = &found.model;
     assert_eq!(
-        findings::headline(&words, &effect),
+        findings::headline(model, &effect),
         "Hum of the drive – cart two, from cart one"
     );
-    let told = findings::effect(&words, &effect);
+    let told = findings::effect(model, &effect);
     assert_eq!(
         told[..3],
         [
             "It grows with age.",
-            "It swings by ±50.0 µm (σ about 1.0 µm) along the track, once every 50.00 mm of q(source), and is highest \
+            "It swings by ±50.0 µm (σ 1.0 µm) along the track, once every 50.00 mm of q(source), and is highest \
              near q(source) = 18 mm.",
             "in_phase = −30.0 ± 1.0 µm, out_of_phase = 40.0 ± 1.0 µm, twist = 1.50 ± 0.10 mrad, pitch = 50.00 ± 0.10 \
              mm. Not determined by the data (σ above the tolerance): lean.",
         ]
     );
-    assert_eq!(words.title("own_stretch"), "Own stretch");
-    assert_eq!(words.place("own_stretch", "all"), "all links");
-    assert_eq!(words.place("own_stretch", "l2a"), "link l2a");
-    assert_eq!(words.variant("Full"), "Full (all links, straight tracks)");
+    assert_eq!(title(model, "own_stretch"), "Own stretch");
+    assert_eq!(part(&Place::AllLinks), "all links");
+    assert_eq!(part(&link("l2a")), "link l2a");
+    assert_eq!(variant(model, "Full"), "Full (all links, straight tracks)");
     assert_eq!(
-        words.variant("Bent"),
+        variant(model, "Bent"),
         "Bent (all links, track two through measured points, the rest straight)"
     );
 }
@@ -261,15 +305,15 @@ fn a_track_that_follows_its_points_is_an_error_of_the_machine() {
     let mut found = found();
     found.effects.clear();
     found.status = Status::UnnamedStructure;
-    found.steps = ["Full", "Bent"].map(|model| step(model, 1.0)).to_vec();
-    found.unnamed[0].direction = "horizontal".to_owned();
+    found.steps = ["Full", "Bent"].map(|base| step(base, &[], 1.0)).into();
+    found.unnamed[0].direction = Motion::Target(Target::Horizontal, 0);
     found.piecewise_tracks = vec![PiecewiseTrack {
-        place: "two".to_owned(),
+        place: cart("two"),
         p_value: 0.0,
         chi2_drop: 90.0,
         heldout_drop_um: 10.0,
     }];
-    let told = findings::unnamed(&Words::of(&found), &found);
+    let told = findings::unnamed(&found);
     assert_eq!(told.len(), 1);
     assert!(
         told[0].starts_with("Track two bends sideways by up to 10 µm near q = "),
@@ -293,16 +337,23 @@ fn noise_beyond_the_stated_one_is_no_structure() {
 
 #[test]
 fn units_fit_the_size() {
-    let shown = |unit: &str, value: f64| {
-        let (factor, name) = readable(unit, value);
+    let shown = |dimension: Dimension, value: f64| {
+        let (factor, name) = readable(dimension, value);
         (format!("{:.3}", factor * value), name)
     };
-    assert_eq!(shown("m", -4.1e-5), ("-41.000".into(), "µm".into()));
-    assert_eq!(shown("m", 0.0133), ("13.300".into(), "mm".into()));
-    assert_eq!(shown("m/N", 1.2e-6), ("1.200".into(), "µm/N".into()));
-    assert_eq!(shown("rad", 2e-5), ("20.000".into(), "µrad".into()));
-    assert_eq!(shown("1/K", 1.2e-5), ("12.000".into(), "ppm/K".into()));
-    assert_eq!(shown("s", 3.0), ("3.000".into(), "s".into()));
+    let per = |above: Dimension, below| above.divide(below).unwrap();
+    let compliance = per(Dimension::LENGTH, Dimension::FORCE);
+    let expansion = per(Dimension::NUMBER, Dimension::TEMPERATURE);
+    for (dimension, value, expected, unit) in [
+        (Dimension::LENGTH, -4.1e-5, "-41.000", "µm"),
+        (Dimension::LENGTH, 0.0133, "13.300", "mm"),
+        (compliance, 1.2e-6, "1.200", "µm/N"),
+        (Dimension::ANGLE, 2e-5, "20.000", "µrad"),
+        (expansion, 1.2e-5, "12.000", "ppm/K"),
+        (Dimension::TIME, 3.0, "3.000", "s"),
+    ] {
+        assert_eq!(shown(dimension, value), (expected.into(), unit.into()));
+    }
     assert_eq!(chance(0.0), "<1e-99");
     assert_eq!(chance(0.005), "0.0050");
 }
@@ -317,14 +368,12 @@ fn steps_are_named_by_what_they_change() {
     ];
     assert_eq!(tables::labels(&found()), expected);
     let mut extended = found();
-    extended.steps = [
-        "Full",
-        "Full + rack_pitch(two)",
-        "Full + rack_pitch(two) with a, b",
-        "Full",
-    ]
-    .map(|model| step(model, 1.0))
-    .to_vec();
+    extended.steps = vec![
+        step("Full", &[], 1.0),
+        step("Full", &[("rack_pitch", "two", &[])], 1.0),
+        step("Full", &[("rack_pitch", "two", &["a", "b"])], 1.0),
+        step("Full", &[], 1.0),
+    ];
     let expected = [
         "Full",
         "+ rack_pitch(two)",
@@ -332,9 +381,11 @@ fn steps_are_named_by_what_they_change() {
         "− rack_pitch(two) with a, b",
     ];
     assert_eq!(tables::labels(&extended), expected);
-    extended.steps = ["Full", "BestPerLink", "BestPerLink + backlash(one)"]
-        .map(|model| step(model, 1.0))
-        .to_vec();
+    extended.steps = vec![
+        step("Full", &[], 1.0),
+        step("BestPerLink", &[], 1.0),
+        step("BestPerLink", &[("backlash", "one", &[])], 1.0),
+    ];
     let expected = ["Full", "BestPerLink for Full", "+ backlash(one)"];
     assert_eq!(tables::labels(&extended), expected);
 }
@@ -347,9 +398,9 @@ fn the_terminal_tells_everything_in_a_hundred_columns() {
         "gap = 41.2 ± 1.3 µm",
         "lowers the mean error at the tool by 75 µm",
         "positioning_error(one) instead",
-        "approach the same poses from both sides",
+        "To decide: poses 3, 14 once more, approached from the other side: they raise",
         "What is wrong with the machine",
-        "Without a name: Two moves along its track by up to 10 µm near q = 0 m (12 µm rms). No effect",
+        "Without a name: Cart two moves along its track by up to 10 µm near q = 0 m (12 µm rms). No effect",
         "link_thermal(l1, l2a): the column",
         "probability below 10⁻⁹⁹.",
         "can hardly tell link_thermal(l1) from track_thermal(one)",
@@ -374,9 +425,9 @@ fn a_verdict_claims_no_more_than_was_found() {
     let mut found = found();
     assert!(findings::verdict(&found).contains("is left that has none"));
     found.status = Status::Explained;
-    assert!(
-        findings::verdict(&found).contains("shows one error that the model Full does not contain")
-    );
+    let missing =
+        "shows one error that the model Full (all links, straight tracks) does not contain";
+    assert!(findings::verdict(&found).contains(missing));
     found.effects.clear();
     found.status = Status::NothingMissing;
     assert!(findings::verdict(&found).contains("nothing significant is missing"));

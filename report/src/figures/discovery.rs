@@ -5,8 +5,8 @@ use tau::discovery::Discovery;
 use super::axis::Axis;
 use super::chart::{self, Grid, Show, series};
 use super::{Figure, bars, evidence};
-use crate::discovery::words::Words;
-use crate::discovery::{findings, tables, unit_of};
+use crate::discovery::words::part;
+use crate::discovery::{labelled, tables};
 
 /// All figures of a discovery.
 pub fn discovery(found: &Discovery) -> Vec<Figure> {
@@ -25,7 +25,7 @@ pub fn gap_by_step(found: &Discovery) -> Option<Figure> {
     }
     let title = "Position error by step";
     let subtitle = "Mean and largest error at the validation poses; the line marks the mean of the stated noise alone";
-    let errors = steps.iter().map(|step| [step.mean_um, step.max_um]);
+    let errors = steps.iter().map(|step| [step.gap.mean_um, step.gap.max_um]);
     let rows: Vec<_> = tables::labels(found).into_iter().zip(errors).collect();
     let svg = bars::draw((title, subtitle), &rows, Some(found.noise_floor_um));
     Some(Figure {
@@ -49,7 +49,6 @@ pub fn unnamed_structure(found: &Discovery) -> Option<Figure> {
     if found.unnamed.is_empty() {
         return None;
     }
-    let words = Words::of(found);
     let title = "Structure without a name";
     let subtitle =
         "Its size at each sample or measured point, against the quantity that it follows best";
@@ -64,16 +63,12 @@ pub fn unnamed_structure(found: &Discovery) -> Option<Figure> {
     let svg = chart::draw(title, subtitle, grid.height(), |sheet| {
         for (row, structure) in found.unnamed.iter().enumerate() {
             let points = || structure.curve.iter().map(|[x, y]| (*x, 1e6 * y));
-            let against = match unit_of(&structure.against) {
-                "" => structure.against.clone(),
-                unit => format!("{} ({unit})", structure.against),
-            };
+            let against = labelled(&structure.against);
             let x = Axis::linear(&against, points().map(|point| point.0), 8.0);
-            let unit = findings::unnamed_unit(structure);
-            let label = format!("{} ({unit})", structure.direction);
+            let label = format!("{} ({})", structure.direction, structure.direction.unit());
             let y = Axis::symmetric(&label, points().map(|point| point.1), 4.0);
             let panel = sheet.panel(grid.cell(row, 0), &x, &y, Show::BOTH);
-            panel.title(&words.part(&structure.place));
+            panel.title(&part(&structure.place));
             panel.marks(points(), series(0), 2.2);
         }
     });

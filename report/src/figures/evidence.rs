@@ -1,15 +1,15 @@
 //! Evidence in the residuals for each effect that was found.
 
 use tau::discovery::Discovery;
-use tau::discovery::results::{Evidence, FoundEffect, Pattern, Spectrum};
+use tau::discovery::results::{Dimension, Evidence, FoundEffect, Pattern, Readable, Spectrum};
 
 use super::Figure;
 use super::axis::{Axis, typographic};
 use super::chart::{
     self, ACCENT, Anchor, Grid, Marker, PALE, Panel, Rect, STRONG, Show, Style, WIDTH,
 };
-use crate::discovery::words::Words;
-use crate::discovery::{at, readable};
+use crate::discovery::words::part;
+use crate::discovery::{at, labelled, readable, readable_at};
 use crate::number::general;
 
 const POINTS: Style = Style {
@@ -23,7 +23,6 @@ const MEANS: Style = Style {
 
 /// The figures of each effect, in the order in which the effects were found.
 pub fn evidence(found: &Discovery) -> Vec<Figure> {
-    let words = Words::of(found);
     found
         .evidence
         .iter()
@@ -37,14 +36,14 @@ pub fn evidence(found: &Discovery) -> Vec<Figure> {
                 let effect = found.effects.iter().find(of)?;
                 self::spectrum(index, effect, evidence.spectrum.as_ref()?)
             };
-            [residuals(&words, index, evidence), spectrum()]
+            [residuals(index, evidence), spectrum()]
         })
         .flatten()
         .collect()
 }
 
 /// Residuals of the samples without and with an effect, with their means.
-fn residuals(words: &Words, index: usize, evidence: &Evidence) -> Option<Figure> {
+fn residuals(index: usize, evidence: &Evidence) -> Option<Figure> {
     let patterns = &evidence.residuals;
     if patterns.is_empty() {
         return None;
@@ -72,16 +71,8 @@ fn residuals(words: &Words, index: usize, evidence: &Evidence) -> Option<Figure>
                     .chain(bins().flat_map(|bin| {
                         [bin.before, bin.after].map(|mean| mean.abs() + 2.0 * bin.sigma)
                     }));
-            let unit = if pattern.unit == "urad" {
-                "µrad"
-            } else {
-                "µm"
-            };
-            let label = format!(
-                "{}, {} ({unit})",
-                words.part(&pattern.place),
-                pattern.target
-            );
+            let Pattern { target, unit, .. } = pattern;
+            let label = format!("{}, {target} ({unit})", part(&pattern.place));
             let y = Axis::symmetric(&label, reach, 4.0);
             for (column, name) in ["without it in the model", "with it"].iter().enumerate() {
                 let show = Show {
@@ -135,7 +126,7 @@ fn two_values(evidence: &Evidence) -> &'static str {
 fn covariate_factor(pattern: &Pattern) -> f64 {
     pattern
         .period
-        .map_or(1.0, |period| readable(pattern.against_unit, period).0)
+        .map_or(1.0, |period| readable_at(&pattern.against, period).0)
 }
 
 /// The axis of the quantity that an effect depends on.
@@ -149,17 +140,16 @@ fn covariate(pattern: &Pattern) -> Axis {
         .map(|value| factor * value);
     let name = match pattern.period {
         Some(period) => {
-            let (factor, unit) = readable(pattern.against_unit, period);
+            let (factor, unit) = readable_at(&pattern.against, period);
             format!(
                 "{} within a period of {} {unit} ({unit})",
-                pattern.against,
+                pattern.against.name,
                 general(factor * period, 4)
             )
         }
-        None if pattern.against_unit.is_empty() => pattern.against.clone(),
-        None => format!("{} ({})", pattern.against, pattern.against_unit),
+        None => labelled(&pattern.against),
     };
-    if pattern.against == "direction" {
+    if pattern.against.readable == Readable::Direction {
         let sides = [(-1.0, "\u{2212}1".to_owned()), (1.0, "+1".to_owned())];
         return Axis {
             range: (-1.5, 1.5),
@@ -197,7 +187,7 @@ fn spectrum(index: usize, effect: &FoundEffect, spectrum: &Spectrum) -> Option<F
             ],
             58.0,
         );
-        let x = reciprocal(&spectrum.parameter, &spectrum.unit, low, high);
+        let x = reciprocal(&spectrum.parameter, spectrum.unit, low, high);
         let scores = curve
             .iter()
             .flat_map(|point| [point[1], point[2], spectrum.threshold]);
@@ -245,7 +235,7 @@ fn mark(panel: &Panel<'_, '_>, curve: &[[f64; 3]], spectrum: &Spectrum, value: f
     else {
         return;
     };
-    let (factor, unit) = readable(&spectrum.unit, value);
+    let (factor, unit) = readable(spectrum.unit, value);
     let text = format!("{prefix}{} {unit}", general(factor * value, 4));
     // Beside the peak, on the side with more room.
     let middle = 0.5 * (curve[0][0].recip() + curve[curve.len() - 1][0].recip());
@@ -263,7 +253,7 @@ fn mark(panel: &Panel<'_, '_>, curve: &[[f64; 3]], spectrum: &Spectrum, value: f
 }
 
 /// An axis even in one over a quantity, with ticks at round values of the quantity.
-fn reciprocal(name: &str, unit: &str, low: f64, high: f64) -> Axis {
+fn reciprocal(name: &str, unit: Dimension, low: f64, high: f64) -> Axis {
     let (factor, shown) = readable(unit, low);
     let mut ticks: Vec<(f64, String)> = Vec::new();
     let room = 0.045 * (low.recip() - high.recip());
@@ -300,7 +290,7 @@ mod tests {
 
     #[test]
     fn an_axis_of_reciprocals_has_round_ticks_in_order_and_apart() {
-        let axis = reciprocal("period", "m", 0.004, 0.05);
+        let axis = reciprocal("period", Dimension::LENGTH, 0.004, 0.05);
         let labels: Vec<&str> = axis.ticks.iter().map(|tick| tick.1.as_str()).collect();
         assert_eq!(labels.first(), Some(&"50"));
         assert!(

@@ -74,8 +74,7 @@ impl<R> Session<R> {
     /// # Errors
     /// As [`Self::calibrate`].
     pub fn state_found(&self, found: &Outcome) -> Result<Calibrated, Error> {
-        let robot = found.robot()?;
-        let calibration = found.calibration(&robot, &self.robot_file, &self.folder)?;
+        let calibration = found.calibration(&found.robot(), &self.robot_file, &self.folder)?;
         Ok(Calibrated::<Described>::new(calibration))
     }
 

@@ -1,0 +1,344 @@
+//! Parts of results that read as words: each displays, and serialises, as the text that it stands for.
+
+use std::fmt;
+
+use serde::{Serialize, Serializer};
+use tau_codegen::language::model;
+
+use super::{Dimension, Model, Readable, Target, Treatment, Verdict};
+use crate::separation::{MIN_SEPARATION_GAIN, POSES};
+use crate::text::DISCOVERED;
+
+/// Place of an effect, of structure or of a motion, by names of the description. It displays as `one`, `two,one`, `all`
+/// or `tcp`; several places as a list.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Place {
+    /// The cart of a track.
+    Cart(String),
+    /// A cart that moves, and the one whose command it follows.
+    CartFrom(String, String),
+    /// One link.
+    Link(String),
+    /// The links of a cluster, which a reduced arm takes for one.
+    Cluster(String),
+    /// All carts in common.
+    AllCarts,
+    /// All links in common.
+    AllLinks,
+    /// The TCP as measured.
+    Tcp,
+    /// What a command drives, counted from 1, where that has no name.
+    Command(usize),
+    /// Several places, each with amplitudes of its own.
+    Several(Vec<Self>),
+}
+
+impl Place {
+    /// The place of an effect of a model.
+    pub(crate) fn of(model: &Model, place: model::Place) -> Self {
+        let track = |track: usize| model.tracks[track].name.clone();
+        match place {
+            model::Place::Cart {
+                track: moved,
+                source: Some(source),
+            } => Self::CartFrom(track(moved), track(source)),
+            model::Place::Cart { track: moved, .. } => Self::Cart(track(moved)),
+            model::Place::AllCarts => Self::AllCarts,
+            model::Place::Link(link) => Self::Link(model.links[link].name.clone()),
+            model::Place::AllLinks => Self::AllLinks,
+            model::Place::Tcp => Self::Tcp,
+        }
+    }
+}
+
+impl fmt::Display for Place {
+    /// The alternate form (`{:#}`) is that of a description, with a space behind each comma.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Cart(name) | Self::Link(name) | Self::Cluster(name) => f.write_str(name),
+            Self::CartFrom(moved, source) if f.alternate() => write!(f, "{moved}, {source}"),
+            Self::CartFrom(moved, source) => write!(f, "{moved},{source}"),
+            Self::AllCarts | Self::AllLinks => f.write_str("all"),
+            Self::Tcp => f.write_str("tcp"),
+            Self::Command(number) => write!(f, "command {number}"),
+            Self::Several(places) => {
+                let places: Vec<String> = places.iter().map(Self::to_string).collect();
+                f.write_str(&places.join(", "))
+            }
+        }
+    }
+}
+
+/// A motion of a cart, a link or the measured TCP.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Motion {
+    /// What effects add to: the target, and its component where it is a vector.
+    Target(Target, usize),
+    /// Off in one stretch of a track.
+    InOneStretch,
+}
+
+impl Motion {
+    /// Unit of its size.
+    pub fn unit(self) -> Micro {
+        match self {
+            Self::Target(Target::Roll | Target::Pitch | Target::Yaw, _) => Micro::Radian,
+            _ => Micro::Metre,
+        }
+    }
+}
+
+impl fmt::Display for Motion {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Target(target @ (Target::Joint | Target::Position), component) => {
+                let axis = ["x", "y", "z"][(*component).min(2)];
+                write!(f, "{} {axis}", target.name())
+            }
+            Self::Target(target, _) => f.write_str(target.name()),
+            Self::InOneStretch => f.write_str("in one stretch"),
+        }
+    }
+}
+
+/// Millionths of an SI unit; in JSON `um` or `urad`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub enum Micro {
+    /// Micrometres.
+    #[serde(rename = "um")]
+    Metre,
+    /// Microradians.
+    #[serde(rename = "urad")]
+    Radian,
+}
+
+impl fmt::Display for Micro {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Metre => "µm",
+            Self::Radian => "µrad",
+        })
+    }
+}
+
+/// A quantity that something is shown against.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Quantity {
+    /// Its meaning in the language.
+    #[serde(skip)]
+    pub readable: Readable,
+    /// As a formula writes it: `q`, `q(two)`, `time`, …
+    #[serde(rename = "against")]
+    pub name: String,
+    /// Its unit: `m`, `s`, `°C`, `N`, or nothing.
+    #[serde(rename = "against_unit")]
+    pub unit: String,
+}
+
+impl Quantity {
+    pub(crate) fn of(readable: Readable, model: &Model) -> Self {
+        Self {
+            readable,
+            name: readable.written(&model.tracks),
+            unit: match readable.dimension() {
+                Dimension::NUMBER => String::new(),
+                Dimension::TEMPERATURE => "°C".to_owned(),
+                dimension => dimension.si_unit(),
+            },
+        }
+    }
+}
+
+/// Reason why an effect can't be seen.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Reason {
+    /// The effect or the measurements lack something, in words.
+    Lacks(&'static str),
+    /// A quantity that it reads never changes.
+    Constant(Readable),
+    /// The base absorbs it.
+    Absorbed,
+    /// The base absorbs this share of its signal.
+    MostlyAbsorbed(f64),
+    /// It would be seen from an amplitude of a parameter on (SI, with its dimension) that is not plausible.
+    Implausible(String, f64, Dimension),
+}
+
+impl fmt::Display for Reason {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Lacks(what) => f.write_str(what),
+            Self::Constant(readable) => {
+                let what = match readable {
+                    Readable::Temperature => "temperature",
+                    Readable::Time => "time",
+                    _ => "side of approach",
+                };
+                write!(f, "the {what} never changes")
+            }
+            Self::Absorbed => f.write_str("the base absorbs it"),
+            Self::MostlyAbsorbed(share) => {
+                write!(f, "the base absorbs {:.2} % of it", 100.0 * share)
+            }
+            Self::Implausible(parameter, amplitude, unit) => write!(
+                f,
+                "it would be seen from {parameter} = {amplitude:.1e} {} on, beyond what is plausible",
+                unit.si_unit()
+            ),
+        }
+    }
+}
+
+/// Ways to repeat a measurement, in words.
+pub(crate) const TREATMENTS: [(Treatment, &str); 6] = [
+    (Treatment::Same, "under the same conditions"),
+    (Treatment::Load(3.0), "with three times the payload"),
+    (Treatment::Load(0.0), "without payload"),
+    (Treatment::Warmer(5.0), "5 K warmer"),
+    (Treatment::Reversed, "approached from the other side"),
+    (Treatment::Later(3600.0), "an hour later"),
+];
+
+/// The measurement that would tell an effect from its rival. Separations are the χ² that is left of the effect's signal
+/// once base and rival have been fitted to it.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Separation {
+    /// Set 1 shows both or neither.
+    NotInSet1,
+    /// The poses of set 1 that tell most where they are measured once more.
+    Repeat {
+        /// Their numbers, ascending.
+        poses: Vec<u32>,
+        /// The conditions.
+        treatment: Treatment,
+        /// Separation of what was measured, with these poses, and from which on they are enough.
+        chi2: [f64; 3],
+    },
+}
+
+impl Separation {
+    /// True if the measurement would decide.
+    pub fn decides(&self) -> bool {
+        let Self::Repeat { chi2, .. } = self else {
+            return false;
+        };
+        let [present, raised, needed] = *chi2;
+        raised >= needed && raised >= MIN_SEPARATION_GAIN * present
+    }
+}
+
+impl fmt::Display for Separation {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self::Repeat {
+            poses,
+            treatment,
+            chi2: [present, raised, needed],
+        } = self
+        else {
+            return f.write_str("no measurement of set 1 shows the one without the other");
+        };
+        if !self.decides() {
+            return write!(
+                f,
+                "nothing on this machine can: {POSES} further poses would raise the separation from χ² = {present:.1} to \
+                 {raised:.1} at most, {needed:.1} are needed"
+            );
+        }
+        let poses: Vec<String> = poses.iter().map(u32::to_string).collect();
+        let known = TREATMENTS.iter().find(|known| known.0 == *treatment);
+        write!(
+            f,
+            "poses {} once more, {}: they raise the separation from χ² = {present:.1} to {raised:.1}",
+            poses.join(", "),
+            known.map_or("", |known| known.1)
+        )
+    }
+}
+
+impl fmt::Display for Verdict {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Found => "found",
+            Self::Rival => "could be meant instead",
+            Self::NotSignificant => "not significant",
+            Self::NotConfirmed => "not confirmed",
+            Self::NotTheBest => "not the best explanation",
+            Self::Explained => "explained by what was found",
+            Self::WithoutName => "in the model, without a name",
+        })
+    }
+}
+
+/// An effect in a variant. It displays as the description writes it: `rack_pitch(two) with sine2, cosine2`.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct UsedEffect {
+    /// Name in the catalogue.
+    pub name: String,
+    /// Its place.
+    pub place: Place,
+    /// Optional parameters that it takes.
+    pub with: Vec<String>,
+}
+
+impl UsedEffect {
+    /// As a model uses it.
+    pub(crate) fn of(model: &Model, used: &model::EffectUse) -> Self {
+        let effect = &model.effects[used.effect];
+        let names = used.with.iter().map(|&k| effect.parameters[k].name.clone());
+        Self {
+            name: effect.name.clone(),
+            place: Place::of(model, used.place),
+            with: names.collect(),
+        }
+    }
+}
+
+impl fmt::Display for UsedEffect {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { name, place, with } = self;
+        write!(f, "{name}({place:#})")?;
+        match with.as_slice() {
+            [] => Ok(()),
+            with => write!(f, " with {}", with.join(", ")),
+        }
+    }
+}
+
+/// A variant as another one with effects. It displays as the line that derives what was found.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Derived {
+    /// Name of the other variant.
+    pub base: String,
+    /// The effects that it has besides.
+    pub effects: Vec<UsedEffect>,
+}
+
+impl Derived {
+    /// The line of the description that derives it, as a variant of a name.
+    pub(crate) fn line(&self, name: &str) -> String {
+        let effects = self.effects.iter().map(|effect| format!(" + {effect}"));
+        format!(
+            "variant {name} = {}{};",
+            self.base,
+            effects.collect::<String>()
+        )
+    }
+}
+
+impl fmt::Display for Derived {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.line(DISCOVERED))
+    }
+}
+
+macro_rules! serialize_as_displayed {
+    ($($name:ty),*) => {$(
+        impl Serialize for $name {
+            fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+                serializer.collect_str(self)
+            }
+        }
+    )*};
+}
+
+serialize_as_displayed!(Place, Motion, Reason, Separation, Verdict, Derived);
