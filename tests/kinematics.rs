@@ -27,6 +27,7 @@ fn file_of(robot: &Robot) -> RobotFile {
         },
         payload: None,
         range_m: None,
+        reference: None,
         links: BTreeMap::default(),
         clusters: BTreeMap::default(),
         tracks: BTreeMap::default(),

@@ -386,12 +386,13 @@ pub(super) enum Kinematics {
 
 /// Compute the pose of the plate at given commands
 ///
-/// Several poses can belong to the same commands: the arm can be assembled in several ways. Each pose is
-/// the one reached from a start: the pose in the same row of the CSV; without it the row before, for the
-/// first row --start; without it the nearest measured pose of the folder; without a folder the way of
-/// assembly that holds the plate most firmly, with a note. Where the pose is singular the command fails
-/// and says how the plate is free to move; where there are more links than hold the plate and they differ
-/// from their lengths by more than a millimetre at best, it fails, too.
+/// Several poses can belong to the same commands: the arm can be assembled in several ways. `[reference]` of
+/// the robot file, or of the description, says in which, and is followed to the commands asked for; without
+/// it the nearest measured pose of the folder; without a folder the command fails and says how to give it.
+/// A pose in the same row of the CSV counts before it, then the row before, for the first row --start.
+/// Where the pose is singular the command fails and says how the plate is free to move; where there are more
+/// links than hold the plate and they differ from their lengths by more than a millimetre at best, it fails,
+/// too.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -429,8 +430,8 @@ pub(super) struct Forward {
 ///
 /// Where the orientation follows from the position, as on the Gantry-Tau, angles only choose between
 /// the ways of assembling the arm, and the orientation that results is printed; a reduced arm ignores
-/// them. Without angles, the row before decides, for the first row the nearest measured pose of the
-/// folder, without a folder the way of assembly that holds the plate most firmly.
+/// them. Without angles, the way from the row before decides, for the first row from `[reference]` of the
+/// robot file or of the description, without it from the nearest measured pose of the folder.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:

@@ -3,7 +3,7 @@
 use proptest::prelude::*;
 use tau::input_error::InputError;
 use tau::measurements::{Folder, Split, Texts};
-use tau::robot_file::{LinkValues, Noise, Payload, RobotFile, Value};
+use tau::robot_file::{LinkValues, Noise, Payload, Reference, RobotFile, Value};
 
 use super::{CART_POSES, CART_POSITIONS, OnDisk, ROBOT, SHAPE, TCP_POSES, pair};
 
@@ -59,33 +59,48 @@ fn robot_file() -> impl Strategy<Value = RobotFile> {
     let noise = (1e-9..1.0_f64, 1e-9..1.0_f64);
     let payload = prop::option::of((0.0..1e3_f64, prop::array::uniform3(-9.0..9.0_f64)));
     let range = prop::option::of((-9.0..0.0_f64, 0.0..9.0_f64));
+    let reference = prop::option::of((
+        prop::collection::vec(-9.0..9.0_f64, 0..9),
+        prop::array::uniform3(-9.0..9.0_f64),
+        prop::array::uniform3(-3.0..3.0_f64),
+    ))
+    .prop_map(|stated| {
+        stated.map(|(commands_m, position_m, orientation_rad)| Reference {
+            commands_m,
+            position_m,
+            orientation_rad,
+        })
+    });
     (
         any::<String>(),
         noise,
         payload,
-        range,
+        (range, reference),
         section(),
         section(),
         section(),
         effects,
     )
         .prop_map(
-            |(robot, noise, payload, range_m, links, clusters, tracks, effects)| RobotFile {
-                robot,
-                noise: Noise {
-                    position_m: noise.0,
-                    rotation_rad: noise.1,
-                },
-                payload: payload.map(|(mass_kg, centre_m)| Payload {
-                    mass_kg,
-                    centre_m,
-                    gravity_m_s2: centre_m,
-                }),
-                range_m,
-                links,
-                clusters,
-                tracks,
-                effects,
+            |(robot, noise, payload, (range_m, reference), links, clusters, tracks, effects)| {
+                RobotFile {
+                    robot,
+                    noise: Noise {
+                        position_m: noise.0,
+                        rotation_rad: noise.1,
+                    },
+                    payload: payload.map(|(mass_kg, centre_m)| Payload {
+                        mass_kg,
+                        centre_m,
+                        gravity_m_s2: centre_m,
+                    }),
+                    range_m,
+                    reference,
+                    links,
+                    clusters,
+                    tracks,
+                    effects,
+                }
             },
         )
 }

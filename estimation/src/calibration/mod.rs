@@ -133,6 +133,7 @@ impl Prepared {
         let surroundings = Surroundings {
             paths: paths(robot, variant, folder, registration.as_ref())?,
             statics: Statics::new(robot, file),
+            reference: file.reference.clone(),
         };
         let machine = Machine {
             robot: robot.clone(),
@@ -268,13 +269,16 @@ pub(crate) fn finish(
     let name = |place: usize| estimates[place].name.clone();
     Ok(Calibration {
         links: output::links(&machine, prepared.registration.as_ref(), poses)?,
-        file: output::file(
-            &machine,
-            &estimates,
-            &fitted.used,
-            file,
-            prepared.registration.as_ref(),
-        ),
+        file: RobotFile {
+            reference: output::reference(&machine, poses).or_else(|| file.reference.clone()),
+            ..output::file(
+                &machine,
+                &estimates,
+                &fitted.used,
+                file,
+                prepared.registration.as_ref(),
+            )
+        },
         correlations: correlations(&fitted.covariance)
             .into_iter()
             .map(|(a, b, value)| (name(a), name(b), value))

@@ -42,6 +42,15 @@ impl RobotFile {
             writeln!(out, "\n[range]  # of the commands that set 2 covers")?;
             writeln!(out, "q_m = {:?}", [low, high])?;
         }
+        if let Some(reference) = &self.reference {
+            writeln!(
+                out,
+                "\n[reference]  # where the machine stands at these commands: how the arm is assembled; ZYZ angles"
+            )?;
+            writeln!(out, "commands_m = {:?}", reference.commands_m)?;
+            writeln!(out, "position_m = {:?}", reference.position_m)?;
+            writeln!(out, "orientation_rad = {:?}", reference.orientation_rad)?;
+        }
         for (section, entries) in [
             ("links", &self.links),
             ("clusters", &self.clusters),
