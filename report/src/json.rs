@@ -10,7 +10,7 @@ use tau::discovery::Discovery;
 use tau::evaluation::Evaluation;
 use tau::evaluation::{PoseError, VariantResult};
 use tau::measurements::PoseCounts;
-use tau::sensitivity::{LinkSensitivity, ParameterSensitivity, Sensitivity};
+use tau::sensitivity::{LinkSensitivity, ParameterSensitivity, Sensitivity, Turn};
 use tau::study::results::Study;
 
 /// The result of `tau study`.
@@ -196,6 +196,10 @@ pub fn sensitivity(sensitivity: &Sensitivity) -> Value {
         "variant": sensitivity.variant,
         "poses": sensitivity.poses,
         "step": sensitivity.step,
+        "orientation_as": match sensitivity.turn {
+            Turn::EulerAngles => "zyz_angles",
+            Turn::RotationVector => "rotation_vector",
+        },
         "position_mm": table(|parameter| parameter.position_mm),
         "orientation_rad": table(|parameter| parameter.orientation_rad),
         "cost_m4": table(|parameter| parameter.cost_m4),

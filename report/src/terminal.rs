@@ -143,9 +143,9 @@ fn position_and_orientation(
         "Position error at {poses} validation poses: mean {mean} µm, largest {max} µm, rms {rms} µm."
     );
     let orientation = orientation_rad.map_or_else(String::new, |angles| {
-        let [alpha, beta, gamma] = angles.map(|angle| general(1e3 * angle, 3));
+        let [x, y, z] = angles.map(|angle| general(1e3 * angle, 3));
         let sentence =
-            format!("Largest orientation error: {alpha}, {beta} and {gamma} mrad in α, β and γ.");
+            format!("Largest orientation error: {x}, {y} and {z} mrad about x, y and z.");
         wrap(&sentence, "")
     });
     wrap(&position, "") + &orientation
@@ -166,6 +166,9 @@ pub fn sensitivity(sensitivity: &Sensitivity) -> String {
         ),
         "",
     );
+    if let Some(remark) = findings::turn(sensitivity) {
+        text += &wrap(remark, "");
+    }
     printable(&text)
 }
 

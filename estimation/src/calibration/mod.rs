@@ -407,7 +407,7 @@ fn paths(
 }
 
 /// Mean of the measured rotations: the rotation nearest to the mean of their matrices.
-fn mean_rotation(folder: &Folder, poses: &[usize]) -> Option<Rotation3<f64>> {
+pub(crate) fn mean_rotation(folder: &Folder, poses: &[usize]) -> Option<Rotation3<f64>> {
     if poses.is_empty() {
         return None;
     }
