@@ -28,6 +28,8 @@ fn file_of(robot: &Robot) -> RobotFile {
         payload: None,
         range_m: None,
         reference: None,
+        calibration: None,
+        paths: BTreeMap::default(),
         links: BTreeMap::default(),
         clusters: BTreeMap::default(),
         tracks: BTreeMap::default(),

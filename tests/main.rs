@@ -21,6 +21,7 @@ mod generated_discovery;
 mod hand_written;
 mod kinematics;
 mod reference;
+mod robot_files;
 mod sensitivity;
 mod session;
 mod simulation;

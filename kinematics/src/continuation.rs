@@ -139,7 +139,7 @@ impl Machine {
         loop {
             let rest = 1.0 - done;
             let share = (step / rest).min(1.0);
-            match self.step(like, &here, goal.between(&here, share), unknowns) {
+            match self.step(like, &here, &goal.between(&here, share), unknowns) {
                 Ok(next) => {
                     here = next;
                     if share >= 1.0 {
@@ -162,13 +162,13 @@ impl Machine {
         &self,
         like: &Sample<'_>,
         here: &Standing,
-        next: Standing,
+        next: &Standing,
         unknowns: &[usize],
     ) -> Result<Standing, Error> {
         let too_long = Error::Way { share: 0.0 };
         let closures = self.closures(&here.sample(like))?;
         let count = closures.jacobian.ncols();
-        let mut driven = here.change_to(&next, count);
+        let mut driven = here.change_to(next, count);
         for &unknown in unknowns {
             driven[unknown] = 0.0;
         }

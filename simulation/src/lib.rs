@@ -313,6 +313,7 @@ impl<'a> Session<'a> {
                 tcp_poses,
                 cart_poses,
                 cart_positions,
+                fingerprint: String::new(),
                 remarks: Vec::new(),
             },
             file: RobotFile {

@@ -3,7 +3,9 @@
 use proptest::prelude::*;
 use tau::input_error::InputError;
 use tau::measurements::{Folder, Split, Texts};
-use tau::robot_file::{LinkValues, Noise, Payload, Reference, RobotFile, Value};
+use tau::robot_file::{
+    LinkValues, MeasuredPath, Noise, Payload, Provenance, Reference, RobotFile, Value,
+};
 
 use super::{CART_POSES, CART_POSITIONS, OnDisk, ROBOT, SHAPE, TCP_POSES, pair};
 
@@ -71,18 +73,76 @@ fn robot_file() -> impl Strategy<Value = RobotFile> {
             orientation_rad,
         })
     });
+    let name = || "[a-z]{1,5}";
+    let span = || (-9.0..0.0_f64, 0.0..9.0_f64).prop_map(|(low, high)| [low, high]);
+    let record = (
+        (
+            any::<String>(),
+            any::<String>(),
+            any::<String>(),
+            any::<String>(),
+            any::<String>(),
+        ),
+        (
+            0..9_usize,
+            prop::collection::vec(span(), 0..4),
+            prop::collection::vec(any::<String>(), 0..3),
+        ),
+        prop::sample::select(vec![
+            Split::Alternate,
+            Split::All,
+            Split::First(7),
+            Split::Fraction {
+                share: 0.3,
+                seed: 5,
+            },
+        ]),
+    )
+        .prop_map(
+            |(texts, (poses, spans, tracker_effects), split)| Provenance {
+                program: texts.0,
+                date: texts.1,
+                variant: texts.2,
+                split,
+                poses,
+                folder: texts.3,
+                description: texts.4,
+                commands_m: spans.clone(),
+                position_m: spans,
+                tracker_effects,
+            },
+        );
+    let path =
+        prop::collection::vec(prop::array::uniform3(-9.0..9.0_f64), 2..5).prop_map(|points_m| {
+            let commands_m = (0..points_m.len()).map(|k| k as f64 / 3.0).collect();
+            MeasuredPath {
+                commands_m,
+                points_m,
+            }
+        });
+    let paths = prop::collection::btree_map(name(), path, 0..3);
+    let stated = (range, reference, prop::option::of(record), paths);
     (
         any::<String>(),
         noise,
         payload,
-        (range, reference),
+        stated,
         section(),
         section(),
         section(),
         effects,
     )
         .prop_map(
-            |(robot, noise, payload, (range_m, reference), links, clusters, tracks, effects)| {
+            |(
+                robot,
+                noise,
+                payload,
+                (range_m, reference, calibration, paths),
+                links,
+                clusters,
+                tracks,
+                effects,
+            )| {
                 RobotFile {
                     robot,
                     noise: Noise {
@@ -96,6 +156,8 @@ fn robot_file() -> impl Strategy<Value = RobotFile> {
                     }),
                     range_m,
                     reference,
+                    calibration,
+                    paths,
                     links,
                     clusters,
                     tracks,

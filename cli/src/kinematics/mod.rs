@@ -10,7 +10,7 @@ use tau::input_error::InputError;
 use tau::kinematics::{self, InverseOptions, Machine, Pose, Reached};
 use tau::measurements::{Folder, Poses, Shape, Split, TcpPose};
 use tau::robot::Arm;
-use tau_robot::input_error::both;
+use tau_robot::input_error::{both, quoted};
 
 use super::calibrate::{csv, number};
 use super::deliver::{Outcome, Target, check_file};
@@ -79,6 +79,8 @@ struct Setup<'a> {
     reference: String,
     /// The known pose from which the first way started.
     known: Option<Known>,
+    /// Effects of the tracker, which kinematics leaves out.
+    left_out: Vec<String>,
     json: Option<Target>,
     out: Option<&'a Path>,
     remarks: Vec<String>,
@@ -108,7 +110,7 @@ impl<'a> Setup<'a> {
             }),
         );
         let variant = robot.find(&with.variant.name, "--variant").cloned();
-        let (((folder, file), variant), (json, ())) =
+        let (((folder, file), mut variant), (json, ())) =
             both(both(both(measurements, file), variant), outputs)?;
 
         let poses = match &folder {
@@ -118,6 +120,9 @@ impl<'a> Setup<'a> {
             }
             None => Vec::new(),
         };
+        // Errors of the tracker are in what it measures, not where the machine stands.
+        let (own, left_out) = robot.of_machine_alone(&variant)?;
+        let asked = std::mem::replace(&mut variant, own);
         let shape = Shape::from(&robot);
         let range_m = folder.as_ref().map_or_else(
             || Folder::default().measured_range(&file, shape),
@@ -140,6 +145,18 @@ impl<'a> Setup<'a> {
             (None, Some(path)) => path.display().to_string(),
             _ => file_name.clone(),
         };
+        let of_tracker = (!left_out.is_empty()).then(|| {
+            format!(
+                "{} of `{}` are errors of the tracker, not of the machine, and are left out",
+                quoted(left_out.iter().map(String::as_str)),
+                variant.name
+            )
+        });
+        let region = file.calibration.as_ref();
+        let range_m = region.map_or(range_m, |region| {
+            let ranges = region.commands_m.iter();
+            ranges.map(|&[low, high]| Some((low, high))).collect()
+        });
         let (folder, measured) =
             folder.map_or_else(Default::default, |folder| (folder.name, folder.tcp_poses));
         Ok(Self {
@@ -150,10 +167,12 @@ impl<'a> Setup<'a> {
             file: file_name,
             reference,
             known: None,
+            left_out,
             json,
             out: with.out.as_deref(),
             remarks: (file.other_robot(&robot).into_iter())
-                .chain(file.unused_effects(&variant))
+                .chain(file.unused_effects(&asked))
+                .chain(of_tracker)
                 .collect(),
         })
     }
@@ -254,7 +273,7 @@ impl<'a> Setup<'a> {
         let is_described = self.reference != self.file;
         let (from, reached) = match at_reference {
             Err(NoReference) => self.measured_near(row).ok_or(NoReference)?,
-            // Where the description's frame is not that of the measurements, they say it better.
+            // Measurements in another frame than the description's say it better.
             Err(error @ Reference { .. }) if is_described => {
                 self.measured_near(row).ok_or(error)?
             }
@@ -394,6 +413,7 @@ impl<'a> Setup<'a> {
             "robot": self.machine.robot.name,
             "variant": self.machine.variant.name,
             "reference": reference,
+            "tracker_effects_left_out": self.left_out,
             "poses": poses,
         });
         let beyond = self.beyond_range(rows, reached);

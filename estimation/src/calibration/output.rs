@@ -94,7 +94,7 @@ pub(super) fn links(
         .collect()
 }
 
-/// Where the machine stands, as the poses show it: at the one whose commands are nearest to the middle of all. To a tenth
+/// Reference that the poses show: the one whose commands are nearest to the middle of all. To a tenth
 /// of a millimetre and of a milliradian, which is far more than it takes to tell the assemblies of an arm apart.
 pub(super) fn reference(machine: &Machine, poses: &[&TcpPose]) -> Option<Reference> {
     let count = poses.len() as f64;

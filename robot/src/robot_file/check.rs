@@ -26,6 +26,7 @@ pub(super) fn names<'r>(
         ("links", "link", &links),
         ("clusters", "cluster", &clusters),
         ("tracks", "track", &tracks),
+        ("paths", "track", &tracks),
     ] {
         for key in keys_of(root, section) {
             let name = key.get_ref().as_ref();

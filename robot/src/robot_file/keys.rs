@@ -69,7 +69,7 @@ pub(crate) fn described_links(robot: &Robot) -> Vec<LinkValues> {
     links.iter().map(of_link).collect()
 }
 
-/// Where the machine stands by the description.
+/// Reference of the description.
 pub fn described_reference(robot: &Robot) -> Option<Reference> {
     let model = language::check_text(&robot.description).ok()?;
     model.reference.map(|reference| Reference {

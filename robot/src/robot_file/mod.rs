@@ -2,6 +2,7 @@
 
 mod check;
 pub mod keys;
+mod provenance;
 mod read;
 mod write;
 
@@ -10,6 +11,7 @@ use std::collections::BTreeMap;
 use crate::input_error::quoted;
 use crate::robot::{Robot, Variant};
 use keys::effect_key;
+pub use provenance::{MeasuredPath, Provenance};
 
 /// Contents of a `robot.toml`.
 #[derive(Debug, Clone, PartialEq)]
@@ -22,8 +24,12 @@ pub struct RobotFile {
     pub payload: Option<Payload>,
     /// Commands that the measurements cover, where stated: lowest and highest (m).
     pub range_m: Option<(f64, f64)>,
-    /// Where the machine stands at some commands, where stated.
+    /// Pose of the machine at some commands, where stated.
     pub reference: Option<Reference>,
+    /// Record of the calibration that wrote the file, if one did.
+    pub calibration: Option<Provenance>,
+    /// `[paths.NAME]`, by name of the track: measured paths that piecewise tracks were calibrated with.
+    pub paths: BTreeMap<String, MeasuredPath>,
     /// `[links.NAME]`, by name.
     pub links: BTreeMap<String, LinkValues>,
     /// `[clusters.NAME]`, by name: calibrated reduced arms.

@@ -52,8 +52,8 @@ impl RobotFile {
 }
 
 /// A text being read.
-struct Document<'a> {
-    mistakes: Mistakes<'a>,
+pub(super) struct Document<'a> {
+    pub(super) mistakes: Mistakes<'a>,
 }
 
 /// Meaning of a value's components.
@@ -106,6 +106,8 @@ impl<'a> Document<'a> {
                 "payload",
                 "range",
                 "reference",
+                "calibration",
+                "paths",
                 "links",
                 "clusters",
                 "tracks",
@@ -129,6 +131,10 @@ impl<'a> Document<'a> {
             payload: self.payload(root),
             range_m: self.range(root),
             reference: self.reference(root),
+            calibration: self.provenance(root),
+            paths: (self.section(root, "paths", Self::measured_path).into_iter())
+                .filter_map(|(track, path)| Some((track, path?)))
+                .collect(),
             links: self.section(root, "links", Self::link_values),
             clusters: self.section(root, "clusters", Self::link_values),
             tracks: self.section(root, "tracks", Self::link_values),
@@ -409,7 +415,10 @@ impl<'a> Document<'a> {
         None
     }
 
-    fn numbers<const N: usize>(&mut self, value: &Spanned<DeValue<'_>>) -> Option<[f64; N]> {
+    pub(super) fn numbers<const N: usize>(
+        &mut self,
+        value: &Spanned<DeValue<'_>>,
+    ) -> Option<[f64; N]> {
         if let DeValue::Array(array) = value.get_ref()
             && array.len() != N
         {
@@ -422,7 +431,11 @@ impl<'a> Document<'a> {
         numbers.try_into().ok()
     }
 
-    fn list(&mut self, value: &Spanned<DeValue<'_>>, expected: &str) -> Option<Vec<f64>> {
+    pub(super) fn list(
+        &mut self,
+        value: &Spanned<DeValue<'_>>,
+        expected: &str,
+    ) -> Option<Vec<f64>> {
         let DeValue::Array(array) = value.get_ref() else {
             self.wrong_type(value.span(), value.get_ref(), expected);
             return None;
@@ -452,7 +465,10 @@ impl<'a> Document<'a> {
         number
     }
 
-    fn table<'t, 'i>(&mut self, value: &'t Spanned<DeValue<'i>>) -> Option<&'t DeTable<'i>> {
+    pub(super) fn table<'t, 'i>(
+        &mut self,
+        value: &'t Spanned<DeValue<'i>>,
+    ) -> Option<&'t DeTable<'i>> {
         match value.get_ref() {
             DeValue::Table(table) => Some(table),
             other => {
@@ -462,7 +478,7 @@ impl<'a> Document<'a> {
         }
     }
 
-    fn required<'t, 'i>(
+    pub(super) fn required<'t, 'i>(
         &mut self,
         table: &'t DeTable<'i>,
         key: &str,
@@ -476,7 +492,7 @@ impl<'a> Document<'a> {
         value
     }
 
-    fn known_keys(&mut self, table: &DeTable<'_>, known: &[&str]) {
+    pub(super) fn known_keys(&mut self, table: &DeTable<'_>, known: &[&str]) {
         for key in table
             .keys()
             .filter(|key| !known.contains(&key.get_ref().as_ref()))
@@ -488,7 +504,7 @@ impl<'a> Document<'a> {
         }
     }
 
-    fn wrong_type(&mut self, place: Range<usize>, found: &DeValue<'_>, expected: &str) {
+    pub(super) fn wrong_type(&mut self, place: Range<usize>, found: &DeValue<'_>, expected: &str) {
         let found = match found {
             DeValue::String(_) => "a string",
             DeValue::Integer(_) | DeValue::Float(_) => "a number",
