@@ -1,5 +1,6 @@
 //! Whole-program, snapshot and property tests, one module a theme.
 
+mod assembly;
 mod bad_input;
 mod blocks;
 mod calibration;
@@ -20,6 +21,7 @@ mod generated_discovery;
 mod hand_written;
 mod kinematics;
 mod reference;
+mod robot_files;
 mod sensitivity;
 mod session;
 mod simulation;

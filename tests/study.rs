@@ -231,10 +231,6 @@ fn orientation_is_compared_with_its_mean_across_whole_turns() {
     for (before, after) in before.iter().zip(&after) {
         assert!((before.deviation_rad[0] - after.deviation_rad[0]).abs() < 1e-12);
     }
-    let mean = before
-        .iter()
-        .map(|point| point.deviation_rad[1])
-        .sum::<f64>()
-        / 176.0;
-    assert!(mean.abs() < 1e-6);
+    let turns = before.iter().map(|point| point.deviation_rad[1]);
+    assert!((turns.sum::<f64>() / 176.0).abs() < 1e-6);
 }

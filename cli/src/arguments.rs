@@ -1,10 +1,11 @@
 //! The command line as typed and as clap reads it; [`super::resolve`] gives it its meaning.
 
 use std::path::{Path, PathBuf};
-use std::str::FromStr;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use clap_complete::Shell;
+
+use super::numbers::{Numbers, Triple, positive};
 
 /// Calibrates parallel robots from a declarative description.
 #[derive(Debug, Parser)]
@@ -128,9 +129,10 @@ pub(super) struct Calibrate {
 
 /// Compare predicted with measured poses
 ///
-/// Predicts the validation poses from their commands with the parameters of --robot, and prints the
-/// errors of position (µm) and orientation (mrad). Give the robot.toml that `tau calibrate` wrote; that of
-/// the folder holds nominal values.
+/// Predicts poses from their commands with the parameters of --robot, and prints the errors of position
+/// (µm) and orientation (mrad, a rotation vector). Give the robot.toml that `tau calibrate` wrote: of the
+/// folder that it was calibrated on it is compared at the poses that took no part, of another folder at all.
+/// That of the folder holds nominal values, which are compared at the validation poses.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -200,11 +202,24 @@ pub(super) struct Discover {
     /// catalogue's, and replace those of the same name
     #[arg(long = "effects", value_name = "F.tau")]
     pub(super) effects: Vec<PathBuf>,
+    /// Poses to which the model that was found is fitted for robot.toml: those that calibrate, which leaves the
+    /// others to judge it, or all
+    #[arg(long, value_enum, value_name = "POSES", default_value = "calibration")]
+    pub(super) refit: Refit,
     /// Folder for the files
     #[arg(long, value_name = "DIR", default_value = "tau-discovery")]
     pub(super) out: PathBuf,
     #[command(flatten)]
     pub(super) json: Json,
+}
+
+/// Poses for a fit.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(super) enum Refit {
+    /// Those that calibrate
+    Calibration,
+    /// All in range
+    All,
 }
 
 /// Simulate a measurement folder of which the truth is known
@@ -386,12 +401,13 @@ pub(super) enum Kinematics {
 
 /// Compute the pose of the plate at given commands
 ///
-/// Several poses can belong to the same commands: the arm can be assembled in several ways. Each pose is
-/// the one reached from a start: the pose in the same row of the CSV; without it the row before, for the
-/// first row --start; without it the nearest measured pose of the folder; without a folder the way of
-/// assembly that holds the plate most firmly, with a note. Where the pose is singular the command fails
-/// and says how the plate is free to move; where there are more links than hold the plate and they differ
-/// from their lengths by more than a millimetre at best, it fails, too.
+/// Several poses can belong to the same commands: the arm can be assembled in several ways. `[reference]` of
+/// the robot file, or of the description, says in which, and is followed to the commands asked for; without
+/// it the nearest measured pose of the folder; without a folder the command fails and says how to give it.
+/// A pose in the same row of the CSV counts before it, then the row before, for the first row --start.
+/// Where the pose is singular the command fails and says how the plate is free to move; where there are more
+/// links than hold the plate and they differ from their lengths by more than a millimetre at best, it fails,
+/// too.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -429,8 +445,8 @@ pub(super) struct Forward {
 ///
 /// Where the orientation follows from the position, as on the Gantry-Tau, angles only choose between
 /// the ways of assembling the arm, and the orientation that results is printed; a reduced arm ignores
-/// them. Without angles, the row before decides, for the first row the nearest measured pose of the
-/// folder, without a folder the way of assembly that holds the plate most firmly.
+/// them. Without angles, the way from the row before decides, for the first row from `[reference]` of the
+/// robot file or of the description, without it from the nearest measured pose of the folder.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -496,7 +512,9 @@ pub(super) struct Input {
     #[command(flatten)]
     pub(super) robot: Robot,
     /// Poses that calibrate, the others validate: alternate, all, first:N, fraction:F or fraction:F:SEED
-    #[arg(long, value_name = "SPLIT", default_value = "alternate")]
+    ///
+    /// [default: alternate]
+    #[arg(long, value_name = "SPLIT")]
     pub(super) split: Option<String>,
     /// Seed of the random choice of --split fraction:F
     #[arg(long, value_name = "SEED")]
@@ -535,51 +553,4 @@ pub(super) struct Json {
     /// Write the results as JSON; `-` prints them, and nothing else, on standard output
     #[arg(long = "json", value_name = "FILE")]
     pub(super) target: Option<PathBuf>,
-}
-
-/// Finite numbers separated by commas.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) struct Numbers(pub(super) Vec<f64>);
-
-impl FromStr for Numbers {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let number = |field: &str| match field.trim().parse::<f64>() {
-            Ok(number) if number.is_finite() => Ok(number),
-            _ => Err(format!(
-                "found `{field}`, expected a number; numbers are separated by commas"
-            )),
-        };
-        text.split(',')
-            .map(number)
-            .collect::<Result<_, _>>()
-            .map(Self)
-    }
-}
-
-/// Three numbers separated by commas.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Triple<T>(pub(super) [T; 3]);
-
-impl<T: FromStr> FromStr for Triple<T> {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let numbers: Option<Vec<T>> = text
-            .split(',')
-            .map(|field| field.trim().parse().ok())
-            .collect();
-        numbers
-            .and_then(|numbers| numbers.try_into().ok())
-            .map(Self)
-            .ok_or_else(|| "expected three numbers separated by commas".to_owned())
-    }
-}
-
-fn positive(text: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(number) if number.is_finite() && number > 0.0 => Ok(number),
-        _ => Err("expected a number above zero".to_owned()),
-    }
 }

@@ -8,6 +8,7 @@ use tau_robot::input_error::both;
 
 use super::deliver::{Outcome, Target, check_folder, pretty, written};
 use super::kept::Kept;
+use super::stamp::stamp;
 use super::{Failure, arguments, resolve};
 
 /// Files of the output folder.
@@ -34,13 +35,17 @@ pub(super) fn run(arguments: &arguments::Calibrate) -> Result<Outcome, Failure> 
     let variant = arguments.variant.name.as_str();
     let (robot, folder) = (&session.robot().name, session.folder());
 
-    let (found, comparison) = if arguments.errors_in_variables {
+    let (mut found, comparison) = if arguments.errors_in_variables {
         let fitted = session.calibrate_with_errors_in_variables(variant)?;
         (fitted.calibration.clone(), Some(fitted))
     } else {
         (session.calibrate(variant)?.into(), None)
     };
+    let calibrated = &poses.division.calibration;
+    found.file.calibration =
+        Some(session.provenance(session.robot(), variant, calibrated, &stamp()));
     let validation = &poses.division.validation;
+    let is_held_out = poses.division.is_disjoint();
     let result = study::result(&found, folder, validation)?;
 
     let mut statistics = report::json::variant(&result);
@@ -48,9 +53,17 @@ pub(super) fn run(arguments: &arguments::Calibrate) -> Result<Outcome, Failure> 
     statistics["robot"] = json!(robot);
     statistics["folder"] = json!(folder.name);
     statistics["poses"] = report::json::poses(poses.counts);
+    statistics["evaluated_on"] = json!(if is_held_out {
+        "held_out"
+    } else {
+        "calibration"
+    });
+    if !is_held_out {
+        statistics["poses"]["validation"] = json!(0);
+    }
     statistics["cost"] = json!(found.cost);
     let mut summary = format!("{robot}, {variant}, {}\n\n", folder.name);
-    summary += &report::terminal::variant(&result);
+    summary += &report::terminal::variant(&result, is_held_out);
     if let Some(fitted) = &comparison {
         let closure = study::result(&fitted.closure_fit, folder, validation)?;
         summary += &report::errors_in_variables::terminal(fitted, &result, &closure);

@@ -1,7 +1,10 @@
 //! `tau discover`.
 
-use tau::discovery::{Discovery, Options};
+use tau::discovery::{Discovery, Options, Outcome as Found};
 use tau::input_error::InputError;
+use tau::kinematics::Machine;
+use tau::measurements::Split;
+use tau::robot_file::RobotFile;
 use tau::{Robot, Session};
 use tau_codegen::CompiledRobot;
 use tau_codegen::emit;
@@ -9,9 +12,11 @@ use tau_codegen::language;
 use tau_report as report;
 use tau_robot::input_error::both;
 
+use super::arguments::Refit;
 use super::deliver::{Outcome, Target, check_folder, written};
 use super::kept::Kept;
 use super::progress::Spinner;
+use super::stamp::stamp;
 use super::{Console, Failure, arguments, resolve};
 
 /// Name of the description that is written.
@@ -64,7 +69,7 @@ pub(super) fn run(
     let (code, (calibrated, page)) = rayon::join(
         || generated(compiled, discovery),
         || {
-            let calibrated = session.state_found(&found);
+            let calibrated = state(&session, &found, arguments.refit);
             let page = report::html::discovery_page(discovery, &setting, &robot.name, &folder.name);
             (calibrated, page)
         },
@@ -75,7 +80,7 @@ pub(super) fn run(
     let contents = [
         discovery.model_text.clone(),
         code,
-        calibrated.file.to_toml(),
+        calibrated.to_toml(),
         page,
     ];
     let paths = FILES.into_iter().map(|name| out.join(name));
@@ -89,6 +94,24 @@ pub(super) fn run(
         files,
         json: target.map(|target| (report::json::discovery(discovery), target)),
         ..Outcome::default()
+    })
+}
+
+/// The robot file of what was found, fitted to the poses that are asked for.
+fn state(session: &Session, found: &Found, refit: Refit) -> Result<RobotFile, Failure> {
+    let refitted;
+    let (found, session) = match refit {
+        Refit::Calibration => (found, session.clone()),
+        Refit::All => {
+            refitted = found.refitted_to_all(session.robot_file(), session.folder())?;
+            (&refitted, session.clone().split(Split::All))
+        }
+    };
+    let calibrated = session.state_found(found)?;
+    let Machine { robot, variant, .. } = &calibrated.machine;
+    Ok(RobotFile {
+        calibration: Some(session.provenance(robot, &variant.name, &found.poses, &stamp())),
+        ..calibrated.file.clone()
     })
 }
 

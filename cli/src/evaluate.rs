@@ -1,6 +1,7 @@
 //! `tau evaluate`.
 
 use serde_json::json;
+use tau::evaluation::evaluate;
 use tau_report as report;
 use tau_robot::input_error::both;
 
@@ -13,20 +14,24 @@ pub(super) fn run(arguments: &arguments::Evaluate) -> Result<Outcome, Failure> {
         resolve::with_variant(&arguments.input, &arguments.variant),
         Target::resolve(&arguments.json, &Kept::from(&arguments.input)),
     )?;
-    let poses = session.poses()?;
+    let counts = session.poses()?.counts;
+    let asked = resolve::asked_split(&arguments.input)?;
+    let (poses, basis) = session.unseen(asked)?;
     let variant = arguments.variant.name.as_str();
-    let found = session.evaluate(&session.machine(variant)?)?;
+    let found = evaluate(&session.machine(variant)?, session.folder(), &poses)?;
     let (robot, folder) = (&session.robot().name, &session.folder().name);
     let title = format!("{robot}, {variant}, {folder}");
     Ok(Outcome {
-        summary: format!("{title}\n\n{}", report::terminal::evaluation(&found)),
+        summary: format!("{title}\n\n{}", report::terminal::evaluation(&found, basis)),
         remarks: session.remarks_for(variant)?,
         json: target.map(|target| {
             let mut value = report::json::evaluation(&found);
             value["variant"] = json!(variant);
             value["robot"] = json!(robot);
             value["folder"] = json!(folder);
-            value["poses"] = report::json::poses(poses.counts);
+            value["poses"] = report::json::poses(counts);
+            value["poses"]["evaluated"] = json!(poses.len());
+            value["evaluated_on"] = json!(report::json::basis(basis));
             (value, target)
         }),
         ..Outcome::default()

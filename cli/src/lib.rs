@@ -12,10 +12,12 @@ mod evaluate;
 mod generate;
 mod kept;
 mod kinematics;
+mod numbers;
 mod progress;
 mod resolve;
 mod sensitivity;
 mod simulate;
+mod stamp;
 mod study;
 
 use std::ffi::OsString;

@@ -50,6 +50,12 @@ pub(super) fn robot(description: Option<&Path>) -> Result<Robot, InputError> {
     }
 }
 
+/// The split that was asked for, if any was.
+pub(super) fn asked_split(input: &arguments::Input) -> Result<Option<Split>, InputError> {
+    let text = input.split.as_deref();
+    text.map(|text| split(Some(text), input.seed)).transpose()
+}
+
 /// Split of the poses; the seed is that of `--seed` unless the text names its own.
 fn split(text: Option<&str>, seed: Option<u64>) -> Result<Split, InputError> {
     let text = text.unwrap_or("alternate");

@@ -116,23 +116,30 @@ pub(super) fn finish(
         whiteness,
         seconds: 0.0,
     };
-    let parameters = &fit.joint.machine.variant.parameters;
-    let mut fitted: Vec<(&str, usize)> = (fit.joint.used.iter().enumerate())
-        .map(|(column, &index)| (parameters[index].name.as_str(), column))
-        .collect();
-    fitted.sort_unstable();
-    let columns: Vec<usize> = fitted.iter().map(|fitted| fitted.1).collect();
-    let b = fit.basis.b.select_rows(&columns);
-    Ok(Outcome {
-        discovery,
-        values: fitted
-            .into_iter()
-            .map(|(name, column)| (name.to_owned(), fit.fitted[column]))
-            .collect(),
-        covariance: &b * b.transpose(),
-        cost: 0.5 * fit.residuals.norm_squared(),
-        poses,
-    })
+    Ok(Outcome::of(discovery, fit, poses))
+}
+
+impl Outcome {
+    /// A result with the fit that it states, to poses of set 1 given by index.
+    pub(super) fn of(discovery: Discovery, fit: &Fit, poses: Vec<usize>) -> Self {
+        let parameters = &fit.joint.machine.variant.parameters;
+        let mut fitted: Vec<(&str, usize)> = (fit.joint.used.iter().enumerate())
+            .map(|(column, &index)| (parameters[index].name.as_str(), column))
+            .collect();
+        fitted.sort_unstable();
+        let columns: Vec<usize> = fitted.iter().map(|fitted| fitted.1).collect();
+        let b = fit.basis.b.select_rows(&columns);
+        Self {
+            discovery,
+            values: fitted
+                .into_iter()
+                .map(|(name, column)| (name.to_owned(), fit.fitted[column]))
+                .collect(),
+            covariance: &b * b.transpose(),
+            cost: 0.5 * fit.residuals.norm_squared(),
+            poses,
+        }
+    }
 }
 
 /// Structure that has no name.

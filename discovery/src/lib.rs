@@ -200,6 +200,33 @@ impl Outcome {
     }
 }
 
+impl Outcome {
+    /// The same model fitted anew to all sets with all poses in range, also those that showed the gap. What
+    /// [`Self::discovery`] says of errors at poses that took no part is not true of this fit.
+    ///
+    /// # Errors
+    /// As [`discover`] of its base.
+    pub fn refitted_to_all(&self, file: &RobotFile, folder: &Folder) -> Result<Self, Error> {
+        let robot = self.robot();
+        let mut model = self.discovery.model.clone();
+        model.variants.retain(|variant| variant.name == DISCOVERED);
+        let division = Poses::select(&robot, file, folder, Split::All)?.division;
+        let input = Input {
+            robot: &robot,
+            model: &model,
+            base: DISCOVERED,
+            file: &file.completed(&robot),
+            folder,
+            division: &division,
+            options: &Options::default(),
+        };
+        let variant = variant_of(&robot, DISCOVERED)?;
+        let (fit, _) = parallel::within(|| base_fit(&input, &model, 0, variant))?;
+        let poses = division.calibration.clone();
+        Ok(Self::of(self.discovery.clone(), &fit, poses))
+    }
+}
+
 /// Searches for what the variant `base` lacks. `progress` is told of each step in words.
 ///
 /// # Errors

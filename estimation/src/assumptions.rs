@@ -1,14 +1,14 @@
 //! Checks of what the models assume, on the measurements alone (section III-C of the paper).
 
-use std::f64::consts::{PI, TAU};
-
 use nalgebra::{Matrix3, Rotation3, Vector3};
-use tau_kinematics::{Path, nearest_rotation, track_axes};
+use tau_kinematics::{Path, Pose, nearest_rotation, track_axes, zyz};
 use tau_robot::measurements::Folder;
 use tau_robot::robot::Robot;
 use tau_robot::robot_file::RobotFile;
 
-use crate::calibration::{Line, MOUNTING_M, NominalTrack, Registration, set_2, set_3};
+use crate::calibration::{
+    Line, MOUNTING_M, NominalTrack, Registration, mean_rotation, set_2, set_3,
+};
 
 /// Checks of what the models assume.
 #[derive(Debug, Clone, Default)]
@@ -28,7 +28,7 @@ pub struct OrientationPoint {
     pub pose: u32,
     /// Measured TCP position (m).
     pub position_m: [f64; 3],
-    /// Deviation of alpha, beta, gamma from their means (rad).
+    /// Rotation vector in the measurement frame from the mean orientation (rad).
     pub deviation_rad: [f64; 3],
 }
 
@@ -80,17 +80,20 @@ pub fn check(robot: &Robot, file: &RobotFile, folder: &Folder) -> Assumptions {
 
 /// Orientation of every TCP pose against the mean (Figure 4): a reduced arm takes it for constant.
 fn orientation(folder: &Folder) -> Vec<OrientationPoint> {
-    let means =
-        [0, 1, 2].map(|k| mean_angle(folder.tcp_poses.iter().map(|pose| pose.angles_rad[k])));
-    folder
-        .tcp_poses
-        .iter()
-        .map(|pose| OrientationPoint {
-            pose: pose.pose,
-            position_m: pose.position_m,
-            deviation_rad: [0, 1, 2].map(|k| wrapped(pose.angles_rad[k] - means[k])),
-        })
-        .collect()
+    let all: Vec<usize> = (0..folder.tcp_poses.len()).collect();
+    let Some(rotation) = mean_rotation(folder, &all) else {
+        return Vec::new();
+    };
+    let mean = Pose {
+        position: Vector3::zeros(),
+        rotation,
+    };
+    let points = folder.tcp_poses.iter().map(|pose| OrientationPoint {
+        pose: pose.pose,
+        position_m: pose.position_m,
+        deviation_rad: mean.turn_to(&zyz(pose.angles_rad)).into(),
+    });
+    points.collect()
 }
 
 /// Deviation of each cart of set 2 from a straight line with even scale (Figures 5 and 6): a linear
@@ -258,17 +261,4 @@ fn deviation(q_m: f64, vector_m: Vector3<f64>, axes: [Vector3<f64>; 3]) -> PathD
         horizontal_um,
         vertical_um,
     }
-}
-
-/// Mean of angles that may jump by whole turns.
-fn mean_angle(angles: impl Iterator<Item = f64>) -> f64 {
-    let (sine, cosine) = angles.fold((0.0, 0.0), |(sine, cosine), angle| {
-        (sine + angle.sin(), cosine + angle.cos())
-    });
-    f64::atan2(sine, cosine)
-}
-
-fn wrapped(angle: f64) -> f64 {
-    let turned = angle.rem_euclid(TAU);
-    if turned > PI { turned - TAU } else { turned }
 }

@@ -27,7 +27,8 @@ pub struct PoseError {
     pub position_m: [f64; 3],
     /// Position error (µm).
     pub error_um: [f64; 3],
-    /// Orientation error as alpha, beta, gamma (rad), where the model predicts orientation.
+    /// Orientation error (rad), where the model predicts orientation: the rotation vector in the measurement frame that
+    /// turns the measured plate into the predicted one, `log(R_model·R_measᵀ)`.
     pub orientation_rad: Option<[f64; 3]>,
 }
 
@@ -45,7 +46,7 @@ pub struct VariantResult {
     pub name: String,
     /// Position error on the validation poses (Table I).
     pub position_um: Summary,
-    /// Largest magnitude of each orientation error (rad), where the model predicts orientation.
+    /// Largest magnitude of each component of the orientation error (rad), where the model predicts orientation.
     pub orientation_rad_max_abs: Option<[f64; 3]>,
     /// Error at each validation pose.
     pub pose_errors: Vec<PoseError>,
@@ -68,8 +69,7 @@ pub struct VariantResult {
 pub struct Evaluation {
     /// Position error (µm).
     pub position_um: Summary,
-    /// Largest magnitude of each orientation error alpha, beta, gamma (rad), where the model predicts
-    /// orientation.
+    /// Largest magnitude of each component of the orientation error (rad), where the model predicts orientation.
     pub orientation_rad_max_abs: Option<[f64; 3]>,
     /// Error at each pose.
     pub errors: Vec<PoseError>,
@@ -102,13 +102,13 @@ pub fn evaluate(machine: &Machine, folder: &Folder, poses: &[usize]) -> Result<E
     let errors: Vec<Result<PoseError, Error>> = measured
         .par_iter()
         .map(|&measured| {
+            let sample = Sample::from(measured);
             let predicted = machine
-                .forward_fitted(&Sample::from(measured))
+                .forward_fitted(&sample)
                 .map_err(|error| Error::at_pose(measured.pose, error))?
                 .pose;
-            let angles = predicted.angles_near(measured.angles_rad);
             let position = predicted.position_m();
-            let orientation = [0, 1, 2].map(|k| angles[k] - measured.angles_rad[k]);
+            let orientation = sample.pose.turn_to(&predicted.rotation).into();
             Ok(PoseError {
                 pose: measured.pose,
                 position_m: measured.position_m,
@@ -125,7 +125,7 @@ pub fn evaluate(machine: &Machine, folder: &Folder, poses: &[usize]) -> Result<E
         errors
             .iter()
             .filter_map(|error| error.orientation_rad)
-            .map(|angles| angles[k].abs())
+            .map(|turn| turn[k].abs())
             .fold(0.0, f64::max)
     };
     Ok(Evaluation {

@@ -3,6 +3,9 @@
 //! Twice, by independent ways that must agree: by steps of each parameter through forward kinematics,
 //! as the paper did, and by the implicit function theorem, `∂X/∂p = −(∂r/∂X)⁻¹ ∂r/∂p` with the pose X
 //! and the closures r.
+//!
+//! The paper sums changes of the ZYZ Euler angles. Near β = 0 and π, where deltas and hexapods stand level, they mean
+//! nothing: a small turn changes α and γ by anything. There the components of the rotation vector are summed instead.
 
 use nalgebra::{DMatrix, DVector, Vector3};
 use tau_kinematics::{self as kinematics, Machine, POSE_COLUMNS, Pose, Sample, angle_rates};
@@ -20,10 +23,56 @@ pub struct Sensitivity {
     pub poses: usize,
     /// Step, in SI units of each parameter.
     pub step: f64,
+    /// Coordinates in which changes of the orientation are summed.
+    pub turn: Turn,
     /// One entry per link.
     pub links: Vec<LinkSensitivity>,
     /// Largest relative difference between steps and implicit differentiation, over all entries.
     pub disagreement: f64,
+}
+
+/// Coordinates of a small change of orientation.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Turn {
+    /// Differences of the ZYZ Euler angles, as in the paper.
+    EulerAngles,
+    /// The rotation vector in the measurement frame: at some pose the Euler angles are singular or nearly so.
+    RotationVector,
+}
+
+/// Sine of β below which the Euler angles count as singular: they move ten times as fast as the plate turns.
+const SINGULAR: f64 = 0.1;
+
+impl Turn {
+    /// Those that mean something at all places.
+    fn at(places: &[Place<'_>]) -> Self {
+        let is_singular = |place: &Place<'_>| place.pose.angles_rad()[1].sin() < SINGULAR;
+        if places.iter().any(is_singular) {
+            Self::RotationVector
+        } else {
+            Self::EulerAngles
+        }
+    }
+
+    /// Sum of the magnitudes of the three changes from one pose to another (rad).
+    fn sum(self, from: &Pose, to: &Pose) -> f64 {
+        match self {
+            Self::EulerAngles => {
+                let before = from.angles_rad();
+                let after = to.angles_near(before);
+                after.iter().zip(before).map(|(a, b)| (a - b).abs()).sum()
+            }
+            Self::RotationVector => from.turn_to(&to.rotation).lp_norm(1),
+        }
+    }
+
+    /// The same per unit of a rate of the rotation vector at a pose.
+    fn rate(self, at: &Pose, turning: Vector3<f64>) -> f64 {
+        match self {
+            Self::EulerAngles => (angle_rates(at.angles_rad()) * turning).lp_norm(1),
+            Self::RotationVector => turning.lp_norm(1),
+        }
+    }
 }
 
 /// Table III for one link.
@@ -44,7 +93,7 @@ pub struct ParameterSensitivity {
     pub position_mm: f64,
     /// The same by implicit differentiation.
     pub position_mm_analytic: f64,
-    /// Sum of |Δα| + |Δβ| + |Δγ| over both steps (rad), by steps.
+    /// Sum of the magnitudes of the three changes in [`Sensitivity::turn`] over both steps (rad), by steps.
     pub orientation_rad: f64,
     /// The same by implicit differentiation.
     pub orientation_rad_analytic: f64,
@@ -52,7 +101,7 @@ pub struct ParameterSensitivity {
     pub cost_m4: f64,
     /// Position change at each validation pose for the positive step (µm): Figures 9 and 10.
     pub by_pose_um: Vec<f64>,
-    /// Orientation change |Δα| + |Δβ| + |Δγ| at each validation pose for the positive step (rad).
+    /// Orientation change, likewise summed, at each validation pose for the positive step (rad).
     pub by_pose_rad: Vec<f64>,
 }
 
@@ -94,6 +143,7 @@ pub fn analyse(
         .filter_map(|&pose| folder.tcp_poses.get(pose))
         .map(|measured| Place::new(machine, measured))
         .collect::<Result<Vec<_>, Error>>()?;
+    let turn = Turn::at(&places);
     let links = machine
         .variant
         .instances_of(ResidualKind::Closure)
@@ -102,7 +152,7 @@ pub fn analyse(
                 .iter()
                 .filter_map(|&(name, quantity, component)| {
                     let parameter = find(machine, closure, quantity, component)?;
-                    Some(row(machine, name, parameter, &places, step))
+                    Some(row(machine, name, parameter, (&places, turn), step))
                 })
                 .collect::<Result<Vec<_>, Error>>()?;
             Ok(LinkSensitivity {
@@ -115,6 +165,7 @@ pub fn analyse(
         variant: machine.variant.name.clone(),
         poses: places.len(),
         step,
+        turn,
         disagreement: disagreement(&links),
         links,
     })
@@ -134,7 +185,7 @@ struct Place<'a> {
 struct Change {
     /// ‖ΔT‖ (m).
     position: Vec<f64>,
-    /// |Δα| + |Δβ| + |Δγ| (rad).
+    /// Sum of the magnitudes of three changes (rad).
     orientation: Vec<f64>,
 }
 
@@ -226,7 +277,7 @@ fn row(
     machine: &Machine,
     name: &str,
     parameter: usize,
-    places: &[Place<'_>],
+    (places, turn): (&[Place<'_>], Turn),
     step: f64,
 ) -> Result<ParameterSensitivity, Error> {
     let with = |change: f64| {
@@ -235,8 +286,11 @@ fn row(
         machine.with_values(values)
     };
     let (plus, minus) = (with(step), with(-step));
-    let (up, down) = (by_step(&plus, places)?, by_step(&minus, places)?);
-    let analytic = implicit(machine, parameter, places)?;
+    let (up, down) = (
+        by_step(&plus, places, turn)?,
+        by_step(&minus, places, turn)?,
+    );
+    let analytic = implicit(machine, parameter, places, turn)?;
     let total = |values: &[f64]| values.iter().sum::<f64>();
     let measured: Vec<&TcpPose> = places.iter().map(|place| place.measured).collect();
     let total_cost = |machine: &Machine| -> Result<f64, Error> {
@@ -261,7 +315,7 @@ fn row(
 }
 
 /// Changes of the predicted poses when the machine is replaced by one with a parameter moved.
-fn by_step(moved: &Machine, places: &[Place<'_>]) -> Result<Change, Error> {
+fn by_step(moved: &Machine, places: &[Place<'_>], turn: Turn) -> Result<Change, Error> {
     let mut change = Change {
         position: Vec::new(),
         orientation: Vec::new(),
@@ -270,20 +324,21 @@ fn by_step(moved: &Machine, places: &[Place<'_>]) -> Result<Change, Error> {
         let pose = moved
             .forward_unchecked(&Sample::from(place.measured).at(place.pose))
             .map_err(|error| Error::at_pose(place.measured.pose, error))?;
-        let before = place.pose.angles_rad();
-        let after = pose.angles_near(before);
         change
             .position
             .push((pose.position - place.pose.position).norm());
-        change
-            .orientation
-            .push(after.iter().zip(before).map(|(a, b)| (a - b).abs()).sum());
+        change.orientation.push(turn.sum(&place.pose, &pose));
     }
     Ok(change)
 }
 
 /// The same per unit of the parameter, by the implicit function theorem.
-fn implicit(machine: &Machine, parameter: usize, places: &[Place<'_>]) -> Result<Change, Error> {
+fn implicit(
+    machine: &Machine,
+    parameter: usize,
+    places: &[Place<'_>],
+    turn: Turn,
+) -> Result<Change, Error> {
     let mut change = Change {
         position: Vec::new(),
         orientation: Vec::new(),
@@ -292,10 +347,12 @@ fn implicit(machine: &Machine, parameter: usize, places: &[Place<'_>]) -> Result
     for place in places {
         let motion = &place.response * place.closure_derivatives(machine, parameter)?;
         change.position.push(motion.fixed_rows::<3>(0).norm());
-        let angles = angle_rates(place.pose.angles_rad()) * motion.fixed_rows::<3>(3);
-        change
-            .orientation
-            .push(if turns { angles.lp_norm(1) } else { 0.0 });
+        let turning = motion.fixed_rows::<3>(3).into_owned();
+        change.orientation.push(if turns {
+            turn.rate(&place.pose, turning)
+        } else {
+            0.0
+        });
     }
     Ok(change)
 }

@@ -55,6 +55,20 @@ pub enum Error {
         /// Allowed deviation (m).
         allowed_m: f64,
     },
+    /// Nothing says how the arm is assembled.
+    NoReference,
+    /// The pose that is said to be the machine's is far from every pose that it can take at those commands.
+    Reference {
+        /// Distance to the pose that Newton's method finds from there (m).
+        off_m: f64,
+        /// Turn to it (rad).
+        off_rad: f64,
+    },
+    /// The way from a known pose ends at a singular one, so that what lies behind may be assembled either way.
+    Way {
+        /// Share of the way that was followed.
+        share: f64,
+    },
     /// No way of assembling the arm was found at these commands.
     NoAssembly,
     /// The arm can't be positioned as asked.
@@ -102,6 +116,19 @@ impl fmt::Display for Error {
                 "pose and commands do not go together: the link lengths differ by {} at best, allowed are {}",
                 length(*mismatch_m),
                 length(*allowed_m)
+            ),
+            Self::NoReference => f.write_str("nothing says how the arm is assembled"),
+            Self::Reference { off_m, off_rad } => write!(
+                f,
+                "the reference is not a pose of this machine: with the links' lengths, the plate stands {} from it, \
+                 turned by {off_rad:.2} rad",
+                length(*off_m)
+            ),
+            Self::Way { share } => write!(
+                f,
+                "the way from the known pose is blocked by a singular one after {:.0} % of it, and behind it the arm \
+                 may be assembled in either way",
+                100.0 * share
             ),
             Self::NoAssembly => {
                 write!(

@@ -11,8 +11,6 @@ use super::{Error, Pose, newton};
 /// Below this smallest singular value a pose counts as singular: a micrometre of error in a link
 /// moves the plate by ten millimetres.
 const SINGULAR: f64 = 1e-4;
-/// Most halvings of the way from one set of commands to the next.
-const HALVINGS: u32 = 8;
 /// Largest root mean square mismatch of the link lengths (m) at which [`Machine::forward`] takes a pose
 /// for that of the commands. Only a machine with more links than hold the plate has any: noise and what
 /// its model lacks leave tens of micrometres after calibration, commands that do not belong together
@@ -61,12 +59,12 @@ impl Machine {
         Ok(newton::solve(self, start, self.pose_unknowns())?.pose)
     }
 
-    /// Poses along a sequence of commands (m), each started from the one before, the first from
-    /// `start` or, without it, from the best held [assembly mode](Self::assembly_modes). Where a step
-    /// is too long for Newton's method, the way is halved.
+    /// Poses along a sequence of commands (m), each [followed](Self::forward_along) from the one before, the first
+    /// from `start`, which is the pose at the first commands, or, without it, from the
+    /// [reference](Self::at_reference).
     ///
     /// # Errors
-    /// As [`Machine::forward`], with the index of the commands.
+    /// As [`Machine::forward_along`] and [`Machine::at_reference`], with the index of the commands.
     pub fn forward_sequence(
         &self,
         commands_m: &[Vec<f64>],
@@ -75,67 +73,31 @@ impl Machine {
         let Some(first) = commands_m.first() else {
             return Ok(Vec::new());
         };
-        let mut pose = match start {
-            Some(pose) => pose,
+        let (mut pose, mut before) = match start {
+            Some(pose) => (pose, first.clone()),
             None => {
-                self.assembly_modes(first, None)
-                    .map_err(|error| (0, error))?[0]
-                    .pose
+                let anywhere = Pose::from_zyz([0.0; 3], [0.0; 3]);
+                let known = self.at_reference(&Sample::new(anywhere, first));
+                let known = known.map_err(|error| (0, error))?;
+                (known.pose, known.commands_m)
             }
         };
-        let mut before = first;
         let mut poses = Vec::with_capacity(commands_m.len());
         for (index, commands) in commands_m.iter().enumerate() {
             pose = self
-                .forward_along(before, &Sample::new(pose, commands))
+                .forward_along(&before, &Sample::new(pose, commands))
                 .map_err(|error| (index, error))?
                 .pose;
             poses.push(pose);
-            before = commands;
+            before.clone_from(commands);
         }
         Ok(poses)
     }
 
-    /// The pose at the commands of `to`, where its pose is that at the commands `from` (m). Where the
-    /// step is too long for Newton's method, the way is halved.
-    ///
-    /// # Errors
-    /// As [`Machine::forward`].
-    pub fn forward_along(&self, from: &[f64], to: &Sample<'_>) -> Result<Reached, Error> {
-        self.follow(from, to, HALVINGS)
-    }
-
-    fn follow(&self, from: &[f64], to: &Sample<'_>, halvings: u32) -> Result<Reached, Error> {
-        let result = self
-            .forward_fitted(to)
-            .and_then(|reached| reached.within(LARGEST_MISMATCH_M));
-        let is_far = matches!(
-            result,
-            Err(Error::NotConverged { .. } | Error::Inconsistent { .. })
-        );
-        let has_way = from.len() == to.commands_m.len() && from != to.commands_m;
-        if !is_far || halvings == 0 || !has_way {
-            return result;
-        }
-        let middle: Vec<f64> = from
-            .iter()
-            .zip(to.commands_m)
-            .map(|(a, b)| f64::midpoint(*a, *b))
-            .collect();
-        let halfway = Sample {
-            commands_m: &middle,
-            ..*to
-        };
-        self.follow(from, &halfway, halvings - 1)
-            .and_then(|halfway| self.follow(&middle, &to.at(halfway.pose), halvings - 1))
-            // An error half way says less than one at its end.
-            .or(result)
-    }
-
     /// All assembly modes at given commands (m) that a systematic search finds; singular ones are left
     /// out. First comes the one nearest to `orientation` if that is given, otherwise the one most
-    /// firmly held (largest smallest singular value): a mirrored arm is held about as firmly, so give
-    /// an orientation, or start from a measured pose, where one is known.
+    /// firmly held (largest smallest singular value): a mirrored arm is held about as firmly, so where a pose is
+    /// known, follow the arm from there ([`Self::at_reference`]).
     ///
     /// The search starts Newton's method on a sphere about the carts, in 26 directions and, for a full
     /// arm, in the 24 orientations of a cube relative to `orientation`. For a reduced arm the
@@ -256,7 +218,7 @@ impl Machine {
     }
 
     /// Centre of the cart-side joints and mean length of the links, both up to the size of the plate.
-    fn reach(
+    pub(crate) fn reach(
         &self,
         sample: &Sample<'_>,
         rotation: Rotation3<f64>,

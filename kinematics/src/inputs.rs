@@ -5,6 +5,7 @@ use std::fmt;
 
 use tau_robot::measurements::{Conditions, TcpPose};
 use tau_robot::robot::Input;
+use tau_robot::robot_file::Reference;
 
 use super::Pose;
 use super::paths::Path;
@@ -17,6 +18,8 @@ pub struct Surroundings {
     pub paths: Vec<Option<Path>>,
     /// The arm under its load, where the robot file states one.
     pub statics: Option<Statics>,
+    /// Pose of the machine at some commands, where the file or the description states one.
+    pub reference: Option<Reference>,
 }
 
 /// One sample: commands, what stands where at them, and under which conditions.

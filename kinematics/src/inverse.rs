@@ -27,7 +27,7 @@ pub struct InverseOptions {
 }
 
 impl InverseOptions {
-    fn sample<'a>(&'a self, pose: Pose, commands_m: &'a [f64]) -> Sample<'a> {
+    pub(crate) fn sample<'a>(&'a self, pose: Pose, commands_m: &'a [f64]) -> Sample<'a> {
         Sample {
             directions: self.directions.as_deref(),
             conditions: self.conditions,
@@ -103,11 +103,11 @@ impl Machine {
     ///
     /// A reduced arm needs no orientation. Where the orientation follows from the position, it is
     /// solved for together with the commands, from the orientation of [`InverseOptions::near`] or,
-    /// without it, from the best held [assembly mode](Self::assembly_modes) in the middle of the range.
+    /// without it, [from the reference](Self::inverse_along).
     ///
     /// # Errors
     /// The orientation is free, and a full pose is needed; otherwise as [`Machine::inverse`] and
-    /// [`Machine::forward`].
+    /// [`Machine::at_reference`].
     pub fn inverse_position(
         &self,
         position_m: [f64; 3],
@@ -116,15 +116,14 @@ impl Machine {
         let position = Vector3::from(position_m);
         let rotation = match &options.near {
             Some((pose, _)) => pose.rotation,
-            None if self.variant.arm == Arm::Full => {
-                let middle = self.middle(options);
-                // The position is not looked at: any will do.
-                let pose = Pose {
+            None if self.orientation_follows() => {
+                let anywhere = Pose::from_zyz(position_m, [0.0; 3]);
+                let from = self.at_reference(&options.sample(anywhere, &[]))?;
+                let to = Pose {
                     position,
-                    rotation: nalgebra::Rotation3::identity(),
+                    ..from.pose
                 };
-                let modes = self.assembly_modes_of(&options.sample(pose, &middle), None)?;
-                modes[0].pose.rotation
+                return self.inverse_along(&from, to, options);
             }
             None => nalgebra::Rotation3::identity(),
         };

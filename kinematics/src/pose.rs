@@ -1,6 +1,6 @@
 //! Poses of the plate.
 
-use nalgebra::{Matrix3, Rotation3, Vector3};
+use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 
 /// Position T and rotation R of the TCP frame in the measurement frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -61,6 +61,13 @@ impl Pose {
             .into_iter()
             .min_by(|a, b| distance(a, &reference_rad).total_cmp(&distance(b, &reference_rad)))
             .unwrap_or([alpha, beta, gamma])
+    }
+
+    /// The rotation vector in the measurement frame (rad) that turns R into another rotation: `log(other·Rᵀ)`, at most half
+    /// a turn. Unlike differences of Euler angles it means the same at every R.
+    pub fn turn_to(&self, other: &Rotation3<f64>) -> Vector3<f64> {
+        // Of small turns the matrix alone would keep half of the digits.
+        UnitQuaternion::from_rotation_matrix(&(other * self.rotation.inverse())).scaled_axis()
     }
 
     /// Moved by a translation (m) and turned by a rotation vector (rad), both in the measurement frame.
@@ -205,6 +212,21 @@ mod tests {
                 ]
             ) < 1e-12
         );
+    }
+
+    #[test]
+    fn the_turn_between_rotations_is_the_one_that_was_made() {
+        for rotation in rotations().step_by(7) {
+            for exponent in 0..12 {
+                let turn = Vector3::new(0.3, -0.5, 0.8) * 10_f64.powi(-exponent);
+                let pose = Pose {
+                    position: Vector3::zeros(),
+                    rotation,
+                };
+                let found = pose.turn_to(&pose.moved(Vector3::zeros(), turn).rotation);
+                assert!((found - turn).norm() < 1e-14, "{found} {turn}");
+            }
+        }
     }
 
     #[test]

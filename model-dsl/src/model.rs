@@ -21,6 +21,8 @@ pub struct Model {
     pub effects: Vec<Effect>,
     /// Variants in order of declaration, with inheritance (`Full + …`) resolved.
     pub variants: Vec<Variant>,
+    /// Pose of the machine at some commands, if the description states one.
+    pub reference: Option<Reference>,
 }
 
 impl Model {
@@ -59,6 +61,18 @@ impl Model {
     pub fn variant(&self, name: &str) -> Option<&Variant> {
         self.variants.iter().find(|variant| variant.name == name)
     }
+}
+
+/// Commands with the pose at which the machine then stands, to a few centimetres and degrees: it chooses among the
+/// ways in which the arm can be assembled.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Reference {
+    /// One per command (m).
+    pub commands: Vec<f64>,
+    /// Position of the TCP in the measurement frame (m).
+    pub position: [f64; 3],
+    /// ZYZ Euler angles alpha, beta, gamma of the TCP frame in the measurement frame (rad).
+    pub orientation: [f64; 3],
 }
 
 /// A linear guideway with its cart.

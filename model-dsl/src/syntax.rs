@@ -29,6 +29,16 @@ pub(crate) struct Robot {
     pub(crate) clusters: Vec<Cluster>,
     pub(crate) effects: Vec<Effect>,
     pub(crate) variants: Vec<Variant>,
+    pub(crate) references: Vec<Reference>,
+}
+
+/// `reference { position = (0, 0, 0.8) m; }`
+#[derive(Debug)]
+pub(crate) struct Reference {
+    /// The word `reference`.
+    pub(crate) location: Location,
+    /// `commands`, `position` or `orientation`, with its value.
+    pub(crate) values: Vec<(Ident, Quantity)>,
 }
 
 #[derive(Debug)]

@@ -3,9 +3,18 @@
 use tau::assumptions::TrackLinearity;
 use tau::evaluation::VariantResult;
 use tau::measurements::PoseCounts;
+use tau::sensitivity::{Sensitivity, Turn};
 use tau::study::results::Study;
 
 use super::number::{fixed, general, largest, shared_decimals};
+
+/// Remark where changes of orientation are not summed as in the paper.
+pub(super) fn turn(sensitivity: &Sensitivity) -> Option<&'static str> {
+    (sensitivity.turn == Turn::RotationVector).then_some(
+        "The plate stands level at some pose, where Euler angles mean nothing: orientation is summed by the rotation \
+         vector ω in the measurement frame, not by α, β and γ as in the paper.",
+    )
+}
 
 /// The variant with the smallest mean position error.
 pub(super) fn best(study: &Study) -> Option<&VariantResult> {
@@ -166,7 +175,7 @@ pub(super) fn assumptions(study: &Study) -> Vec<String> {
             ": about the stated noise, so the plate's orientation is constant as a reduced arm assumes".to_owned()
         };
         sentences.push(format!(
-            "The orientation departs from its mean by up to {}, {} and {} mrad in α, β and γ{meaning}.",
+            "The orientation departs from its mean by up to {}, {} and {} mrad about x, y and z{meaning}.",
             general(a, 2),
             general(b, 2),
             general(c, 2)

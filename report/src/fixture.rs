@@ -6,7 +6,7 @@ use tau::assumptions::{
 use tau::calibration::{Combination, LinkResult, ParameterEstimate};
 use tau::evaluation::{PoseError, Summary, VariantResult};
 use tau::measurements::PoseCounts;
-use tau::sensitivity::{LinkSensitivity, ParameterSensitivity, Sensitivity};
+use tau::sensitivity::{LinkSensitivity, ParameterSensitivity, Sensitivity, Turn};
 use tau::study::results::Study;
 
 const LINKS: [&str; 6] = ["l1", "l2a", "l2b", "l3a", "l3b", "l3c"];
@@ -255,6 +255,7 @@ fn sensitivity(numbers: &mut Numbers) -> Sensitivity {
         variant: "Full".to_owned(),
         poses: 60,
         step: 5e-5,
+        turn: Turn::EulerAngles,
         links,
         disagreement: 3e-5,
     }

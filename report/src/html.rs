@@ -302,6 +302,7 @@ fn sensitivity(study: &Study, figures: &[Figure]) -> Markup {
             (number_markup(&general(100.0 * found.disagreement, 2))) " %. C is the track offset; O the direction of a linear track or \
              the rotation of a piecewise one."
         }
+        @if let Some(remark) = findings::turn(found) { p { (remark) } }
         @for quantity in tables::sensitivity(found) { (table(&quantity, "wide compact even")) }
         (figure(figures, "figure_9_sensitivity_position.svg"))
         (figure(figures, "figure_10_sensitivity_orientation.svg"))

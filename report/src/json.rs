@@ -10,7 +10,8 @@ use tau::discovery::Discovery;
 use tau::evaluation::Evaluation;
 use tau::evaluation::{PoseError, VariantResult};
 use tau::measurements::PoseCounts;
-use tau::sensitivity::{LinkSensitivity, ParameterSensitivity, Sensitivity};
+use tau::sensitivity::{LinkSensitivity, ParameterSensitivity, Sensitivity, Turn};
+use tau::session::Basis;
 use tau::study::results::Study;
 
 /// The result of `tau study`.
@@ -64,6 +65,16 @@ pub fn evaluation(evaluation: &Evaluation) -> Value {
         "orientation_rad": evaluation.orientation_rad_max_abs.map(|max_abs| json!({ "max_abs": max_abs })),
         "pose_errors": evaluation.errors.iter().map(pose_error).collect::<Vec<_>>(),
     })
+}
+
+/// Relation of evaluated poses to the calibration of the parameters.
+pub fn basis(basis: Basis) -> &'static str {
+    match basis {
+        Basis::Split => "split",
+        Basis::HeldOut => "held_out",
+        Basis::NewFolder => "new_folder",
+        Basis::Calibration => "calibration",
+    }
 }
 
 /// One variant, as it stands under its name in the result of [`study`].
@@ -196,6 +207,10 @@ pub fn sensitivity(sensitivity: &Sensitivity) -> Value {
         "variant": sensitivity.variant,
         "poses": sensitivity.poses,
         "step": sensitivity.step,
+        "orientation_as": match sensitivity.turn {
+            Turn::EulerAngles => "zyz_angles",
+            Turn::RotationVector => "rotation_vector",
+        },
         "position_mm": table(|parameter| parameter.position_mm),
         "orientation_rad": table(|parameter| parameter.orientation_rad),
         "cost_m4": table(|parameter| parameter.cost_m4),

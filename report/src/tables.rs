@@ -3,7 +3,7 @@
 use tau::assumptions::{OrientationPoint, PathDeviation};
 use tau::calibration::{Combination, LinkResult, ParameterEstimate};
 use tau::evaluation::VariantResult;
-use tau::sensitivity::{ParameterSensitivity, Sensitivity};
+use tau::sensitivity::{ParameterSensitivity, Sensitivity, Turn};
 use tau::study::results::Study;
 
 use super::number::{
@@ -98,7 +98,10 @@ pub(super) fn errors(study: &Study) -> Table {
         columns: columns(&[
             ("", &["Variant"]),
             ("Position error (µm)", &["mean", "max", "rms"]),
-            ("Largest orientation error (mrad)", &["|α|", "|β|", "|γ|"]),
+            (
+                "Largest orientation error (mrad)",
+                &["|ωx|", "|ωy|", "|ωz|"],
+            ),
         ]),
         rows,
     }
@@ -152,6 +155,14 @@ pub(super) fn geometry(variant: &VariantResult) -> Table {
     }
 }
 
+/// Sum of the components of a change of orientation.
+pub(super) fn turn(turn: Turn) -> &'static str {
+    match turn {
+        Turn::EulerAngles => "|Δα| + |Δβ| + |Δγ|",
+        Turn::RotationVector => "|Δωx| + |Δωy| + |Δωz|",
+    }
+}
+
 /// Table III: position, orientation and cost, one table each.
 pub(super) fn sensitivity(sensitivity: &Sensitivity) -> Vec<Table> {
     type Quantity = fn(&ParameterSensitivity) -> f64;
@@ -161,7 +172,7 @@ pub(super) fn sensitivity(sensitivity: &Sensitivity) -> Vec<Table> {
             |parameter| parameter.position_mm,
         ),
         (
-            "orientation, Σ(|Δα| + |Δβ| + |Δγ|) in rad",
+            &format!("orientation, Σ({}) in rad", turn(sensitivity.turn)),
             |parameter| parameter.orientation_rad,
         ),
         ("change of the cost in m⁴", |parameter| parameter.cost_m4),
@@ -256,7 +267,7 @@ pub(super) fn orientation(points: &[OrientationPoint]) -> Option<Table> {
     if points.is_empty() {
         return None;
     }
-    let rows = ["α", "β", "γ"]
+    let rows = ["ωx", "ωy", "ωz"]
         .iter()
         .enumerate()
         .map(|(axis, name)| {
@@ -270,7 +281,10 @@ pub(super) fn orientation(points: &[OrientationPoint]) -> Option<Table> {
         .collect();
     Some(Table {
         title: "Orientation over the grid, deviation from the mean".to_owned(),
-        columns: columns(&[("", &["Angle"]), ("Deviation (mrad)", &["rms", "largest"])]),
+        columns: columns(&[
+            ("", &["Rotation"]),
+            ("Deviation (mrad)", &["rms", "largest"]),
+        ]),
         rows,
     })
 }

@@ -6,6 +6,7 @@ use tau::discovery::Discovery;
 use tau::evaluation::Evaluation;
 use tau::evaluation::{Summary, VariantResult};
 use tau::sensitivity::Sensitivity;
+use tau::session::Basis;
 use tau::study::results::Study;
 
 use super::discovery;
@@ -109,11 +110,18 @@ pub fn discovery(found: &Discovery) -> String {
 }
 
 /// One variant: its row of Table I in words, Table II, and what the data determine.
-pub fn variant(result: &VariantResult) -> String {
+///
+/// Unless the poses of its errors are held out, they are the calibration's own.
+pub fn variant(result: &VariantResult, is_held_out: bool) -> String {
+    let basis = if is_held_out {
+        Basis::HeldOut
+    } else {
+        Basis::Calibration
+    };
     let text = position_and_orientation(
         result.position_um,
         result.orientation_rad_max_abs,
-        result.pose_errors.len(),
+        (result.pose_errors.len(), basis),
     ) + "\n"
         + &render(&tables::geometry(result))
         + "\n"
@@ -121,30 +129,44 @@ pub fn variant(result: &VariantResult) -> String {
     printable(&text)
 }
 
-/// Errors of predicted poses, in words.
-pub fn evaluation(evaluation: &Evaluation) -> String {
+/// Errors of predicted poses, in words, with what the poses are to the parameters.
+pub fn evaluation(evaluation: &Evaluation, basis: Basis) -> String {
     let text = position_and_orientation(
         evaluation.position_um,
         evaluation.orientation_rad_max_abs,
-        evaluation.errors.len(),
+        (evaluation.errors.len(), basis),
     );
-    printable(&text)
+    let meaning = match basis {
+        Basis::Split => "",
+        Basis::HeldOut => "The robot file was calibrated on other poses of this folder.",
+        Basis::NewFolder => {
+            "The robot file was not calibrated on this folder: all its poses are compared."
+        }
+        Basis::Calibration => {
+            "The robot file was calibrated on all of them, so this is how well it fits, not how well it predicts."
+        }
+    };
+    printable(&(text + &wrap(meaning, "")))
 }
 
 fn position_and_orientation(
     position_um: Summary,
     orientation_rad: Option<[f64; 3]>,
-    poses: usize,
+    (poses, basis): (usize, Basis),
 ) -> String {
+    let poses = match basis {
+        Basis::Split | Basis::HeldOut => format!("{poses} validation poses"),
+        Basis::NewFolder => format!("{poses} poses"),
+        Basis::Calibration => format!("the {poses} poses that calibrated, none being held out"),
+    };
     let Summary { mean, max, rms } = position_um;
     let [mean, max, rms] = [mean, max, rms].map(|value| general(value, 3));
-    let position = format!(
-        "Position error at {poses} validation poses: mean {mean} µm, largest {max} µm, rms {rms} µm."
-    );
+    let position =
+        format!("Position error at {poses}: mean {mean} µm, largest {max} µm, rms {rms} µm.");
     let orientation = orientation_rad.map_or_else(String::new, |angles| {
-        let [alpha, beta, gamma] = angles.map(|angle| general(1e3 * angle, 3));
+        let [x, y, z] = angles.map(|angle| general(1e3 * angle, 3));
         let sentence =
-            format!("Largest orientation error: {alpha}, {beta} and {gamma} mrad in α, β and γ.");
+            format!("Largest orientation error: {x}, {y} and {z} mrad about x, y and z.");
         wrap(&sentence, "")
     });
     wrap(&position, "") + &orientation
@@ -165,6 +187,9 @@ pub fn sensitivity(sensitivity: &Sensitivity) -> String {
         ),
         "",
     );
+    if let Some(remark) = findings::turn(sensitivity) {
+        text += &wrap(remark, "");
+    }
     printable(&text)
 }
 

@@ -1,6 +1,7 @@
 //! A robot as described, its instance (`robot.toml`), its measurements, and errors located in these files.
 
 pub mod effects;
+pub mod fingerprint;
 pub mod input_error;
 pub mod measurements;
 pub mod prototype;

@@ -133,6 +133,31 @@ impl Robot {
         variant.ok_or_else(|| InputError::unknown_name(source, "variant", name, known))
     }
 
+    /// A variant without the effects of the tracker: those on `tcp`, which are errors of the measurement and none of the
+    /// machine. With their names and places, such as `tracker_drift(tcp)`.
+    ///
+    /// # Errors
+    /// The description can't be read, as that of a robot made by hand.
+    pub fn of_machine_alone(
+        &self,
+        variant: &Variant,
+    ) -> Result<(Variant, Vec<String>), InputError> {
+        let left_out = variant.tracker_effects();
+        if left_out.is_empty() {
+            return Ok((variant.clone(), left_out));
+        }
+        let text = &self.description;
+        let mut model = language::check_text(text)
+            .map_err(|errors| InputError::of_description(&self.name, text, &errors))?;
+        model.variants.retain(|own| own.name == variant.name);
+        for own in &mut model.variants {
+            own.effects
+                .retain(|effect| effect.place != language::model::Place::Tcp);
+        }
+        let compiled = Self::from(&tau_codegen::compile(&model, text));
+        Ok((compiled.find(&variant.name, &self.name)?.clone(), left_out))
+    }
+
     /// Indices of the links of a cluster.
     pub fn links_of_cluster(&self, cluster: usize) -> Vec<usize> {
         (0..self.links.len())
@@ -154,6 +179,14 @@ impl Variant {
         self.instances
             .iter()
             .filter(move |instance| instance.kind == kind)
+    }
+
+    /// Effects of the tracker, with their place.
+    pub fn tracker_effects(&self) -> Vec<String> {
+        let of_tracker = self.effects.iter().filter(|(_, places)| places == &["tcp"]);
+        of_tracker
+            .map(|(effect, _)| format!("{effect}(tcp)"))
+            .collect()
     }
 
     /// Index of a parameter by its owner, quantity and component.

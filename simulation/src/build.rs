@@ -1,9 +1,9 @@
 //! The machine that a robot file describes, and the one that was built instead.
 
-use nalgebra::{Matrix3, Rotation3, Vector3};
+use nalgebra::{Rotation3, Vector3};
 use tau_robot::input_error::{Errors, InputError};
 use tau_robot::robot::{Arm, Owner, Robot, Variant};
-use tau_robot::robot_file::{LinkValues, RobotFile, Value};
+use tau_robot::robot_file::{LinkValues, Reference, RobotFile, Value};
 
 use super::effect::Conditions;
 use super::machine::{Machine, Pose, Rod, least_norm};
@@ -37,6 +37,8 @@ impl Default for Build {
     }
 }
 
+/// Farthest that the machine may stand from its reference, over the mean length of its links; twice as much in rad.
+const ROUGH: f64 = 0.1;
 /// Rotation of a drawn machine's carts along their track (rad/m), one standard deviation.
 const CART_TURN: f64 = 1e-4;
 
@@ -226,52 +228,43 @@ pub(super) fn simplify(machine: &mut Machine, robot: &Robot, variant: &Variant, 
     }
 }
 
-/// The pose at all commands zero: of the ways of assembling the arm, the most firmly held.
-///
-/// The search starts on a sphere about the carts, first in the orientation in which the plate joints of
-/// each cluster lie like its cart joints.
-pub(super) fn home(machine: &Machine) -> Option<Pose> {
+/// The pose at all commands zero, along the straight way from the commands at which a reference says where the machine
+/// stands; `None` where the rods do not meet near it, or do not hold the plate.
+pub(super) fn home(machine: &Machine, reference: &Reference) -> Option<Pose> {
     let bare = Machine {
         payload: None,
         effects: Vec::new(),
         ..machine.clone()
     };
-    let commands = vec![0.0; machine.commands];
-    let count = machine.rods.len() as f64;
-    let centre = machine
-        .rods
+    let stated = Pose {
+        position_m: reference.position_m.into(),
+        rotation: zyz(reference.orientation_rad),
+    };
+    let conditions = Conditions::default();
+    let found = bare.solve(&reference.commands_m, &conditions, stated)?.pose;
+    let is_near = (found.position_m - stated.position_m).norm() < ROUGH * machine.mean_length_m()
+        && found.rotation.angle_to(&stated.rotation) < 2.0 * ROUGH;
+    let farthest = reference
+        .commands_m
         .iter()
-        .map(|rod| rod.track_offset_m)
-        .sum::<Vector3<f64>>()
-        / count;
-    for rotation in std::iter::once(parallel_orientation(machine)).chain(cube_rotations()) {
-        let mut best: Option<(f64, Pose)> = None;
-        for k in 0..27_i32 {
-            let away = Vector3::new(
-                f64::from(k % 3 - 1),
-                f64::from(k / 3 % 3 - 1),
-                f64::from(k / 9 - 1),
-            );
-            let Some(away) = away.try_normalize(0.5) else {
-                continue;
-            };
-            let start = Pose {
-                position_m: centre + away * machine.mean_length_m(),
-                rotation,
-            };
-            let Some(state) = bare.solve(&commands, &Conditions::default(), start) else {
-                continue;
-            };
-            let firmness = firmness(&bare, state.pose);
-            if firmness > 1e-4 && best.is_none_or(|(other, _)| firmness > other * (1.0 + 1e-6)) {
-                best = Some((firmness, state.pose));
-            }
-        }
-        if let Some((_, pose)) = best {
-            return Some(pose);
-        }
+        .fold(0.0, |far: f64, q| far.max(q.abs()));
+    let steps = (farthest / (WAY * machine.mean_length_m())).ceil();
+    let (mut pose, mut step) = (found, 0.0);
+    while step < steps {
+        step += 1.0;
+        let rest = 1.0 - step / steps;
+        let commands: Vec<f64> = reference.commands_m.iter().map(|q| q * rest).collect();
+        pose = bare.solve(&commands, &conditions, pose)?.pose;
     }
-    None
+    (is_near && firmness(&bare, pose) > 1e-4).then_some(pose)
+}
+
+/// The rotation Rz(alpha)·Ry(beta)·Rz(gamma).
+fn zyz([alpha, beta, gamma]: [f64; 3]) -> Rotation3<f64> {
+    let about = |axis, angle| Rotation3::from_axis_angle(&axis, angle);
+    about(Vector3::z_axis(), alpha)
+        * about(Vector3::y_axis(), beta)
+        * about(Vector3::z_axis(), gamma)
 }
 
 /// Smallest singular value of the change of the rods' lengths with the plate's motion, rotation counted
@@ -297,60 +290,6 @@ fn firmness(machine: &Machine, pose: Pose) -> f64 {
     } else {
         matrix.singular_values().min()
     }
-}
-
-/// The orientation that best carries the plate joints of each cluster onto its cart joints (Kabsch).
-fn parallel_orientation(machine: &Machine) -> Rotation3<f64> {
-    let mut covariance = Matrix3::zeros();
-    for track in 0..machine.tracks {
-        let rods: Vec<&Rod> = machine
-            .rods
-            .iter()
-            .filter(|rod| rod.track == Some(track))
-            .collect();
-        let count = rods.len().max(1) as f64;
-        let cart = rods
-            .iter()
-            .map(|rod| rod.track_offset_m)
-            .sum::<Vector3<f64>>()
-            / count;
-        let plate = rods
-            .iter()
-            .map(|rod| rod.plate_joint_m)
-            .sum::<Vector3<f64>>()
-            / count;
-        for rod in rods {
-            covariance += (rod.track_offset_m - cart) * (rod.plate_joint_m - plate).transpose();
-        }
-    }
-    let svd = covariance.svd(true, true);
-    // Fewer than two directions leave the orientation open.
-    if svd.singular_values[1] < 1e-9 {
-        return Rotation3::identity();
-    }
-    let (Some(u), Some(v_t)) = (svd.u, svd.v_t) else {
-        return Rotation3::identity();
-    };
-    let mut proper = Matrix3::identity();
-    let smallest = svd.singular_values.imin();
-    proper[(smallest, smallest)] = (u * v_t).determinant().signum();
-    Rotation3::from_matrix_unchecked(u * proper * v_t)
-}
-
-/// The 24 rotations of a cube, the identity first.
-fn cube_rotations() -> impl Iterator<Item = Rotation3<f64>> {
-    use std::f64::consts::FRAC_PI_2;
-    (0..64).filter_map(|k| {
-        let [a, b, c] = [k % 4, k / 4 % 4, k / 16].map(|turns| f64::from(turns) * FRAC_PI_2);
-        // Of the Euler angles in quarter turns those with the middle one at most a half turn, and the
-        // first one zero where the middle one leaves only their sum or difference.
-        let degenerate = k / 4 % 2 == 0;
-        (k / 4 % 4 != 3 && !(degenerate && k % 4 != 0)).then(|| {
-            Rotation3::from_axis_angle(&Vector3::z_axis(), a)
-                * Rotation3::from_axis_angle(&Vector3::y_axis(), b)
-                * Rotation3::from_axis_angle(&Vector3::z_axis(), c)
-        })
-    })
 }
 
 /// Pose and commands (m) of the machine of the drawings, as a controller computes them.

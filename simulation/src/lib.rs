@@ -189,9 +189,16 @@ impl<'a> Session<'a> {
             robot, file, seed, ..
         } = simulation;
         let (nominal, tolerances) = build::nominal(robot, file)?;
-        let Some(pose) = build::home(&nominal) else {
-            let message =
-                "the arm can't be assembled at commands zero so that the links hold the plate";
+        // Another assembly would be another machine, of which no variant of the robot file is true.
+        let Some(reference) = file.completed(robot).reference else {
+            let message = "found no `[reference]`, expected the pose at which the machine stands at some commands";
+            return Err(InputError::whole("robot.toml", message).help(
+                "add `[reference]` with `commands_m`, `position_m` and `orientation_rad` (ZYZ) to the robot file, \
+                 or `reference { … }` to the description",
+            ));
+        };
+        let Some(pose) = build::home(&nominal, &reference) else {
+            let message = "the arm can't be assembled near `[reference]`, or not at commands zero, so that the links hold the plate";
             return Err(InputError::whole("robot.toml", message));
         };
         let home = Commanded {
@@ -306,9 +313,13 @@ impl<'a> Session<'a> {
                 tcp_poses,
                 cart_poses,
                 cart_positions,
+                fingerprint: String::new(),
                 remarks: Vec::new(),
             },
-            file: simulation.file.clone(),
+            file: RobotFile {
+                reference: simulation.file.completed(&simulation.robot).reference,
+                ..simulation.file.clone()
+            },
             truth: Truth {
                 effects,
                 status,

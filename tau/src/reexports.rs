@@ -56,5 +56,7 @@ pub mod measurements {
 
 /// The instance of a robot: nominal or calibrated parameters with tolerances, noise and loads (`robot.toml`).
 pub mod robot_file {
-    pub use tau_robot::robot_file::{LinkValues, Noise, Payload, RobotFile, Value};
+    pub use tau_robot::robot_file::{
+        LinkValues, MeasuredPath, Noise, Payload, Provenance, Reference, RobotFile, Value,
+    };
 }

@@ -3,7 +3,9 @@
 use proptest::prelude::*;
 use tau::input_error::InputError;
 use tau::measurements::{Folder, Split, Texts};
-use tau::robot_file::{LinkValues, Noise, Payload, RobotFile, Value};
+use tau::robot_file::{
+    LinkValues, MeasuredPath, Noise, Payload, Provenance, Reference, RobotFile, Value,
+};
 
 use super::{CART_POSES, CART_POSITIONS, OnDisk, ROBOT, SHAPE, TCP_POSES, pair};
 
@@ -59,33 +61,108 @@ fn robot_file() -> impl Strategy<Value = RobotFile> {
     let noise = (1e-9..1.0_f64, 1e-9..1.0_f64);
     let payload = prop::option::of((0.0..1e3_f64, prop::array::uniform3(-9.0..9.0_f64)));
     let range = prop::option::of((-9.0..0.0_f64, 0.0..9.0_f64));
+    let reference = prop::option::of((
+        prop::collection::vec(-9.0..9.0_f64, 0..9),
+        prop::array::uniform3(-9.0..9.0_f64),
+        prop::array::uniform3(-3.0..3.0_f64),
+    ))
+    .prop_map(|stated| {
+        stated.map(|(commands_m, position_m, orientation_rad)| Reference {
+            commands_m,
+            position_m,
+            orientation_rad,
+        })
+    });
+    let name = || "[a-z]{1,5}";
+    let span = || (-9.0..0.0_f64, 0.0..9.0_f64).prop_map(|(low, high)| [low, high]);
+    let record = (
+        (
+            any::<String>(),
+            any::<String>(),
+            any::<String>(),
+            any::<String>(),
+            any::<String>(),
+        ),
+        (
+            0..9_usize,
+            prop::collection::vec(span(), 0..4),
+            prop::collection::vec(any::<String>(), 0..3),
+        ),
+        prop::sample::select(vec![
+            Split::Alternate,
+            Split::All,
+            Split::First(7),
+            Split::Fraction {
+                share: 0.3,
+                seed: 5,
+            },
+        ]),
+    )
+        .prop_map(
+            |(texts, (poses, spans, tracker_effects), split)| Provenance {
+                program: texts.0,
+                date: texts.1,
+                variant: texts.2,
+                split,
+                poses,
+                folder: texts.3,
+                description: texts.4,
+                commands_m: spans.clone(),
+                position_m: spans,
+                tracker_effects,
+            },
+        );
+    let path =
+        prop::collection::vec(prop::array::uniform3(-9.0..9.0_f64), 2..5).prop_map(|points_m| {
+            let commands_m = (0..points_m.len()).map(|k| k as f64 / 3.0).collect();
+            MeasuredPath {
+                commands_m,
+                points_m,
+            }
+        });
+    let paths = prop::collection::btree_map(name(), path, 0..3);
+    let stated = (range, reference, prop::option::of(record), paths);
     (
         any::<String>(),
         noise,
         payload,
-        range,
+        stated,
         section(),
         section(),
         section(),
         effects,
     )
         .prop_map(
-            |(robot, noise, payload, range_m, links, clusters, tracks, effects)| RobotFile {
+            |(
                 robot,
-                noise: Noise {
-                    position_m: noise.0,
-                    rotation_rad: noise.1,
-                },
-                payload: payload.map(|(mass_kg, centre_m)| Payload {
-                    mass_kg,
-                    centre_m,
-                    gravity_m_s2: centre_m,
-                }),
-                range_m,
+                noise,
+                payload,
+                (range_m, reference, calibration, paths),
                 links,
                 clusters,
                 tracks,
                 effects,
+            )| {
+                RobotFile {
+                    robot,
+                    noise: Noise {
+                        position_m: noise.0,
+                        rotation_rad: noise.1,
+                    },
+                    payload: payload.map(|(mass_kg, centre_m)| Payload {
+                        mass_kg,
+                        centre_m,
+                        gravity_m_s2: centre_m,
+                    }),
+                    range_m,
+                    reference,
+                    calibration,
+                    paths,
+                    links,
+                    clusters,
+                    tracks,
+                    effects,
+                }
             },
         )
 }

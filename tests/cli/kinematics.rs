@@ -206,33 +206,6 @@ fn poses_of_a_level_plate_are_predicted_from_measured_ones() {
 }
 
 #[test]
-fn a_guessed_assembly_is_remarked() {
-    let folder = tempfile::tempdir().unwrap();
-    let line = "tau kinematics forward --variant Full --robot DATA/robot.toml --commands 0,0,0";
-    let guessed = tau_in(folder.path(), line);
-    assert_eq!(guessed.code, 0, "{}", guessed.err);
-    assert!(
-        guessed
-            .err
-            .starts_with("note: how the arm is assembled was guessed: of "),
-        "{}",
-        guessed.err
-    );
-    assert!(guessed.err.contains("--start"), "{}", guessed.err);
-    let settled = [
-        format!("{line} --start=-1.4,-4.5,0,1.5,1.8,-1.5"),
-        line.replace("forward", "forward DATA"),
-    ];
-    for line in settled {
-        let ran = tau_in(folder.path(), &line);
-        assert_eq!((ran.code, ran.err.as_str()), (0, ""), "{line}");
-    }
-    let line = "tau kinematics inverse --variant Full --robot DATA/robot.toml --pose=-1.5,-4.6,0.2";
-    let inverse = tau_in(folder.path(), line);
-    assert!(inverse.err.contains("was guessed"), "{}", inverse.err);
-}
-
-#[test]
 fn columns_of_a_csv_reach_the_effects_that_read_them() {
     let folder = tempfile::tempdir().unwrap();
     let robot = "robot = \"LinearDelta\"\n[noise]\nposition_m = 1e-5\nrotation_rad = 4e-5\n\

@@ -10,7 +10,7 @@ use tau::input_error::InputError;
 use tau::kinematics::{self, InverseOptions, Machine, Pose, Reached};
 use tau::measurements::{Folder, Poses, Shape, Split, TcpPose};
 use tau::robot::Arm;
-use tau_robot::input_error::both;
+use tau_robot::input_error::{both, quoted};
 
 use super::calibrate::{csv, number};
 use super::deliver::{Outcome, Target, check_file};
@@ -41,7 +41,7 @@ pub(super) fn forward(arguments: &arguments::Forward) -> Result<Outcome, Failure
     for row in &rows {
         let next = setup
             .predict(row, reached.last(), start)
-            .map_err(|error| fail(row, &error))?;
+            .map_err(|error| setup.fail(row, &error))?;
         reached.push(next);
     }
     setup.remarks.extend(misfits(&rows, &reached));
@@ -60,30 +60,10 @@ pub(super) fn inverse(arguments: &arguments::Inverse) -> Result<Outcome, Failure
     for row in &rows {
         let next = setup
             .reach(row, reached.last())
-            .map_err(|error| fail(row, &error))?;
+            .map_err(|error| setup.fail(row, &error))?;
         reached.push(next);
     }
     setup.outcome(&rows, &reached)
-}
-
-/// An error of a row; what the input lacks is the input's fault.
-fn fail(row: &Row, error: &kinematics::Error) -> Failure {
-    use kinematics::Error::{Commands, Missing, Target};
-    let of_input = || InputError::whole(&row.source, format!("pose {}: {error}", row.pose));
-    match error {
-        Missing { what, .. } if what.is_column() => {
-            let is_option = row.source.starts_with("--");
-            of_input()
-                .help(if is_option {
-                    "give them, with the commands or poses, in a CSV with `--poses`"
-                } else {
-                    "add them to the CSV"
-                })
-                .into()
-        }
-        Missing { .. } | Commands { .. } | Target(_) => of_input().into(),
-        error => Failure::Failed(format!("{}: pose {}: {error}", row.source, row.pose)),
-    }
 }
 
 /// A machine, and what settles how its arm is assembled.
@@ -91,6 +71,16 @@ struct Setup<'a> {
     machine: Machine,
     range_m: Vec<Option<(f64, f64)>>,
     measured: Vec<TcpPose>,
+    /// Name of the folder that the measured poses are of.
+    folder: String,
+    /// Name of the robot file.
+    file: String,
+    /// Name of what the machine's reference is from: the robot file or the description.
+    reference: String,
+    /// The known pose from which the first way started.
+    known: Option<Known>,
+    /// Effects of the tracker, which kinematics leaves out.
+    left_out: Vec<String>,
     json: Option<Target>,
     out: Option<&'a Path>,
     remarks: Vec<String>,
@@ -120,7 +110,7 @@ impl<'a> Setup<'a> {
             }),
         );
         let variant = robot.find(&with.variant.name, "--variant").cloned();
-        let (((folder, file), variant), (json, ())) =
+        let (((folder, file), mut variant), (json, ())) =
             both(both(both(measurements, file), variant), outputs)?;
 
         let poses = match &folder {
@@ -130,6 +120,9 @@ impl<'a> Setup<'a> {
             }
             None => Vec::new(),
         };
+        // Errors of the tracker are in what it measures, not where the machine stands.
+        let (own, left_out) = robot.of_machine_alone(&variant)?;
+        let asked = std::mem::replace(&mut variant, own);
         let shape = Shape::from(&robot);
         let range_m = folder.as_ref().map_or_else(
             || Folder::default().measured_range(&file, shape),
@@ -147,115 +140,208 @@ impl<'a> Setup<'a> {
                 _ => error,
             }
         })?;
+        let file_name = file_name(with);
+        let reference = match (&file.reference, &with.robot.model) {
+            (None, Some(path)) => path.display().to_string(),
+            _ => file_name.clone(),
+        };
+        let of_tracker = (!left_out.is_empty()).then(|| {
+            format!(
+                "{} of `{}` are errors of the tracker, not of the machine, and are left out",
+                quoted(left_out.iter().map(String::as_str)),
+                variant.name
+            )
+        });
+        let region = file.calibration.as_ref();
+        let range_m = region.map_or(range_m, |region| {
+            let ranges = region.commands_m.iter();
+            ranges.map(|&[low, high]| Some((low, high))).collect()
+        });
+        let (folder, measured) =
+            folder.map_or_else(Default::default, |folder| (folder.name, folder.tcp_poses));
         Ok(Self {
             machine,
             range_m,
-            measured: folder.map_or_else(Vec::new, |folder| folder.tcp_poses),
+            measured,
+            folder,
+            file: file_name,
+            reference,
+            known: None,
+            left_out,
             json,
             out: with.out.as_deref(),
             remarks: (file.other_robot(&robot).into_iter())
-                .chain(file.unused_effects(&variant))
+                .chain(file.unused_effects(&asked))
+                .chain(of_tracker)
                 .collect(),
         })
     }
 
-    /// The pose at the commands of a row, by continuity from the row before where it gives no start.
+    /// The pose at the commands of a row: along the way from the row before, or from a known pose.
     fn predict(
         &mut self,
         row: &Row,
         before: Option<&Reached>,
         start: Option<Pose>,
     ) -> Result<Reached, kinematics::Error> {
-        let (from, pose) = match (row.start, before) {
-            (Some(own), _) => (&row.commands_m, own),
-            (None, Some(before)) => (&before.commands_m, before.pose),
-            (None, None) => {
-                let known = start.or_else(|| self.measured_near_commands(&row.commands_m));
-                let pose = match known {
-                    Some(pose) => pose,
-                    None => self.guess(row, &row.commands_m, "a pose nearby as `--start`")?,
-                };
-                (&row.commands_m, pose)
-            }
+        let along = |machine: &Machine, from: &Reached| {
+            machine.forward_along(&from.commands_m, &row.sample(&row.commands_m, from.pose))
         };
-        self.machine
-            .forward_along(from, &row.sample(&row.commands_m, pose))
-    }
-
-    /// The pose at commands (m) in the best held way of assembling the arm, with a remark on how to
-    /// say which one is meant.
-    fn guess(
-        &mut self,
-        row: &Row,
-        commands_m: &[f64],
-        settle: &str,
-    ) -> Result<Pose, kinematics::Error> {
-        let anywhere = Pose::from_zyz(row.position_m, [0.0; 3]);
-        let modes = self
-            .machine
-            .assembly_modes_of(&row.sample(commands_m, anywhere), None)?;
-        if modes.len() > 1 {
-            self.remarks.push(format!(
-                "how the arm is assembled was guessed: of {} ways that were found, the one that holds \
-                 the plate most firmly was taken; give {settle}, or a measurement FOLDER",
-                modes.len()
-            ));
+        match (row.start, before, start) {
+            (Some(own), ..) => {
+                let sample = row.sample(&row.commands_m, own);
+                self.machine.forward_along(&row.commands_m, &sample)
+            }
+            (None, Some(before), _) => match along(&self.machine, before) {
+                // Another way may be free.
+                Err(kinematics::Error::Way { share }) if start.is_none() => {
+                    let known = self.known(row)?;
+                    along(&self.machine, &known).map_err(|_| kinematics::Error::Way { share })
+                }
+                found => found,
+            },
+            (None, None, Some(start)) => {
+                let sample = row.sample(&row.commands_m, start);
+                self.known = Some(Known {
+                    from: "--start".to_owned(),
+                    commands_m: row.commands_m.clone(),
+                    pose: start,
+                });
+                self.machine.forward_along(&row.commands_m, &sample)
+            }
+            (None, None, None) => {
+                let known = self.known(row)?;
+                along(&self.machine, &known)
+            }
         }
-        Ok(modes[0].pose)
     }
 
-    /// The commands for the pose of a row, by continuity from the row before where it gives no angles.
+    /// The commands for the pose of a row: along the way from the row before, or from a known pose.
     fn reach(&mut self, row: &Row, before: Option<&Reached>) -> Result<Reached, kinematics::Error> {
-        let position = row.position_m;
-        let measured = self.measured_near_position(position);
-        let measured_pose =
-            measured.map(|measured| Pose::from_zyz(measured.position_m, measured.angles_rad));
-        let commands_m = match (before, measured) {
-            (Some(before), _) => before.commands_m.clone(),
-            (None, Some(measured)) => measured.commands_m.clone(),
-            (None, None) => {
-                let middle = |range: &Option<(f64, f64)>| {
-                    range.map_or(0.0, |(low, high)| f64::midpoint(low, high))
-                };
-                self.range_m.iter().map(middle).collect()
-            }
-        };
-        let known = row
-            .start
-            .or(before.map(|before| before.pose))
-            .or(measured_pose);
-        let nearby = match known {
-            None if self.machine.orientation_follows() => {
-                let settle = "the angles of a pose nearby after its position";
-                Some(self.guess(row, &commands_m, settle)?)
-            }
-            known => known,
-        };
-        let options = InverseOptions {
-            near: nearby.map(|pose| (pose, commands_m)),
+        let mut options = InverseOptions {
             range_m: self.range_m.clone(),
             directions: row.directions.clone(),
             conditions: row.conditions,
             ..InverseOptions::default()
         };
-        match row.start {
-            Some(pose) if !self.is_given_by_position() => self.machine.inverse(pose, &options),
-            _ => self.machine.inverse_position(position, &options),
+        let by_position = self.machine.is_given_by_position();
+        let asked = match row.start {
+            None if !by_position => {
+                return self.machine.inverse_position(row.position_m, &options);
+            }
+            // A driven length is the distance of its joints, however the arm is assembled.
+            Some(pose) if !by_position && self.machine.robot.tracks.is_empty() => {
+                return self.machine.inverse(pose, &options);
+            }
+            asked => asked,
+        };
+        let from = match before {
+            Some(before) => before.clone(),
+            None => self.known(row)?,
+        };
+        let to = match asked {
+            Some(pose) if !by_position => pose,
+            _ => Pose {
+                position: row.position_m.into(),
+                ..from.pose
+            },
+        };
+        let mut along = self.machine.inverse_along(&from, to, &options);
+        if let (Err(kinematics::Error::Way { .. }), Some(_)) = (&along, before) {
+            // Another way may be free.
+            let known = self.known(row)?;
+            let again = self.machine.inverse_along(&known, to, &options);
+            along = again.or(along);
+        }
+        // Angles beside a position from which they follow choose between the ways of assembling the arm.
+        match asked {
+            Some(pose) if by_position && self.machine.orientation_follows() => {
+                let commands_m = along.map_or(from.commands_m, |reached| reached.commands_m);
+                options.near = Some((pose, commands_m));
+                self.machine.inverse_position(row.position_m, &options)
+            }
+            _ => along,
         }
     }
 
-    /// True if a position says all that can be asked for.
-    fn is_given_by_position(&self) -> bool {
-        self.machine.variant.arm == Arm::Reduced || self.machine.orientation_follows()
+    /// A pose of the machine with its commands, from which ways start: its reference, or else the measured pose of the
+    /// folder that is nearest to the row.
+    fn known(&mut self, row: &Row) -> Result<Reached, kinematics::Error> {
+        use kinematics::Error::{NoReference, Reference};
+        let anywhere = Pose::from_zyz(row.position_m, [0.0; 3]);
+        let at_reference = self.machine.at_reference(&row.sample(&[], anywhere));
+        let is_described = self.reference != self.file;
+        let (from, reached) = match at_reference {
+            Err(NoReference) => self.measured_near(row).ok_or(NoReference)?,
+            // Measurements in another frame than the description's say it better.
+            Err(error @ Reference { .. }) if is_described => {
+                self.measured_near(row).ok_or(error)?
+            }
+            found => (self.reference.clone(), found?),
+        };
+        self.known.get_or_insert_with(|| Known {
+            from,
+            commands_m: reached.commands_m.clone(),
+            pose: reached.pose,
+        });
+        Ok(reached)
     }
 
-    fn measured_near_commands(&self, commands_m: &[f64]) -> Option<Pose> {
-        let measured = nearest(&self.measured, commands_m, |pose| &pose.commands_m)?;
-        Some(Pose::from_zyz(measured.position_m, measured.angles_rad))
+    /// The measured pose nearest to what a row asks about, and its name.
+    fn measured_near(&self, row: &Row) -> Option<(String, Reached)> {
+        let measured = if row.commands_m.is_empty() {
+            nearest(&self.measured, &row.position_m, |pose| &pose.position_m)
+        } else {
+            nearest(&self.measured, &row.commands_m, |pose| &pose.commands_m)
+        }?;
+        let reached = Reached {
+            commands_m: measured.commands_m.clone(),
+            pose: Pose::from_zyz(measured.position_m, measured.angles_rad),
+            mismatch_m: 0.0,
+        };
+        Some((
+            format!("pose {} of {}", measured.pose, self.folder),
+            reached,
+        ))
     }
 
-    fn measured_near_position(&self, position_m: [f64; 3]) -> Option<&TcpPose> {
-        nearest(&self.measured, &position_m, |pose| &pose.position_m)
+    /// An error of a row; what the input lacks is the input's fault.
+    fn fail(&self, row: &Row, error: &kinematics::Error) -> Failure {
+        use kinematics::Error::{Commands, Missing, NoReference, Reference, Target};
+        let of_input = || InputError::whole(&row.source, format!("pose {}: {error}", row.pose));
+        match error {
+            Missing { what, .. } if what.is_column() => {
+                let is_option = row.source.starts_with("--");
+                of_input()
+                    .help(if is_option {
+                        "give them, with the commands or poses, in a CSV with `--poses`"
+                    } else {
+                        "add them to the CSV"
+                    })
+                    .into()
+            }
+            NoReference => {
+                let message = "found no `[reference]`, expected the pose at which the machine stands at some \
+                               commands: an arm can be assembled in several ways, and nothing says in which";
+                let zeros = vec!["0.0"; self.machine.robot.commands].join(", ");
+                InputError::whole(&self.file, message)
+                    .help(format!(
+                        "add `[reference]` with `commands_m = [{zeros}]`, `position_m = [x, y, z]` and \
+                         `orientation_rad = [alpha, beta, gamma]`, or name a measurement FOLDER{}",
+                        if row.commands_m.is_empty() {
+                            ""
+                        } else {
+                            ", or give a pose nearby with `--start`"
+                        }
+                    ))
+                    .into()
+            }
+            Reference { .. } => InputError::whole(&self.reference, error.to_string())
+                .help("correct `[reference]` of the robot file; it counts before that of the description")
+                .into(),
+            Missing { .. } | Commands { .. } | Target(_) => of_input().into(),
+            error => Failure::Failed(format!("{}: pose {}: {error}", row.source, row.pose)),
+        }
     }
 
     /// A remark where commands lie outside the measured range: there, paths and effects are extrapolated.
@@ -315,9 +401,19 @@ impl<'a> Setup<'a> {
                 })
             })
             .collect();
+        let reference = self.known.as_ref().map(|known| {
+            json!({
+                "from": known.from,
+                "commands_m": known.commands_m,
+                "position_m": known.pose.position_m(),
+                "orientation_rad": known.pose.angles_rad(),
+            })
+        });
         let value = json!({
             "robot": self.machine.robot.name,
             "variant": self.machine.variant.name,
+            "reference": reference,
+            "tracker_effects_left_out": self.left_out,
             "poses": poses,
         });
         let beyond = self.beyond_range(rows, reached);
@@ -339,6 +435,23 @@ impl<'a> Setup<'a> {
                 ..Outcome::default()
             },
         })
+    }
+}
+
+/// The known pose that settled how the arm is assembled.
+struct Known {
+    /// The file or option that it is from.
+    from: String,
+    commands_m: Vec<f64>,
+    pose: Pose,
+}
+
+/// Name of the robot file.
+fn file_name(with: &arguments::Kinematic) -> String {
+    match (&with.robot.robot, &with.folder) {
+        (Some(path), _) => path.display().to_string(),
+        (None, Some(folder)) => folder.join("robot.toml").display().to_string(),
+        (None, None) => "prototype/robot.toml".to_owned(),
     }
 }
 

@@ -11,7 +11,7 @@ use tau_robot::measurements::set::{
 use tau_robot::measurements::table::{Column, Table};
 use tau_robot::measurements::{Conditions, Shape, plausible};
 
-use super::super::arguments::Numbers;
+use super::super::numbers::Numbers;
 
 /// One target.
 #[derive(Debug, Clone)]

@@ -4,15 +4,18 @@ mod cost;
 pub(crate) mod error;
 pub(crate) mod nominal;
 mod output;
+mod paths;
 pub(crate) mod registration;
 pub mod searched;
 mod stated;
 
-use tau_kinematics::{Machine, Path, Statics, Surroundings, nearest_rotation, zyz};
+use std::collections::BTreeMap;
+
+use tau_kinematics::{Machine, Statics, Surroundings, nearest_rotation, zyz};
 use tau_robot::input_error::InputError;
 use tau_robot::measurements::{Folder, TcpPose};
-use tau_robot::robot::{Instance, ResidualKind, Robot, TrackShape, Variant};
-use tau_robot::robot_file::RobotFile;
+use tau_robot::robot::{Instance, ResidualKind, Robot, Variant};
+use tau_robot::robot_file::{MeasuredPath, RobotFile};
 
 use nalgebra::{Matrix3, Rotation3};
 use tau_solver::{Problem, Solution};
@@ -83,7 +86,7 @@ pub struct Calibration {
 
 /// A variant with the values of a robot file: nominal ones or those of an earlier calibration.
 ///
-/// `folder` is needed where the variant has piecewise tracks, and, together with `poses` (indices
+/// `folder` is needed where the variant has piecewise tracks and the file does not hold their paths, and, together with `poses` (indices
 /// of its TCP poses), where the arm is reduced and the file gives links only: their plate joints
 /// are then carried into the track offsets by the mean measured rotation of these poses.
 ///
@@ -96,7 +99,11 @@ pub fn machine_from_file(
     folder: Option<&Folder>,
     poses: &[usize],
 ) -> Result<Machine, InputError> {
-    Ok(Prepared::new(robot, variant, &file.completed(robot), folder, poses)?.machine)
+    let file = &file.completed(robot);
+    // Angles of piecewise tracks refer to the frame in which their paths were measured.
+    let own = paths::as_measured(robot, file, folder);
+    let folder = own.as_ref().or(folder);
+    Ok(Prepared::new(robot, variant, file, folder, poses)?.machine)
 }
 
 /// A variant at its nominal values.
@@ -106,6 +113,8 @@ pub struct Prepared {
     /// Value and prior of each parameter of the variant.
     pub nominal: Vec<Nominal>,
     pub(crate) registration: Option<Registration>,
+    /// Paths of the piecewise tracks as they were measured, by name of the track.
+    pub(crate) measured_paths: BTreeMap<String, MeasuredPath>,
 }
 
 impl Prepared {
@@ -120,6 +129,7 @@ impl Prepared {
         folder: Option<&Folder>,
         poses: &[usize],
     ) -> Result<Self, InputError> {
+        let file = &paths::without_foreign_rotations(robot, file, folder);
         let registration = folder.and_then(|folder| Registration::of_set_2(robot, file, folder));
         let mean_rotation = folder.and_then(|folder| mean_rotation(folder, poses));
         let sources = nominal::Sources {
@@ -131,8 +141,9 @@ impl Prepared {
         };
         let nominal = sources.nominal()?;
         let surroundings = Surroundings {
-            paths: paths(robot, variant, folder, registration.as_ref())?,
+            paths: paths::registered(robot, variant, folder, registration.as_ref())?,
             statics: Statics::new(robot, file),
+            reference: file.reference.clone(),
         };
         let machine = Machine {
             robot: robot.clone(),
@@ -140,10 +151,14 @@ impl Prepared {
             values: nominal.iter().map(|nominal| nominal.value).collect(),
             surroundings,
         };
+        let measured_paths = folder.map_or_else(BTreeMap::new, |folder| {
+            paths::of_piecewise_tracks(robot, variant, folder)
+        });
         Ok(Self {
             machine,
             nominal,
             registration,
+            measured_paths,
         })
     }
 }
@@ -268,13 +283,21 @@ pub(crate) fn finish(
     let name = |place: usize| estimates[place].name.clone();
     Ok(Calibration {
         links: output::links(&machine, prepared.registration.as_ref(), poses)?,
-        file: output::file(
-            &machine,
-            &estimates,
-            &fitted.used,
-            file,
-            prepared.registration.as_ref(),
-        ),
+        file: RobotFile {
+            reference: output::reference(&machine, poses).or_else(|| file.reference.clone()),
+            paths: if prepared.measured_paths.is_empty() {
+                file.paths.clone()
+            } else {
+                prepared.measured_paths.clone()
+            },
+            ..output::file(
+                &machine,
+                &estimates,
+                &fitted.used,
+                file,
+                prepared.registration.as_ref(),
+            )
+        },
         correlations: correlations(&fitted.covariance)
             .into_iter()
             .map(|(a, b, value)| (name(a), name(b), value))
@@ -368,42 +391,8 @@ fn poses_needed(variant: &Variant) -> (usize, String) {
     (count, format!("each closure of variant `{}`", variant.name))
 }
 
-/// The path of each cart, in the measurement frame.
-fn paths(
-    robot: &Robot,
-    variant: &Variant,
-    folder: Option<&Folder>,
-    registration: Option<&Registration>,
-) -> Result<Vec<Option<Path>>, InputError> {
-    (0..robot.tracks.len())
-        .map(|track| {
-            let path = folder
-                .zip(registration)
-                .and_then(|(folder, registration)| {
-                    Some(Path::new(&set_2(folder, track))?.turned(&registration.rotation))
-                });
-            let is_needed =
-                variant.tracks.get(track).is_some_and(|model| model.shape == TrackShape::Piecewise);
-            if path.is_none() && is_needed {
-                return Err(InputError::whole(
-                    folder.map_or("cart_poses.csv", |folder| &folder.name),
-                    format!(
-                        "variant `{}` needs the path of cart {} (track `{}`): at least two points of set 2 at \
-                         different commands",
-                        variant.name,
-                        track + 1,
-                        robot.tracks[track]
-                    ),
-                )
-                .help("measure `cart_poses.csv`, or choose a variant with linear tracks"));
-            }
-            Ok(path)
-        })
-        .collect()
-}
-
 /// Mean of the measured rotations: the rotation nearest to the mean of their matrices.
-fn mean_rotation(folder: &Folder, poses: &[usize]) -> Option<Rotation3<f64>> {
+pub(crate) fn mean_rotation(folder: &Folder, poses: &[usize]) -> Option<Rotation3<f64>> {
     if poses.is_empty() {
         return None;
     }

@@ -1,10 +1,10 @@
 //! Output of a calibration: estimates, Table II, the calibrated robot file.
 
-use tau_kinematics::{Machine, xyz, xyz_angles};
+use tau_kinematics::{Machine, Sample, xyz, xyz_angles};
 use tau_robot::measurements::TcpPose;
 use tau_robot::robot::{Instance, Owner, ResidualKind};
 use tau_robot::robot_file::keys::{WIDE, effect_key, quantity_slot};
-use tau_robot::robot_file::{RobotFile, Value};
+use tau_robot::robot_file::{Reference, RobotFile, Value};
 
 use super::cost::closure_cost;
 use super::error::Error;
@@ -92,6 +92,36 @@ pub(super) fn links(
             })
         })
         .collect()
+}
+
+/// Reference that the poses show: the one whose commands are nearest to the middle of all. To a tenth
+/// of a millimetre and of a milliradian, which is far more than it takes to tell the assemblies of an arm apart.
+pub(super) fn reference(machine: &Machine, poses: &[&TcpPose]) -> Option<Reference> {
+    let count = poses.len() as f64;
+    let middle: Vec<f64> = (0..machine.robot.commands)
+        .map(|k| {
+            poses
+                .iter()
+                .filter_map(|pose| pose.commands_m.get(k))
+                .sum::<f64>()
+                / count
+        })
+        .collect();
+    let off = |pose: &TcpPose| -> f64 {
+        let pairs = pose.commands_m.iter().zip(&middle);
+        pairs.map(|(q, middle)| (q - middle).powi(2)).sum()
+    };
+    let measured = (poses.iter()).min_by(|a, b| off(a).total_cmp(&off(b)))?;
+    let sample = Sample::from(*measured);
+    let pose = machine
+        .forward_fitted(&sample)
+        .map_or(sample.pose, |reached| reached.pose);
+    let rounded = |value: f64| (value * 1e4).round() / 1e4;
+    Some(Reference {
+        commands_m: measured.commands_m.clone(),
+        position_m: pose.position_m().map(rounded),
+        orientation_rad: pose.angles_rad().map(rounded),
+    })
 }
 
 /// The file with calibrated values; a parameter without prior gets a tolerance that says nothing when

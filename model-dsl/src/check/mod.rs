@@ -7,6 +7,7 @@ mod effect;
 mod formula;
 mod place;
 mod quantity;
+mod reference;
 mod robot;
 mod scope;
 mod value;
@@ -36,6 +37,7 @@ pub(crate) fn robot(
         diagnostics,
     );
     let variants = variant::variants(robot, &geometry, &effects, diagnostics);
+    let reference = reference::reference(robot, &geometry, diagnostics);
     Some(Model {
         name: robot.name.to_string(),
         docs: robot.docs.clone(),
@@ -45,6 +47,7 @@ pub(crate) fn robot(
         links: geometry.links,
         effects: effects.into_iter().map(|checked| checked.effect).collect(),
         variants,
+        reference,
     })
 }
 

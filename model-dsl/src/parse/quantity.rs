@@ -96,25 +96,47 @@ pub(super) fn exponent(parser: &mut Parser<'_>) -> Parse<i32> {
 /// `-2.5 um/h`, or `(1, 2, 3) mm`
 pub(super) fn quantity(parser: &mut Parser<'_>) -> Parse<Quantity> {
     let start = parser.here();
-    let numbers = if let Some(mut inside) = parser.enter(Delimiter::Parenthesis) {
-        let mut numbers = vec![signed(&mut inside)?];
-        while inside.eat(",").is_some() {
-            numbers.push(signed(&mut inside)?);
-        }
-        if !inside.at_end() {
-            return Err(inside
-                .expected("`,` or `)`")
-                .help("a vector reads `(x, y, z) unit`"));
-        }
-        if numbers.len() != 3 {
-            let message = format!("a vector has 3 components, found {}", numbers.len());
-            return Err(Diagnostic::new(parser.since(start), message)
-                .help("write `(x, y, z)`, or one number without parentheses"));
-        }
-        numbers
-    } else {
-        vec![signed(parser)?]
+    let Some(numbers) = numbers(parser)? else {
+        let number = signed(parser)?;
+        return with_unit(parser, start, vec![number]);
     };
+    if numbers.len() != 3 {
+        let message = format!("a vector has 3 components, found {}", numbers.len());
+        return Err(Diagnostic::new(parser.since(start), message)
+            .help("write `(x, y, z)`, or one number without parentheses"));
+    }
+    with_unit(parser, start, numbers)
+}
+
+/// `2 m`, or any number of numbers with one unit: `(1, 2, 3, 4) mm`
+pub(super) fn list(parser: &mut Parser<'_>) -> Parse<Quantity> {
+    let start = parser.here();
+    let numbers = match numbers(parser)? {
+        Some(numbers) => numbers,
+        None => vec![signed(parser)?],
+    };
+    with_unit(parser, start, numbers)
+}
+
+/// `(1, 2, 3)`; `None` where no parenthesis opens.
+fn numbers(parser: &mut Parser<'_>) -> Parse<Option<Vec<f64>>> {
+    let Some(mut inside) = parser.enter(Delimiter::Parenthesis) else {
+        return Ok(None);
+    };
+    let mut numbers = vec![signed(&mut inside)?];
+    while inside.eat(",").is_some() {
+        numbers.push(signed(&mut inside)?);
+    }
+    if !inside.at_end() {
+        return Err(inside
+            .expected("`,` or `)`")
+            .help("a vector reads `(x, y, z) unit`"));
+    }
+    Ok(Some(numbers))
+}
+
+/// Numbers that began at a place, with the unit behind them, if there is one.
+fn with_unit(parser: &mut Parser<'_>, start: Span, numbers: Vec<f64>) -> Parse<Quantity> {
     let has_unit = parser
         .word()
         .is_some_and(|word| word != "tol" && word != "in")

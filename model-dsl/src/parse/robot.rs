@@ -3,13 +3,13 @@
 use proc_macro2::{Delimiter, Ident};
 
 use super::cursor::Parser;
-use super::quantity::quantity;
+use super::quantity::{list, quantity};
 use super::{Parse, effect, unknown_item};
 use crate::diagnostics::{Diagnostics, Location};
 use crate::model::{Arm, TrackShape};
 use crate::names::nearest;
 use crate::syntax::{
-    Cluster, EffectUse, LinkValue, Links, Robot, Variant, VariantBody, VariantLine,
+    Cluster, EffectUse, LinkValue, Links, Reference, Robot, Variant, VariantBody, VariantLine,
 };
 
 /// `robot Name { … }` from the name on; into `slot`, or if that is taken, returns the name.
@@ -38,10 +38,11 @@ pub(super) fn robot(
         clusters: Vec::new(),
         effects: Vec::new(),
         variants: Vec::new(),
+        references: Vec::new(),
     });
     let help = "a robot's parts stand in braces: `robot Name { … }`";
     let mut body = parser.expect_braces(help)?;
-    let keywords = ["track", "cluster", "effect", "variant"];
+    let keywords = ["track", "cluster", "effect", "variant", "reference"];
     body.items(
         |parser| parser.at_any(&keywords),
         diagnostics,
@@ -61,12 +62,48 @@ pub(super) fn robot(
             } else if parser.eat_word("variant").is_some() {
                 robot.variants.push(variant(parser, docs, diagnostics)?);
                 Ok(())
+            } else if let Some(word) = parser.eat_word("reference") {
+                let reference = reference(parser, word.into(), diagnostics)?;
+                robot.references.push(reference);
+                Ok(())
             } else {
                 Err(unknown_item(parser, &keywords))
             }
         },
     );
     Ok(second)
+}
+
+/// `reference { commands = (0, 0, 0) m; position = (0, 0, 0.8) m; orientation = (0, 0, 0) rad; }` from the brace on.
+fn reference(
+    parser: &mut Parser<'_>,
+    location: Location,
+    diagnostics: &mut Diagnostics,
+) -> Parse<Reference> {
+    let help = "commands and pose stand in braces: `reference { position = (0, 0, 0.8) m; }`";
+    let mut body = parser.expect_braces(help)?;
+    let keywords = ["commands", "position", "orientation"];
+    let mut values = Vec::new();
+    body.items(
+        |parser| parser.at_any(&keywords),
+        diagnostics,
+        |parser, _| {
+            parser.docs()?;
+            if !parser.at_any(&keywords) {
+                return Err(unknown_item(parser, &keywords));
+            }
+            let name = parser.name("a part of the reference")?;
+            parser.expect("=", &format!("write `{name} = value unit;`"))?;
+            let value = if name == "commands" {
+                list(parser)?
+            } else {
+                quantity(parser)?
+            };
+            values.push((name, value));
+            parser.semicolon()
+        },
+    );
+    Ok(Reference { location, values })
 }
 
 /// `cluster arm1 on one { link l1; }` from the name on.

@@ -313,3 +313,36 @@ fn diagnostics_cannot_be_forgotten() {
     let mut diagnostics = Diagnostics::new();
     diagnostics.push(Diagnostic::new(Span::call_site(), "unread"));
 }
+
+#[test]
+fn references_that_say_nothing() {
+    let text = robot("reference { height = 2 m; }");
+    assert_snapshot!(errors(&text), @"
+    reference { height = 2 m; }
+                ^^^^^^
+    expected `commands`, `position` or `orientation`, found `height`
+    help: every declaration begins with its keyword
+    ");
+    let text = robot(
+        "reference { commands = (0, 0, 0) m; position = (1, 2, 3) rad; orientation = 2 rad; }
+    reference { }",
+    );
+    assert_snapshot!(errors(&text), @"
+    reference { commands = (0, 0, 0) m; position = (1, 2, 3) rad; orientation = 2 rad; }
+                           ^^^^^^^^^^^
+    `commands` must be 2 numbers, found 3
+    help: one for each track, then one for each link of `actuated length`
+    reference { commands = (0, 0, 0) m; position = (1, 2, 3) rad; orientation = 2 rad; }
+                                                   ^^^^^^^^^^^^^
+    `position` must be length (m), found angle (rad)
+    help: write one of the units m, km, cm, mm, um, nm
+    reference { commands = (0, 0, 0) m; position = (1, 2, 3) rad; orientation = 2 rad; }
+                                                                                ^^^^^
+    `orientation` must be 3 numbers, found 1
+    help: write the ZYZ Euler angles `(alpha, beta, gamma)`
+    reference { }
+    ^^^^^^^^^
+    a second `reference`, but one pose settles how the arm is assembled
+    help: leave out one of them
+    ");
+}

@@ -327,3 +327,19 @@ fn what_a_reduced_arm_goes_with() {
     assert_eq!(model.variants[2].effects.len(), 2);
     assert_eq!(model.variants[3].effects[0].place, Place::Link(0));
 }
+
+#[test]
+fn a_reference_says_where_the_machine_stands() {
+    let of = |items: &str| model(&robot(items)).reference;
+    assert_eq!(of(""), None);
+    let found = of("reference { position = (1, 2, -600) mm; }").unwrap();
+    assert_eq!(found.commands, [0.0, 0.0]);
+    assert_eq!(found.position, [1e-3, 2e-3, -0.6]);
+    assert_eq!(found.orientation, [0.0; 3]);
+    let found = of(
+        "reference { orientation = (1, 0, 0) mrad; position = (0, 0, 1) m; commands = (-5, 20) cm; }",
+    )
+    .unwrap();
+    assert_eq!(found.commands, [-0.05, 0.2]);
+    assert_eq!(found.orientation, [1e-3, 0.0, 0.0]);
+}

@@ -9,7 +9,7 @@ use super::{Figure, angle_unit, length_unit};
 use crate::findings::spacing_mm;
 use crate::number::{general, largest};
 
-const ANGLES: [&str; 3] = ["α", "β", "γ"];
+const ANGLES: [&str; 3] = ["ωx", "ωy", "ωz"];
 const COORDINATES: [&str; 3] = ["x", "y", "z"];
 
 /// Figure 4: deviation of the measured orientation from its mean, against the TCP position.
@@ -22,7 +22,7 @@ pub fn orientation_grid(study: &Study) -> Option<Figure> {
     let (factor, unit) = angle_unit(largest(deviations));
     let title = "Orientation of the plate over the measured grid";
     let subtitle = format!(
-        "Deviation of α, β, γ from their means at {} poses, against the TCP position",
+        "Rotation vector from the mean orientation at {} poses, against the TCP position",
         points.len()
     );
     let grid = Grid {
@@ -56,8 +56,8 @@ pub fn orientation_grid(study: &Study) -> Option<Figure> {
         file_name: "figure_4_orientation.svg".to_owned(),
         number: Some(4),
         title: title.to_owned(),
-        caption: "Each point is a measured pose of set 1; the rows are the ZYZ Euler angles, the columns the \
-                  coordinates of the TCP. A plate of constant orientation, which the reduced arm assumes, \
+        caption: "Each point is a measured pose of set 1; the rows are the components of the rotation vector \
+                  in the measurement frame, the columns the coordinates of the TCP. A plate of constant orientation, which the reduced arm assumes, \
                   would leave only noise. A trend shows that the links of a cluster are not a parallelogram."
             .to_owned(),
         svg,

@@ -154,7 +154,8 @@ pub fn orientation_errors(study: &Study) -> Option<Figure> {
     // As in Table I.
     let (factor, unit) = (1e3, "mrad");
     let title = "Orientation errors at the validation poses";
-    let subtitle = "Predicted minus measured ZYZ Euler angles, for the variants with all links";
+    let subtitle =
+        "Rotation vector from the measured to the predicted plate, for the variants with all links";
     let grid = Grid {
         rows: 3,
         columns: 1,
@@ -175,7 +176,7 @@ pub fn orientation_errors(study: &Study) -> Option<Figure> {
             errors().map(|(pose, _)| pose),
             10.0,
         );
-        for (row, angle) in ["α", "β", "γ"].iter().enumerate() {
+        for (row, angle) in ["ωx", "ωy", "ωz"].iter().enumerate() {
             let values = errors().map(|(_, angles)| factor * angles[row]);
             let y = Axis::symmetric(&format!("{angle} ({unit})"), values, 4.0);
             let panel = sheet.panel(

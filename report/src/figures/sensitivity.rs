@@ -7,6 +7,7 @@ use super::axis::{Axis, typographic};
 use super::chart::{self, Grid, STRONG, Show, Style, series};
 use super::{Figure, angle_unit, length_unit};
 use crate::number::{general, largest};
+use crate::tables::turn;
 
 /// Figure 9: change of the TCP position for a step in each parameter of each link.
 pub fn position_sensitivity(study: &Study) -> Option<Figure> {
@@ -34,7 +35,10 @@ pub fn orientation_sensitivity(study: &Study) -> Option<Figure> {
         10,
         "Sensitivity of the orientation",
         values,
-        (factor, &format!("|Δα|+|Δβ|+|Δγ| ({unit})")),
+        (
+            factor,
+            &format!("{} ({unit})", turn(sensitivity.turn).replace(' ', "")),
+        ),
     )
 }
 

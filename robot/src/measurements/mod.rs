@@ -21,6 +21,8 @@ pub struct Folder {
     pub cart_poses: Vec<CartPose>,
     /// Set 3, `cart_positions.csv`, in file order; empty where there is none.
     pub cart_positions: Vec<CartPosition>,
+    /// [Fingerprint](crate::fingerprint::fingerprint) of the files' texts; empty for measurements that were in no file.
+    pub fingerprint: String,
     /// Remarks of the reader: optional columns missing, unknown columns ignored, sets missing.
     pub remarks: Vec<String>,
 }

@@ -12,6 +12,7 @@ use super::table::Column;
 use super::{CartPose, CartPosition, Folder, TcpPose, plausible};
 use tau_model_dsl::nearest;
 
+use crate::fingerprint::fingerprint;
 use crate::input_error::{self, Errors, InputError, Source};
 use crate::robot::Robot;
 
@@ -49,6 +50,21 @@ pub struct Texts<'a> {
     pub cart_poses: Option<&'a str>,
     /// Set 3.
     pub cart_positions: Option<&'a str>,
+}
+
+impl Texts<'_> {
+    /// Fingerprint of the measurements, the robot file apart.
+    fn fingerprint(&self) -> String {
+        let files = [
+            (TCP_POSES, Some(self.tcp_poses)),
+            (CART_POSES, self.cart_poses),
+            (CART_POSITIONS, self.cart_positions),
+        ];
+        let present = files
+            .into_iter()
+            .filter_map(|(name, text)| Some((name, text?)));
+        fingerprint(present)
+    }
 }
 
 impl Folder {
@@ -162,6 +178,7 @@ impl Folder {
             tcp_poses,
             cart_poses,
             cart_positions,
+            fingerprint: texts.fingerprint(),
             remarks,
         };
         folder.start_clock();

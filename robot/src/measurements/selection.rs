@@ -1,6 +1,7 @@
 //! Selection of poses: those in the measured range, split into calibration and validation.
 
 use std::collections::BTreeSet;
+use std::fmt;
 use std::str::FromStr;
 
 use super::{Folder, Shape};
@@ -130,6 +131,18 @@ fn scrambled(seed: u64, index: u64) -> u64 {
     z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
     z ^ (z >> 31)
+}
+
+impl fmt::Display for Split {
+    /// As [`Split::from_str`] reads it.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Alternate => f.write_str("alternate"),
+            Self::All => f.write_str("all"),
+            Self::First(count) => write!(f, "first:{count}"),
+            Self::Fraction { share, seed } => write!(f, "fraction:{share:?}:{seed}"),
+        }
+    }
 }
 
 impl FromStr for Split {
@@ -327,6 +340,9 @@ mod tests {
         assert_eq!(divide("first:2"), division(&[3, 5], &[8, 9, 12]));
         assert_eq!(divide("first:99"), division(&poses, &[]));
         assert_eq!(Split::default(), Split::Alternate);
+        for text in ["alternate", "all", "first:2", "fraction:0.7:3"] {
+            assert_eq!(text.parse::<Split>().unwrap().to_string(), text);
+        }
     }
 
     #[test]

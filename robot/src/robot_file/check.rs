@@ -26,6 +26,7 @@ pub(super) fn names<'r>(
         ("links", "link", &links),
         ("clusters", "cluster", &clusters),
         ("tracks", "track", &tracks),
+        ("paths", "track", &tracks),
     ] {
         for key in keys_of(root, section) {
             let name = key.get_ref().as_ref();
@@ -46,6 +47,7 @@ pub(super) fn names<'r>(
             mistakes.push_with_help(key.span(), message, help);
         }
     }
+    reference(mistakes, root, file, robot);
     let places = [&["all", "tcp"], &tracks[..], &links[..]].concat();
     for key in keys_of(root, "effects") {
         let form = key
@@ -77,6 +79,24 @@ pub(super) fn names<'r>(
         effect_values(mistakes, root, key, name.trim(), robot);
     }
     meant
+}
+
+/// The reference has a number for each command.
+fn reference(mistakes: &mut Mistakes<'_>, root: &DeTable<'_>, file: &RobotFile, robot: &Robot) {
+    let table = root.get("reference").map(Spanned::get_ref);
+    let given = table.and_then(|table| table.get("commands_m"));
+    if let (Some(reference), Some(given)) = (&file.reference, given)
+        && reference.commands_m.len() != robot.commands
+    {
+        let (found, expected) = (reference.commands_m.len(), robot.commands);
+        mistakes.push(
+            given.span(),
+            format!(
+                "found {found} commands, expected {expected}, as robot `{}` has",
+                robot.name
+            ),
+        );
+    }
 }
 
 /// An effect that the robot has anywhere has the parameters that the file gives it, in as many components.

@@ -5,14 +5,14 @@ use std::ops::Range;
 use tau_codegen::language;
 use toml::de::DeTable;
 
-use super::{LinkValues, RobotFile, Value};
+use super::{LinkValues, Reference, RobotFile, Value};
 use crate::robot::{Parameter, Robot};
 
 /// Tolerance that stands for none, relative to the value: wide enough to say nothing.
 pub const WIDE: f64 = 1e3;
 
 impl RobotFile {
-    /// The file with what it lacks taken from the robot's description: values of links.
+    /// The file with what it lacks taken from the robot's description: values of links, and where the machine stands.
     #[must_use]
     pub fn completed(&self, robot: &Robot) -> Self {
         let mut completed = self.clone();
@@ -28,6 +28,9 @@ impl RobotFile {
             if *values == LinkValues::default() {
                 completed.links.remove(&link.name);
             }
+        }
+        if completed.reference.is_none() {
+            completed.reference = described_reference(robot);
         }
         completed
     }
@@ -64,6 +67,16 @@ pub(crate) fn described_links(robot: &Robot) -> Vec<LinkValues> {
         }
     };
     links.iter().map(of_link).collect()
+}
+
+/// Reference of the description.
+pub fn described_reference(robot: &Robot) -> Option<Reference> {
+    let model = language::check_text(&robot.description).ok()?;
+    model.reference.map(|reference| Reference {
+        commands_m: reference.commands,
+        position_m: reference.position,
+        orientation_rad: reference.orientation,
+    })
 }
 
 /// Key of an effect at its place in the file, such as `rack_pitch(two)`.

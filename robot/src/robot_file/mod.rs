@@ -2,6 +2,7 @@
 
 mod check;
 pub mod keys;
+mod provenance;
 mod read;
 mod write;
 
@@ -10,6 +11,7 @@ use std::collections::BTreeMap;
 use crate::input_error::quoted;
 use crate::robot::{Robot, Variant};
 use keys::effect_key;
+pub use provenance::{MeasuredPath, Provenance};
 
 /// Contents of a `robot.toml`.
 #[derive(Debug, Clone, PartialEq)]
@@ -22,6 +24,12 @@ pub struct RobotFile {
     pub payload: Option<Payload>,
     /// Commands that the measurements cover, where stated: lowest and highest (m).
     pub range_m: Option<(f64, f64)>,
+    /// Pose of the machine at some commands, where stated.
+    pub reference: Option<Reference>,
+    /// Record of the calibration that wrote the file, if one did.
+    pub calibration: Option<Provenance>,
+    /// `[paths.NAME]`, by name of the track: measured paths that piecewise tracks were calibrated with.
+    pub paths: BTreeMap<String, MeasuredPath>,
     /// `[links.NAME]`, by name.
     pub links: BTreeMap<String, LinkValues>,
     /// `[clusters.NAME]`, by name: calibrated reduced arms.
@@ -76,6 +84,18 @@ pub struct Payload {
     pub centre_m: [f64; 3],
     /// Gravity in the measurement frame (m/s²).
     pub gravity_m_s2: [f64; 3],
+}
+
+/// Commands with the pose at which the machine then stands: `[reference]`. It chooses among the ways in which the arm
+/// can be assembled, so a few centimetres and degrees are good enough.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Reference {
+    /// One per command (m).
+    pub commands_m: Vec<f64>,
+    /// Position of the TCP in the measurement frame (m).
+    pub position_m: [f64; 3],
+    /// ZYZ Euler angles alpha, beta, gamma of the TCP frame in the measurement frame (rad).
+    pub orientation_rad: [f64; 3],
 }
 
 /// Values with one tolerance: one component for a scalar, three for a vector.

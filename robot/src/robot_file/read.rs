@@ -9,7 +9,7 @@ use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
 use super::keys::key_place;
-use super::{LinkValues, Noise, Payload, RobotFile, Value, check};
+use super::{LinkValues, Noise, Payload, Reference, RobotFile, Value, check};
 use crate::input_error::{self, InputError, Mistakes, Source, suggestion};
 use crate::robot::Robot;
 
@@ -52,8 +52,8 @@ impl RobotFile {
 }
 
 /// A text being read.
-struct Document<'a> {
-    mistakes: Mistakes<'a>,
+pub(super) struct Document<'a> {
+    pub(super) mistakes: Mistakes<'a>,
 }
 
 /// Meaning of a value's components.
@@ -101,7 +101,17 @@ impl<'a> Document<'a> {
         self.known_keys(
             root,
             &[
-                "robot", "noise", "payload", "range", "links", "clusters", "tracks", "effects",
+                "robot",
+                "noise",
+                "payload",
+                "range",
+                "reference",
+                "calibration",
+                "paths",
+                "links",
+                "clusters",
+                "tracks",
+                "effects",
             ],
         );
         let robot = match self
@@ -120,6 +130,11 @@ impl<'a> Document<'a> {
             noise: self.noise(root),
             payload: self.payload(root),
             range_m: self.range(root),
+            reference: self.reference(root),
+            calibration: self.provenance(root),
+            paths: (self.section(root, "paths", Self::measured_path).into_iter())
+                .filter_map(|(track, path)| Some((track, path?)))
+                .collect(),
             links: self.section(root, "links", Self::link_values),
             clusters: self.section(root, "clusters", Self::link_values),
             tracks: self.section(root, "tracks", Self::link_values),
@@ -216,6 +231,35 @@ impl<'a> Document<'a> {
         }
         self.metres(value.span(), &[low, high], LONGEST_M);
         Some((low, high))
+    }
+
+    fn reference(&mut self, root: &DeTable<'_>) -> Option<Reference> {
+        let table = self.table(root.get("reference")?)?;
+        let place = key_place(root, "reference");
+        self.known_keys(table, &["commands_m", "position_m", "orientation_rad"]);
+        let commands = self.required(table, "commands_m", &place);
+        let commands_m = commands.and_then(|value| {
+            let commands = self.list(value, "an array with a number for each command")?;
+            self.metres(value.span(), &commands, LONGEST_M);
+            Some(commands)
+        });
+        let position = self.required(table, "position_m", &place);
+        let position_m = position.and_then(|value| {
+            let numbers = self.numbers::<3>(value)?;
+            self.metres(value.span(), &numbers, FARTHEST_M);
+            Some(numbers)
+        });
+        let orientation = self.required(table, "orientation_rad", &place);
+        let orientation_rad = orientation.and_then(|value| {
+            let angles = self.numbers::<3>(value)?;
+            self.check_value(value.span(), &angles, Kind::Angles);
+            Some(angles)
+        });
+        Some(Reference {
+            commands_m: commands_m?,
+            position_m: position_m?,
+            orientation_rad: orientation_rad?,
+        })
     }
 
     /// The named tables of a section such as `[links.NAME]`.
@@ -371,27 +415,34 @@ impl<'a> Document<'a> {
         None
     }
 
-    fn numbers<const N: usize>(&mut self, value: &Spanned<DeValue<'_>>) -> Option<[f64; N]> {
-        let DeValue::Array(array) = value.get_ref() else {
-            self.wrong_type(
-                value.span(),
-                value.get_ref(),
-                &format!("an array of {N} numbers"),
-            );
-            return None;
-        };
-        let numbers: Vec<Option<f64>> = array.iter().map(|element| self.number(element)).collect();
-        if numbers.len() != N {
+    pub(super) fn numbers<const N: usize>(
+        &mut self,
+        value: &Spanned<DeValue<'_>>,
+    ) -> Option<[f64; N]> {
+        if let DeValue::Array(array) = value.get_ref()
+            && array.len() != N
+        {
             self.mistakes.push(
                 value.span(),
-                format!("found {} components, expected {N}", numbers.len()),
+                format!("found {} components, expected {N}", array.len()),
             );
         }
-        numbers
-            .into_iter()
-            .collect::<Option<Vec<f64>>>()?
-            .try_into()
-            .ok()
+        let numbers = self.list(value, &format!("an array of {N} numbers"))?;
+        numbers.try_into().ok()
+    }
+
+    pub(super) fn list(
+        &mut self,
+        value: &Spanned<DeValue<'_>>,
+        expected: &str,
+    ) -> Option<Vec<f64>> {
+        let DeValue::Array(array) = value.get_ref() else {
+            self.wrong_type(value.span(), value.get_ref(), expected);
+            return None;
+        };
+        // Every element is looked at, so that each mistake is reported.
+        let numbers: Vec<Option<f64>> = array.iter().map(|element| self.number(element)).collect();
+        numbers.into_iter().collect()
     }
 
     fn number(&mut self, value: &Spanned<DeValue<'_>>) -> Option<f64> {
@@ -414,7 +465,10 @@ impl<'a> Document<'a> {
         number
     }
 
-    fn table<'t, 'i>(&mut self, value: &'t Spanned<DeValue<'i>>) -> Option<&'t DeTable<'i>> {
+    pub(super) fn table<'t, 'i>(
+        &mut self,
+        value: &'t Spanned<DeValue<'i>>,
+    ) -> Option<&'t DeTable<'i>> {
         match value.get_ref() {
             DeValue::Table(table) => Some(table),
             other => {
@@ -424,7 +478,7 @@ impl<'a> Document<'a> {
         }
     }
 
-    fn required<'t, 'i>(
+    pub(super) fn required<'t, 'i>(
         &mut self,
         table: &'t DeTable<'i>,
         key: &str,
@@ -438,7 +492,7 @@ impl<'a> Document<'a> {
         value
     }
 
-    fn known_keys(&mut self, table: &DeTable<'_>, known: &[&str]) {
+    pub(super) fn known_keys(&mut self, table: &DeTable<'_>, known: &[&str]) {
         for key in table
             .keys()
             .filter(|key| !known.contains(&key.get_ref().as_ref()))
@@ -450,7 +504,7 @@ impl<'a> Document<'a> {
         }
     }
 
-    fn wrong_type(&mut self, place: Range<usize>, found: &DeValue<'_>, expected: &str) {
+    pub(super) fn wrong_type(&mut self, place: Range<usize>, found: &DeValue<'_>, expected: &str) {
         let found = match found {
             DeValue::String(_) => "a string",
             DeValue::Integer(_) | DeValue::Float(_) => "a number",

@@ -42,6 +42,18 @@ impl RobotFile {
             writeln!(out, "\n[range]  # of the commands that set 2 covers")?;
             writeln!(out, "q_m = {:?}", [low, high])?;
         }
+        if let Some(reference) = &self.reference {
+            writeln!(
+                out,
+                "\n[reference]  # where the machine stands at these commands: how the arm is assembled; ZYZ angles"
+            )?;
+            writeln!(out, "commands_m = {:?}", reference.commands_m)?;
+            writeln!(out, "position_m = {:?}", reference.position_m)?;
+            writeln!(out, "orientation_rad = {:?}", reference.orientation_rad)?;
+        }
+        if let Some(calibration) = &self.calibration {
+            calibration.write(out, string)?;
+        }
         for (section, entries) in [
             ("links", &self.links),
             ("clusters", &self.clusters),
@@ -52,8 +64,21 @@ impl RobotFile {
                 write_values(out, values)?;
             }
         }
+        for (name, path) in &self.paths {
+            writeln!(
+                out,
+                "\n[paths.{}]  # measured by set 2, in the frame of its tracker",
+                key(name)
+            )?;
+            path.write(out)?;
+        }
         for (name, parameters) in &self.effects {
-            writeln!(out, "\n[effects.{}]", key(name))?;
+            let remark = if name.ends_with("(tcp)") {
+                "  # of the tracker, not of the machine: left out of kinematics"
+            } else {
+                ""
+            };
+            writeln!(out, "\n[effects.{}]{remark}", key(name))?;
             for (parameter, value) in parameters {
                 writeln!(out, "{} = {}", key(parameter), inline(value))?;
             }

@@ -5,6 +5,7 @@ mod calibrated;
 mod discovery;
 mod files;
 mod key;
+mod provenance;
 
 use std::fmt;
 use std::marker::PhantomData;
@@ -24,6 +25,7 @@ pub use calibrated::Calibrated;
 pub use discovery::Catalogues;
 pub use files::Files;
 pub use key::{ParameterKey, VariantKey};
+pub use provenance::{Basis, Stamp};
 
 /// Stands in for a declared robot where the description is compiled at run time, so that variants and parameters
 /// go by name: see [`Session::open_with_robot`].

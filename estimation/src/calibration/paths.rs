@@ -1,0 +1,133 @@
+//! Measured paths of the carts: from set 2 of a folder, or as a robot file holds them.
+
+use std::borrow::Cow;
+use std::collections::BTreeMap;
+
+use nalgebra::Vector3;
+use tau_kinematics::Path;
+use tau_robot::input_error::InputError;
+use tau_robot::measurements::{CartPose, Conditions, Folder};
+use tau_robot::robot::{Robot, TrackShape, Variant};
+use tau_robot::robot_file::{LinkValues, MeasuredPath, RobotFile};
+
+use super::registration::{Registration, set_2};
+
+/// The path of each cart, in the measurement frame.
+pub(super) fn registered(
+    robot: &Robot,
+    variant: &Variant,
+    folder: Option<&Folder>,
+    registration: Option<&Registration>,
+) -> Result<Vec<Option<Path>>, InputError> {
+    (0..robot.tracks.len())
+        .map(|track| {
+            let path = folder
+                .zip(registration)
+                .and_then(|(folder, registration)| {
+                    Some(Path::new(&set_2(folder, track))?.turned(&registration.rotation))
+                });
+            let is_needed =
+                variant.tracks.get(track).is_some_and(|model| model.shape == TrackShape::Piecewise);
+            if path.is_none() && is_needed {
+                return Err(InputError::whole(
+                    folder.map_or("cart_poses.csv", |folder| &folder.name),
+                    format!(
+                        "variant `{}` needs the path of cart {} (track `{}`): at least two points of set 2 at \
+                         different commands",
+                        variant.name,
+                        track + 1,
+                        robot.tracks[track]
+                    ),
+                )
+                .help("measure `cart_poses.csv`, or choose a variant with linear tracks"));
+            }
+            Ok(path)
+        })
+        .collect()
+}
+
+/// The paths of a variant's piecewise tracks in the frame of their tracker; points at one command are averaged.
+pub(super) fn of_piecewise_tracks(
+    robot: &Robot,
+    variant: &Variant,
+    folder: &Folder,
+) -> BTreeMap<String, MeasuredPath> {
+    let tracks = robot.tracks.iter().zip(&variant.tracks).enumerate();
+    tracks
+        .filter(|(_, (_, model))| model.shape == TrackShape::Piecewise)
+        .map(|(track, (name, _))| (name.clone(), averaged(&set_2(folder, track))))
+        .collect()
+}
+
+fn averaged(measured: &[(f64, Vector3<f64>)]) -> MeasuredPath {
+    let mut sorted = measured.to_vec();
+    sorted.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let (commands_m, points_m) = sorted
+        .chunk_by(|a, b| a.0.total_cmp(&b.0).is_eq())
+        .map(|same| {
+            let sum: Vector3<f64> = same.iter().map(|&(_, point)| point).sum();
+            (same[0].0, <[f64; 3]>::from(sum / same.len() as f64))
+        })
+        .unzip();
+    MeasuredPath {
+        commands_m,
+        points_m,
+    }
+}
+
+/// The folder with the file's paths in place of set 2; `None` where the file holds none.
+pub(super) fn as_measured(
+    robot: &Robot,
+    file: &RobotFile,
+    folder: Option<&Folder>,
+) -> Option<Folder> {
+    if file.paths.is_empty() {
+        return None;
+    }
+    let cart_poses = robot.tracks.iter().enumerate().flat_map(|(track, name)| {
+        let path = file.paths.get(name);
+        let points = path.map_or(&[][..], |path| &path.points_m);
+        let commands = path.map_or(&[][..], |path| &path.commands_m);
+        commands
+            .iter()
+            .zip(points)
+            .zip(1..)
+            .map(move |((&command_m, &position_m), point)| CartPose {
+                track,
+                point,
+                command_m,
+                position_m,
+                angles_rad: [0.0; 3],
+                conditions: Conditions::default(),
+                direction: None,
+            })
+    });
+    Some(Folder {
+        cart_poses: cart_poses.collect(),
+        ..folder.cloned().unwrap_or_default()
+    })
+}
+
+/// The file without rotations of tracks that refer to the frame of another tracker than that of the folder's set 2.
+pub(super) fn without_foreign_rotations<'a>(
+    robot: &Robot,
+    file: &'a RobotFile,
+    folder: Option<&Folder>,
+) -> Cow<'a, RobotFile> {
+    let is_foreign = |folder: &Folder| {
+        !folder.cart_poses.is_empty()
+            && robot.tracks.iter().enumerate().any(|(track, name)| {
+                let own = file.paths.get(name);
+                own.is_some_and(|own| *own != averaged(&set_2(folder, track)))
+            })
+    };
+    if !folder.is_some_and(is_foreign) {
+        return Cow::Borrowed(file);
+    }
+    let mut file = file.clone();
+    let all = (file.links.values_mut())
+        .chain(file.clusters.values_mut())
+        .chain(file.tracks.values_mut());
+    all.for_each(|values: &mut LinkValues| values.track_rotation = None);
+    Cow::Owned(file)
+}

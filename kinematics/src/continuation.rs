@@ -1,0 +1,288 @@
+//! Following one way of assembling the arm from a pose that is known to one that is asked for.
+
+use nalgebra::{DVector, Rotation3, Vector3};
+use tau_robot::robot_file::Reference;
+
+use super::forward::LARGEST_MISMATCH_M;
+use super::inputs::Sample;
+use super::inverse::{InverseOptions, Reached};
+use super::least_norm::least_norm;
+use super::machine::{Machine, POSE_COLUMNS};
+use super::newton::{self, Settled};
+use super::{Error, Pose};
+
+/// Largest correction after a step, as a share of the step that the tangent foretold. Where two ways of assembling the
+/// arm meet, they part like the roots of a square: a step that needs less than half its length as correction has not
+/// gone over to the other one.
+const CORRECTION: f64 = 0.25;
+/// A correction (m, rad) that is rounding or roughness of the start, whatever the step.
+const SMALLEST_CORRECTION: f64 = 1e-6;
+/// Shortest step, as a share of the whole way: below it the way ends at a singular pose. Close to one, as where a link is
+/// nearly at right angles to its track, steps go with the distance to it.
+const SHORTEST: f64 = 1.0 / 16_777_216.0;
+/// Farthest that the machine may stand from where its reference says: as a share of the mean length of its links, and
+/// in rad. Beyond it the reference is that of another machine, or of another frame.
+const REFERENCE_OFF: (f64, f64) = (0.1, 0.2);
+
+impl From<&Reference> for Pose {
+    fn from(reference: &Reference) -> Self {
+        Self::from_zyz(reference.position_m, reference.orientation_rad)
+    }
+}
+
+impl Machine {
+    /// The machine at the commands of its reference, from which every way of [`Self::forward_along`] and
+    /// [`Self::inverse_along`] may start. `like` says what is known besides commands and pose.
+    ///
+    /// # Errors
+    /// [`Error::NoReference`]; [`Error::Reference`] where the links have their lengths only farther from the stated pose
+    /// than it may be rough; otherwise as [`Machine::forward`].
+    pub fn at_reference(&self, like: &Sample<'_>) -> Result<Reached, Error> {
+        let stated = self.surroundings.reference.as_ref();
+        let stated = stated.ok_or(Error::NoReference)?;
+        let sample = Sample {
+            commands_m: &stated.commands_m,
+            ..like.at(stated.into())
+        };
+        let found = self.forward_fitted(&sample)?.within(LARGEST_MISMATCH_M)?;
+        let (_, length_m) = self.reach(&sample, sample.pose.rotation)?;
+        let off_m = (found.pose.position - sample.pose.position).norm();
+        let off_rad = sample.pose.turn_to(&found.pose.rotation).norm();
+        if off_m > REFERENCE_OFF.0 * length_m || off_rad > REFERENCE_OFF.1 {
+            return Err(Error::Reference { off_m, off_rad });
+        }
+        Ok(found)
+    }
+
+    /// The pose at the commands of `to`, where its pose is that at the commands `from` (m): along the straight way
+    /// between the commands, in steps so short that the arm stays assembled as it is.
+    ///
+    /// # Errors
+    /// As [`Machine::forward`]; [`Error::Way`] where the way passes a singular pose although its end can be reached.
+    pub fn forward_along(&self, from: &[f64], to: &Sample<'_>) -> Result<Reached, Error> {
+        if from == to.commands_m || from.len() != to.commands_m.len() {
+            return self.forward_fitted(to)?.within(LARGEST_MISMATCH_M);
+        }
+        let start = Standing {
+            pose: to.pose,
+            commands_m: from.to_vec(),
+        };
+        let goal = Goal::Commands(to.commands_m);
+        match self.follow(to, start, goal, self.pose_unknowns()) {
+            Ok(end) => self
+                .forward_fitted(&to.at(end.pose))?
+                .within(LARGEST_MISMATCH_M),
+            // An error at the end of the way says more than its being blocked.
+            Err(error) => {
+                let there = self.forward_fitted(to)?.within(LARGEST_MISMATCH_M);
+                there.and(Err(error))
+            }
+        }
+    }
+
+    /// The commands at a pose, along the straight way to it from where the machine stands. Where the orientation follows
+    /// from the position, or the arm is reduced, only the position counts.
+    ///
+    /// # Errors
+    /// As [`Machine::inverse`]; [`Error::Way`] where the way passes a singular pose although its end can be reached.
+    pub fn inverse_along(
+        &self,
+        from: &Reached,
+        to: Pose,
+        options: &InverseOptions,
+    ) -> Result<Reached, Error> {
+        let by_position = self.is_given_by_position();
+        let commands = POSE_COLUMNS..POSE_COLUMNS + self.robot.commands;
+        let (goal, unknowns): (Goal<'_>, Vec<usize>) = match by_position {
+            true if self.orientation_follows() => {
+                (Goal::Position(to.position), (3..commands.end).collect())
+            }
+            true => (Goal::Position(to.position), commands.collect()),
+            false => (Goal::Pose(to), commands.collect()),
+        };
+        let start = Standing {
+            pose: from.pose,
+            commands_m: from.commands_m.clone(),
+        };
+        let like = options.sample(from.pose, &from.commands_m);
+        let near = |pose: Pose, commands_m: Vec<f64>| InverseOptions {
+            near: Some((pose, commands_m)),
+            ..options.clone()
+        };
+        let finish = |near: &InverseOptions| {
+            if by_position {
+                self.inverse_position(to.position.into(), near)
+            } else {
+                self.inverse(to, near)
+            }
+        };
+        match self.follow(&like, start, goal, &unknowns) {
+            Ok(end) => finish(&near(end.pose, end.commands_m)),
+            Err(error) => finish(&near(from.pose, from.commands_m.clone())).and(Err(error)),
+        }
+    }
+
+    /// True if a position says all that can be asked for.
+    pub fn is_given_by_position(&self) -> bool {
+        self.pose_unknowns().len() == 3 || self.orientation_follows()
+    }
+
+    fn follow(
+        &self,
+        like: &Sample<'_>,
+        start: Standing,
+        goal: Goal<'_>,
+        unknowns: &[usize],
+    ) -> Result<Standing, Error> {
+        let mut here = start;
+        let (mut done, mut step) = (0.0, 1.0_f64);
+        loop {
+            let rest = 1.0 - done;
+            let share = (step / rest).min(1.0);
+            match self.step(like, &here, &goal.between(&here, share), unknowns) {
+                Ok(next) => {
+                    here = next;
+                    if share >= 1.0 {
+                        return Ok(here);
+                    }
+                    done += step;
+                    step *= 2.0;
+                }
+                Err(Error::Missing { closure, what }) => {
+                    return Err(Error::Missing { closure, what });
+                }
+                Err(_) if step > SHORTEST => step /= 2.0,
+                Err(_) => return Err(Error::Way { share: done }),
+            }
+        }
+    }
+
+    /// One step of the way: along the tangent, then by Newton's method.
+    fn step(
+        &self,
+        like: &Sample<'_>,
+        here: &Standing,
+        next: &Standing,
+        unknowns: &[usize],
+    ) -> Result<Standing, Error> {
+        let too_long = Error::Way { share: 0.0 };
+        let closures = self.closures(&here.sample(like))?;
+        let count = closures.jacobian.ncols();
+        let mut driven = here.change_to(next, count);
+        for &unknown in unknowns {
+            driven[unknown] = 0.0;
+        }
+        let right = &closures.residuals + &closures.jacobian * driven;
+        let columns = closures.jacobian.select_columns(unknowns);
+        let right = nalgebra::DMatrix::from_column_slice(right.len(), 1, right.as_slice());
+        let tangent = -least_norm(&columns, &right).ok_or(too_long.clone())?;
+        let mut motion = DVector::zeros(count);
+        for (&unknown, change) in unknowns.iter().zip(tangent.iter()) {
+            motion[unknown] = *change;
+        }
+        let foretold = next.moved(&motion);
+        let Settled {
+            pose, commands_m, ..
+        } = newton::solve(self, &foretold.sample(like), unknowns)?;
+        let found = Standing { pose, commands_m };
+        let correction = foretold.change_to(&found, count).amax();
+        if correction > (CORRECTION * tangent.amax()).max(SMALLEST_CORRECTION) {
+            return Err(too_long);
+        }
+        // On the two sides of a singular pose the arm turns in opposite senses.
+        let sense = |columns: nalgebra::DMatrix<f64>| columns.determinant().signum();
+        if columns.is_square() {
+            let after = self.closures(&found.sample(like))?;
+            if sense(after.jacobian.select_columns(unknowns)) != sense(columns) {
+                return Err(too_long);
+            }
+        }
+        Ok(found)
+    }
+}
+
+/// State of a machine on its way.
+#[derive(Debug, Clone)]
+struct Standing {
+    pose: Pose,
+    commands_m: Vec<f64>,
+}
+
+/// The end of a way.
+#[derive(Clone, Copy)]
+enum Goal<'a> {
+    Commands(&'a [f64]),
+    Position(Vector3<f64>),
+    Pose(Pose),
+}
+
+impl Goal<'_> {
+    /// The prescribed quantities a share of the way from here; all else is as it is here.
+    fn between(self, here: &Standing, share: f64) -> Standing {
+        let mut next = here.clone();
+        // At the end nothing is left to rounding.
+        let is_end = share >= 1.0;
+        let position = |to: Vector3<f64>| {
+            let from = here.pose.position;
+            if is_end {
+                to
+            } else {
+                from + (to - from) * share
+            }
+        };
+        match self {
+            Self::Commands(to) if is_end => next.commands_m = to.to_vec(),
+            Self::Commands(to) => {
+                for (q, to) in next.commands_m.iter_mut().zip(to) {
+                    *q += (to - *q) * share;
+                }
+            }
+            Self::Position(to) => next.pose.position = position(to),
+            Self::Pose(to) => {
+                let turn = here.pose.turn_to(&to.rotation) * share;
+                next.pose = Pose {
+                    position: position(to.position),
+                    rotation: if is_end {
+                        to.rotation
+                    } else {
+                        Rotation3::new(turn) * here.pose.rotation
+                    },
+                };
+            }
+        }
+        next
+    }
+}
+
+impl Standing {
+    fn sample<'a>(&'a self, like: &Sample<'a>) -> Sample<'a> {
+        Sample {
+            commands_m: &self.commands_m,
+            ..like.at(self.pose)
+        }
+    }
+
+    /// Translation, rotation vector in the measurement frame, and commands from here to there.
+    fn change_to(&self, there: &Self, count: usize) -> DVector<f64> {
+        let mut change = DVector::zeros(count);
+        let shift = there.pose.position - self.pose.position;
+        let turn = self.pose.turn_to(&there.pose.rotation);
+        let commands = there.commands_m.iter().zip(&self.commands_m);
+        let all = (shift.iter().copied())
+            .chain(turn.iter().copied())
+            .chain(commands.map(|(to, from)| to - from));
+        for (place, value) in change.iter_mut().zip(all) {
+            *place = value;
+        }
+        change
+    }
+
+    fn moved(&self, motion: &DVector<f64>) -> Self {
+        let part = |from: usize| Vector3::from_fn(|k, _| motion[from + k]);
+        let commands = self.commands_m.iter().zip(motion.iter().skip(POSE_COLUMNS));
+        Self {
+            pose: self.pose.moved(part(0), part(3)),
+            commands_m: commands.map(|(q, change)| q + change).collect(),
+        }
+    }
+}

@@ -1,0 +1,116 @@
+//! Provenance of calibrated values, and the poses that took no part.
+
+use tau_robot::fingerprint::fingerprint;
+use tau_robot::measurements::{Shape, Split, TcpPose};
+use tau_robot::robot::Variant;
+use tau_robot::robot_file::Provenance;
+use tau_robot::{InputError, Robot};
+
+use super::Session;
+
+/// The program that writes a file, and the day.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Stamp {
+    /// Program and version.
+    pub program: String,
+    /// Day, `YYYY-MM-DD` in UTC.
+    pub date: String,
+}
+
+/// Relation of evaluated poses to the calibration of a robot file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Basis {
+    /// The file says nothing of its calibration: the poses that the split holds out.
+    Split,
+    /// Poses of the folder that the file was calibrated on, none of which calibrated.
+    HeldOut,
+    /// Poses of another folder than the file was calibrated on.
+    NewFolder,
+    /// Poses that calibrated the file, since no others are left: residuals of the fit.
+    Calibration,
+}
+
+impl<R> Session<R> {
+    /// The record of a calibration of a variant on some poses of this session, given by index; `robot` has the variant.
+    pub fn provenance(
+        &self,
+        robot: &Robot,
+        variant: &str,
+        poses: &[usize],
+        stamp: &Stamp,
+    ) -> Provenance {
+        let poses: Vec<&TcpPose> = (poses.iter())
+            .filter_map(|&pose| self.folder.tcp_poses.get(pose))
+            .collect();
+        let range = |of: &dyn Fn(&TcpPose) -> f64| {
+            poses
+                .iter()
+                .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], pose| {
+                    [low.min(of(pose)), high.max(of(pose))]
+                })
+        };
+        let tracker_effects = robot.variant(variant).map(Variant::tracker_effects);
+        Provenance {
+            program: stamp.program.clone(),
+            date: stamp.date.clone(),
+            variant: variant.to_owned(),
+            split: self.split,
+            poses: poses.len(),
+            folder: self.folder.fingerprint.clone(),
+            description: fingerprint([("description", robot.description.as_str())]),
+            commands_m: (0..robot.commands)
+                .map(|k| range(&|pose| pose.commands_m[k]))
+                .collect(),
+            position_m: (0..3).map(|k| range(&|pose| pose.position_m[k])).collect(),
+            tracker_effects: tracker_effects.unwrap_or_default(),
+        }
+    }
+
+    /// The poses on which the robot file can be judged, and what they are to it: of the folder that it was calibrated on
+    /// those that took no part, of another folder all. A split that is asked for takes its validation poses of them.
+    ///
+    /// # Errors
+    /// No pose lies in the range; the split leaves none.
+    pub fn unseen(&self, asked: Option<Split>) -> Result<(Vec<usize>, Basis), InputError> {
+        let record = self.robot_file.calibration.as_ref();
+        let is_own = |record: &&Provenance| {
+            !record.folder.is_empty() && record.folder == self.folder.fingerprint
+        };
+        let own = record.filter(is_own);
+        if asked.is_some() || record.is_none() {
+            // Mistakes in a split are reported here.
+            self.poses()?;
+        }
+        let in_range = self
+            .folder
+            .in_range(&self.robot_file, Shape::from(&self.robot));
+        let mut poses = match (asked, record) {
+            (Some(split), _) => split.divide(&in_range).validation,
+            (None, None) => self.split.divide(&in_range).validation,
+            (None, Some(_)) => in_range.clone(),
+        };
+        let basis = match (record, own) {
+            (None, _) => Basis::Split,
+            (Some(_), None) => Basis::NewFolder,
+            (Some(_), Some(own)) => {
+                let calibrated = own.split.divide(&in_range).calibration;
+                let unseen: Vec<usize> = (poses.iter().copied())
+                    .filter(|pose| calibrated.binary_search(pose).is_err())
+                    .collect();
+                if unseen.is_empty() {
+                    Basis::Calibration
+                } else {
+                    poses = unseen;
+                    Basis::HeldOut
+                }
+            }
+        };
+        if poses.is_empty() {
+            let total = self.folder.tcp_poses.len();
+            let message =
+                format!("none of the {total} poses has all its commands in the measured range");
+            return Err(InputError::whole(&self.folder.name, message));
+        }
+        Ok((poses, basis))
+    }
+}
