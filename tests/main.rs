@@ -25,3 +25,4 @@ mod session;
 mod simulation;
 mod study;
 mod support;
+mod trust;

@@ -6,7 +6,7 @@ use tau_robot::input_error::both;
 
 use super::deliver::{Outcome, Target};
 use super::kept::Kept;
-use super::{Failure, arguments, resolve};
+use super::{Failure, arguments, resolve, trust};
 
 pub(super) fn run(arguments: &arguments::Evaluate) -> Result<Outcome, Failure> {
     let (session, target) = both(
@@ -15,11 +15,15 @@ pub(super) fn run(arguments: &arguments::Evaluate) -> Result<Outcome, Failure> {
     )?;
     let poses = session.poses()?;
     let variant = arguments.variant.name.as_str();
-    let found = session.evaluate(&session.machine(variant)?)?;
+    let machine = session.machine(variant)?;
+    let found = session.evaluate(&machine);
+    let found = found.map_err(|error| trust::explained(&session, variant, error))?;
+    let verdict = session.verdict_on_prediction(&machine)?;
     let (robot, folder) = (&session.robot().name, &session.folder().name);
     let title = format!("{robot}, {variant}, {folder}");
-    Ok(Outcome {
-        summary: format!("{title}\n\n{}", report::terminal::evaluation(&found)),
+    let said = report::terminal::evaluation(&found) + &report::trust::terminal::verdict(&verdict);
+    let outcome = Outcome {
+        summary: format!("{title}\n\n{said}"),
         remarks: session.remarks_for(variant)?,
         json: target.map(|target| {
             let mut value = report::json::evaluation(&found);
@@ -27,8 +31,10 @@ pub(super) fn run(arguments: &arguments::Evaluate) -> Result<Outcome, Failure> {
             value["robot"] = json!(robot);
             value["folder"] = json!(folder);
             value["poses"] = report::json::poses(poses.counts);
+            value["fit"] = report::trust::json::verdict(&verdict);
             (value, target)
         }),
         ..Outcome::default()
-    })
+    };
+    Ok(outcome.judged(&verdict, arguments.force.force))
 }

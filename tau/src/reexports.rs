@@ -58,3 +58,11 @@ pub mod measurements {
 pub mod robot_file {
     pub use tau_robot::robot_file::{LinkValues, Noise, Payload, RobotFile, Value};
 }
+
+/// How far answers can be trusted: verdicts, recognised mistakes, and checks before a fit.
+pub mod trust {
+    pub use tau_estimation::trust::{
+        Check, Checked, FileFacts, FileFit, Gap, Mistake, PoseFit, Pull, Range, Sight, Status,
+        Verdict,
+    };
+}

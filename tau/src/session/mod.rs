@@ -5,6 +5,7 @@ mod calibrated;
 mod discovery;
 mod files;
 mod key;
+mod trust;
 
 use std::fmt;
 use std::marker::PhantomData;
