@@ -268,27 +268,24 @@ fn a_dimension_far_off_is_named() {
 #[test]
 fn tolerances_in_other_units_are_recognised() {
     let machine = &MACHINES[0];
-    for (from, to, words) in [
-        (
-            ["tol = 3.0e-4", "tol = 1.0e-2"],
-            ["tol = 0.3", "tol = 10.0"],
-            "too large",
-        ),
-        (
-            ["tol = 3.0e-4", "tol = 1.0e-2"],
-            ["tol = 3.0e-7", "tol = 1.0e-5"],
-            "too small",
-        ),
-    ] {
+    let written = |text: &str, factor: f64, directions: bool| -> String {
+        let scaled = |line: &str| {
+            let (before, after) = line.split_once("tol = ")?;
+            let (tolerance, after) = after.split_once(' ')?;
+            let tolerance = factor * tolerance.parse::<f64>().ok()?;
+            Some(format!("{before}tol = {tolerance:e} {after}"))
+        };
+        let lines = text.lines().map(|line| {
+            let is_meant = directions || !line.starts_with("track_direction");
+            let scaled = scaled(line).filter(|_| is_meant);
+            scaled.unwrap_or_else(|| line.to_owned()) + "\n"
+        });
+        lines.collect()
+    };
+    for (factor, directions, words) in [(1e3, false, "too large"), (1e-3, true, "too small")] {
         let folder = machine.simulated(18);
         change_robot(folder.path(), |text| {
-            let text = if words == "too large" {
-                // Directions have no unit.
-                text.replace("], tol = 1.0e-2 }\n\n", "], tol = 1e-2 }\n\n")
-            } else {
-                text.to_owned()
-            };
-            let changed = text.replace(from[0], to[0]).replace(from[1], to[1]);
+            let changed = written(text, factor, directions);
             assert_ne!(changed, text);
             changed
         });

@@ -38,6 +38,9 @@ const CLEARLY: f64 = 9.0;
 const WIDEST_TOLERANCE: f64 = 0.1;
 /// A factor of a thousand is believed in where it brings noise nearer to what is stated by so many times.
 const NEARER: f64 = 3.0;
+/// Noise that is stated so many times too large is no caution any more. Where tolerances hold a fit back, noise that is
+/// stated a thousand times too large leaves a misfit of less than that.
+const CAUTIOUS: f64 = 10.0;
 
 /// A hypothesis with its fit.
 struct Tried {
@@ -89,13 +92,15 @@ pub(crate) fn is_beyond_noise(misfit: &Misfit) -> bool {
     chi2_survival(misfit.chi2, misfit.dof) < LEVEL
 }
 
-/// The largest deviation that chance does not allow for, of so many: two-sided, by Bonferroni's bound.
-pub(crate) fn beyond_tolerance(deviations: &[Deviation]) -> Option<Deviation> {
+/// The largest deviation that chance does not allow for, of so many: two-sided, by Bonferroni's bound. Where residuals
+/// exceed the noise `scale` times, so may what they do to parameters.
+pub(crate) fn beyond_tolerance(deviations: &[Deviation], scale: f64) -> Option<Deviation> {
     let level = LEVEL / deviations.len().max(1) as f64;
     let worst = deviations
         .iter()
         .max_by(|a, b| a.deleted.abs().total_cmp(&b.deleted.abs()))?;
-    (chi2_survival(worst.deleted.powi(2), 1.0) < level).then_some(*worst)
+    let square = (worst.deleted / scale.max(1.0)).powi(2);
+    (chi2_survival(square, 1.0) < level).then_some(*worst)
 }
 
 /// Mistakes of measurements and parameters, the likeliest explanation of a misfit; none where there is no misfit.
@@ -116,7 +121,7 @@ pub(crate) fn mistakes(case: &Case<'_>) -> Result<Vec<Mistake>, Error> {
         return Ok(vec![mistake]);
     }
     let is_fine = given.as_ref().is_some_and(|given| {
-        !is_beyond_noise(&given.misfit) && beyond_tolerance(&given.deviations).is_none()
+        !is_beyond_noise(&given.misfit) && beyond_tolerance(&given.deviations, 1.0).is_none()
     });
     if is_fine {
         let noise = given.and_then(|given| noise(&thinned, &given));
@@ -444,14 +449,24 @@ fn wide(case: &Case<'_>, given: &Tried) -> Option<Mistake> {
 }
 
 /// Stated noise that is off by a thousand.
+///
+/// A misfit beyond the noise has its cause in what the model lacks, unless it is nearer to a thousand than to one.
 fn noise(case: &Case<'_>, given: &Tried) -> Option<Mistake> {
     let off = |tried: &Tried| tried.misfit.ratio().ln().abs();
     let limit = off(given) - NEARER.ln();
-    if limit < 0.0 {
+    let ratio = given.misfit.ratio();
+    if limit < 0.0 || (1.0..THOUSAND.sqrt()).contains(&ratio) {
         return None;
     }
+    let is_by_chance = |tried: &Tried| {
+        let chance = chi2_survival(tried.misfit.chi2, tried.misfit.dof);
+        (LEVEL..1.0 - LEVEL).contains(&chance)
+    };
+    let is_gross = !(CAUTIOUS.recip()..CAUTIOUS).contains(&ratio);
     let mut all = closer(case, hypothesis::noise());
-    all.retain(|tried| tried.is_plausible() && off(tried) < limit);
+    all.retain(|tried| {
+        tried.is_plausible() && off(tried) < limit && (is_gross || is_by_chance(tried))
+    });
     let least = all.iter().map(off).fold(f64::INFINITY, f64::min);
     // Of several that bring it about as near, the first is the simplest.
     let best = all.iter().find(|tried| off(tried) < least + 0.5)?;

@@ -289,7 +289,7 @@ pub fn of_calibration_knowing(
     shorten(&mut pulls);
     let deviations = judged.deviations();
     let mut verdict = measured(&case, &judged, pulls);
-    let beyond = recognise::beyond_tolerance(&deviations);
+    let beyond = recognise::beyond_tolerance(&deviations, verdict.residual_over_noise);
     verdict.judge(&machine.variant, beyond);
     let suspect = verdict.status > Status::Consistent
         || verdict.residual_over_noise < 1.0 / 3.0
@@ -338,7 +338,7 @@ pub fn of_prediction(
             .collect();
         shorten(&mut pulls);
         let mut verdict = measured(&case, &judged, pulls);
-        verdict.judge(variant, recognise::beyond_tolerance(&deviations));
+        verdict.judge(variant, recognise::beyond_tolerance(&deviations, verdict.residual_over_noise));
         verdict
     } else {
         let before = of(&division.calibration);
