@@ -66,7 +66,7 @@ impl Machine {
         )
     }
 
-    /// What `tau check` recognises, and its exit code.
+    /// Mistakes that `tau check` recognises, and its exit code.
     fn mistakes(&self, folder: &Path) -> (Vec<Value>, u8) {
         let ran = self.run(folder, "check --variant Full --json -");
         let found: Value = serde_json::from_str(&ran.out).unwrap();

@@ -39,7 +39,7 @@ A robot is described in a .tau file; the Gantry-Tau is built in.
 Exit codes: 0 done, 1 failed to converge or check failed, 2 bad input or usage."
 )]
 pub(super) struct Arguments {
-    /// Print nothing but errors, and the JSON or CSV that was asked for
+    /// Print nothing but errors, verdicts that are not `consistent`, and the JSON or CSV that was asked for
     #[arg(long, short, global = true, display_order = 900)]
     pub(super) quiet: bool,
     #[command(subcommand)]

@@ -35,7 +35,7 @@ pub struct Range {
 pub struct FileFacts {
     /// Name of the file.
     pub file: &'static str,
-    /// What its rows measure.
+    /// Measured quantity.
     pub kind: &'static str,
     /// Number of rows.
     pub rows: usize,
@@ -80,11 +80,11 @@ pub struct Sight {
 pub struct Gap {
     /// The file or column.
     pub what: &'static str,
-    /// What it would bring.
+    /// Its use.
     pub brings: String,
 }
 
-/// What is known before a fit.
+/// Facts known before a fit.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Check {
     /// Files that are there.
@@ -93,14 +93,14 @@ pub struct Check {
     pub variants: Vec<Checked>,
     /// Effects of the catalogue.
     pub effects: Vec<Sight>,
-    /// What is missing.
+    /// Files and columns that are missing.
     pub missing: Vec<Gap>,
     /// Mistakes that were recognised.
     pub mistakes: Vec<Mistake>,
 }
 
 impl Check {
-    /// Whether a calibration of one of the variants means anything.
+    /// True if a calibration of one of the variants means anything.
     pub fn is_meaningful(&self) -> bool {
         !self.mistakes.iter().any(|mistake| mistake.is_absurd)
             && self

@@ -21,7 +21,7 @@ pub(crate) struct Case<'a> {
     pub(crate) folder: Folder,
 }
 
-/// What was done instead of what the documentation of the files asks for.
+/// Something done instead of what the documentation of the files asks for.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) enum Hypothesis {
     /// Columns of commands are exchanged: for each command, the column that holds it.

@@ -97,7 +97,7 @@ impl Judged {
         self.descent.residuals.norm_squared()
     }
 
-    /// What is added to the sum of squares in −2 ln of the evidence, but for constants of the robot: volumes of noise
+    /// Terms beside the sum of squares in −2 ln of the evidence, but for constants of the robot: volumes of noise
     /// and priors, and of what is left of the latter (Laplace's approximation; D. J. C. MacKay, *Information Theory,
     /// Inference, and Learning Algorithms*, 2003, section 28.1).
     pub(crate) fn volumes(&self) -> f64 {

@@ -58,7 +58,7 @@ impl Tried {
         self.total / scale + self.volumes
     }
 
-    /// Whether no parameter is off by more than any machine.
+    /// True if no parameter is off by more than any machine.
     fn is_plausible(&self) -> bool {
         let freed = match self.hypothesis {
             Some(Hypothesis::Dimension { parameter, .. }) => Some(parameter),
@@ -79,11 +79,11 @@ pub struct Mistake {
     pub kind: &'static str,
     /// The file that holds it.
     pub file: &'static str,
-    /// What is wrong, in words.
+    /// The mistake in words.
     pub what: String,
-    /// How to mend it, in words.
+    /// The mend in words.
     pub mend: String,
-    /// Whether nothing that is computed from such input means anything.
+    /// True if nothing that is computed from such input means anything.
     pub is_absurd: bool,
 }
 

@@ -41,7 +41,7 @@ fn simulated(robot: &Robot, file: &RobotFile, seed: u64) -> Folder {
     simulate(&simulation).unwrap().folder
 }
 
-/// What is done wrong, the kind that it should be recognised as, and a word of what is said of it.
+/// Something done wrong, the kind that it should be recognised as, and a word of what is said of it.
 type Wrong = (
     &'static str,
     &'static str,
@@ -142,7 +142,7 @@ const WRONG: [Wrong; 11] = [
     }),
 ];
 
-/// What `tau calibrate` would say: the verdict, or the mistakes for which there is no fit.
+/// The answer of `tau calibrate`: the verdict, or the mistakes for which there is no fit.
 fn judged(
     robot: &Robot,
     file: &RobotFile,
@@ -160,7 +160,7 @@ fn judged(
     })
 }
 
-/// Whether a mistake is named, and what is said.
+/// True if a mistake is named, and the sentences that name it.
 fn is_named(robot: &Robot, clean: (&Folder, &RobotFile), wrong: &Wrong) -> (bool, String) {
     let (mut folder, mut file) = (clean.0.clone(), clean.1.clone());
     wrong.3(&mut folder, &mut file);
@@ -175,7 +175,7 @@ fn is_named(robot: &Robot, clean: (&Folder, &RobotFile), wrong: &Wrong) -> (bool
     (found.first().is_some_and(is_right), said)
 }
 
-/// How many mistakes are named rightly, of all machines. `TRIALS` sets how many machines of each robot.
+/// Counts mistakes that are named rightly, of all machines. `TRIALS` sets how many machines of each robot.
 #[test]
 #[ignore = "a measurement of minutes"]
 fn how_many_mistakes_are_named() {
@@ -200,7 +200,7 @@ fn how_many_mistakes_are_named() {
     println!("{right} of {all}");
 }
 
-/// How many clean folders are called what. `TRIALS` sets how many machines of each robot.
+/// Counts verdicts on clean folders. `TRIALS` sets how many machines of each robot.
 #[test]
 #[ignore = "a measurement of minutes"]
 fn how_many_clean_folders_are_consistent() {

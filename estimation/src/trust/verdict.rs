@@ -22,7 +22,7 @@ const MOST_POSES: usize = 4000;
 /// Worst poses and largest pulls that are listed.
 const LISTED: usize = 5;
 
-/// Whether measurements, stated noise and parameters go together.
+/// The status of an answer: measurements, stated noise and parameters go together or not.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Status {
     /// They do.
@@ -49,7 +49,7 @@ impl Status {
 pub struct FileFit {
     /// Name of the file.
     pub file: &'static str,
-    /// What is compared: `closure` (errors of link lengths), `position` or `rotation` of carts.
+    /// Kind of residual: `closure` (errors of link lengths), `position` or `rotation` of carts.
     pub kind: &'static str,
     /// Number of residuals.
     pub rows: usize,
@@ -79,7 +79,7 @@ pub struct Pull {
     pub tolerances: f64,
 }
 
-/// Whether a fit or a prediction can be trusted, and why not.
+/// The verdict on a fit or a prediction, with its reasons.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Verdict {
     /// In one word.
@@ -338,7 +338,10 @@ pub fn of_prediction(
             .collect();
         shorten(&mut pulls);
         let mut verdict = measured(&case, &judged, pulls);
-        verdict.judge(variant, recognise::beyond_tolerance(&deviations, verdict.residual_over_noise));
+        verdict.judge(
+            variant,
+            recognise::beyond_tolerance(&deviations, verdict.residual_over_noise),
+        );
         verdict
     } else {
         let before = of(&division.calibration);

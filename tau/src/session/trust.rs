@@ -10,7 +10,7 @@ use tau_robot::robot::Variant;
 use super::{Session, VariantKey};
 
 impl<R> Session<R> {
-    /// Whether a calibration on the poses for it is consistent with stated noise and tolerances, and if not, why: see
+    /// The verdict on a calibration on the poses for it: consistent with stated noise and tolerances or not, see
     /// [`Verdict`].
     ///
     /// # Errors
@@ -20,7 +20,7 @@ impl<R> Session<R> {
         trust::of_calibration(calibration, &self.robot_file, &self.folder, &poses)
     }
 
-    /// Whether the poses that validate are where a [machine as given](Self::machine) predicts them, within noise and the
+    /// The verdict on a prediction: the poses that validate, as a [machine as given](Self::machine) predicts them, against noise and the
     /// standard deviations or tolerances of the robot file.
     ///
     /// # Errors
@@ -40,7 +40,7 @@ impl<R> Session<R> {
         trust::mistakes(&self.robot, variant, &self.robot_file, &self.folder, &poses)
     }
 
-    /// What the folder holds and determines, before anything is fitted: of one variant, or of all without effects.
+    /// Contents of the folder and what they determine, before anything is fitted: of one variant, or of all without effects.
     ///
     /// # Errors
     /// There is no variant of that name; no poses are left to calibrate.
