@@ -496,6 +496,7 @@ fn help_teaches() {
     for command in [
         "",
         "study",
+        "check",
         "calibrate",
         "evaluate",
         "sensitivity",

@@ -127,7 +127,7 @@ pub(crate) fn mistakes(case: &Case<'_>) -> Result<Vec<Mistake>, Error> {
         let noise = given.and_then(|given| noise(&thinned, &given));
         return Ok(noise.into_iter().collect());
     }
-    let mut all = closer(&thinned, candidates(&thinned));
+    let mut all = closer(&thinned, &candidates(&thinned));
     all.extend(dimensions(&thinned, given.as_ref()));
     let scale = |all: &[Tried]| {
         let ratios = all.iter().chain(&given).map(|t| t.misfit.ratio().powi(2));
@@ -188,8 +188,8 @@ fn candidates(case: &Case<'_>) -> Vec<Hypothesis> {
         .collect()
 }
 
-fn closer(case: &Case<'_>, hypotheses: Vec<Hypothesis>) -> Vec<Tried> {
-    parallel::map(&hypotheses, |hypothesis| {
+fn closer(case: &Case<'_>, hypotheses: &[Hypothesis]) -> Vec<Tried> {
+    parallel::map(hypotheses, |hypothesis| {
         tried(case, Some(hypothesis), ITERATIONS)
     })
     .into_iter()
@@ -261,10 +261,11 @@ fn commands(case: &Case<'_>) -> Vec<Hypothesis> {
         .closure_instances()
         .map(|closure| command_of(case, closure.of))
         .collect();
+    // By column, then by the command that it would hold.
     let mut misfits = vec![vec![0.0; count]; count];
     for sample in samples(case) {
-        for column in 0..count {
-            let commands_m = vec![sample.commands_m[column]; count];
+        for (&command_m, own) in sample.commands_m.iter().zip(&mut misfits) {
+            let commands_m = vec![command_m; count];
             let view = tau_kinematics::Sample {
                 commands_m: &commands_m,
                 ..sample.view()
@@ -274,7 +275,7 @@ fn commands(case: &Case<'_>) -> Vec<Hypothesis> {
             };
             for (residual, command) in closures.residuals.iter().zip(&followed) {
                 if let Some(command) = *command {
-                    misfits[command][column] += residual.powi(2);
+                    own[command] += residual.powi(2);
                 }
             }
         }
@@ -357,11 +358,9 @@ fn dimensions(case: &Case<'_>, given: Option<&Tried>) -> Vec<Tried> {
         starts.extend(worst.map(|d| (d.parameter, given.values[d.parameter])));
     }
     starts.extend(far_off(case).unwrap_or_default());
-    let hypotheses = starts.into_iter().map(|(parameter, start)| {
-        let hypothesis = Hypothesis::Dimension { parameter, start };
-        hypothesis
-    });
-    closer(case, hypotheses.collect())
+    let of = |(parameter, start)| Hypothesis::Dimension { parameter, start };
+    let hypotheses: Vec<Hypothesis> = starts.into_iter().map(of).collect();
+    closer(case, &hypotheses)
 }
 
 /// Parameters of closures that miss by far, with values at which they would not, best first.
@@ -463,7 +462,7 @@ fn noise(case: &Case<'_>, given: &Tried) -> Option<Mistake> {
         (LEVEL..1.0 - LEVEL).contains(&chance)
     };
     let is_gross = !(CAUTIOUS.recip()..CAUTIOUS).contains(&ratio);
-    let mut all = closer(case, hypothesis::noise());
+    let mut all = closer(case, &hypothesis::noise());
     all.retain(|tried| {
         tried.is_plausible() && off(tried) < limit && (is_gross || is_by_chance(tried))
     });
