@@ -27,3 +27,4 @@ mod session;
 mod simulation;
 mod study;
 mod support;
+mod trust;

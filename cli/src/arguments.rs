@@ -1,11 +1,14 @@
 //! The command line as typed and as clap reads it; [`super::resolve`] gives it its meaning.
 
+mod trust;
+
 use std::path::{Path, PathBuf};
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use clap_complete::Shell;
 
 use super::numbers::{Numbers, Triple, positive};
+pub(super) use trust::{Check, Force};
 
 /// Calibrates parallel robots from a declarative description.
 #[derive(Debug, Parser)]
@@ -20,6 +23,7 @@ use super::numbers::{Numbers, Triple, positive};
 Examples:
   tau                                      the study on the built-in measurements
   tau study measured --out report          the study on your own
+  tau check measured                       what the measurements determine, and mistakes in them
   tau calibrate measured --variant Full    one variant: parameters, sigmas, covariance
   tau discover measured                    what the model lacks, added to the description
   tau kinematics forward --variant Full --robot tau-calibration/robot.toml --commands 0.1,0.2,-0.1
@@ -35,7 +39,7 @@ A robot is described in a .tau file; the Gantry-Tau is built in.
 Exit codes: 0 done, 1 failed to converge or check failed, 2 bad input or usage."
 )]
 pub(super) struct Arguments {
-    /// Print nothing but errors, and the JSON or CSV that was asked for
+    /// Print nothing but errors, verdicts that are not `consistent`, and the JSON or CSV that was asked for
     #[arg(long, short, global = true, display_order = 900)]
     pub(super) quiet: bool,
     #[command(subcommand)]
@@ -45,6 +49,7 @@ pub(super) struct Arguments {
 #[derive(Debug, Subcommand)]
 pub(super) enum Command {
     Study(Study),
+    Check(Check),
     Calibrate(Calibrate),
     Evaluate(Evaluate),
     Sensitivity(Sensitivity),
@@ -78,6 +83,8 @@ pub(super) struct Study {
     /// Leave out the search for what the model lacks, which takes longer than all the rest
     #[arg(long)]
     pub(super) no_discover: bool,
+    #[command(flatten)]
+    pub(super) force: Force,
     #[command(flatten)]
     pub(super) json: Json,
 }
@@ -124,6 +131,8 @@ pub(super) struct Calibrate {
     #[arg(long, value_name = "DIR", default_value = "tau-calibration")]
     pub(super) out: PathBuf,
     #[command(flatten)]
+    pub(super) force: Force,
+    #[command(flatten)]
     pub(super) json: Json,
 }
 
@@ -143,6 +152,8 @@ pub(super) struct Evaluate {
     pub(super) input: Input,
     #[command(flatten)]
     pub(super) variant: Variant,
+    #[command(flatten)]
+    pub(super) force: Force,
     #[command(flatten)]
     pub(super) json: Json,
 }

@@ -3,13 +3,14 @@
 use serde_json::json;
 use tau::calibration::Calibration;
 use tau::study;
+use tau::trust::Status;
 use tau_report as report;
 use tau_robot::input_error::both;
 
 use super::deliver::{Outcome, Target, check_folder, pretty, written};
 use super::kept::Kept;
 use super::stamp::stamp;
-use super::{Failure, arguments, resolve};
+use super::{Failure, arguments, resolve, trust};
 
 /// Files of the output folder.
 const FILES: [&str; 5] = [
@@ -35,18 +36,34 @@ pub(super) fn run(arguments: &arguments::Calibrate) -> Result<Outcome, Failure> 
     let variant = arguments.variant.name.as_str();
     let (robot, folder) = (&session.robot().name, session.folder());
 
-    let (mut found, comparison) = if arguments.errors_in_variables {
-        let fitted = session.calibrate_with_errors_in_variables(variant)?;
-        (fitted.calibration.clone(), Some(fitted))
+    let fitted = if arguments.errors_in_variables {
+        let fitted = session.calibrate_with_errors_in_variables(variant);
+        fitted.map(|fitted| (fitted.calibration.clone(), Some(fitted)))
     } else {
-        (session.calibrate(variant)?.into(), None)
+        session
+            .calibrate(variant)
+            .map(|fitted| (fitted.into(), None))
     };
+    let (mut found, comparison) =
+        fitted.map_err(|error| trust::explained(&session, variant, error))?;
+    let mut verdict = session.verdict(&found)?;
+    if let Some(fitted) = &comparison {
+        verdict = verdict.with_groups(&fitted.groups, session.robot_file());
+    }
     let calibrated = &poses.division.calibration;
     found.file.calibration =
         Some(session.provenance(session.robot(), variant, calibrated, &stamp()));
     let validation = &poses.division.validation;
     let is_held_out = poses.division.is_disjoint();
-    let result = study::result(&found, folder, validation)?;
+    let result = study::result(&found, folder, validation);
+    let mut result = match result {
+        // What can't be predicted has its reason.
+        Err(_) if verdict.status == Status::Absurd && !arguments.force.force => {
+            return Ok(Outcome::default().judged(&verdict, false));
+        }
+        result => result?,
+    };
+    result.fit = Some(verdict.clone());
 
     let mut statistics = report::json::variant(&result);
     statistics["variant"] = json!(variant);
@@ -72,7 +89,7 @@ pub(super) fn run(arguments: &arguments::Calibrate) -> Result<Outcome, Failure> 
     }
     let contents = [
         found.file.to_toml(),
-        parameters(&found)?,
+        parameters(&found, verdict.widening())?,
         covariance(&found)?,
         undetermined(&found)?,
         pretty(&statistics),
@@ -80,16 +97,18 @@ pub(super) fn run(arguments: &arguments::Calibrate) -> Result<Outcome, Failure> 
     let paths = FILES.into_iter().map(|name| out.join(name));
     let files: Vec<_> = paths.zip(contents).collect();
     summary += &written(files.iter().map(|(path, _)| path.as_path()));
-    Ok(Outcome {
+    let outcome = Outcome {
         summary,
         remarks: session.remarks_for(variant)?,
         files,
         json: target.map(|target| (statistics, target)),
         ..Outcome::default()
-    })
+    };
+    Ok(outcome.judged(&verdict, arguments.force.force))
 }
 
-fn parameters(found: &Calibration) -> Result<String, Failure> {
+/// Standard deviations as stated noise makes them, and widened by the misfit.
+fn parameters(found: &Calibration, widening: f64) -> Result<String, Failure> {
     let header = [
         "parameter",
         "unit",
@@ -97,6 +116,7 @@ fn parameters(found: &Calibration) -> Result<String, Failure> {
         "tolerance",
         "value",
         "sigma",
+        "sigma_widened",
     ];
     let rows = found.parameters.iter().map(|parameter| {
         vec![
@@ -106,6 +126,7 @@ fn parameters(found: &Calibration) -> Result<String, Failure> {
             parameter.tolerance.map_or_else(String::new, number),
             number(parameter.value),
             number(parameter.sigma),
+            number(widening * parameter.sigma),
         ]
     });
     csv(header.map(String::from).into(), rows)

@@ -24,6 +24,10 @@ pub(super) struct Outcome {
     pub(super) files: Vec<(PathBuf, String)>,
     /// Results for programs, and where they go.
     pub(super) json: Option<(Value, Target)>,
+    /// Verdict on a result that is not consistent: stands in the summary, and on standard error where that is not shown.
+    pub(super) verdict: Option<String>,
+    /// Why the command fails all the same.
+    pub(super) failure: Option<String>,
 }
 
 /// Destination of JSON.
@@ -63,11 +67,16 @@ impl Outcome {
                 console.complain(&format_args!("note: {remark}"));
             }
         }
+        let is_silent = console.quiet || matches!(json, Some((_, Target::StandardOutput)));
+        if let Some(verdict) = self.verdict.filter(|_| is_silent) {
+            console.complain(&format_args!("verdict: {verdict}"));
+        }
         match json {
             Some((text, Target::StandardOutput)) => console.print(&text),
             _ if console.quiet => console.print(&self.data),
             _ => console.print(&(self.summary + &self.data)),
-        }
+        }?;
+        self.failure.map_or(Ok(()), |why| Err(Failure::Failed(why)))
     }
 }
 

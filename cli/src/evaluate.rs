@@ -7,7 +7,7 @@ use tau_robot::input_error::both;
 
 use super::deliver::{Outcome, Target};
 use super::kept::Kept;
-use super::{Failure, arguments, resolve};
+use super::{Failure, arguments, resolve, trust};
 
 pub(super) fn run(arguments: &arguments::Evaluate) -> Result<Outcome, Failure> {
     let (session, target) = both(
@@ -18,11 +18,16 @@ pub(super) fn run(arguments: &arguments::Evaluate) -> Result<Outcome, Failure> {
     let asked = resolve::asked_split(&arguments.input)?;
     let (poses, basis) = session.unseen(asked)?;
     let variant = arguments.variant.name.as_str();
-    let found = evaluate(&session.machine(variant)?, session.folder(), &poses)?;
+    let machine = session.machine(variant)?;
+    let found = evaluate(&machine, session.folder(), &poses);
+    let found = found.map_err(|error| trust::explained(&session, variant, error.into()))?;
+    let verdict = session.verdict_on_prediction(&machine)?;
     let (robot, folder) = (&session.robot().name, &session.folder().name);
     let title = format!("{robot}, {variant}, {folder}");
-    Ok(Outcome {
-        summary: format!("{title}\n\n{}", report::terminal::evaluation(&found, basis)),
+    let said =
+        report::terminal::evaluation(&found, basis) + &report::trust::terminal::verdict(&verdict);
+    let outcome = Outcome {
+        summary: format!("{title}\n\n{said}"),
         remarks: session.remarks_for(variant)?,
         json: target.map(|target| {
             let mut value = report::json::evaluation(&found);
@@ -32,8 +37,10 @@ pub(super) fn run(arguments: &arguments::Evaluate) -> Result<Outcome, Failure> {
             value["poses"] = report::json::poses(counts);
             value["poses"]["evaluated"] = json!(poses.len());
             value["evaluated_on"] = json!(report::json::basis(basis));
+            value["fit"] = report::trust::json::verdict(&verdict);
             (value, target)
         }),
         ..Outcome::default()
-    })
+    };
+    Ok(outcome.judged(&verdict, arguments.force.force))
 }

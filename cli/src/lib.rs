@@ -6,6 +6,7 @@
 
 mod arguments;
 mod calibrate;
+mod check;
 mod deliver;
 mod discover;
 mod evaluate;
@@ -19,6 +20,7 @@ mod sensitivity;
 mod simulate;
 mod stamp;
 mod study;
+mod trust;
 
 use std::ffi::OsString;
 use std::fmt;
@@ -150,6 +152,7 @@ impl Console<'_> {
         let command = command.unwrap_or_else(|| Command::Study(arguments::Study::default()));
         let outcome = match &command {
             Command::Study(arguments) => study::run(arguments, self),
+            Command::Check(arguments) => check::run(arguments),
             Command::Calibrate(arguments) => calibrate::run(arguments),
             Command::Evaluate(arguments) => evaluate::run(arguments),
             Command::Sensitivity(arguments) => sensitivity::run(arguments),

@@ -1,13 +1,14 @@
 //! `tau study`.
 
 use tau::study;
+use tau::trust::Status;
 use tau_report as report;
 use tau_robot::input_error::both;
 
 use super::deliver::{Outcome, Target, check_folder, written};
 use super::kept::Kept;
 use super::progress::{Bar, Spinner};
-use super::{Console, Failure, arguments, resolve};
+use super::{Console, Failure, arguments, resolve, trust};
 
 pub(super) fn run(arguments: &arguments::Study, console: &Console<'_>) -> Result<Outcome, Failure> {
     let out = arguments.out();
@@ -18,19 +19,30 @@ pub(super) fn run(arguments: &arguments::Study, console: &Console<'_>) -> Result
     let (session, (target, ())) = both(resolve::session(&arguments.input), outputs)?;
 
     let bar = Bar::new(console);
-    let mut results = study::run(&session, &mut |progress| bar.show(progress))?;
+    let ran = study::run(&session, &mut |progress| bar.show(progress));
+    let mut results = ran.map_err(|error| match study::base(session.robot()) {
+        Some(base) => trust::explained(&session, &base.name, error),
+        None => error.into(),
+    })?;
     drop(bar);
-    if !arguments.no_discover {
+    let verdict = results.fit().map(|(_, verdict)| verdict.clone());
+    let is_absurd = (verdict.as_ref()).is_some_and(|verdict| verdict.status == Status::Absurd);
+    let is_refused = is_absurd && !arguments.force.force;
+    if !arguments.no_discover && !is_refused {
         let spinner = Spinner::new(console);
         study::search(&mut results, &session, &mut |doing| spinner.show(doing));
     }
 
     let files = report::study_files(out, &results);
     let paths = written(files.iter().map(|(path, _)| path.as_path()));
-    Ok(Outcome {
+    let outcome = Outcome {
         summary: report::terminal::study(&results) + &paths,
         files,
         json: target.map(|target| (report::json::study(&results), target)),
         ..Outcome::default()
+    };
+    Ok(match verdict {
+        Some(verdict) => outcome.judged(&verdict, arguments.force.force),
+        None => outcome,
     })
 }

@@ -8,15 +8,12 @@ use tau_estimation::joint::variant;
 use tau_estimation::joint::{Component, Joint};
 use tau_estimation::samples::Sample;
 use tau_estimation::samples::frames::Frames;
+use tau_estimation::samples::outliers;
 use tau_estimation::samples::plates::place_plates;
-use tau_estimation::samples::{numbering, outliers};
+use tau_estimation::trust::{self, LARGEST_MISFIT};
 use tau_robot::robot::{Owner, Variant};
 
 use super::{Error, Input};
-
-/// Closures that are off by more than this share of the links' length are those of another machine, or of commands and
-/// poses that do not belong together.
-const LARGEST_MISFIT: f64 = 0.01;
 
 /// The base fitted to all sets, and their samples with the loads of the arm.
 pub(super) fn base_fit(
@@ -50,7 +47,7 @@ pub(super) fn base_fit(
     let (values, mut weights) = Fit::of_set_1(&alone, &of_set_1)?;
     let machine = prepared.machine.with_values(values.clone());
     let frames = Frames::of(&machine, file, folder);
-    numbering::check(&machine, folder)?;
+    trust::refuse(&machine, file, folder, &division.calibration)?;
     let mut samples = samples_in(&frames);
     place_plates(&machine, file, &mut samples);
     let joint = Joint::new(machine.clone(), &prepared.nominal, &samples, file.noise)?;

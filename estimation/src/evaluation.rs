@@ -6,6 +6,7 @@ use tau_robot::measurements::{Folder, TcpPose};
 use tau_robot::robot::Arm;
 
 use crate::calibration::{Combination, Error, LinkResult, ParameterEstimate};
+use crate::trust::Verdict;
 
 /// Mean, largest and root-mean-square of a length, in µm.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -62,6 +63,8 @@ pub struct VariantResult {
     pub iterations: usize,
     /// Why the solver stopped, in words.
     pub termination: String,
+    /// Whether the fit can be trusted, where that was asked.
+    pub fit: Option<Verdict>,
 }
 
 /// Errors of the predicted poses.

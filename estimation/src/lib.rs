@@ -10,3 +10,4 @@ pub mod numerics;
 mod problem;
 pub mod samples;
 pub mod sensitivity;
+pub mod trust;

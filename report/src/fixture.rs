@@ -57,6 +57,7 @@ pub(super) fn study() -> Study {
             .map(|(name, size, full)| variant(&mut numbers, name, size, full))
             .into(),
         assumptions: assumptions(&mut numbers),
+        check: None,
         sensitivity: Some(sensitivity(&mut numbers)),
         discovery: None,
         remarks: vec![
@@ -160,6 +161,7 @@ fn variant(numbers: &mut Numbers, name: &str, size: f64, full: bool) -> VariantR
         undetermined,
         iterations: 31,
         termination: "the cost no longer falls".to_owned(),
+        fit: None,
     }
 }
 

@@ -13,6 +13,9 @@ use tau::measurements::PoseCounts;
 use tau::sensitivity::{LinkSensitivity, ParameterSensitivity, Sensitivity, Turn};
 use tau::session::Basis;
 use tau::study::results::Study;
+use tau::trust::Verdict;
+
+use super::trust::json as trust;
 
 /// The result of `tau study`.
 ///
@@ -39,6 +42,8 @@ pub fn study(study: &Study) -> Value {
         "sensitivity": study.sensitivity.as_ref().map(sensitivity),
         "discovery": study.discovery.as_ref().map(discovery),
         "remarks": study.remarks,
+        "fit": study.fit().map(|(_, verdict)| trust::verdict(verdict)),
+        "check": study.check.as_ref().map(trust::check),
     })
 }
 
@@ -85,13 +90,15 @@ pub fn variant(variant: &VariantResult) -> Value {
         .map(|result| (result.name.clone(), link(result)))
         .collect();
     let position = variant.position_um;
+    let widening = variant.fit.as_ref().map_or(1.0, Verdict::widening);
     json!({
+        "fit": variant.fit.as_ref().map(trust::verdict),
         "position_um": { "mean": position.mean, "max": position.max, "rms": position.rms },
         "orientation_rad": variant.orientation_rad_max_abs.map(|max_abs| json!({ "max_abs": max_abs })),
         "links": links,
         "iterations": variant.iterations,
         "termination": variant.termination,
-        "parameters": variant.parameters.iter().map(parameter).collect::<Vec<_>>(),
+        "parameters": variant.parameters.iter().map(|own| parameter(own, widening)).collect::<Vec<_>>(),
         "correlations": variant.correlations.iter()
             .map(|(one, other, value)| json!({ "parameters": [one, other], "value": value }))
             .collect::<Vec<_>>(),
@@ -111,7 +118,8 @@ fn link(link: &LinkResult) -> Value {
     })
 }
 
-fn parameter(parameter: &ParameterEstimate) -> Value {
+/// `sigma` as stated noise makes it, and widened by the misfit.
+fn parameter(parameter: &ParameterEstimate, widening: f64) -> Value {
     json!({
         "name": parameter.name,
         "unit": parameter.unit,
@@ -119,10 +127,11 @@ fn parameter(parameter: &ParameterEstimate) -> Value {
         "tolerance": parameter.tolerance,
         "value": parameter.value,
         "sigma": parameter.sigma,
+        "sigma_widened": widening * parameter.sigma,
     })
 }
 
-fn combination(combination: &Combination) -> Value {
+pub(super) fn combination(combination: &Combination) -> Value {
     let terms: Vec<_> = combination
         .terms
         .iter()

@@ -18,6 +18,7 @@ mod tables;
 pub mod terminal;
 #[cfg(test)]
 mod tests;
+pub mod trust;
 mod write;
 
 pub use discovery::method::Setting;

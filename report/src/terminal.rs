@@ -13,6 +13,7 @@ use super::discovery;
 use super::findings;
 use super::number::{general, printable};
 use super::tables::{self, Cell, Table};
+use super::trust;
 
 /// Widest line.
 const WIDTH: usize = 100;
@@ -34,6 +35,7 @@ pub fn study(study: &Study) -> String {
     text += &findings::comparison(study)
         .map(|sentence| wrap(&sentence, ""))
         .unwrap_or_default();
+    text += &trust::terminal::of_study(study);
     text.push('\n');
     for variant in &study.variants {
         text += &render(&tables::geometry(variant));
@@ -122,7 +124,8 @@ pub fn variant(result: &VariantResult, is_held_out: bool) -> String {
         result.position_um,
         result.orientation_rad_max_abs,
         (result.pose_errors.len(), basis),
-    ) + "\n"
+    ) + &(result.fit.as_ref()).map_or_else(String::new, trust::terminal::verdict)
+        + "\n"
         + &render(&tables::geometry(result))
         + "\n"
         + &determined(result);
@@ -210,7 +213,7 @@ fn determined(variant: &VariantResult) -> String {
 }
 
 /// Breaks a sentence into lines.
-fn wrap(sentence: &str, indent: &str) -> String {
+pub(super) fn wrap(sentence: &str, indent: &str) -> String {
     let mut text = String::new();
     let mut line = indent.to_owned();
     for word in sentence.split_whitespace() {

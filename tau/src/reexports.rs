@@ -60,3 +60,11 @@ pub mod robot_file {
         LinkValues, MeasuredPath, Noise, Payload, Provenance, Reference, RobotFile, Value,
     };
 }
+
+/// How far answers can be trusted: verdicts, recognised mistakes, and checks before a fit.
+pub mod trust {
+    pub use tau_estimation::trust::{
+        Check, Checked, FileFacts, FileFit, Gap, Mistake, PoseFit, Pull, Range, Sight, Status,
+        Verdict,
+    };
+}

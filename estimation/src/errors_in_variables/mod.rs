@@ -25,8 +25,8 @@ use crate::joint::variant::free_turning;
 use crate::problem::Part;
 use crate::samples::Sample;
 use crate::samples::frames::Frames;
-use crate::samples::numbering;
 use crate::samples::plates::place_plates;
+use crate::trust;
 use all_sets::Misfit;
 
 /// Closures hold at the true pose to this share of the position noise, where nothing else is known: the
@@ -201,7 +201,7 @@ impl AllSets {
         poses: &[usize],
         closure_fit: &Calibration,
     ) -> Result<Self, Error> {
-        numbering::check(&closure_fit.machine, folder)?;
+        trust::refuse(&closure_fit.machine, file, folder, poses)?;
         let frames = Frames::of(&closure_fit.machine, file, folder);
         let mut samples = Sample::all(robot, folder, poses, &frames);
         let with_carts = samples.len() > poses.len();

@@ -171,6 +171,11 @@ impl Descent {
         self.descended(AT_MINIMUM)
     }
 
+    /// On the way to the minimum, so many iterations at most.
+    pub(crate) fn approached(self, iterations: usize) -> Result<Self, Error> {
+        self.descended(End { iterations, ..NEAR })
+    }
+
     fn descended(mut self, end: End) -> Result<Self, Error> {
         let mut damping = LEAST_DAMPING;
         self.is_settled = true;

@@ -4,7 +4,7 @@
 //! So the path is displaced at each point by an unknown, of which the position in set 2 is a measurement
 //! like any other. Unknowns are tens of micrometres large, hence linear.
 
-use nalgebra::{DMatrix, Vector3};
+use nalgebra::{DMatrix, SymmetricEigen, Vector3};
 use tau_kinematics::{Path, track_axes};
 use tau_robot::robot::TrackShape;
 
@@ -20,10 +20,25 @@ pub fn columns(joint: &Joint, samples: &[Sample]) -> Option<DMatrix<f64>> {
             .iter()
             .any(|sample| sample.set == 2 && sample.track == Some(track))
     };
+    columns_of(joint, samples, is_measured, shapes)
+}
+
+/// The same of paths that no sample measures, by displacements of which each has the noise of a measured position:
+/// shapes that parameters leave open, orthonormal.
+pub fn columns_of_data(joint: &Joint, samples: &[Sample]) -> Option<DMatrix<f64>> {
+    columns_of(joint, samples, |_| true, orthonormal_shapes)
+}
+
+fn columns_of(
+    joint: &Joint,
+    samples: &[Sample],
+    takes_part: impl Fn(usize) -> bool,
+    shapes: fn(&[f64], bool) -> DMatrix<f64>,
+) -> Option<DMatrix<f64>> {
     let machine = &joint.machine;
     let paths: Vec<(usize, &Path)> = (machine.surroundings.paths.iter().enumerate())
         .zip(&machine.variant.tracks)
-        .filter(|((track, _), model)| model.shape == TrackShape::Piecewise && is_measured(*track))
+        .filter(|((track, _), model)| model.shape == TrackShape::Piecewise && takes_part(*track))
         .filter_map(|((track, path), _)| Some((track, path.as_ref()?)))
         .collect();
     if paths.is_empty() {
@@ -36,7 +51,7 @@ pub fn columns(joint: &Joint, samples: &[Sample]) -> Option<DMatrix<f64>> {
         .dense();
     let blocks: Vec<DMatrix<f64>> = paths
         .into_iter()
-        .flat_map(|(track, path)| of_track(joint, samples, &by_parameter, track, path))
+        .flat_map(|(track, path)| of_track(joint, samples, &by_parameter, (track, path), shapes))
         .collect();
     let width = blocks.iter().map(DMatrix::ncols).sum();
     let mut columns = DMatrix::zeros(joint.rows.len(), width);
@@ -53,8 +68,8 @@ fn of_track(
     joint: &Joint,
     samples: &[Sample],
     by_parameter: &DMatrix<f64>,
-    track: usize,
-    path: &Path,
+    (track, path): (usize, &Path),
+    shapes: fn(&[f64], bool) -> DMatrix<f64>,
 ) -> [DMatrix<f64>; 3] {
     let (first, last) = path.range();
     let axes = track_axes(path.at(last) - path.at(first));
@@ -97,6 +112,24 @@ fn by_displacement(joint: &Joint, by_parameter: &DMatrix<f64>, track: usize) -> 
 /// A basis of the displacements of points that the parameters of a path leave open, one column each: those
 /// that neither shift it nor, across, turn it.
 fn shapes(commands: &[f64], is_across: bool) -> DMatrix<f64> {
+    let (open, taken) = open(commands, is_across);
+    // What is held at as many points is all that is open.
+    open.columns(1, commands.len() - taken).into_owned()
+}
+
+/// An orthonormal basis of the same.
+fn orthonormal_shapes(commands: &[f64], is_across: bool) -> DMatrix<f64> {
+    let (open, taken) = open(commands, is_across);
+    let eigen = SymmetricEigen::new(open);
+    let mut order: Vec<usize> = (0..commands.len()).collect();
+    order.sort_by(|&a, &b| eigen.eigenvalues[b].total_cmp(&eigen.eigenvalues[a]));
+    eigen
+        .eigenvectors
+        .select_columns(&order[..commands.len() - taken])
+}
+
+/// The projection onto displacements that parameters leave open, and how many dimensions they take.
+fn open(commands: &[f64], is_across: bool) -> (DMatrix<f64>, usize) {
     let count = commands.len();
     let taken = if is_across { 2 } else { 1 };
     let lines = DMatrix::from_fn(
@@ -107,9 +140,7 @@ fn shapes(commands: &[f64], is_across: bool) -> DMatrix<f64> {
         },
     );
     let q = lines.qr().q();
-    let open = DMatrix::identity(count, count) - &q * q.transpose();
-    // What is held at as many points is all that is open.
-    open.columns(1, count - taken).into_owned()
+    (DMatrix::identity(count, count) - &q * q.transpose(), taken)
 }
 
 #[cfg(test)]
@@ -121,7 +152,12 @@ mod tests {
     fn shapes_are_what_parameters_leave_open() {
         let commands = [-0.6, -0.2, 0.1, 0.15, 0.7];
         for (is_across, open) in [(false, 4), (true, 3)] {
+            let orthonormal = orthonormal_shapes(&commands, is_across);
+            let gram = orthonormal.tr_mul(&orthonormal);
+            assert!((gram - DMatrix::identity(open, open)).amax() < 1e-12);
             let shapes = shapes(&commands, is_across);
+            let outside = &shapes - &orthonormal * orthonormal.tr_mul(&shapes);
+            assert!(outside.amax() < 1e-12);
             assert_eq!(shapes.ncols(), open);
             let singular = shapes.singular_values();
             assert!(singular.min() > 1e-2, "{singular}");

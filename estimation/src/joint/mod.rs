@@ -134,6 +134,22 @@ impl Joint {
         Ok(joint)
     }
 
+    /// The same of set 1 alone, with the noise (m) of the points that piecewise tracks pass through: unknowns with a
+    /// prior, since no sample measures them.
+    #[must_use]
+    pub(crate) fn with_path_noise(mut self, samples: &[Sample], position_m: f64) -> Self {
+        if let Some(knots) = knots::columns_of_data(&self, samples) {
+            let prior = Nominal {
+                value: 0.0,
+                tolerance: Some(position_m),
+            };
+            (self.priors).extend(std::iter::repeat_n(prior, knots.ncols()));
+            self.knots = knots;
+            self.groups = self.groups();
+        }
+        self
+    }
+
     fn groups(&self) -> Groups {
         let columns = self.used.len() + self.knots.ncols();
         // Priors are none of the components.

@@ -1,7 +1,6 @@
 //! The measurements of all sets as one list of samples.
 
 pub mod frames;
-pub mod numbering;
 pub mod outliers;
 pub mod plates;
 

@@ -6,6 +6,7 @@ mod discovery;
 mod files;
 mod key;
 mod provenance;
+mod trust;
 
 use std::fmt;
 use std::marker::PhantomData;

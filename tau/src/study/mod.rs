@@ -7,6 +7,8 @@ use tau_estimation::assumptions;
 use tau_estimation::calibration::{self, Calibration, Error, calibrate};
 use tau_estimation::evaluation::{VariantResult, evaluate};
 use tau_estimation::sensitivity;
+use tau_estimation::trust::{self, of_calibration_knowing};
+use tau_robot::effects::CATALOGUE;
 use tau_robot::measurements::{Folder, Poses};
 use tau_robot::robot::{Arm, Robot, TrackShape, Variant};
 
@@ -41,13 +43,16 @@ pub fn run<R>(
     let mut remarks = folder.remarks.clone();
     remarks.extend(file.other_robot(robot));
     let variants = chosen_variants(robot, folder, &mut remarks);
-    let steps = variants.len() + 2;
+    let steps = variants.len() + 3;
     let mut done = 0;
     let mut next = |doing: &str| {
         progress(Progress { doing, done, steps });
         done += 1;
     };
 
+    next("checking the measurements");
+    let check = trust::check(robot, &variants, (file, folder), &division, CATALOGUE)?;
+    let mut mistakes = Some(check.mistakes.clone());
     next("checking assumptions");
     let assumptions = assumptions::check(robot, file, folder);
     let mut results = Vec::new();
@@ -63,7 +68,11 @@ pub fn run<R>(
             &division.calibration,
             &options,
         )?;
-        results.push(result(&calibration, folder, &division.validation)?);
+        let mut found = result(&calibration, folder, &division.validation)?;
+        let poses = &division.calibration;
+        let fit = of_calibration_knowing(&calibration, file, folder, poses, &mut mistakes)?;
+        found.fit = Some(fit);
+        results.push(found);
         if variant.arm == Arm::Full {
             full = Some(calibration);
         }
@@ -92,6 +101,7 @@ pub fn run<R>(
         noise: (file.noise.position_m, file.noise.rotation_rad),
         variants: results,
         assumptions,
+        check: Some(check),
         sensitivity,
         discovery: None,
         remarks,
@@ -175,5 +185,6 @@ pub fn result(
         undetermined: calibration.undetermined.clone(),
         iterations: calibration.iterations,
         termination: calibration.termination.clone(),
+        fit: None,
     })
 }

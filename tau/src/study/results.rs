@@ -4,6 +4,7 @@ use tau_discovery::Discovery;
 use tau_estimation::assumptions::Assumptions;
 use tau_estimation::evaluation::VariantResult;
 use tau_estimation::sensitivity::Sensitivity;
+use tau_estimation::trust::{Check, Status, Verdict};
 use tau_robot::measurements::PoseCounts;
 
 /// Everything `tau study` reports.
@@ -21,10 +22,30 @@ pub struct Study {
     pub variants: Vec<VariantResult>,
     /// Checks of what the models assume (section III-C of the paper).
     pub assumptions: Assumptions,
+    /// What the measurements determine, before anything is fitted.
+    pub check: Option<Check>,
     /// Table III, where a variant with a full arm was calibrated.
     pub sensitivity: Option<Sensitivity>,
     /// The effects that the base of discovery lacks, where the search succeeded.
     pub discovery: Option<Discovery>,
     /// Remarks for the reader: poses dropped, columns missing, and so on.
     pub remarks: Vec<String>,
+}
+
+impl Study {
+    /// The verdict on the variant whose residuals come nearest to the noise, or on the first that is absurd.
+    pub fn fit(&self) -> Option<(&VariantResult, &Verdict)> {
+        let judged = self.variants.iter();
+        let judged = judged.filter_map(|variant| Some((variant, variant.fit.as_ref()?)));
+        let key = |verdict: &Verdict| {
+            (
+                verdict.status != Status::Absurd,
+                verdict.residual_over_noise,
+            )
+        };
+        judged.min_by(|a, b| {
+            let (a, b) = (key(a.1), key(b.1));
+            a.0.cmp(&b.0).then(a.1.total_cmp(&b.1))
+        })
+    }
 }

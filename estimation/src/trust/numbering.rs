@@ -2,14 +2,13 @@
 
 use nalgebra::Vector3;
 use tau_kinematics::Machine;
-use tau_robot::input_error::InputError;
 use tau_robot::measurements::Folder;
 
-use crate::calibration::error::Error;
 use crate::calibration::registration::{
     Line, MOUNTING_M, NominalTrack, Registration, set_2, set_3,
 };
 use crate::samples::frames::fitted_track;
+use crate::trust::recognise::{Mistake, permutations};
 
 /// Another numbering has to fit so many times better to be the right one.
 const CLEARLY: f64 = 9.0;
@@ -18,17 +17,15 @@ const PLAUSIBLE: f64 = 9.0;
 /// With more carts than this not every numbering is tried.
 const MOST_CARTS: usize = 6;
 
-/// Compares where the carts run, in each set, with where set 1 says that the tracks run.
-///
-/// # Errors
-/// The file whose carts fit clearly better under another numbering, and that numbering.
-pub fn check(machine: &Machine, folder: &Folder) -> Result<(), Error> {
+/// Compares where the carts run, in each set, with where set 1 says that the tracks run: the first file whose carts
+/// fit clearly better under another numbering, and that numbering.
+pub(crate) fn mistake(machine: &Machine, folder: &Folder) -> Option<Mistake> {
     let count = machine.robot.tracks.len();
     let tracks: Vec<Option<NominalTrack>> = (0..count)
         .map(|track| fitted_track(machine, track))
         .collect();
     if !(2..=MOST_CARTS).contains(&count) || tracks.iter().any(Option::is_none) {
-        return Ok(());
+        return None;
     }
     // In set 3 the commands differ, so a wrong number shows in how straight a cart seems to run, too.
     let of_set_2 = |cart: usize, _: usize| set_2(folder, cart);
@@ -40,53 +37,45 @@ pub fn check(machine: &Machine, folder: &Folder) -> Result<(), Error> {
             .collect()
     };
     let has_set_3 = (0..count).any(|track| !set_3(folder, track).is_empty());
-    check_set(
-        machine,
-        "cart_poses.csv",
-        &tracks,
-        !folder.cart_poses.is_empty(),
-        &of_set_2,
-    )?;
-    check_set(machine, "cart_positions.csv", &tracks, has_set_3, &of_set_3)
+    let has_set_2 = !folder.cart_poses.is_empty();
+    in_set(machine, "cart_poses.csv", &tracks, has_set_2, &of_set_2)
+        .or_else(|| in_set(machine, "cart_positions.csv", &tracks, has_set_3, &of_set_3))
 }
 
-fn check_set(
+fn in_set(
     machine: &Machine,
-    file: &str,
+    file: &'static str,
     tracks: &[Option<NominalTrack>],
     is_there: bool,
     points: &dyn Fn(usize, usize) -> Vec<(f64, Vector3<f64>)>,
-) -> Result<(), Error> {
+) -> Option<Mistake> {
     if !is_there {
-        return Ok(());
+        return None;
     }
     let misfit = |carts: &[usize]| misfit(tracks, carts, points);
     let all = permutations(tracks.len());
-    let Some(given) = all.first().and_then(|carts| misfit(carts)) else {
-        return Ok(());
-    };
+    let given = misfit(all.first()?)?;
     let best = all
         .iter()
         .filter_map(|carts| Some((misfit(carts)?, carts)))
         .min_by(|a, b| a.0.total_cmp(&b.0));
-    let Some((_, carts)) = best.filter(|(least, _)| given > PLAUSIBLE && given > CLEARLY * least)
-    else {
-        return Ok(());
-    };
+    let (_, carts) = best.filter(|(least, _)| given > PLAUSIBLE && given > CLEARLY * least)?;
     let list: Vec<String> = carts
         .iter()
         .zip(&machine.robot.tracks)
         .map(|(cart, track)| format!("cart {} on `{track}`", cart + 1))
         .collect();
-    Err(InputError::whole(
+    Some(Mistake {
+        kind: "carts",
         file,
-        format!(
+        what: format!(
             "the carts do not run where set 1 has their tracks; they would with {}",
             list.join(", ")
         ),
-    )
-    .help("carts are numbered in the order in which the description declares the tracks")
-    .into())
+        mend: "carts are numbered in the order in which the description declares the tracks"
+            .to_owned(),
+        is_absurd: true,
+    })
 }
 
 /// Mean square by which the carts' lines miss the tracks once registered, over what unknown mountings
@@ -113,44 +102,4 @@ fn misfit(
         }
     }
     (count > 0.0).then(|| sum / count)
-}
-
-/// All orders of so many numbers, the natural one first.
-fn permutations(count: usize) -> Vec<Vec<usize>> {
-    let mut all = vec![vec![]];
-    for _ in 0..count {
-        all = all
-            .into_iter()
-            .flat_map(|order: Vec<usize>| {
-                (0..count)
-                    .filter(|next| !order.contains(next))
-                    .map(|next| [order.clone(), vec![next]].concat())
-                    .collect::<Vec<_>>()
-            })
-            .collect();
-    }
-    all
-}
-
-#[cfg(test)]
-mod tests {
-    use std::collections::BTreeSet;
-
-    #[test]
-    fn permutations_are_all_there() {
-        let all = super::permutations(3);
-        assert_eq!(all[0], [0, 1, 2]);
-        let every = [
-            [0, 1, 2],
-            [0, 2, 1],
-            [1, 0, 2],
-            [1, 2, 0],
-            [2, 0, 1],
-            [2, 1, 0],
-        ];
-        assert_eq!(
-            all.into_iter().collect::<BTreeSet<_>>(),
-            every.map(Vec::from).into()
-        );
-    }
 }

@@ -1,0 +1,50 @@
+//! `tau check`.
+
+use serde_json::json;
+use tau_report as report;
+use tau_robot::input_error::both;
+
+use super::deliver::{Outcome, Target};
+use super::kept::Kept;
+use super::{Failure, arguments, resolve};
+
+pub(super) fn run(arguments: &arguments::Check) -> Result<Outcome, Failure> {
+    let variant = arguments.variant.as_deref();
+    let (session, target) = both(
+        resolve::session(&arguments.input),
+        Target::resolve(&arguments.json, &Kept::from(&arguments.input)),
+    )?;
+    let found = session.check(variant)?;
+    let poses = session.poses()?;
+    let (robot, folder) = (&session.robot().name, &session.folder().name);
+    let failure = (!found.is_meaningful()).then(|| {
+        let mistake = found.mistakes.iter().find(|mistake| mistake.is_absurd);
+        let why_not = || {
+            found
+                .variants
+                .iter()
+                .find_map(|variant| variant.why_not.clone())
+        };
+        let why = match mistake {
+            Some(mistake) => format!("in {}, {}", mistake.file, mistake.what),
+            None => why_not().unwrap_or_default(),
+        };
+        format!("a calibration would mean nothing: {why}")
+    });
+    Ok(Outcome {
+        summary: format!(
+            "{robot}, {folder}\n\n{}",
+            report::trust::terminal::check(&found)
+        ),
+        remarks: session.remarks(),
+        json: target.map(|target| {
+            let mut value = report::trust::json::check(&found);
+            value["robot"] = json!(robot);
+            value["folder"] = json!(folder);
+            value["poses"] = report::json::poses(poses.counts);
+            (value, target)
+        }),
+        failure,
+        ..Outcome::default()
+    })
+}

@@ -1,0 +1,477 @@
+//! What a folder holds and what it determines, before anything is fitted.
+
+use std::collections::BTreeSet;
+
+use tau_codegen::language::model::{Effect, Readable, Subject, Target};
+use tau_codegen::language::{self, Model};
+use tau_robot::measurements::{Conditions, Division, Folder};
+use tau_robot::robot::{Robot, TrackShape, Variant};
+use tau_robot::robot_file::RobotFile;
+use tau_solver::Problem;
+
+use crate::calibration::{Combination, Error, Prepared, check_poses, combinations};
+use crate::problem::{self, Closures, Residuals};
+use crate::samples::Sample;
+use crate::samples::frames::Frames;
+use crate::trust::recognise::Mistake;
+use crate::trust::verdict::mistakes;
+
+/// Commands and poses that differ by less (m) are the same: below what drives and trackers resolve.
+const SAME_M: f64 = 1e-6;
+
+/// A column's range.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Range {
+    /// Name of the column.
+    pub column: String,
+    /// Lowest and highest value, SI.
+    pub range: (f64, f64),
+    /// The widest stretch between two neighbouring values.
+    pub gap: (f64, f64),
+}
+
+/// A file of a folder.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FileFacts {
+    /// Name of the file.
+    pub file: &'static str,
+    /// Measured quantity.
+    pub kind: &'static str,
+    /// Number of rows.
+    pub rows: usize,
+    /// Commands and positions.
+    pub ranges: Vec<Range>,
+    /// Rows at the commands of a row before: readings that tell of repeatability, not of the machine.
+    pub repeats: usize,
+    /// Numbers that are missing between the first and the last.
+    pub missing_numbers: usize,
+    /// Optional columns that are there.
+    pub optional: Vec<&'static str>,
+}
+
+/// A variant, and what the measurements determine of it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Checked {
+    /// Its name.
+    pub variant: String,
+    /// Number of residuals that calibrate.
+    pub rows: usize,
+    /// Number of its parameters that they depend on.
+    pub parameters: usize,
+    /// Number of combinations of these that the data determine at all.
+    pub rank: usize,
+    /// Combinations that the data leave to the tolerances, worst first.
+    pub undetermined: Vec<Combination>,
+    /// Why a calibration would mean nothing, if so.
+    pub why_not: Option<String>,
+}
+
+/// An effect of the catalogue, and whether the measurements could show it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Sight {
+    /// Name of the effect.
+    pub name: String,
+    /// Files and columns that it needs and that are missing; empty where it could be seen.
+    pub lacks: Vec<&'static str>,
+}
+
+/// Something that is not there.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Gap {
+    /// The file or column.
+    pub what: &'static str,
+    /// Its use.
+    pub brings: String,
+}
+
+/// Facts known before a fit.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Check {
+    /// Files that are there.
+    pub files: Vec<FileFacts>,
+    /// Variants.
+    pub variants: Vec<Checked>,
+    /// Effects of the catalogue.
+    pub effects: Vec<Sight>,
+    /// Files and columns that are missing.
+    pub missing: Vec<Gap>,
+    /// Mistakes that were recognised.
+    pub mistakes: Vec<Mistake>,
+}
+
+impl Check {
+    /// True if a calibration of one of the variants means anything.
+    pub fn is_meaningful(&self) -> bool {
+        !self.mistakes.iter().any(|mistake| mistake.is_absurd)
+            && self
+                .variants
+                .iter()
+                .any(|variant| variant.why_not.is_none())
+    }
+}
+
+/// Looks at the measurements of a robot: `variants` are those that are asked for, `catalogue` holds effects in the
+/// language.
+///
+/// # Errors
+/// A catalogue that can't be read; columns or values that all variants need are missing.
+pub fn check(
+    robot: &Robot,
+    variants: &[&Variant],
+    (file, folder): (&RobotFile, &Folder),
+    division: &Division,
+    catalogue: &str,
+) -> Result<Check, Error> {
+    let effects = sights(robot, file, folder, catalogue);
+    let first = variants.first().copied();
+    let found = first.map(|variant| mistakes(robot, variant, file, folder, &division.calibration));
+    Ok(Check {
+        files: files(robot, folder),
+        variants: variants
+            .iter()
+            .map(|variant| checked(robot, variant, file, folder, &division.calibration))
+            .collect(),
+        missing: missing(robot, folder, &effects),
+        effects,
+        // Where a variant can't be fitted for want of something, that is said of the variant.
+        mistakes: found.and_then(Result::ok).unwrap_or_default(),
+    })
+}
+
+fn range(column: String, values: impl Iterator<Item = f64>) -> Option<Range> {
+    let mut sorted: Vec<f64> = values.filter(|value| value.is_finite()).collect();
+    sorted.sort_by(f64::total_cmp);
+    let (&low, &high) = (sorted.first()?, sorted.last()?);
+    let gap = sorted
+        .windows(2)
+        .map(|pair| (pair[0], pair[1]))
+        .max_by(|a, b| (a.1 - a.0).total_cmp(&(b.1 - b.0)));
+    Some(Range {
+        column,
+        range: (low, high),
+        gap: gap.unwrap_or((low, low)),
+    })
+}
+
+/// Rows whose numbers agree with those of a row before.
+fn repeats<'a>(rows: impl Iterator<Item = &'a [f64]>) -> usize {
+    #[allow(
+        clippy::cast_possible_truncation,
+        reason = "saturates, far beyond any machine"
+    )]
+    let key = |values: &[f64]| -> Vec<i64> {
+        let steps = values.iter().map(|value| (value / SAME_M).round() as i64);
+        steps.collect()
+    };
+    let mut known = BTreeSet::new();
+    rows.filter(|row| !known.insert(key(row))).count()
+}
+
+fn missing_numbers(numbers: impl Iterator<Item = u32>) -> usize {
+    let numbers: BTreeSet<u32> = numbers.collect();
+    match (numbers.first(), numbers.last()) {
+        (Some(first), Some(last)) => (last - first) as usize + 1 - numbers.len(),
+        _ => 0,
+    }
+}
+
+fn optional(
+    conditions: &[Conditions],
+    has_direction: bool,
+    directions: &'static str,
+) -> Vec<&'static str> {
+    let all = |of: fn(&Conditions) -> bool| !conditions.is_empty() && conditions.iter().all(of);
+    let is_there = [
+        ("time_s", all(|conditions| conditions.time_s.is_some())),
+        (
+            "temperature_c",
+            all(|conditions| conditions.temperature_c.is_some()),
+        ),
+        (directions, has_direction),
+    ];
+    is_there
+        .into_iter()
+        .filter(|(_, is)| *is)
+        .map(|(name, _)| name)
+        .collect()
+}
+
+fn files(robot: &Robot, folder: &Folder) -> Vec<FileFacts> {
+    let mut files = Vec::new();
+    let axes = ["x_m", "y_m", "z_m"];
+    let commands = |row: &dyn Fn(usize) -> Vec<f64>| -> Vec<Range> {
+        let of = |k: usize| range(format!("q{}_m", k + 1), row(k).into_iter());
+        (0..robot.commands).filter_map(of).collect()
+    };
+    let positions = |positions: &[[f64; 3]]| -> Vec<Range> {
+        let of = |k: usize| range(axes[k].to_owned(), positions.iter().map(|p| p[k]));
+        (0..3).filter_map(of).collect()
+    };
+    let poses = &folder.tcp_poses;
+    let conditions =
+        |all: &mut dyn Iterator<Item = Conditions>| -> Vec<Conditions> { all.collect() };
+    if !poses.is_empty() {
+        let column = |k: usize| poses.iter().map(|pose| pose.commands_m[k]).collect();
+        let measured: Vec<[f64; 3]> = poses.iter().map(|pose| pose.position_m).collect();
+        files.push(FileFacts {
+            file: "tcp_poses.csv",
+            kind: "poses of the plate",
+            rows: poses.len(),
+            ranges: [commands(&column), positions(&measured)].concat(),
+            repeats: repeats(poses.iter().map(|pose| pose.commands_m.as_slice())),
+            missing_numbers: missing_numbers(poses.iter().map(|pose| pose.pose)),
+            optional: optional(
+                &conditions(&mut poses.iter().map(|pose| pose.conditions)),
+                poses.iter().all(|pose| pose.directions.is_some()),
+                "dir1, dir2, …",
+            ),
+        });
+    }
+    let carts = &folder.cart_poses;
+    if !carts.is_empty() {
+        let rows: Vec<[f64; 2]> = (carts.iter())
+            .map(|cart| [cart.track as f64, cart.command_m])
+            .collect();
+        let measured: Vec<[f64; 3]> = carts.iter().map(|cart| cart.position_m).collect();
+        let of_commands = range("q_m".to_owned(), carts.iter().map(|cart| cart.command_m));
+        files.push(FileFacts {
+            file: "cart_poses.csv",
+            kind: "poses of the carts along their tracks",
+            rows: carts.len(),
+            ranges: of_commands
+                .into_iter()
+                .chain(positions(&measured))
+                .collect(),
+            repeats: repeats(rows.iter().map(<[f64; 2]>::as_slice)),
+            missing_numbers: missing_numbers(carts.iter().map(|cart| cart.point)),
+            optional: optional(
+                &conditions(&mut carts.iter().map(|cart| cart.conditions)),
+                carts.iter().all(|cart| cart.direction.is_some()),
+                "dir",
+            ),
+        });
+    }
+    let carts = &folder.cart_positions;
+    if !carts.is_empty() {
+        let column = |k: usize| carts.iter().map(|cart| cart.commands_m[k]).collect();
+        let measured: Vec<[f64; 3]> = carts.iter().map(|cart| cart.position_m).collect();
+        let rows: Vec<Vec<f64>> = (carts.iter())
+            .map(|cart| [vec![cart.track as f64], cart.commands_m.clone()].concat())
+            .collect();
+        files.push(FileFacts {
+            file: "cart_positions.csv",
+            kind: "positions of the carts at random poses",
+            rows: carts.len(),
+            ranges: [commands(&column), positions(&measured)].concat(),
+            repeats: repeats(rows.iter().map(Vec::as_slice)),
+            missing_numbers: missing_numbers(carts.iter().map(|cart| cart.pose)),
+            optional: optional(
+                &conditions(&mut carts.iter().map(|cart| cart.conditions)),
+                carts.iter().all(|cart| cart.direction.is_some()),
+                "dir",
+            ),
+        });
+    }
+    files
+}
+
+fn checked(
+    robot: &Robot,
+    variant: &Variant,
+    file: &RobotFile,
+    folder: &Folder,
+    poses: &[usize],
+) -> Checked {
+    let mut checked = Checked {
+        variant: variant.name.clone(),
+        rows: 0,
+        parameters: 0,
+        rank: 0,
+        undetermined: vec![],
+        why_not: None,
+    };
+    if let Err(error) = determine(&mut checked, robot, variant, file, folder, poses) {
+        checked.why_not = Some(error.to_string());
+    }
+    checked
+}
+
+fn determine(
+    checked: &mut Checked,
+    robot: &Robot,
+    variant: &Variant,
+    file: &RobotFile,
+    folder: &Folder,
+    poses: &[usize],
+) -> Result<(), Error> {
+    let file = &file.completed(robot);
+    let Prepared {
+        machine, nominal, ..
+    } = Prepared::new(robot, variant, file, Some(folder), poses)?;
+    let samples = Sample::all(robot, folder, poses, &Frames::default());
+    let residuals = Residuals::new(&machine, &nominal, &samples, file.noise, Closures::Apart)?;
+    let used = &residuals.used;
+    let at: Vec<f64> = used.iter().map(|&index| machine.values[index]).collect();
+    let parameters = problem::parameters(variant, used, &residuals.priors, at.iter().copied());
+    let blocks = residuals
+        .parts
+        .iter()
+        .map(|part| part.block(used.len(), |_, weight| weight));
+    let problem = Problem {
+        parameters,
+        blocks: blocks.collect(),
+    };
+    checked.rows = residuals.parts.iter().map(|part| part.weights.len()).sum();
+    checked.parameters = used.len();
+    let failed = |error: tau_solver::Error| Error::NotConverged {
+        variant: variant.name.clone(),
+        why: error.to_string(),
+    };
+    let found = tau_solver::identifiability(&problem, &at).map_err(failed)?;
+    checked.rank = found.rank;
+    let name = |index: usize| problem.parameters[index].name.clone();
+    checked.undetermined = combinations(&found, name);
+    let has_prior = |&(index, _): &(usize, f64)| problem.parameters[index].prior.is_some();
+    let open = found.undetermined.iter().find(|combination| {
+        combination.data_over_prior.is_infinite() && !combination.terms.iter().any(has_prior)
+    });
+    checked.why_not = if checked.rows < checked.parameters {
+        Some(format!(
+            "{} residuals for {} free parameters: the fit would repeat its input",
+            checked.rows, checked.parameters
+        ))
+    } else {
+        open.map(|open| {
+            let names: Vec<String> = open.terms.iter().take(4).map(|term| name(term.0)).collect();
+            format!(
+                "nothing determines {}, and there are no tolerances for them",
+                names.join(", ")
+            )
+        })
+    };
+    if checked.why_not.is_none() {
+        check_poses(robot, variant, file, folder, poses)?;
+    }
+    Ok(())
+}
+
+/// Columns and files that an effect needs and that are missing.
+fn sights(robot: &Robot, file: &RobotFile, folder: &Folder, catalogue: &str) -> Vec<Sight> {
+    let Ok(model) = language::check_text(&robot.description) else {
+        return vec![];
+    };
+    let model = language::effects_from_text(catalogue, &model).unwrap_or(model);
+    let of = |effect: &Effect| Sight {
+        name: effect.name.clone(),
+        lacks: lacks(effect, &model, file, folder),
+    };
+    model.effects.iter().map(of).collect()
+}
+
+fn lacks(effect: &Effect, model: &Model, file: &RobotFile, folder: &Folder) -> Vec<&'static str> {
+    let mut lacks = BTreeSet::new();
+    let poses = &folder.tcp_poses;
+    let is_on_cart = !matches!(effect.subject, Subject::Link | Subject::Tcp);
+    if is_on_cart && model.tracks.is_empty() {
+        lacks.insert("a cart: the machine has none");
+    }
+    for quantity in effect.quantities() {
+        let missing = match quantity {
+            Readable::Direction => poses
+                .iter()
+                .any(|pose| pose.directions.is_none())
+                .then_some("columns dir1, dir2, …"),
+            Readable::Time => poses
+                .iter()
+                .any(|pose| pose.conditions.time_s.is_none())
+                .then_some("column time_s"),
+            Readable::Temperature => poses
+                .iter()
+                .any(|pose| pose.conditions.temperature_c.is_none())
+                .then_some("column temperature_c"),
+            Readable::LoadAlong
+            | Readable::LoadHorizontal
+            | Readable::LoadVertical
+            | Readable::Tension => file.payload.is_none().then_some("[payload] in robot.toml"),
+            _ => None,
+        };
+        lacks.extend(missing);
+    }
+    let turns = |target| matches!(target, Target::Roll | Target::Pitch | Target::Yaw);
+    if folder.cart_poses.is_empty() && effect.terms.iter().any(|term| turns(term.target)) {
+        lacks.insert("cart_poses.csv");
+    }
+    lacks.into_iter().collect()
+}
+
+fn missing(robot: &Robot, folder: &Folder, effects: &[Sight]) -> Vec<Gap> {
+    let mut missing = Vec::new();
+    let has_carts = !robot.tracks.is_empty();
+    if has_carts && folder.cart_poses.is_empty() {
+        let is_piecewise = |variant: &&Variant| {
+            let mut tracks = variant.tracks.iter();
+            tracks.any(|track| track.shape == TrackShape::Piecewise)
+        };
+        let variants: Vec<&str> = robot
+            .variants
+            .iter()
+            .filter(is_piecewise)
+            .map(|v| v.name.as_str())
+            .collect();
+        let of_variants = if variants.is_empty() {
+            String::new()
+        } else {
+            format!(", and the variants {}", variants.join(", "))
+        };
+        missing.push(Gap {
+            what: "cart_poses.csv",
+            brings: format!(
+                "the shape of each track and how its cart turns, apart from the arm{of_variants}"
+            ),
+        });
+    }
+    if has_carts && folder.cart_positions.is_empty() {
+        missing.push(Gap {
+            what: "cart_positions.csv",
+            brings:
+                "where carts are while the arm loads them: what tracks do, told from what links do"
+                    .to_owned(),
+        });
+    }
+    let lacking: BTreeSet<&'static str> = effects
+        .iter()
+        .flat_map(|effect| effect.lacks.iter().copied())
+        .filter(|what| what.starts_with("column") || what.starts_with('['))
+        .collect();
+    for what in lacking {
+        let names: Vec<&str> = effects
+            .iter()
+            .filter(|effect| effect.lacks.contains(&what))
+            .map(|effect| effect.name.as_str())
+            .collect();
+        missing.push(Gap {
+            what,
+            brings: format!("sight of {}", names.join(", ")),
+        });
+    }
+    missing
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn repeats_are_rows_that_were_there_before() {
+        let rows = [[0.1, 0.2], [0.1, 0.2 + 1e-9], [0.2, 0.1], [0.1, 0.2]];
+        assert_eq!(repeats(rows.iter().map(<[f64; 2]>::as_slice)), 2);
+        assert_eq!(missing_numbers([3, 4, 7, 9].into_iter()), 3);
+        assert_eq!(missing_numbers(std::iter::empty()), 0);
+    }
+
+    #[test]
+    fn the_widest_gap_is_found() {
+        let found = range("q1_m".to_owned(), [0.5, -1.0, 0.4, f64::NAN].into_iter()).unwrap();
+        assert_eq!((found.range, found.gap), ((-1.0, 0.5), (-1.0, 0.4)));
+    }
+}

@@ -1,0 +1,335 @@
+//! Mistakes that a folder or a robot file may hold, as changes that would mend them.
+
+use nalgebra::{Matrix3, Rotation3, Unit, Vector3};
+use tau_kinematics::{Pose, nearest_rotation};
+use tau_robot::measurements::Folder;
+use tau_robot::robot::{Robot, Variant};
+use tau_robot::robot_file::keys::WIDE;
+use tau_robot::robot_file::{LinkValues, RobotFile, Value};
+
+use crate::calibration::Error;
+use crate::calibration::Prepared;
+
+/// Measurements and parameters, as given or mended.
+#[derive(Clone)]
+pub(crate) struct Case<'a> {
+    pub(crate) robot: &'a Robot,
+    pub(crate) variant: &'a Variant,
+    /// Completed from the description.
+    pub(crate) file: RobotFile,
+    /// All its TCP poses take part.
+    pub(crate) folder: Folder,
+}
+
+/// Something done instead of what the documentation of the files asks for.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) enum Hypothesis {
+    /// Columns of commands are exchanged: for each command, the column that holds it.
+    Commands(Vec<usize>),
+    /// A command counts the other way.
+    Sign(usize),
+    /// Axes of the measured positions are exchanged or mirrored: for each axis, the column that holds it, and its sign;
+    /// where `turned`, those of the measured rotations, too.
+    Axes {
+        columns: [usize; 3],
+        signs: [f64; 3],
+        turned: bool,
+    },
+    /// Angles are about other axes, which stand still where `fixed` or else turn with the plate; where `transposed`, the
+    /// rotation is that of the measurement frame against the plate.
+    Angles {
+        axes: [usize; 3],
+        fixed: bool,
+        transposed: bool,
+    },
+    /// Positions are in millimetres.
+    Millimetres,
+    /// The stated noise of positions and rotations is off by factors.
+    Noise { position: f64, rotation: f64 },
+    /// Tolerances are off by a factor: all of them, or those of lengths.
+    Tolerances { factor: f64, lengths_only: bool },
+    /// A parameter of the variant, by index, is far off its nominal value; the search starts at another.
+    Dimension { parameter: usize, start: f64 },
+}
+
+/// Of thousands, the factor between units of SI and those of drawings and trackers.
+pub(crate) const THOUSAND: f64 = 1e3;
+
+impl Case<'_> {
+    /// The variant with its nominal values.
+    pub(crate) fn prepared(&self) -> Result<Prepared, Error> {
+        let poses: Vec<usize> = (0..self.folder.tcp_poses.len()).collect();
+        let folder = Some(&self.folder);
+        Ok(Prepared::new(
+            self.robot,
+            self.variant,
+            &self.file,
+            folder,
+            &poses,
+        )?)
+    }
+
+    /// The same with so many of its poses, evenly spread.
+    pub(crate) fn thinned(&self, poses: usize) -> Self {
+        let all = &self.folder.tcp_poses;
+        let count = all.len().min(poses);
+        let chosen = (0..count).map(|k| all[k * all.len() / count].clone());
+        let mut thinned = self.clone();
+        thinned.folder.tcp_poses = chosen.collect();
+        thinned
+    }
+
+    /// The case as it would be without a mistake.
+    pub(crate) fn mended(&self, hypothesis: &Hypothesis) -> Self {
+        let mut case = self.clone();
+        match hypothesis {
+            Hypothesis::Commands(columns) => {
+                for pose in &mut case.folder.tcp_poses {
+                    let given = pose.commands_m.clone();
+                    pose.commands_m = columns.iter().map(|&column| given[column]).collect();
+                    if let Some(directions) = &mut pose.directions {
+                        let given = directions.clone();
+                        *directions = columns.iter().map(|&column| given[column]).collect();
+                    }
+                }
+            }
+            Hypothesis::Sign(command) => {
+                for pose in &mut case.folder.tcp_poses {
+                    pose.commands_m[*command] = -pose.commands_m[*command];
+                }
+            }
+            Hypothesis::Axes {
+                columns,
+                signs,
+                turned,
+            } => case.change_poses(|pose, _| {
+                let mut map = Matrix3::zeros();
+                for axis in 0..3 {
+                    map[(axis, columns[axis])] = signs[axis];
+                }
+                let rotation = pose.rotation.matrix();
+                Pose {
+                    position: map * pose.position,
+                    rotation: if *turned {
+                        // A frame of the other hand sees the rotation with the axes of the plate mirrored, too.
+                        nearest_rotation(map * rotation * map.transpose())
+                    } else {
+                        pose.rotation
+                    },
+                }
+            }),
+            Hypothesis::Angles {
+                axes,
+                fixed,
+                transposed,
+            } => case.change_poses(|pose, angles| {
+                let rotation = about_axes(*axes, *fixed, angles);
+                Pose {
+                    rotation: if *transposed {
+                        rotation.inverse()
+                    } else {
+                        rotation
+                    },
+                    ..pose
+                }
+            }),
+            Hypothesis::Millimetres => case.change_poses(|pose, _| Pose {
+                position: pose.position / THOUSAND,
+                ..pose
+            }),
+            Hypothesis::Noise { position, rotation } => {
+                case.file.noise.position_m *= position;
+                case.file.noise.rotation_rad *= rotation;
+            }
+            Hypothesis::Tolerances {
+                factor,
+                lengths_only,
+            } => case.file.scale_tolerances(*factor, *lengths_only),
+            Hypothesis::Dimension { .. } => {}
+        }
+        case
+    }
+
+    fn change_poses(&mut self, change: impl Fn(Pose, [f64; 3]) -> Pose) {
+        for measured in &mut self.folder.tcp_poses {
+            let pose = Pose::from_zyz(measured.position_m, measured.angles_rad);
+            let changed = change(pose, measured.angles_rad);
+            measured.position_m = changed.position_m();
+            measured.angles_rad = changed.angles_rad();
+        }
+    }
+}
+
+/// The rotation by three angles about axes one after the other, which stand still or turn with the body.
+pub(crate) fn about_axes(axes: [usize; 3], fixed: bool, angles: [f64; 3]) -> Rotation3<f64> {
+    let turn = |k: usize| {
+        let axis = Unit::new_unchecked(Vector3::ith(axes[k], 1.0));
+        Rotation3::from_axis_angle(&axis, angles[k])
+    };
+    if fixed {
+        turn(2) * turn(1) * turn(0)
+    } else {
+        turn(0) * turn(1) * turn(2)
+    }
+}
+
+/// Tolerances of a robot file, by factors.
+trait Tolerances {
+    fn scale_tolerances(&mut self, factor: f64, lengths_only: bool);
+}
+
+impl Tolerances for RobotFile {
+    fn scale_tolerances(&mut self, factor: f64, lengths_only: bool) {
+        let sections = [&mut self.links, &mut self.clusters, &mut self.tracks];
+        for values in sections
+            .into_iter()
+            .flat_map(|section| section.values_mut())
+        {
+            let LinkValues {
+                length,
+                plate_joint,
+                track_offset,
+                track_direction,
+                track_rotation,
+            } = values;
+            let lengths = [length, plate_joint, track_offset];
+            let others = [track_direction, track_rotation];
+            let others = others.into_iter().filter(|_| !lengths_only);
+            for value in lengths.into_iter().chain(others).flatten() {
+                if !is_none(value) {
+                    value.tol *= factor;
+                }
+            }
+        }
+    }
+}
+
+/// A tolerance so wide that it stands for none.
+pub(crate) fn is_none(value: &Value) -> bool {
+    value.tol >= 0.5 * WIDE
+}
+
+/// Largest tolerance of a length (m).
+pub(crate) fn widest_tolerance_m(file: &RobotFile) -> f64 {
+    let sections = [&file.links, &file.clusters, &file.tracks];
+    sections
+        .into_iter()
+        .flat_map(|section| section.values())
+        .flat_map(|values| [&values.length, &values.plate_joint, &values.track_offset])
+        .flatten()
+        .filter(|value| !is_none(value))
+        .map(|value| value.tol)
+        .fold(0.0, f64::max)
+}
+
+/// Mean nominal length of the links (m).
+pub(crate) fn mean_length_m(file: &RobotFile) -> f64 {
+    let lengths: Vec<f64> = (file.links.values().chain(file.clusters.values()))
+        .filter_map(|values| values.length.as_ref()?.value.first().copied())
+        .collect();
+    lengths.iter().sum::<f64>() / lengths.len().max(1) as f64
+}
+
+/// Mirrored axes and pairs of exchanged ones, of positions alone and of rotations, too.
+pub(crate) fn axes() -> Vec<Hypothesis> {
+    let mut all = Vec::new();
+    for turned in [false, true] {
+        for axis in 0..3 {
+            let mut signs = [1.0; 3];
+            signs[axis] = -1.0;
+            all.push(Hypothesis::Axes {
+                columns: [0, 1, 2],
+                signs,
+                turned,
+            });
+        }
+        for columns in [[1, 0, 2], [0, 2, 1], [2, 1, 0]] {
+            all.push(Hypothesis::Axes {
+                columns,
+                signs: [1.0; 3],
+                turned,
+            });
+        }
+    }
+    all
+}
+
+/// The twelve sequences of axes, about fixed and about turning ones, and their inverses, but for what is asked for.
+///
+/// The most usual come first, so that of those that mean the same rotation the best known is named.
+pub(crate) fn angles() -> Vec<Hypothesis> {
+    let usual = [[2, 1, 0], [0, 1, 2], [2, 0, 2], [2, 1, 2]];
+    let every = (0..27).map(|code| [code / 9, code / 3 % 3, code % 3]);
+    let distinct = |axes: &[usize; 3]| axes[0] != axes[1] && axes[1] != axes[2];
+    let rest = every.filter(|axes| distinct(axes) && !usual.contains(axes));
+    let mut all = Vec::new();
+    for axes in usual.into_iter().chain(rest) {
+        for (fixed, transposed) in [(false, false), (true, false), (false, true), (true, true)] {
+            if axes != [2, 1, 2] || fixed || transposed {
+                all.push(Hypothesis::Angles {
+                    axes,
+                    fixed,
+                    transposed,
+                });
+            }
+        }
+    }
+    all
+}
+
+/// Tolerances that are too small: by a thousand, all of them or those of lengths.
+pub(crate) fn small_tolerances() -> Vec<Hypothesis> {
+    [false, true]
+        .map(|lengths_only| Hypothesis::Tolerances {
+            factor: THOUSAND,
+            lengths_only,
+        })
+        .into()
+}
+
+/// Stated noise that is off by a thousand, of positions, of rotations or both.
+pub(crate) fn noise() -> Vec<Hypothesis> {
+    let mut all = Vec::new();
+    for factor in [THOUSAND.recip(), THOUSAND] {
+        for (position, rotation) in [(factor, 1.0), (factor, factor), (1.0, factor)] {
+            all.push(Hypothesis::Noise { position, rotation });
+        }
+    }
+    all
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use tau_kinematics::{xyz, zyz};
+
+    #[test]
+    fn conventions_are_those_of_their_names() {
+        let angles_rad = [0.3, -0.4, 1.1];
+        let same = |a: Rotation3<f64>, b: Rotation3<f64>| (a.matrix() - b.matrix()).norm() < 1e-12;
+        assert!(same(
+            about_axes([2, 1, 2], false, angles_rad),
+            zyz(angles_rad)
+        ));
+        // Rz(c)·Ry(b)·Rx(a): about fixed axes x, y, z.
+        assert!(same(
+            about_axes([0, 1, 2], true, angles_rad),
+            xyz(angles_rad)
+        ));
+        let [a, b, c] = angles_rad;
+        assert!(same(
+            about_axes([2, 1, 0], false, [c, b, a]),
+            xyz(angles_rad)
+        ));
+    }
+
+    /// Twelve sequences, about fixed and turning axes, each with its inverse, less the one that is asked for.
+    #[test]
+    fn all_conventions_are_tried_once() {
+        let all = angles();
+        assert_eq!(all.len(), 47);
+        for (index, one) in all.iter().enumerate() {
+            assert!(!all[index + 1..].contains(one));
+        }
+    }
+}

@@ -1,0 +1,177 @@
+//! A variant at set 1 under its priors: the fit by which measurements, robot file and hypotheses about both are judged.
+
+use nalgebra::DMatrix;
+use tau_robot::robot_file::Noise;
+
+use crate::calibration::{Error, Prepared};
+use crate::joint::descent::{Descent, not_converged};
+use crate::joint::{Component, Joint};
+use crate::samples::Sample;
+
+/// The closures of poses, those of a pose whitened together, at the minimum that descent from some values reaches.
+pub(crate) struct Judged {
+    descent: Descent,
+    /// `B` of the covariance `B·Bᵀ` of the unknowns under stated noise and priors.
+    factor: DMatrix<f64>,
+}
+
+/// Misfit of the measured residuals, in units of the stated noise.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Misfit {
+    /// Sum of squares.
+    pub(crate) chi2: f64,
+    /// Its expectation: the number of residuals less what the fit absorbs of them.
+    pub(crate) dof: f64,
+    /// Number of residuals.
+    pub(crate) rows: usize,
+}
+
+impl Misfit {
+    /// Root mean square over that to be expected.
+    pub(crate) fn ratio(&self) -> f64 {
+        (self.chi2 / self.dof).sqrt()
+    }
+}
+
+/// A parameter against its prior.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Deviation {
+    /// Index in the variant.
+    pub(crate) parameter: usize,
+    /// Fitted less nominal value, in tolerances.
+    pub(crate) tolerances: f64,
+    /// The same where the prior did not hold it back, over the standard deviation of that: a standard normal number
+    /// where the tolerance is right. Dropping the prior lowers the sum of all squares by its square (the deleted
+    /// residual of R. D. Cook and S. Weisberg, *Residuals and Influence in Regression*, 1982, section 2.2).
+    pub(crate) deleted: f64,
+    /// The deviation itself where the prior did not hold it back, in tolerances.
+    pub(crate) freed: f64,
+}
+
+/// Share of a prior's variance that data must remove to refute it: those that know a parameter to three tolerances. What
+/// lies beyond is decided by how other parameters depart from their priors together.
+const LEAST_KNOWN: f64 = 0.1;
+
+impl Judged {
+    /// Descends from values of the variant in at most so many iterations.
+    ///
+    /// # Errors
+    /// Data that closures take are missing; derivatives that are not finite.
+    pub(crate) fn new(
+        prepared: &Prepared,
+        start: &[f64],
+        samples: &[Sample],
+        noise: Noise,
+        iterations: usize,
+    ) -> Result<Self, Error> {
+        let machine = prepared.machine.clone();
+        let joint = Joint::new(machine, &prepared.nominal, samples, noise)?;
+        let joint = joint.with_path_noise(samples, noise.position_m);
+        let start = joint.fitted(start);
+        let weights = vec![1.0; samples.len()];
+        let descent = Descent::from(joint, start, [1.0; 4], weights)?.approached(iterations)?;
+        let factor = descent.normal.inverse_factor();
+        let factor = factor
+            .ok_or_else(|| not_converged(&descent.joint, "the derivatives are not finite"))?;
+        Ok(Self { descent, factor })
+    }
+
+    /// Values of the variant at the minimum.
+    pub(crate) fn values(&self) -> Vec<f64> {
+        self.descent.joint.values(&self.descent.fitted)
+    }
+
+    /// Misfit of the closures.
+    pub(crate) fn misfit(&self) -> Misfit {
+        let rows = self.descent.joint.rows.len();
+        let absorbed: [f64; Component::ALL.len()] = self.descent.normal.absorbed(&self.factor);
+        Misfit {
+            chi2: self.descent.residuals.rows(0, rows).norm_squared(),
+            dof: (rows as f64 - absorbed[Component::Closure as usize]).max(1.0),
+            rows,
+        }
+    }
+
+    /// The sum of squares of residuals and priors.
+    pub(crate) fn total(&self) -> f64 {
+        self.descent.residuals.norm_squared()
+    }
+
+    /// Terms beside the sum of squares in −2 ln of the evidence, but for constants of the robot: volumes of noise
+    /// and priors, and of what is left of the latter (Laplace's approximation; D. J. C. MacKay, *Information Theory,
+    /// Inference, and Learning Algorithms*, 2003, section 28.1).
+    pub(crate) fn volumes(&self) -> f64 {
+        let joint = &self.descent.joint;
+        let rows = joint.rows.len() / joint.closure_factors().count().max(1);
+        let of_noise: f64 = joint
+            .closure_factors()
+            .flat_map(|factor| (0..rows).map(|k| factor[k * rows + k].abs().ln()))
+            .sum();
+        let tolerances = joint.priors.iter().filter_map(|prior| prior.tolerance);
+        let of_priors: f64 = tolerances.filter(|&tol| tol > 0.0).map(f64::ln).sum();
+        let left: f64 = self.factor.diagonal().iter().map(|b| b.abs().ln()).sum();
+        2.0 * (of_priors - of_noise - left)
+    }
+
+    /// Each parameter that has a prior.
+    pub(crate) fn deviations(&self) -> Vec<Deviation> {
+        let joint = &self.descent.joint;
+        let of = |(column, &parameter): (usize, &usize)| {
+            let prior = joint.priors[column];
+            let tolerance = prior.tolerance.filter(|&tolerance| tolerance > 0.0)?;
+            let tolerances = (self.descent.fitted[column] - prior.value) / tolerance;
+            let variance = self.factor.row(column).norm_squared() / tolerance.powi(2);
+            let known = (1.0 - variance).max(LEAST_KNOWN);
+            Some(Deviation {
+                parameter,
+                tolerances,
+                deleted: tolerances / known.sqrt(),
+                freed: tolerances / known,
+            })
+        };
+        joint.used.iter().enumerate().filter_map(of).collect()
+    }
+
+    /// Root mean square of each sample's residuals, in units of the stated noise.
+    pub(crate) fn by_sample(&self, samples: usize) -> Vec<f64> {
+        let sums = self.descent.joint.sums(&self.descent.residuals, samples);
+        let rms = |(sum, count): (f64, f64)| (sum / count.max(1.0)).sqrt();
+        sums.into_iter().map(rms).collect()
+    }
+
+    /// Root mean squares (m) of closures, as errors of the links' lengths: found, and to be expected of the stated noise.
+    pub(crate) fn closure_rms_m(&self, samples: &[Sample]) -> (f64, f64) {
+        let (joint, residuals) = (&self.descent.joint, &self.descent.residuals);
+        let machine = joint.machine.with_values(self.values());
+        let count = joint.rows.len() / samples.len().max(1);
+        let misfit = self.misfit();
+        let (mut found, mut noise, mut closures) = (0.0, 0.0, 0.0);
+        for ((index, factor), sample) in joint.closure_factors().enumerate().zip(samples) {
+            let lower = DMatrix::from_row_slice(count, count, factor);
+            let Some(inverse) = lower.solve_lower_triangular(&DMatrix::identity(count, count))
+            else {
+                continue;
+            };
+            let plain = &inverse * residuals.rows(index * count, count);
+            for (k, instance) in machine.closure_instances().enumerate() {
+                let Ok((_, gradient)) = machine.closure_by_pose(instance, &sample.view()) else {
+                    continue;
+                };
+                let slope: f64 = gradient[..3].iter().map(|d| d * d).sum();
+                if slope > 0.0 {
+                    found += plain[k].powi(2) / slope;
+                    noise += inverse.row(k).norm_squared() / slope;
+                    closures += 1.0;
+                }
+            }
+        }
+        let left = misfit.dof / misfit.rows.max(1) as f64;
+        let closures = f64::max(closures, 1.0);
+        ((found / closures).sqrt(), (left * noise / closures).sqrt())
+    }
+
+    /// The residuals and their derivatives, priors last.
+    pub(crate) fn into_descent(self) -> Descent {
+        self.descent
+    }
+}

@@ -1,0 +1,55 @@
+//! How far an answer can be trusted: whether residuals and parameters are what stated noise and tolerances allow, and
+//! what mistake of the input explains it where they are not.
+//!
+//! The closures of a pose share the noise of one position and one rotation. Whitened together (see
+//! [`problem`](crate::problem)) and fitted under the tolerances as priors, their sum of squares is χ² with as many
+//! degrees of freedom as residuals, less what the fit absorbs of them: the sum over residuals of 1 − h, h the diagonal
+//! of the hat matrix. More than chance allows is `inconsistent`. So is a parameter further from its nominal value than
+//! chance allows of so many.
+
+mod check;
+mod hypothesis;
+mod judged;
+pub(crate) mod numbering;
+mod recognise;
+mod roots;
+#[cfg(test)]
+mod trials;
+mod verdict;
+mod words;
+
+pub use check::{Check, Checked, FileFacts, Gap, Range, Sight, check};
+pub use recognise::Mistake;
+pub use verdict::{
+    FileFit, PoseFit, Pull, Status, Verdict, mistakes, of_calibration, of_calibration_knowing,
+    of_prediction, refuse,
+};
+
+/// Chance that a test calls consistent input inconsistent, the same as that at which errors in variables begin to
+/// estimate noise. Two tests decide, of residuals and of parameters, so that at most one clean folder in five hundred
+/// is called so.
+const LEVEL: f64 = 1e-3;
+/// A parameter so many tolerances from nominal is a mistake and no part out of tolerance: halfway, by factors, between
+/// the ten of a bad part and the hundred of a slipped digit or unit.
+const ABSURD_TOLERANCES: f64 = 30.0;
+/// Closures that are off by more than this share of the links' length are those of another machine, or of commands and
+/// poses that do not belong together.
+pub const LARGEST_MISFIT: f64 = 0.01;
+
+/// A number with so many digits, without an exponent where it needs none.
+fn general(value: f64, digits: usize) -> String {
+    if value == 0.0 || !value.is_finite() {
+        return value.to_string();
+    }
+    let magnitude = value.abs().log10().floor();
+    if !(-4.0..7.0).contains(&magnitude) {
+        return format!("{value:.*e}", digits.saturating_sub(1));
+    }
+    #[allow(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "between 0 and a small count"
+    )]
+    let decimals = (digits as f64 - 1.0 - magnitude).max(0.0) as usize;
+    format!("{value:.decimals$}")
+}

@@ -1,0 +1,507 @@
+//! Mistakes are recognised by trying what would mend them.
+//!
+//! Each hypothesis is fitted like the case as given. They are compared by evidence, the probability of the
+//! measurements under each with its parameters integrated out, so that hypotheses which leave more room (wider
+//! tolerances, a dimension set free) pay for it. Where even the best leaves more than the stated noise, squares count by
+//! what it leaves (quasi-likelihood; R. W. M. Wedderburn, Biometrika 61, 1974): other effects that a model lacks make no
+//! mistake of a folder.
+
+use tau_robot::robot::ResidualKind;
+
+use crate::calibration::{Error, Prepared};
+use crate::numerics::distribution::chi2_survival;
+use crate::numerics::parallel;
+use crate::problem::{Closures, Residuals};
+use crate::samples::Sample;
+use crate::samples::frames::Frames;
+use crate::trust::hypothesis::{self, Case, Hypothesis, THOUSAND};
+use crate::trust::judged::{Deviation, Judged, Misfit};
+use crate::trust::{ABSURD_TOLERANCES, LEVEL, roots, words};
+
+/// Odds in favour of a hypothesis from which on it is believed: a thousand to one, which also is what mistakes are to
+/// folders without.
+const ODDS: f64 = 1e3;
+/// Poses for a first look at all hypotheses, and for a closer one at the best of them.
+const FEW_POSES: usize = 12;
+const POSES: usize = 60;
+/// Iterations of the first look: enough for places of tracks that are known to centimetres.
+const FEW_ITERATIONS: usize = 4;
+/// Iterations of a whole descent.
+pub(crate) const ITERATIONS: usize = 40;
+/// Hypotheses that a closer look is taken at.
+const CLOSER: usize = 6;
+/// Dimensions that are set free, worst first.
+const DIMENSIONS: usize = 6;
+/// A closure that misses by so many times the mean square of the others is looked at for one wrong dimension.
+const CLEARLY: f64 = 9.0;
+/// Share of the links' length that no tolerance reaches: it would tell nothing of the machine.
+const WIDEST_TOLERANCE: f64 = 0.1;
+/// A factor of a thousand is believed in where it brings noise nearer to what is stated by so many times.
+const NEARER: f64 = 3.0;
+/// Noise that is stated so many times too large is no caution any more. Where tolerances hold a fit back, noise that is
+/// stated a thousand times too large leaves a misfit of less than that.
+const CAUTIOUS: f64 = 10.0;
+
+/// A hypothesis with its fit.
+struct Tried {
+    hypothesis: Option<Hypothesis>,
+    total: f64,
+    volumes: f64,
+    misfit: Misfit,
+    deviations: Vec<Deviation>,
+    values: Vec<f64>,
+}
+
+impl Tried {
+    /// −2 ln of the evidence where squares count by `scale`.
+    fn evidence(&self, scale: f64) -> f64 {
+        self.total / scale + self.volumes
+    }
+
+    /// True if no parameter is off by more than any machine.
+    fn is_plausible(&self) -> bool {
+        let freed = match self.hypothesis {
+            Some(Hypothesis::Dimension { parameter, .. }) => Some(parameter),
+            _ => None,
+        };
+        self.total.is_finite()
+            && (self.deviations.iter())
+                .filter(|deviation| Some(deviation.parameter) != freed)
+                .all(|deviation| deviation.tolerances.abs() < ABSURD_TOLERANCES)
+    }
+}
+
+/// Something wrong with the input.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Mistake {
+    /// Its kind: `commands`, `command_sign`, `axes`, `angles`, `millimetres`, `noise`, `tolerances`, `dimension`,
+    /// `carts`.
+    pub kind: &'static str,
+    /// The file that holds it.
+    pub file: &'static str,
+    /// The mistake in words.
+    pub what: String,
+    /// The mend in words.
+    pub mend: String,
+    /// True if nothing that is computed from such input means anything.
+    pub is_absurd: bool,
+}
+
+/// The misfit is more than chance allows.
+pub(crate) fn is_beyond_noise(misfit: &Misfit) -> bool {
+    chi2_survival(misfit.chi2, misfit.dof) < LEVEL
+}
+
+/// The largest deviation that chance does not allow for, of so many: two-sided, by Bonferroni's bound. Where residuals
+/// exceed the noise `scale` times, so may what they do to parameters.
+pub(crate) fn beyond_tolerance(deviations: &[Deviation], scale: f64) -> Option<Deviation> {
+    let level = LEVEL / deviations.len().max(1) as f64;
+    let worst = deviations
+        .iter()
+        .max_by(|a, b| a.deleted.abs().total_cmp(&b.deleted.abs()))?;
+    let square = (worst.deleted / scale.max(1.0)).powi(2);
+    (chi2_survival(square, 1.0) < level).then_some(*worst)
+}
+
+/// Mistakes of measurements and parameters, the likeliest explanation of a misfit; none where there is no misfit.
+///
+/// # Errors
+/// Data that the variant takes are missing.
+pub(crate) fn mistakes(case: &Case<'_>) -> Result<Vec<Mistake>, Error> {
+    if case.folder.tcp_poses.is_empty() {
+        return Ok(vec![]);
+    }
+    let thinned = case.thinned(POSES);
+    let given = tried(&thinned, None, ITERATIONS);
+    if given.is_none() {
+        // Where the case as given has no fit, the error says so unless a hypothesis has one.
+        thinned.prepared()?;
+    }
+    if let Some(mistake) = given.as_ref().and_then(|given| wide(&thinned, given)) {
+        return Ok(vec![mistake]);
+    }
+    let is_fine = given.as_ref().is_some_and(|given| {
+        !is_beyond_noise(&given.misfit) && beyond_tolerance(&given.deviations, 1.0).is_none()
+    });
+    if is_fine {
+        let noise = given.and_then(|given| noise(&thinned, &given));
+        return Ok(noise.into_iter().collect());
+    }
+    let mut all = closer(&thinned, &candidates(&thinned));
+    all.extend(dimensions(&thinned, given.as_ref()));
+    let scale = |all: &[Tried]| {
+        let ratios = all.iter().chain(&given).map(|t| t.misfit.ratio().powi(2));
+        ratios.fold(f64::INFINITY, f64::min).max(1.0)
+    };
+    let scale = scale(&all);
+    let penalty = |tried: &Tried| prior(&thinned, tried.hypothesis.as_ref());
+    let evidence = |tried: &Tried| tried.evidence(scale) + penalty(tried);
+    let as_given = given.as_ref().map_or(f64::INFINITY, &evidence);
+    all.retain(Tried::is_plausible);
+    all.sort_by(|a, b| evidence(a).total_cmp(&evidence(b)));
+    let decisive = 2.0 * ODDS.ln();
+    if let Some(best) = all
+        .first()
+        .filter(|best| as_given - evidence(best) > decisive)
+    {
+        let limit = evidence(best) + decisive;
+        let rivals: Vec<&Tried> = all.iter().filter(|t| evidence(t) < limit).collect();
+        return Ok(vec![described(&thinned, &rivals)]);
+    }
+    Ok(given
+        .and_then(|given| noise(&thinned, &given))
+        .into_iter()
+        .collect())
+}
+
+/// −2 ln of the share of a hypothesis among those of its kind.
+fn prior(case: &Case<'_>, hypothesis: Option<&Hypothesis>) -> f64 {
+    let count = match hypothesis {
+        None => 1,
+        Some(Hypothesis::Dimension { .. }) => case.variant.parameters.len(),
+        Some(Hypothesis::Angles { .. }) => hypothesis::angles().len(),
+        Some(Hypothesis::Axes { .. }) => hypothesis::axes().len(),
+        Some(_) => case.robot.commands,
+    };
+    2.0 * (count.max(1) as f64).ln()
+}
+
+/// The best of all hypotheses at a first look.
+fn candidates(case: &Case<'_>) -> Vec<Hypothesis> {
+    let few = case.thinned(FEW_POSES);
+    let mut all = commands(&few);
+    all.extend((0..case.robot.commands).map(Hypothesis::Sign));
+    all.extend(hypothesis::axes());
+    all.extend(hypothesis::angles());
+    all.push(Hypothesis::Millimetres);
+    let mut looked: Vec<Tried> = parallel::map(&all, |hypothesis| {
+        tried(&few, Some(hypothesis), FEW_ITERATIONS)
+    })
+    .into_iter()
+    .flatten()
+    .collect();
+    looked.sort_by(|a, b| a.total.total_cmp(&b.total));
+    let best = looked.into_iter().take(CLOSER);
+    // Room for tolerances is paid for by evidence, which few poses don't settle.
+    best.filter_map(|tried| tried.hypothesis)
+        .chain(hypothesis::small_tolerances())
+        .collect()
+}
+
+fn closer(case: &Case<'_>, hypotheses: &[Hypothesis]) -> Vec<Tried> {
+    parallel::map(hypotheses, |hypothesis| {
+        tried(case, Some(hypothesis), ITERATIONS)
+    })
+    .into_iter()
+    .flatten()
+    .collect()
+}
+
+/// A fit under a hypothesis; `None` where there is none.
+fn tried(case: &Case<'_>, hypothesis: Option<&Hypothesis>, iterations: usize) -> Option<Tried> {
+    let mended = hypothesis.map(|hypothesis| case.mended(hypothesis));
+    let case = mended.as_ref().unwrap_or(case);
+    let mut prepared = case.prepared().ok()?;
+    let mut start = prepared.machine.values.clone();
+    if let Some(&Hypothesis::Dimension {
+        parameter,
+        start: at,
+    }) = hypothesis
+    {
+        let unit = &prepared.machine.variant.parameters[parameter].unit;
+        // A length can be as wrong as the machine is large, a direction as it is long.
+        let room = if unit == "m" {
+            hypothesis::mean_length_m(&case.file)
+        } else {
+            1.0
+        };
+        let nominal = &mut prepared.nominal[parameter];
+        nominal.tolerance = Some(room.max(nominal.tolerance?));
+        start[parameter] = at;
+    }
+    let judged = judged(case, &prepared, &start, iterations).ok()?;
+    Some(Tried {
+        hypothesis: hypothesis.cloned(),
+        total: judged.total(),
+        volumes: judged.volumes(),
+        misfit: judged.misfit(),
+        deviations: judged.deviations(),
+        values: judged.values(),
+    })
+}
+
+/// The fit of a case from some values.
+pub(crate) fn judged(
+    case: &Case<'_>,
+    prepared: &Prepared,
+    start: &[f64],
+    iterations: usize,
+) -> Result<Judged, Error> {
+    let samples = samples(case);
+    Judged::new(prepared, start, &samples, case.file.noise, iterations)
+}
+
+/// The poses of a case as samples.
+pub(crate) fn samples(case: &Case<'_>) -> Vec<Sample> {
+    let poses: Vec<usize> = (0..case.folder.tcp_poses.len()).collect();
+    Sample::all(case.robot, &case.folder, &poses, &Frames::default())
+}
+
+/// Columns of commands exchanged, the best few: each closure follows one command, so the misfit of each with every
+/// column tells that of all permutations.
+fn commands(case: &Case<'_>) -> Vec<Hypothesis> {
+    const KEPT: usize = 4;
+    const MOST_PERMUTED: usize = 7;
+    let count = case.robot.commands;
+    let Ok(prepared) = case.prepared() else {
+        return vec![];
+    };
+    let machine = &prepared.machine;
+    let followed: Vec<Option<usize>> = machine
+        .closure_instances()
+        .map(|closure| command_of(case, closure.of))
+        .collect();
+    // By column, then by the command that it would hold.
+    let mut misfits = vec![vec![0.0; count]; count];
+    for sample in samples(case) {
+        for (&command_m, own) in sample.commands_m.iter().zip(&mut misfits) {
+            let commands_m = vec![command_m; count];
+            let view = tau_kinematics::Sample {
+                commands_m: &commands_m,
+                ..sample.view()
+            };
+            let Ok(closures) = machine.closures(&view) else {
+                return vec![];
+            };
+            for (residual, command) in closures.residuals.iter().zip(&followed) {
+                if let Some(command) = *command {
+                    own[command] += residual.powi(2);
+                }
+            }
+        }
+    }
+    let orders = if count <= MOST_PERMUTED {
+        permutations(count)
+    } else {
+        transpositions(count)
+    };
+    let misfit = |columns: &Vec<usize>| -> f64 {
+        let pairs = columns.iter().enumerate();
+        pairs
+            .map(|(command, &column)| misfits[command][column])
+            .sum()
+    };
+    let mut ranked: Vec<(f64, Vec<usize>)> = orders
+        .into_iter()
+        .skip(1)
+        .map(|columns| (misfit(&columns), columns))
+        .collect();
+    ranked.sort_by(|a, b| a.0.total_cmp(&b.0));
+    ranked.truncate(KEPT);
+    ranked
+        .into_iter()
+        .map(|(_, columns)| Hypothesis::Commands(columns))
+        .collect()
+}
+
+/// The command that a closure, by its link or cluster, follows.
+fn command_of(case: &Case<'_>, of: usize) -> Option<usize> {
+    let robot = case.robot;
+    match case.variant.arm {
+        tau_robot::robot::Arm::Full => {
+            let link = robot.links.get(of)?;
+            (link.actuated_by).or_else(|| robot.clusters.get(link.cluster)?.track)
+        }
+        tau_robot::robot::Arm::Reduced => robot.clusters.get(of)?.track,
+    }
+}
+
+/// All orders of so many numbers, the natural one first.
+pub(crate) fn permutations(count: usize) -> Vec<Vec<usize>> {
+    let mut all = vec![vec![]];
+    for _ in 0..count {
+        all = all
+            .into_iter()
+            .flat_map(|order: Vec<usize>| {
+                (0..count)
+                    .filter(|next| !order.contains(next))
+                    .map(|next| [order.clone(), vec![next]].concat())
+                    .collect::<Vec<_>>()
+            })
+            .collect();
+    }
+    all
+}
+
+/// The natural order of so many numbers, then those in which two are exchanged.
+fn transpositions(count: usize) -> Vec<Vec<usize>> {
+    let natural: Vec<usize> = (0..count).collect();
+    let mut all = vec![natural.clone()];
+    for one in 0..count {
+        for other in one + 1..count {
+            let mut order = natural.clone();
+            order.swap(one, other);
+            all.push(order);
+        }
+    }
+    all
+}
+
+/// One dimension far off, set free: those whose deviation from nominal is worst, and those of a closure that misses by
+/// far more than the others.
+fn dimensions(case: &Case<'_>, given: Option<&Tried>) -> Vec<Tried> {
+    let mut starts: Vec<(usize, f64)> = Vec::new();
+    if let Some(given) = given {
+        let mut worst: Vec<&Deviation> = given.deviations.iter().collect();
+        worst.sort_by(|a, b| b.deleted.abs().total_cmp(&a.deleted.abs()));
+        let worst = worst.into_iter().take(DIMENSIONS);
+        starts.extend(worst.map(|d| (d.parameter, given.values[d.parameter])));
+    }
+    starts.extend(far_off(case).unwrap_or_default());
+    let of = |(parameter, start)| Hypothesis::Dimension { parameter, start };
+    let hypotheses: Vec<Hypothesis> = starts.into_iter().map(of).collect();
+    closer(case, &hypotheses)
+}
+
+/// Parameters of closures that miss by far, with values at which they would not, best first.
+///
+/// A closure is a polynomial of second degree in each of its dimensions, so its sum of squares is one of fourth degree:
+/// three residuals a pose give it, and its minima are found wherever they are.
+fn far_off(case: &Case<'_>) -> Option<Vec<(usize, f64)>> {
+    let prepared = case.prepared().ok()?;
+    let samples = samples(case);
+    let (machine, nominal) = (&prepared.machine, &prepared.nominal);
+    let noise = case.file.noise;
+    let residuals = Residuals::new(machine, nominal, &samples, noise, Closures::Apart).ok()?;
+    let closures = machine.variant.instances_of(ResidualKind::Closure).count();
+    let parts = residuals.parts.get(..closures)?;
+    let at: Vec<f64> = residuals.used.iter().map(|&p| machine.values[p]).collect();
+    let square = |values: &[f64]| values.iter().map(|r| r * r).sum::<f64>();
+    let misfits: Vec<f64> = parts
+        .iter()
+        .map(|part| square(&part.values(&at, &[])))
+        .collect();
+    let mut sorted = misfits.clone();
+    sorted.sort_by(f64::total_cmp);
+    let usual = *sorted.get((sorted.len().max(1) - 1) / 2)?;
+    let step = 0.1 * hypothesis::mean_length_m(&case.file);
+    let mut found = Vec::new();
+    for (part, &misfit) in parts.iter().zip(&misfits) {
+        if misfit < CLEARLY * usual {
+            continue;
+        }
+        for &column in &part.parameters {
+            let moved = |by: f64| {
+                let mut moved = at.clone();
+                moved[column] += by;
+                part.values(&moved, &[])
+            };
+            let [low, middle, high] = [-step, 0.0, step].map(moved);
+            // Sums over poses of products of a, b and c of a + b·δ + c·δ².
+            let mut sums = [0.0; 5];
+            for ((low, &a), high) in low.iter().zip(&middle).zip(&high) {
+                let b = (high - low) / (2.0 * step);
+                let c = (high - 2.0 * a + low) / (2.0 * step * step);
+                for (sum, term) in sums.iter_mut().zip([
+                    a * a,
+                    2.0 * a * b,
+                    b * b + 2.0 * a * c,
+                    2.0 * b * c,
+                    c * c,
+                ]) {
+                    *sum += term;
+                }
+            }
+            let [_, one, two, three, four] = sums;
+            for shift in roots::of_cubic([one, 2.0 * two, 3.0 * three, 4.0 * four]) {
+                let left = square(&moved(shift));
+                if CLEARLY * left < misfit {
+                    found.push((left, residuals.used[column], at[column] + shift));
+                }
+            }
+        }
+    }
+    found.sort_by(|a, b| a.0.total_cmp(&b.0));
+    found.truncate(DIMENSIONS);
+    Some(
+        found
+            .into_iter()
+            .map(|(_, parameter, value)| (parameter, value))
+            .collect(),
+    )
+}
+
+/// Tolerances of lengths so wide that they tell nothing, where a thousandth of them is enough.
+fn wide(case: &Case<'_>, given: &Tried) -> Option<Mistake> {
+    let widest_m = hypothesis::widest_tolerance_m(&case.file);
+    let length_m = hypothesis::mean_length_m(&case.file);
+    if widest_m < WIDEST_TOLERANCE * length_m {
+        return None;
+    }
+    let hypothesis = Hypothesis::Tolerances {
+        factor: THOUSAND.recip(),
+        lengths_only: true,
+    };
+    let mended = tried(case, Some(&hypothesis), ITERATIONS)?;
+    let is_as_good = mended.misfit.ratio() < NEARER * given.misfit.ratio().max(1.0);
+    (is_as_good && mended.is_plausible()).then(|| described(case, &[&mended]))
+}
+
+/// Stated noise that is off by a thousand.
+///
+/// A misfit beyond the noise has its cause in what the model lacks, unless it is nearer to a thousand than to one.
+fn noise(case: &Case<'_>, given: &Tried) -> Option<Mistake> {
+    let off = |tried: &Tried| tried.misfit.ratio().ln().abs();
+    let limit = off(given) - NEARER.ln();
+    let ratio = given.misfit.ratio();
+    if limit < 0.0 || (1.0..THOUSAND.sqrt()).contains(&ratio) {
+        return None;
+    }
+    let is_by_chance = |tried: &Tried| {
+        let chance = chi2_survival(tried.misfit.chi2, tried.misfit.dof);
+        (LEVEL..1.0 - LEVEL).contains(&chance)
+    };
+    let is_gross = !(CAUTIOUS.recip()..CAUTIOUS).contains(&ratio);
+    let mut all = closer(case, &hypothesis::noise());
+    all.retain(|tried| {
+        tried.is_plausible() && off(tried) < limit && (is_gross || is_by_chance(tried))
+    });
+    let least = all.iter().map(off).fold(f64::INFINITY, f64::min);
+    // Of several that bring it about as near, the first is the simplest.
+    let best = all.iter().find(|tried| off(tried) < least + 0.5)?;
+    Some(described(case, &[best]))
+}
+
+/// Hypotheses in words, the best first; the others explain the measurements about as well.
+fn described(case: &Case<'_>, rivals: &[&Tried]) -> Mistake {
+    let hypothesis = |tried: &Tried| tried.hypothesis.clone();
+    let all: Vec<Hypothesis> = rivals
+        .iter()
+        .filter_map(|tried| hypothesis(tried))
+        .collect();
+    words::mistake(case, &all, &rivals[0].values)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::BTreeSet;
+
+    #[test]
+    fn permutations_are_all_there() {
+        let all = permutations(3);
+        assert_eq!(all[0], [0, 1, 2]);
+        let every = [
+            [0, 1, 2],
+            [0, 2, 1],
+            [1, 0, 2],
+            [1, 2, 0],
+            [2, 0, 1],
+            [2, 1, 0],
+        ];
+        assert_eq!(
+            all.into_iter().collect::<BTreeSet<_>>(),
+            every.map(Vec::from).into()
+        );
+    }
+}

@@ -1,0 +1,559 @@
+//! The verdict on a fit or a prediction.
+
+use nalgebra::DMatrix;
+use tau_kinematics::Machine;
+use tau_robot::input_error::InputError;
+use tau_robot::measurements::{Division, Folder};
+use tau_robot::robot::{Arm, Robot, TrackShape, Variant};
+use tau_robot::robot_file::RobotFile;
+
+use crate::calibration::{Calibration, Error};
+use crate::errors_in_variables::{Component, GroupFit};
+use crate::numerics::distribution::chi2_survival;
+use crate::numerics::projection::inverse_factor;
+use crate::trust::hypothesis::{self, Case};
+use crate::trust::judged::{Deviation, Judged, Misfit};
+use crate::trust::recognise::{self, ITERATIONS, Mistake};
+use crate::trust::{ABSURD_TOLERANCES, LARGEST_MISFIT, LEVEL, general, numbering};
+
+/// More poses than these are judged by as many of them, evenly spread: what they tell of the noise leaves nothing to
+/// ask, and whitened derivatives of all would need gigabytes.
+const MOST_POSES: usize = 4000;
+/// Worst poses and largest pulls that are listed.
+const LISTED: usize = 5;
+
+/// The status of an answer: measurements, stated noise and parameters go together or not.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Status {
+    /// They do.
+    Consistent,
+    /// Residuals beyond the stated noise, or parameters beyond their tolerances, by more than chance allows.
+    Inconsistent,
+    /// A mistake, so that figures mean nothing.
+    Absurd,
+}
+
+impl Status {
+    /// As in JSON.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Consistent => "consistent",
+            Self::Inconsistent => "inconsistent",
+            Self::Absurd => "absurd",
+        }
+    }
+}
+
+/// A kind of measurement in a file, and how it is met.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FileFit {
+    /// Name of the file.
+    pub file: &'static str,
+    /// Kind of residual: `closure` (errors of link lengths), `position` or `rotation` of carts.
+    pub kind: &'static str,
+    /// Number of residuals.
+    pub rows: usize,
+    /// Root mean square, in `unit`.
+    pub rms: f64,
+    /// That to be expected of the stated noise, with what the fit absorbs.
+    pub expected_rms: f64,
+    /// `m` or `rad`.
+    pub unit: &'static str,
+}
+
+/// A pose, and how it is met.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PoseFit {
+    /// Number in the file.
+    pub pose: u32,
+    /// Root mean square of its residuals over the stated noise.
+    pub sigmas: f64,
+}
+
+/// A parameter that is pulled off its nominal value.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Pull {
+    /// Full name.
+    pub parameter: String,
+    /// Fitted less nominal value, in tolerances.
+    pub tolerances: f64,
+}
+
+/// The verdict on a fit or a prediction, with its reasons.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Verdict {
+    /// In one word.
+    pub status: Status,
+    /// Sum of squares of the residuals, in units of the stated noise.
+    pub chi2: f64,
+    /// Its expectation: residuals less what the fit absorbs.
+    pub dof: f64,
+    /// √(chi2/dof).
+    pub residual_over_noise: f64,
+    /// By file and kind of measurement.
+    pub by_file: Vec<FileFit>,
+    /// The worst poses, worst first.
+    pub worst: Vec<PoseFit>,
+    /// The parameters furthest from nominal, in tolerances, furthest first.
+    pub pulls: Vec<Pull>,
+    /// Why, in sentences.
+    pub why: Vec<String>,
+    /// Mistakes that explain it.
+    pub mistakes: Vec<Mistake>,
+}
+
+impl Verdict {
+    /// Factor by which standard deviations are too small where the misfit is one of noise: √(chi2/dof) where that is
+    /// inconsistent with the stated noise, else 1 (R. T. Birge, Phys. Rev. 40, 1932).
+    pub fn widening(&self) -> f64 {
+        let misfit = Misfit {
+            chi2: self.chi2,
+            dof: self.dof,
+            rows: 0,
+        };
+        if recognise::is_beyond_noise(&misfit) {
+            self.residual_over_noise.max(1.0)
+        } else {
+            1.0
+        }
+    }
+
+    /// One line: the status, and why.
+    pub fn line(&self) -> String {
+        let why = self.why.join(" ");
+        format!("{}: {why}", self.status.name())
+    }
+
+    /// The same with the carts of a fit of all sets.
+    #[must_use]
+    pub fn with_groups(mut self, groups: &[GroupFit], file: &RobotFile) -> Self {
+        for group in groups {
+            let (name, kind, sigma, unit) = match group.group {
+                Component::Closure => continue,
+                Component::CartPosition => {
+                    ("cart_poses.csv", "position", file.noise.position_m, "m")
+                }
+                Component::CartRotation => {
+                    ("cart_poses.csv", "rotation", file.noise.rotation_rad, "rad")
+                }
+                Component::Position => {
+                    ("cart_positions.csv", "position", file.noise.position_m, "m")
+                }
+            };
+            self.by_file.push(FileFit {
+                file: name,
+                kind,
+                rows: group.residuals,
+                rms: group.rms * sigma,
+                expected_rms: sigma,
+                unit,
+            });
+            if group.noise_factor > 1.0 {
+                self.status = self.status.max(Status::Inconsistent);
+                self.why.push(format!(
+                    "The {kind}s in {name} are met to {} times the stated noise.",
+                    general(group.rms, 3)
+                ));
+            }
+        }
+        self
+    }
+}
+
+/// A case of the given poses; files as read.
+fn case<'a>(
+    robot: &'a Robot,
+    variant: &'a Variant,
+    file: &RobotFile,
+    folder: &Folder,
+    poses: &[usize],
+) -> Case<'a> {
+    let tcp_poses = poses.iter().filter_map(|&pose| folder.tcp_poses.get(pose));
+    let with_paths = variant
+        .tracks
+        .iter()
+        .any(|track| track.shape == TrackShape::Piecewise);
+    Case {
+        robot,
+        variant,
+        file: file.completed(robot),
+        folder: Folder {
+            name: folder.name.clone(),
+            tcp_poses: tcp_poses.cloned().collect(),
+            cart_poses: if with_paths {
+                folder.cart_poses.clone()
+            } else {
+                vec![]
+            },
+            ..Folder::default()
+        },
+    }
+}
+
+/// The variant by which mistakes of the input are looked for: the given one where it has all links and nothing else,
+/// or else the last such.
+fn plain<'a>(robot: &'a Robot, variant: &'a Variant) -> &'a Variant {
+    let is_plain = |variant: &Variant| {
+        let is_linear = |track: &tau_robot::robot::TrackModel| track.shape != TrackShape::Piecewise;
+        variant.arm == Arm::Full
+            && variant.effects.is_empty()
+            && variant.tracks.iter().all(is_linear)
+    };
+    if is_plain(variant) {
+        return variant;
+    }
+    let found = robot.variants.iter().rfind(|variant| is_plain(variant));
+    found.unwrap_or(variant)
+}
+
+/// Mistakes of the input that explain why a variant does not fit the given poses; none where it does.
+///
+/// # Errors
+/// Values or columns that the variant needs are missing.
+pub fn mistakes(
+    robot: &Robot,
+    variant: &Variant,
+    file: &RobotFile,
+    folder: &Folder,
+    poses: &[usize],
+) -> Result<Vec<Mistake>, Error> {
+    recognise::mistakes(&case(robot, plain(robot, variant), file, folder, poses))
+}
+
+/// Refuses input with a mistake that leaves nothing to be learnt from it: of set 1, or in how the carts of sets 2 and 3
+/// are numbered. `machine` has been fitted to set 1.
+///
+/// # Errors
+/// The first mistake, with its mend.
+pub fn refuse(
+    machine: &Machine,
+    file: &RobotFile,
+    folder: &Folder,
+    poses: &[usize],
+) -> Result<(), Error> {
+    let (robot, variant) = (&machine.robot, &machine.variant);
+    let mut found = mistakes(robot, variant, file, folder, poses)?;
+    found.extend(numbering::mistake(machine, folder));
+    match found.into_iter().find(|mistake| mistake.is_absurd) {
+        Some(mistake) => Err(mistake.into()),
+        None => Ok(()),
+    }
+}
+
+impl From<Mistake> for Error {
+    fn from(mistake: Mistake) -> Self {
+        InputError::whole(mistake.file, mistake.what)
+            .help(mistake.mend)
+            .into()
+    }
+}
+
+/// The verdict on a calibration with the given poses and the robot file that it started from.
+///
+/// # Errors
+/// Data that the variant takes are missing.
+pub fn of_calibration(
+    calibration: &Calibration,
+    file: &RobotFile,
+    folder: &Folder,
+    poses: &[usize],
+) -> Result<Verdict, Error> {
+    of_calibration_knowing(calibration, file, folder, poses, &mut None)
+}
+
+/// The same where mistakes may be known from another variant of the same input; they are kept for the next.
+///
+/// # Errors
+/// As [`of_calibration`].
+pub fn of_calibration_knowing(
+    calibration: &Calibration,
+    file: &RobotFile,
+    folder: &Folder,
+    poses: &[usize],
+    known: &mut Option<Vec<Mistake>>,
+) -> Result<Verdict, Error> {
+    let machine = &calibration.machine;
+    let robot = &machine.robot;
+    let case = case(robot, &machine.variant, file, folder, poses).thinned(MOST_POSES);
+    let prepared = case.prepared()?;
+    let judged = recognise::judged(&case, &prepared, &machine.values, ITERATIONS)?;
+    let mut pulls: Vec<Pull> = (calibration.parameters.iter())
+        .filter_map(|parameter| {
+            Some(Pull {
+                parameter: parameter.name.clone(),
+                tolerances: (parameter.value - parameter.nominal) / parameter.tolerance?,
+            })
+        })
+        .filter(|pull| pull.tolerances.is_finite())
+        .collect();
+    shorten(&mut pulls);
+    let deviations = judged.deviations();
+    let mut verdict = measured(&case, &judged, pulls);
+    let beyond = recognise::beyond_tolerance(&deviations, verdict.residual_over_noise);
+    verdict.judge(&machine.variant, beyond);
+    let suspect = verdict.status > Status::Consistent
+        || verdict.residual_over_noise < 1.0 / 3.0
+        || hypothesis::widest_tolerance_m(&case.file)
+            > LARGEST_MISFIT * hypothesis::mean_length_m(&case.file);
+    if suspect {
+        let found = match known.take() {
+            Some(found) => found,
+            None => mistakes(robot, &machine.variant, file, folder, poses)?,
+        };
+        verdict.blame(found.clone());
+        *known = Some(found);
+    }
+    verdict.blame(numbering::mistake(machine, folder).into_iter().collect());
+    verdict.conclude(&case);
+    Ok(verdict)
+}
+
+/// The verdict on the prediction of the poses that validate, with the parameters of a robot file.
+///
+/// Where the file states standard deviations, they are those of parameters that were calibrated, correlated as the poses
+/// that calibrate and the tolerances make them; else the tolerances are. Residuals are judged against the noise and
+/// against what such parameters may do to them.
+///
+/// # Errors
+/// Data that the variant takes are missing.
+pub fn of_prediction(
+    machine: &Machine,
+    file: &RobotFile,
+    folder: &Folder,
+    division: &Division,
+) -> Result<Verdict, Error> {
+    let (robot, variant) = (&machine.robot, &machine.variant);
+    let of = |poses: &[usize]| case(robot, variant, file, folder, poses).thinned(MOST_POSES);
+    let case = of(&division.validation);
+    let prepared = case.prepared()?;
+    let sigmas = stated_sigmas(file);
+    let mut verdict = if sigmas == 0 {
+        let judged = recognise::judged(&case, &prepared, &machine.values, ITERATIONS)?;
+        let deviations = judged.deviations();
+        let mut pulls: Vec<Pull> = (deviations.iter())
+            .map(|deviation| Pull {
+                parameter: variant.parameters[deviation.parameter].name.clone(),
+                tolerances: deviation.tolerances,
+            })
+            .collect();
+        shorten(&mut pulls);
+        let mut verdict = measured(&case, &judged, pulls);
+        verdict.judge(
+            variant,
+            recognise::beyond_tolerance(&deviations, verdict.residual_over_noise),
+        );
+        verdict
+    } else {
+        let before = of(&division.calibration);
+        let known = recognise::judged(&before, &before.prepared()?, &machine.values, 0)?;
+        let judged = recognise::judged(&case, &prepared, &machine.values, 0)?;
+        let mut verdict = measured(&case, &judged, vec![]);
+        let misfit = predicted(judged, known);
+        verdict.chi2 = misfit.chi2;
+        verdict.dof = misfit.dof;
+        verdict.residual_over_noise = misfit.ratio();
+        verdict.judge(variant, None);
+        verdict
+    };
+    if verdict.status > Status::Consistent || verdict.residual_over_noise < 1.0 / 3.0 {
+        verdict.blame(mistakes(
+            robot,
+            variant,
+            file,
+            folder,
+            &division.validation,
+        )?);
+    }
+    verdict.conclude(&case);
+    Ok(verdict)
+}
+
+/// Number of standard deviations that a robot file states.
+fn stated_sigmas(file: &RobotFile) -> usize {
+    let sections = [&file.links, &file.clusters, &file.tracks];
+    let of_links = sections
+        .into_iter()
+        .flat_map(|section| section.values())
+        .flat_map(|values| {
+            [
+                &values.length,
+                &values.plate_joint,
+                &values.track_offset,
+                &values.track_direction,
+                &values.track_rotation,
+            ]
+        });
+    let stated = of_links.flatten().filter_map(|value| value.sigma.as_ref());
+    stated.map(Vec::len).sum()
+}
+
+/// χ² of residuals at known values under the noise and what the uncertainty of the values does to them:
+/// `rᵀ(1 + J·C·Jᵀ)⁻¹r = rᵀr − gᵀ(JᵀJ + C⁻¹)⁻¹g` with `g = Jᵀr`, in units of the noise.
+fn predicted(judged: Judged, known: Judged) -> Misfit {
+    let misfit = judged.misfit();
+    let (own, known) = (judged.into_descent(), known.into_descent());
+    let rows = own.joint.rows.len();
+    let data = |descent: crate::joint::descent::Descent| {
+        let rows = descent.joint.rows.len();
+        let residuals = descent.residuals.clone();
+        let jacobian = descent.normal.into_jacobian().dense();
+        (
+            jacobian.rows(0, rows).into_owned(),
+            residuals.rows(0, rows).into_owned(),
+            jacobian,
+        )
+    };
+    let (jacobian, residuals, _) = data(own);
+    let (.., information) = data(known);
+    let information: DMatrix<f64> = information.tr_mul(&information);
+    let chi2 = residuals.norm_squared();
+    let gradient = jacobian.tr_mul(&residuals);
+    let scale = information
+        .diagonal()
+        .map(|d| if d > 0.0 { d.sqrt().recip() } else { 1.0 });
+    let gram = jacobian.tr_mul(&jacobian) + information;
+    let scaled = DMatrix::from_fn(gram.nrows(), gram.ncols(), |i, j| {
+        gram[(i, j)] * scale[i] * scale[j]
+    });
+    let explained = inverse_factor(scaled).map_or(0.0, |factor| {
+        factor
+            .tr_mul(&gradient.component_mul(&scale))
+            .norm_squared()
+    });
+    Misfit {
+        chi2: (chi2 - explained).max(0.0),
+        dof: rows as f64,
+        rows: misfit.rows,
+    }
+}
+
+fn shorten(pulls: &mut Vec<Pull>) {
+    pulls.sort_by(|a, b| b.tolerances.abs().total_cmp(&a.tolerances.abs()));
+    pulls.truncate(LISTED);
+}
+
+/// The figures of a fit, before they are judged.
+fn measured(case: &Case<'_>, judged: &Judged, pulls: Vec<Pull>) -> Verdict {
+    let samples = recognise::samples(case);
+    let misfit = judged.misfit();
+    let (rms, expected_rms) = judged.closure_rms_m(&samples);
+    let mut worst: Vec<PoseFit> = (judged.by_sample(samples.len()).into_iter())
+        .zip(&samples)
+        .map(|(sigmas, sample)| PoseFit {
+            pose: sample.number,
+            sigmas,
+        })
+        .collect();
+    worst.sort_by(|a, b| b.sigmas.total_cmp(&a.sigmas));
+    worst.truncate(LISTED);
+    Verdict {
+        status: Status::Consistent,
+        chi2: misfit.chi2,
+        dof: misfit.dof,
+        residual_over_noise: misfit.ratio(),
+        by_file: vec![FileFit {
+            file: "tcp_poses.csv",
+            kind: "closure",
+            rows: misfit.rows,
+            rms,
+            expected_rms,
+            unit: "m",
+        }],
+        worst,
+        pulls,
+        why: vec![],
+        mistakes: vec![],
+    }
+}
+
+impl Verdict {
+    /// Tests residuals, and the parameter that is furthest off.
+    fn judge(&mut self, variant: &Variant, beyond: Option<Deviation>) {
+        let misfit = Misfit {
+            chi2: self.chi2,
+            dof: self.dof,
+            rows: 0,
+        };
+        if recognise::is_beyond_noise(&misfit) {
+            self.status = Status::Inconsistent;
+            self.why.push(format!(
+                "Residuals are {} times what the stated noise allows (χ² {} where {} is expected).",
+                general(self.residual_over_noise, 3),
+                general(self.chi2, 4),
+                general(self.dof, 4)
+            ));
+        }
+        if let Some(deviation) = beyond {
+            self.status = self.status.max(Status::Inconsistent);
+            let name = &variant.parameters[deviation.parameter].name;
+            self.why.push(format!(
+                "`{name}` is pulled {} tolerances off its nominal value.",
+                general(deviation.tolerances.abs(), 3)
+            ));
+        }
+    }
+
+    /// Adds mistakes that were recognised.
+    fn blame(&mut self, mistakes: Vec<Mistake>) {
+        for mistake in &mistakes {
+            let status = if mistake.is_absurd {
+                Status::Absurd
+            } else {
+                Status::Inconsistent
+            };
+            self.status = self.status.max(status);
+            self.why.push(format!(
+                "In {}, {}: {}.",
+                mistake.file, mistake.what, mistake.mend
+            ));
+        }
+        self.mistakes.extend(mistakes);
+    }
+
+    /// Says the rest: what is absurd without a name, and what it means for standard deviations.
+    fn conclude(&mut self, case: &Case<'_>) {
+        let off_m = self.by_file.first().map_or(0.0, |fit| fit.rms);
+        let length_m = hypothesis::mean_length_m(&case.file);
+        if self.mistakes.is_empty() && length_m > 0.0 && off_m > LARGEST_MISFIT * length_m {
+            self.status = Status::Absurd;
+            self.why.push(format!(
+                "Links miss their lengths by {} mm: this is another machine, or commands and poses do not belong \
+                 together.",
+                general(1e3 * off_m, 3)
+            ));
+        }
+        if let Some(pull) = self
+            .pulls
+            .first()
+            .filter(|pull| self.mistakes.is_empty() && pull.tolerances.abs() >= ABSURD_TOLERANCES)
+        {
+            self.status = Status::Absurd;
+            self.why.push(format!(
+                "No machine is {} tolerances off its drawing, as `{}` would be.",
+                general(pull.tolerances.abs(), 3),
+                pull.parameter
+            ));
+        }
+        let widening = self.widening();
+        if self.status == Status::Inconsistent && widening > 1.0 {
+            self.why.push(format!(
+                "The model lacks something (`tau discover` looks for it) or the noise is more than stated; standard \
+                 deviations are {} times as large if it is noise.",
+                general(widening, 3)
+            ));
+        }
+        if self.status == Status::Consistent {
+            self.why.push(if chi2_survival(self.chi2, self.dof) > 1.0 - LEVEL {
+                format!(
+                    "Residuals are {} times what the stated noise makes them: it is stated too large.",
+                    general(self.residual_over_noise, 3)
+                )
+            } else {
+                format!(
+                    "Residuals are {} times what the stated noise makes them, as chance allows.",
+                    general(self.residual_over_noise, 3)
+                )
+            });
+        }
+    }
+}

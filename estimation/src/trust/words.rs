@@ -1,0 +1,253 @@
+//! Mistakes in words, and how to mend them.
+
+use tau_robot::input_error::quoted;
+
+use crate::trust::hypothesis::{Case, Hypothesis, THOUSAND};
+use crate::trust::recognise::Mistake;
+use crate::trust::{ABSURD_TOLERANCES, general};
+
+const TCP_POSES: &str = "tcp_poses.csv";
+const ROBOT: &str = "robot.toml";
+const AXES: [&str; 3] = ["x", "y", "z"];
+const ANGLES: [&str; 3] = ["alpha_rad", "beta_rad", "gamma_rad"];
+/// Rivals that are named beside the best explanation.
+const RIVALS: usize = 3;
+
+/// The mistake that hypotheses describe, the likeliest first; `values` are those of the variant under it.
+pub(crate) fn mistake(case: &Case<'_>, all: &[Hypothesis], values: &[f64]) -> Mistake {
+    let one = |hypothesis: &Hypothesis| of(case, hypothesis, values);
+    let Some((best, rivals)) = all.split_first() else {
+        return nothing();
+    };
+    let mut mistake = one(best);
+    let rivals: Vec<String> = rivals
+        .iter()
+        .map(|rival| of(case, rival, values).what)
+        .filter(|what| *what != mistake.what)
+        .take(RIVALS)
+        .collect();
+    if !rivals.is_empty() {
+        mistake.what += &format!(" (or nearly as well: {})", rivals.join("; "));
+    }
+    mistake
+}
+
+fn nothing() -> Mistake {
+    Mistake {
+        kind: "none",
+        file: ROBOT,
+        what: String::new(),
+        mend: String::new(),
+        is_absurd: false,
+    }
+}
+
+fn of(case: &Case<'_>, hypothesis: &Hypothesis, values: &[f64]) -> Mistake {
+    let (kind, file, what, mend) = match hypothesis {
+        Hypothesis::Commands(columns) => commands(columns),
+        Hypothesis::Sign(command) => (
+            "command_sign",
+            TCP_POSES,
+            format!("`q{}_m` counts the other way", command + 1),
+            "change its sign, or that of the direction or length that it drives in robot.toml"
+                .to_owned(),
+        ),
+        Hypothesis::Axes {
+            columns,
+            signs,
+            turned,
+        } => axes(*columns, *signs, *turned),
+        Hypothesis::Angles {
+            axes,
+            fixed,
+            transposed,
+        } => angles(*axes, *fixed, *transposed),
+        Hypothesis::Millimetres => (
+            "millimetres",
+            TCP_POSES,
+            "the positions are in millimetres".to_owned(),
+            "divide `x_m`, `y_m` and `z_m` by 1000".to_owned(),
+        ),
+        Hypothesis::Noise { position, rotation } => noise(case, *position, *rotation),
+        Hypothesis::Tolerances {
+            factor,
+            lengths_only,
+        } => tolerances(*factor, *lengths_only),
+        Hypothesis::Dimension { parameter, .. } => return dimension(case, *parameter, values),
+    };
+    Mistake {
+        kind,
+        file,
+        what,
+        mend,
+        is_absurd: true,
+    }
+}
+
+type Words = (&'static str, &'static str, String, String);
+
+fn commands(columns: &[usize]) -> Words {
+    let moved: Vec<usize> = (0..columns.len()).filter(|&k| columns[k] != k).collect();
+    let name = |k: &usize| format!("q{}_m", k + 1);
+    let names: Vec<String> = moved.iter().map(name).collect();
+    let (what, mend) = if let [one, other] = names.as_slice() {
+        (
+            format!("the columns `{one}` and `{other}` are exchanged"),
+            format!("exchange the names `{one}` and `{other}` in the header"),
+        )
+    } else {
+        let held: Vec<String> = moved
+            .iter()
+            .map(|&k| format!("command {} stands in `q{}_m`", k + 1, columns[k] + 1))
+            .collect();
+        (
+            format!("the columns of the commands are out of order: {}", held.join(", ")),
+            "name the columns in the order in which the description declares the tracks or driven links".to_owned(),
+        )
+    };
+    ("commands", TCP_POSES, what, mend)
+}
+
+fn axes(columns: [usize; 3], signs: [f64; 3], turned: bool) -> Words {
+    let rotations = if turned {
+        " of positions and rotations"
+    } else {
+        " of the positions"
+    };
+    let too = if turned {
+        ", and turn the rotations with them"
+    } else {
+        ""
+    };
+    let mirrored = (0..3).find(|&axis| signs[axis] < 0.0);
+    let (what, mend) = if let Some(axis) = mirrored {
+        let axis = AXES[axis];
+        (
+            format!("the {axis} axis{rotations} is mirrored"),
+            format!("change the sign of `{axis}_m`{too}"),
+        )
+    } else {
+        let moved: Vec<&str> = (0..3)
+            .filter(|&k| columns[k] != k)
+            .map(|k| AXES[k])
+            .collect();
+        let names: Vec<String> = moved.iter().map(|axis| format!("{axis}_m")).collect();
+        (
+            format!("the axes {}{rotations} are exchanged", moved.join(" and ")),
+            format!("exchange {}{too}", quoted(names.iter().map(String::as_str))),
+        )
+    };
+    ("axes", TCP_POSES, what, mend)
+}
+
+fn angles(axes: [usize; 3], fixed: bool, transposed: bool) -> Words {
+    let letters: String = axes.iter().map(|&axis| AXES[axis]).collect();
+    let named = if fixed {
+        format!("angles about the fixed axes {letters}")
+    } else {
+        format!("{} Euler angles", letters.to_uppercase())
+    };
+    let factors: Vec<String> = (0..3)
+        .map(|k| format!("R{}({})", AXES[axes[k]], ANGLES[k]))
+        .collect();
+    let ordered: Vec<String> = if fixed {
+        factors.into_iter().rev().collect()
+    } else {
+        factors
+    };
+    let is_asked_for = axes == [2, 1, 2] && !fixed;
+    let what = match (is_asked_for, transposed) {
+        (true, _) => {
+            "the rotation is transposed: that of the measurement frame against the plate".to_owned()
+        }
+        (false, false) => format!("the angles are {named}, not ZYZ Euler angles"),
+        (false, true) => {
+            format!("the angles are {named} of the transposed rotation, not ZYZ Euler angles")
+        }
+    };
+    let inverse = if transposed { "ᵀ" } else { "" };
+    let mend = format!(
+        "compute R = ({}){inverse} and write its ZYZ Euler angles, R = Rz(alpha_rad)·Ry(beta_rad)·Rz(gamma_rad)",
+        ordered.join("·")
+    );
+    ("angles", TCP_POSES, what, mend)
+}
+
+fn noise(case: &Case<'_>, position: f64, rotation: f64) -> Words {
+    let noise = case.file.noise;
+    let of = [
+        ("position_m", noise.position_m, position),
+        ("rotation_rad", noise.rotation_rad, rotation),
+    ];
+    let wrong: Vec<_> = of
+        .into_iter()
+        .filter(|(.., factor)| *factor != 1.0)
+        .collect();
+    let names = quoted(wrong.iter().map(|(name, ..)| *name));
+    let size = if position.min(rotation) < 1.0 {
+        "a thousand times too large, as if in thousandths of the unit"
+    } else {
+        "a thousand times too small"
+    };
+    let mended: Vec<String> = wrong
+        .iter()
+        .map(|(name, value, factor)| format!("{name} = {:e}", value * factor))
+        .collect();
+    (
+        "noise",
+        ROBOT,
+        format!("{names} of `[noise]` is {size}"),
+        format!("write metres and radians: {}", mended.join(", ")),
+    )
+}
+
+fn tolerances(factor: f64, lengths_only: bool) -> Words {
+    let which = if lengths_only {
+        "the tolerances of lengths"
+    } else {
+        "the tolerances"
+    };
+    let (what, mend) = if factor < 1.0 {
+        (
+            format!("{which} are a thousand times too large, as if in millimetres"),
+            format!("write metres: divide `tol` of lengths by {THOUSAND}"),
+        )
+    } else {
+        (
+            format!("{which} are a thousand times too small for these measurements"),
+            format!("write one standard deviation in metres: multiply `tol` by {THOUSAND}"),
+        )
+    };
+    ("tolerances", ROBOT, what, mend)
+}
+
+fn dimension(case: &Case<'_>, parameter: usize, values: &[f64]) -> Mistake {
+    let described = &case.variant.parameters[parameter];
+    let name = &described.name;
+    let unit = if described.unit == "1" {
+        ""
+    } else {
+        &described.unit
+    };
+    let nominal = case
+        .prepared()
+        .ok()
+        .map(|prepared| prepared.nominal[parameter]);
+    let (nominal, tolerance) = nominal.map_or((f64::NAN, f64::NAN), |nominal| {
+        (nominal.value, nominal.tolerance.unwrap_or(f64::NAN))
+    });
+    let value = values.get(parameter).copied().unwrap_or(f64::NAN);
+    let tolerances = (value - nominal) / tolerance;
+    Mistake {
+        kind: "dimension",
+        file: ROBOT,
+        what: format!(
+            "`{name}` is {} tolerances off: {} {unit} is stated, the measurements ask for {} {unit}",
+            general(tolerances.abs(), 3),
+            general(nominal, 6),
+            general(value, 6),
+        ),
+        mend: format!("measure `{name}` again and correct its value or its tolerance"),
+        is_absurd: tolerances.abs() >= ABSURD_TOLERANCES,
+    }
+}

@@ -1,0 +1,92 @@
+//! Verdicts and checks as JSON.
+
+use serde_json::{Map, Value, json};
+use tau::trust::{Check, Checked, FileFacts, Mistake, Verdict};
+
+use crate::json::combination;
+
+/// `fit` of `calibrate`, `evaluate` and `study`.
+pub fn verdict(verdict: &Verdict) -> Value {
+    let by_file = verdict.by_file.iter().map(|fit| {
+        json!({
+            "file": fit.file,
+            "kind": fit.kind,
+            "rows": fit.rows,
+            "rms": fit.rms,
+            "expected_rms": fit.expected_rms,
+            "unit": fit.unit,
+        })
+    });
+    let worst = verdict.worst.iter();
+    let pulls = verdict.pulls.iter();
+    json!({
+        "status": verdict.status.name(),
+        "chi2": verdict.chi2,
+        "dof": verdict.dof,
+        "residual_over_noise": verdict.residual_over_noise,
+        "widening": verdict.widening(),
+        "by_file": by_file.collect::<Vec<_>>(),
+        "worst": worst.map(|pose| json!({ "pose": pose.pose, "sigmas": pose.sigmas })).collect::<Vec<_>>(),
+        "pulls": pulls
+            .map(|pull| json!({ "parameter": pull.parameter, "tolerances": pull.tolerances }))
+            .collect::<Vec<_>>(),
+        "why": verdict.why,
+        "mistakes": verdict.mistakes.iter().map(mistake).collect::<Vec<_>>(),
+    })
+}
+
+fn mistake(mistake: &Mistake) -> Value {
+    json!({
+        "kind": mistake.kind,
+        "file": mistake.file,
+        "what": mistake.what,
+        "mend": mistake.mend,
+        "absurd": mistake.is_absurd,
+    })
+}
+
+/// The result of `tau check`.
+pub fn check(check: &Check) -> Value {
+    let variants: Map<_, _> = (check.variants.iter())
+        .map(|own| (own.variant.clone(), variant(own)))
+        .collect();
+    let effects = check.effects.iter();
+    let missing = check.missing.iter();
+    json!({
+        "meaningful": check.is_meaningful(),
+        "files": check.files.iter().map(file).collect::<Vec<_>>(),
+        "variants": variants,
+        "effects": effects
+            .map(|effect| json!({ "name": effect.name, "visible": effect.lacks.is_empty(), "lacks": effect.lacks }))
+            .collect::<Vec<_>>(),
+        "missing": missing.map(|gap| json!({ "what": gap.what, "brings": gap.brings })).collect::<Vec<_>>(),
+        "mistakes": check.mistakes.iter().map(mistake).collect::<Vec<_>>(),
+    })
+}
+
+fn file(file: &FileFacts) -> Value {
+    let ranges = file.ranges.iter().map(|range| {
+        let (low, high) = range.range;
+        json!({ "column": range.column, "low": low, "high": high, "widest_gap": [range.gap.0, range.gap.1] })
+    });
+    json!({
+        "file": file.file,
+        "kind": file.kind,
+        "rows": file.rows,
+        "ranges": ranges.collect::<Vec<_>>(),
+        "repeats": file.repeats,
+        "missing_numbers": file.missing_numbers,
+        "optional": file.optional,
+    })
+}
+
+fn variant(checked: &Checked) -> Value {
+    json!({
+        "rows": checked.rows,
+        "parameters": checked.parameters,
+        "rank": checked.rank,
+        "undetermined": checked.undetermined.iter().map(combination).collect::<Vec<_>>(),
+        "meaningful": checked.why_not.is_none(),
+        "why_not": checked.why_not,
+    })
+}

@@ -1,0 +1,67 @@
+//! How far answers can be trusted, in the measurements of a session.
+
+use tau_estimation::calibration::{Calibration, Error};
+use tau_estimation::trust::{self, Check, Mistake, Verdict};
+use tau_kinematics::Machine;
+use tau_robot::InputError;
+use tau_robot::effects::CATALOGUE;
+use tau_robot::robot::Variant;
+
+use super::{Session, VariantKey};
+
+impl<R> Session<R> {
+    /// The verdict on a calibration on the poses for it: consistent with stated noise and tolerances or not, see
+    /// [`Verdict`].
+    ///
+    /// # Errors
+    /// No poses are left to calibrate; columns that the variant needs are missing.
+    pub fn verdict(&self, calibration: &Calibration) -> Result<Verdict, Error> {
+        let poses = self.poses()?.division.calibration;
+        trust::of_calibration(calibration, &self.robot_file, &self.folder, &poses)
+    }
+
+    /// The verdict on a prediction: the poses that validate, as a [machine as given](Self::machine) predicts them, against noise and the
+    /// standard deviations or tolerances of the robot file.
+    ///
+    /// # Errors
+    /// As [`Self::verdict`].
+    pub fn verdict_on_prediction(&self, machine: &Machine) -> Result<Verdict, Error> {
+        let division = self.poses()?.division;
+        trust::of_prediction(machine, &self.robot_file, &self.folder, &division)
+    }
+
+    /// Mistakes of measurements and parameters that explain why a variant does not fit: none where it does.
+    ///
+    /// # Errors
+    /// There is no variant of that name; no poses are left to calibrate; columns or values are missing.
+    pub fn mistakes(&self, variant: impl VariantKey<R>) -> Result<Vec<Mistake>, Error> {
+        let variant = variant.variant_of(&self.robot)?;
+        let poses = self.poses()?.division.calibration;
+        trust::mistakes(&self.robot, variant, &self.robot_file, &self.folder, &poses)
+    }
+
+    /// Contents of the folder and what they determine, before anything is fitted: of one variant, or of all without effects.
+    ///
+    /// # Errors
+    /// There is no variant of that name; no poses are left to calibrate.
+    pub fn check(&self, variant: Option<&str>) -> Result<Check, Error> {
+        let variants: Vec<&Variant> = match variant {
+            Some(name) => vec![self.robot.find(name, "--variant")?],
+            None => {
+                let all = self.robot.variants.iter();
+                // The last tells most of the machine, and what is wrong with the input is looked for by the first.
+                all.filter(|variant| variant.effects.is_empty()).collect()
+            }
+        };
+        if variants.is_empty() {
+            return Err(
+                InputError::whole(&self.robot.name, "every variant has effects")
+                    .help("name one with `--variant`")
+                    .into(),
+            );
+        }
+        let division = self.poses()?.division;
+        let files = (&self.robot_file, &self.folder);
+        trust::check(&self.robot, &variants, files, &division, CATALOGUE)
+    }
+}
