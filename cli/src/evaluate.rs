@@ -20,7 +20,7 @@ pub(super) fn run(arguments: &arguments::Evaluate) -> Result<Outcome, Failure> {
     let variant = arguments.variant.name.as_str();
     let machine = session.machine(variant)?;
     let found = evaluate(&machine, session.folder(), &poses);
-    let found = found.map_err(|error| trust::explained(&session, variant, error.into()))?;
+    let found = found.map_err(|error| trust::explained(&session, variant, error))?;
     let verdict = session.verdict_on_prediction(&machine)?;
     let (robot, folder) = (&session.robot().name, &session.folder().name);
     let title = format!("{robot}, {variant}, {folder}");

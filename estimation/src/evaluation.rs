@@ -63,7 +63,7 @@ pub struct VariantResult {
     pub iterations: usize,
     /// Why the solver stopped, in words.
     pub termination: String,
-    /// Whether the fit can be trusted, where that was asked.
+    /// Verdict on the fit, where that was asked.
     pub fit: Option<Verdict>,
 }
 

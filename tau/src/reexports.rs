@@ -61,7 +61,7 @@ pub mod robot_file {
     };
 }
 
-/// How far answers can be trusted: verdicts, recognised mistakes, and checks before a fit.
+/// Trust in answers: verdicts, recognised mistakes, and checks before a fit.
 pub mod trust {
     pub use tau_estimation::trust::{
         Check, Checked, FileFacts, FileFit, Gap, Mistake, PoseFit, Pull, Range, Sight, Status,

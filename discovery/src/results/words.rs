@@ -27,7 +27,7 @@ pub enum Place {
     AllLinks,
     /// The TCP as measured.
     Tcp,
-    /// What a command drives, counted from 1, where that has no name.
+    /// The driven part of a command, counted from 1, where that has no name.
     Command(usize),
     /// Several places, each with amplitudes of its own.
     Several(Vec<Self>),

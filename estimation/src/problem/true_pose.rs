@@ -135,7 +135,7 @@ impl TruePose {
     /// Appends the data of a sample.
     ///
     /// # Errors
-    /// What is missing.
+    /// The missing column or value.
     pub(super) fn fill(
         &self,
         surroundings: &Surroundings,

@@ -201,7 +201,7 @@ impl Sample {
     /// A number that the equations take.
     ///
     /// # Errors
-    /// What is missing, in words.
+    /// The missing quantity, in words.
     pub fn input(&self, input: Input, surroundings: &Surroundings) -> Result<f64, &'static str> {
         let mut data = Vec::with_capacity(1);
         let filled = surroundings.fill(&[input], &self.view(), &mut data);
@@ -211,7 +211,7 @@ impl Sample {
     /// Appends the data that a residual takes.
     ///
     /// # Errors
-    /// What is missing, with the file and the sample that lack it.
+    /// The missing quantity, with the file and the sample that lack it.
     pub fn fill(
         &self,
         machine: &Machine,

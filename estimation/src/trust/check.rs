@@ -1,4 +1,4 @@
-//! What a folder holds and what it determines, before anything is fitted.
+//! Contents of a folder and parameters that it determines, before anything is fitted.
 
 use std::collections::BTreeSet;
 

@@ -1,4 +1,4 @@
-//! How far an answer can be trusted: whether residuals and parameters are what stated noise and tolerances allow, and
+//! Trust in an answer: whether residuals and parameters are what stated noise and tolerances allow, and
 //! what mistake of the input explains it where they are not.
 //!
 //! The closures of a pose share the noise of one position and one rotation. Whitened together (see

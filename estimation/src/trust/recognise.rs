@@ -6,7 +6,7 @@
 //! what it leaves (quasi-likelihood; R. W. M. Wedderburn, Biometrika 61, 1974): other effects that a model lacks make no
 //! mistake of a folder.
 
-use tau_robot::robot::ResidualKind;
+use tau_robot::robot::{ResidualKind, Variant};
 
 use crate::calibration::{Error, Prepared};
 use crate::numerics::distribution::chi2_survival;
@@ -71,6 +71,28 @@ impl Tried {
     }
 }
 
+impl Tried {
+    /// False where wider tolerances only make room for what the model lacks: parameters depart from nominal by less than
+    /// tolerances of a size between the given and the wider ones.
+    fn uses_its_tolerances(&self, variant: &Variant) -> bool {
+        let Some(&Hypothesis::Tolerances {
+            factor,
+            lengths_only,
+        }) = self.hypothesis.as_ref()
+        else {
+            return true;
+        };
+        let is_scaled = |deviation: &&Deviation| {
+            !lengths_only || variant.parameters[deviation.parameter].unit == "m"
+        };
+        let scaled: Vec<f64> = (self.deviations.iter().filter(is_scaled))
+            .map(|deviation| deviation.tolerances.powi(2))
+            .collect();
+        let mean = scaled.iter().sum::<f64>() / scaled.len().max(1) as f64;
+        factor * mean > 1.0
+    }
+}
+
 /// Something wrong with the input.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Mistake {
@@ -85,6 +107,13 @@ pub struct Mistake {
     pub mend: String,
     /// True if nothing that is computed from such input means anything.
     pub is_absurd: bool,
+}
+
+impl Mistake {
+    /// True if measurements are wrong, and not noise, tolerances or dimensions.
+    pub(crate) fn is_of_measurements(&self) -> bool {
+        !matches!(self.kind, "noise" | "tolerances" | "dimension")
+    }
 }
 
 /// The misfit is more than chance allows.
@@ -137,7 +166,7 @@ pub(crate) fn mistakes(case: &Case<'_>) -> Result<Vec<Mistake>, Error> {
     let penalty = |tried: &Tried| prior(&thinned, tried.hypothesis.as_ref());
     let evidence = |tried: &Tried| tried.evidence(scale) + penalty(tried);
     let as_given = given.as_ref().map_or(f64::INFINITY, &evidence);
-    all.retain(Tried::is_plausible);
+    all.retain(|tried| tried.is_plausible() && tried.uses_its_tolerances(thinned.variant));
     all.sort_by(|a, b| evidence(a).total_cmp(&evidence(b)));
     let decisive = 2.0 * ODDS.ln();
     if let Some(best) = all

@@ -89,10 +89,10 @@ fn first_length(file: &mut RobotFile, tolerances: f64) {
 
 const WRONG: [Wrong; 11] = [
     ("q1 and q2", "commands", "`q1_m` and `q2_m`", |f, _| {
-        exchange(f, 0, 1)
+        exchange(f, 0, 1);
     }),
     ("q2 and q3", "commands", "`q2_m` and `q3_m`", |f, _| {
-        exchange(f, 1, 2)
+        exchange(f, 1, 2);
     }),
     ("z mirrored", "axes", "the z axis", |f, _| {
         f.tcp_poses
@@ -118,7 +118,7 @@ const WRONG: [Wrong; 11] = [
         }
     }),
     ("noise in mm", "noise", "`position_m`", |_, file| {
-        file.noise.position_m *= 1e3
+        file.noise.position_m *= 1e3;
     }),
     ("tolerances in mm", "tolerances", "too large", |_, file| {
         each_value(file, |value, is_length| {
@@ -131,10 +131,10 @@ const WRONG: [Wrong; 11] = [
         each_value(file, |value, _| value.tol /= 1e3);
     }),
     ("10 tolerances", "dimension", ".length`", |_, file| {
-        first_length(file, 10.0)
+        first_length(file, 10.0);
     }),
     ("100 tolerances", "dimension", ".length`", |_, file| {
-        first_length(file, 100.0)
+        first_length(file, 100.0);
     }),
     ("3.6 m", "dimension", ".track_offset.x`", |_, file| {
         let link = file.links.values_mut().nth(1).unwrap();

@@ -220,8 +220,9 @@ pub fn mistakes(
     recognise::mistakes(&case(robot, plain(robot, variant), file, folder, poses))
 }
 
-/// Refuses input with a mistake that leaves nothing to be learnt from it: of set 1, or in how the carts of sets 2 and 3
-/// are numbered. `machine` has been fitted to set 1.
+/// Refuses measurements with a mistake that leaves nothing to be learnt from them: of set 1, or in how the carts of sets
+/// 2 and 3 are numbered. Noise, tolerances and dimensions are not refused: an effect that the model lacks looks like
+/// them. `machine` has been fitted to set 1.
 ///
 /// # Errors
 /// The first mistake, with its mend.
@@ -234,7 +235,10 @@ pub fn refuse(
     let (robot, variant) = (&machine.robot, &machine.variant);
     let mut found = mistakes(robot, variant, file, folder, poses)?;
     found.extend(numbering::mistake(machine, folder));
-    match found.into_iter().find(|mistake| mistake.is_absurd) {
+    match found
+        .into_iter()
+        .find(|mistake| mistake.is_absurd && mistake.is_of_measurements())
+    {
         Some(mistake) => Err(mistake.into()),
         None => Ok(()),
     }

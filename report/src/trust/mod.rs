@@ -1,4 +1,4 @@
-//! How far an answer can be trusted, and what a folder determines, for people and for programs.
+//! Trust in an answer, and contents of a folder, for people and for programs.
 
 pub mod json;
 pub mod terminal;

@@ -1,4 +1,4 @@
-//! How far answers can be trusted, in the measurements of a session.
+//! Trust in answers, by the measurements of a session.
 
 use tau_estimation::calibration::{Calibration, Error};
 use tau_estimation::trust::{self, Check, Mistake, Verdict};

@@ -22,7 +22,7 @@ pub struct Study {
     pub variants: Vec<VariantResult>,
     /// Checks of what the models assume (section III-C of the paper).
     pub assumptions: Assumptions,
-    /// What the measurements determine, before anything is fitted.
+    /// Contents of the measurements, before anything is fitted.
     pub check: Option<Check>,
     /// Table III, where a variant with a full arm was calibrated.
     pub sensitivity: Option<Sensitivity>,
