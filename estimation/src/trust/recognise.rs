@@ -36,7 +36,8 @@ const DIMENSIONS: usize = 6;
 const CLEARLY: f64 = 9.0;
 /// Share of the links' length that no tolerance reaches: it would tell nothing of the machine.
 const WIDEST_TOLERANCE: f64 = 0.1;
-/// A factor of a thousand is believed in where it brings noise nearer to what is stated by so many times.
+/// A factor of a thousand, or other measurements, are believed in where they bring residuals nearer to the stated noise by
+/// so many times.
 const NEARER: f64 = 3.0;
 /// Noise that is stated so many times too large is no caution any more. Where tolerances hold a fit back, noise that is
 /// stated a thousand times too large leaves a misfit of less than that.
@@ -72,6 +73,17 @@ impl Tried {
 }
 
 impl Tried {
+    /// False where other measurements fit hardly better: residuals of a model that lacks something follow each other, so
+    /// that their odds mean little, and any other angles or axes may lower them somewhat. The right ones bring them to the
+    /// noise, or much nearer to it.
+    fn is_much_nearer(&self, given: &Self) -> bool {
+        matches!(
+            self.hypothesis,
+            Some(Hypothesis::Tolerances { .. } | Hypothesis::Dimension { .. })
+        ) || !is_beyond_noise(&self.misfit)
+            || NEARER * self.misfit.ratio() < given.misfit.ratio()
+    }
+
     /// False where wider tolerances only make room for what the model lacks: parameters depart from nominal by less than
     /// tolerances of a size between the given and the wider ones.
     fn uses_its_tolerances(&self, variant: &Variant) -> bool {
@@ -166,7 +178,13 @@ pub(crate) fn mistakes(case: &Case<'_>) -> Result<Vec<Mistake>, Error> {
     let penalty = |tried: &Tried| prior(&thinned, tried.hypothesis.as_ref());
     let evidence = |tried: &Tried| tried.evidence(scale) + penalty(tried);
     let as_given = given.as_ref().map_or(f64::INFINITY, &evidence);
-    all.retain(|tried| tried.is_plausible() && tried.uses_its_tolerances(thinned.variant));
+    all.retain(|tried| {
+        tried.is_plausible()
+            && tried.uses_its_tolerances(thinned.variant)
+            && given
+                .as_ref()
+                .is_none_or(|given| tried.is_much_nearer(given))
+    });
     all.sort_by(|a, b| evidence(a).total_cmp(&evidence(b)));
     let decisive = 2.0 * ODDS.ln();
     if let Some(best) = all
