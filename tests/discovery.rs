@@ -137,7 +137,7 @@ fn a_reduced_arm_lacks_the_full_one() {
     let gaps: Vec<f64> = found.steps.iter().map(|step| step.gap.mean_um).collect();
     assert!(gaps.windows(2).all(|pair| pair[1] < pair[0]), "{gaps:?}");
     assert!((gaps[2] - found.validation.after.mean_um).abs() < 1e-9);
-    // What any method could remove is what was removed and what remains.
+    // Removed and remaining errors add up to those that any method could remove.
     let removed = found.validation.before.rms_um.hypot(found.remaining_um);
     let removable = (removed.powi(2) - found.validation.after.rms_um.powi(2)).sqrt();
     assert!(
@@ -259,7 +259,7 @@ fn the_prototypes_error_falls_to_its_noise() {
             .all(|pair| pair[1].gap.mean_um < pair[0].gap.mean_um)
     );
 
-    // What was found is a robot like any other, with the values that are reported.
+    // The result is a robot like any other, with the values that are reported.
     let written = outcome.robot();
     let calibrated = outcome.calibration(&written, &file, &folder).unwrap();
     for effect in &found.effects {

@@ -57,7 +57,7 @@ pub(super) fn run(arguments: &arguments::Calibrate) -> Result<Outcome, Failure> 
     let is_held_out = poses.division.is_disjoint();
     let result = study::result(&found, folder, validation);
     let mut result = match result {
-        // What can't be predicted has its reason.
+        // A machine that can't be predicted has its reason.
         Err(_) if verdict.status == Status::Absurd && !arguments.force.force => {
             return Ok(Outcome::default().judged(&verdict, false));
         }

@@ -5,7 +5,7 @@
 
 use serde_json::{Map, Value, json};
 use tau::assumptions::{PathDeviation, TrackComparison, TrackLinearity};
-use tau::calibration::{Combination, LinkResult, ParameterEstimate};
+use tau::calibration::{LinkResult, ParameterEstimate};
 use tau::discovery::Discovery;
 use tau::evaluation::Evaluation;
 use tau::evaluation::{PoseError, VariantResult};
@@ -102,7 +102,7 @@ pub fn variant(variant: &VariantResult) -> Value {
         "correlations": variant.correlations.iter()
             .map(|(one, other, value)| json!({ "parameters": [one, other], "value": value }))
             .collect::<Vec<_>>(),
-        "undetermined": variant.undetermined.iter().map(combination).collect::<Vec<_>>(),
+        "undetermined": variant.undetermined.iter().map(trust::combination).collect::<Vec<_>>(),
         "pose_errors": variant.pose_errors.iter().map(pose_error).collect::<Vec<_>>(),
     })
 }
@@ -129,15 +129,6 @@ fn parameter(parameter: &ParameterEstimate, widening: f64) -> Value {
         "sigma": parameter.sigma,
         "sigma_widened": widening * parameter.sigma,
     })
-}
-
-pub(super) fn combination(combination: &Combination) -> Value {
-    let terms: Vec<_> = combination
-        .terms
-        .iter()
-        .map(|(name, share)| json!({ "parameter": name, "share": share }))
-        .collect();
-    json!({ "terms": terms, "data_over_prior": combination.data_over_prior })
 }
 
 fn pose_error(error: &PoseError) -> Value {

@@ -19,6 +19,7 @@ pub mod terminal;
 #[cfg(test)]
 mod tests;
 pub mod trust;
+mod wrap;
 mod write;
 
 pub use discovery::method::Setting;

@@ -14,9 +14,8 @@ use super::findings;
 use super::number::{general, printable};
 use super::tables::{self, Cell, Table};
 use super::trust;
+use crate::wrap::{WIDTH, wrap};
 
-/// Widest line.
-const WIDTH: usize = 100;
 /// Between columns.
 const GAP: usize = 2;
 
@@ -209,24 +208,6 @@ fn determined(variant: &VariantResult) -> String {
         );
         text += &wrap(&pair, "    ");
     }
-    text
-}
-
-/// Breaks a sentence into lines.
-pub(super) fn wrap(sentence: &str, indent: &str) -> String {
-    let mut text = String::new();
-    let mut line = indent.to_owned();
-    for word in sentence.split_whitespace() {
-        if line.chars().count() + 1 + word.chars().count() > WIDTH && line.len() > indent.len() {
-            text += line.trim_end();
-            text.push('\n');
-            indent.clone_into(&mut line);
-        }
-        line += word;
-        line.push(' ');
-    }
-    text += line.trim_end();
-    text.push('\n');
     text
 }
 

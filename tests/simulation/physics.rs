@@ -125,7 +125,7 @@ fn forces_hold_the_payload() {
             force.norm() < 1e-9 && moment.norm() < 1e-9,
             "{force} {moment}"
         );
-        // What the carts bear is the weight.
+        // The carts bear the weight.
         let mut borne = V::zeros();
         for (track, load) in state.loads_n.iter().enumerate() {
             let along = simulated.truth.machine.rods[[0, 1, 3][track]]
@@ -302,7 +302,7 @@ fn every_effect_has_the_size_of_its_formula_in_set_1() {
     }
 }
 
-/// What set 2 and set 3 see of a cart is its displacement in the measurement frame, and their targets
+/// Sets 2 and 3 see of a cart its displacement in the measurement frame, and their targets
 /// ride on it.
 #[test]
 fn effects_on_carts_have_the_size_of_their_formula_in_sets_2_and_3() {

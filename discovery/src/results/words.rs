@@ -72,7 +72,7 @@ impl fmt::Display for Place {
 /// A motion of a cart, a link or the measured TCP.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Motion {
-    /// What effects add to: the target, and its component where it is a vector.
+    /// Motion that effects add to: the target, and its component where it is a vector.
     Target(Target, usize),
     /// Off in one stretch of a track.
     InOneStretch,

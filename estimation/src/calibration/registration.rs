@@ -6,7 +6,7 @@ use tau_robot::measurements::Folder;
 use tau_robot::robot::Robot;
 use tau_robot::robot_file::{LinkValues, RobotFile, Value};
 
-/// How far a target may be mounted from its cart's reference point (m), one standard deviation per
+/// Distance at which a target may be mounted from its cart's reference point (m), one standard deviation per
 /// axis: nobody measures it.
 pub const MOUNTING_M: f64 = 0.1;
 /// Tolerance of a direction that the file does not give with one.

@@ -113,7 +113,7 @@ fn by_displacement(joint: &Joint, by_parameter: &DMatrix<f64>, track: usize) -> 
 /// that neither shift it nor, across, turn it.
 fn shapes(commands: &[f64], is_across: bool) -> DMatrix<f64> {
     let (open, taken) = open(commands, is_across);
-    // What is held at as many points is all that is open.
+    // Holding as many points leaves nothing open.
     open.columns(1, commands.len() - taken).into_owned()
 }
 

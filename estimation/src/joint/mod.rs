@@ -400,7 +400,7 @@ pub(crate) mod tests {
         };
         let expected = (moved(1.0) - moved(-1.0)) / 2.0;
         let found = jacobian * DVector::from_vec(steps);
-        // What stands in for a prior has no residual.
+        // A row that stands in for a prior has no residual.
         let of_rows = |vector: &DVector<f64>| vector.rows(0, joint.rows.len()).into_owned();
         let off = of_rows(&(found - &expected)).amax() / of_rows(&expected).amax();
         assert!(off < 1e-7, "{off}");

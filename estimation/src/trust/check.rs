@@ -13,7 +13,7 @@ use crate::calibration::{Combination, Error, Prepared, check_poses, combinations
 use crate::problem::{self, Closures, Residuals};
 use crate::samples::Sample;
 use crate::samples::frames::Frames;
-use crate::trust::recognise::Mistake;
+use crate::trust::mistake::Mistake;
 use crate::trust::verdict::mistakes;
 
 /// Commands and poses that differ by less (m) are the same: below what drives and trackers resolve.

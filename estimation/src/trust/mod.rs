@@ -10,16 +10,15 @@
 mod check;
 mod hypothesis;
 mod judged;
+mod mistake;
 pub(crate) mod numbering;
 mod recognise;
 mod roots;
-#[cfg(test)]
-mod trials;
 mod verdict;
 mod words;
 
 pub use check::{Check, Checked, FileFacts, Gap, Range, Sight, check};
-pub use recognise::Mistake;
+pub use mistake::Mistake;
 pub use verdict::{
     FileFit, PoseFit, Pull, Status, Verdict, mistakes, of_calibration, of_calibration_knowing,
     of_prediction, refuse,

@@ -16,6 +16,7 @@ use crate::samples::Sample;
 use crate::samples::frames::Frames;
 use crate::trust::hypothesis::{self, Case, Hypothesis, THOUSAND};
 use crate::trust::judged::{Deviation, Judged, Misfit};
+use crate::trust::mistake::Mistake;
 use crate::trust::{ABSURD_TOLERANCES, LEVEL, roots, words};
 
 /// Odds in favour of a hypothesis from which on it is believed: a thousand to one, which also is what mistakes are to
@@ -28,11 +29,12 @@ const POSES: usize = 60;
 const FEW_ITERATIONS: usize = 4;
 /// Iterations of a whole descent.
 pub(crate) const ITERATIONS: usize = 40;
-/// Hypotheses that a closer look is taken at.
+/// Hypotheses that a closer look is taken at, and dimensions that are set free, the most suspect first: each costs a whole
+/// fit, and a first look tells more than so many apart.
 const CLOSER: usize = 6;
-/// Dimensions that are set free, worst first.
 const DIMENSIONS: usize = 6;
-/// A closure that misses by so many times the mean square of the others is looked at for one wrong dimension.
+/// A closure whose square exceeds the mean of the others so many times, three of their standard deviations, is looked at
+/// for one wrong dimension.
 const CLEARLY: f64 = 9.0;
 /// Share of the links' length that no tolerance reaches: it would tell nothing of the machine.
 const WIDEST_TOLERANCE: f64 = 0.1;
@@ -70,9 +72,7 @@ impl Tried {
                 .filter(|deviation| Some(deviation.parameter) != freed)
                 .all(|deviation| deviation.tolerances.abs() < ABSURD_TOLERANCES)
     }
-}
 
-impl Tried {
     /// False where other measurements fit hardly better: residuals of a model that lacks something follow each other, so
     /// that their odds mean little, and any other angles or axes may lower them somewhat. The right ones bring them to the
     /// noise, or much nearer to it.
@@ -102,29 +102,6 @@ impl Tried {
             .collect();
         let mean = scaled.iter().sum::<f64>() / scaled.len().max(1) as f64;
         factor * mean > 1.0
-    }
-}
-
-/// Something wrong with the input.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Mistake {
-    /// Its kind: `commands`, `command_sign`, `axes`, `angles`, `millimetres`, `noise`, `tolerances`, `dimension`,
-    /// `carts`.
-    pub kind: &'static str,
-    /// The file that holds it.
-    pub file: &'static str,
-    /// The mistake in words.
-    pub what: String,
-    /// The mend in words.
-    pub mend: String,
-    /// True if nothing that is computed from such input means anything.
-    pub is_absurd: bool,
-}
-
-impl Mistake {
-    /// True if measurements are wrong, and not noise, tolerances or dimensions.
-    pub(crate) fn is_of_measurements(&self) -> bool {
-        !matches!(self.kind, "noise" | "tolerances" | "dimension")
     }
 }
 
@@ -297,7 +274,9 @@ pub(crate) fn samples(case: &Case<'_>) -> Vec<Sample> {
 /// Columns of commands exchanged, the best few: each closure follows one command, so the misfit of each with every
 /// column tells that of all permutations.
 fn commands(case: &Case<'_>) -> Vec<Hypothesis> {
+    // Robots that look alike from several sides leave a few orders that fit nearly as well.
     const KEPT: usize = 4;
+    // 5040 orders are added up in a moment; of more commands, exchanges of two are tried.
     const MOST_PERMUTED: usize = 7;
     let count = case.robot.commands;
     let Ok(prepared) = case.prepared() else {

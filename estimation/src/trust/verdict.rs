@@ -13,7 +13,8 @@ use crate::numerics::distribution::chi2_survival;
 use crate::numerics::projection::inverse_factor;
 use crate::trust::hypothesis::{self, Case};
 use crate::trust::judged::{Deviation, Judged, Misfit};
-use crate::trust::recognise::{self, ITERATIONS, Mistake};
+use crate::trust::mistake::Mistake;
+use crate::trust::recognise::{self, ITERATIONS};
 use crate::trust::{ABSURD_TOLERANCES, LARGEST_MISFIT, LEVEL, general, numbering};
 
 /// More poses than these are judged by as many of them, evenly spread: what they tell of the noise leaves nothing to

@@ -3,7 +3,7 @@
 use tau_robot::input_error::quoted;
 
 use crate::trust::hypothesis::{Case, Hypothesis, THOUSAND};
-use crate::trust::recognise::Mistake;
+use crate::trust::mistake::Mistake;
 use crate::trust::{ABSURD_TOLERANCES, general};
 
 const TCP_POSES: &str = "tcp_poses.csv";

@@ -1,9 +1,8 @@
 //! Verdicts and checks as JSON.
 
 use serde_json::{Map, Value, json};
+use tau::calibration::Combination;
 use tau::trust::{Check, Checked, FileFacts, Mistake, Verdict};
-
-use crate::json::combination;
 
 /// `fit` of `calibrate`, `evaluate` and `study`.
 pub fn verdict(verdict: &Verdict) -> Value {
@@ -89,4 +88,13 @@ fn variant(checked: &Checked) -> Value {
         "meaningful": checked.why_not.is_none(),
         "why_not": checked.why_not,
     })
+}
+
+pub(crate) fn combination(combination: &Combination) -> Value {
+    let terms: Vec<_> = combination
+        .terms
+        .iter()
+        .map(|(name, share)| json!({ "parameter": name, "share": share }))
+        .collect();
+    json!({ "terms": terms, "data_over_prior": combination.data_over_prior })
 }

@@ -5,7 +5,7 @@ use tau::trust::{Check, Checked, FileFacts, Status, Verdict};
 
 use crate::number::{general, printable};
 use crate::tables;
-use crate::terminal::wrap;
+use crate::wrap::wrap;
 
 /// Combinations of a variant that are shown.
 const SHOWN: usize = 3;

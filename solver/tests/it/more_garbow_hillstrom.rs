@@ -469,7 +469,7 @@ fn minima_are_stationary() {
         let lengths: Vec<f64> = (0..n)
             .map(|j| column(j).map(|k| jacobian[k].powi(2)).sum::<f64>().sqrt())
             .collect();
-        // What the residuals carry of rounding: that of the terms they are sums of.
+        // Rounding of the residuals: that of the terms they are sums of.
         let terms: f64 = lengths
             .iter()
             .zip(&solution.parameters)

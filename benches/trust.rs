@@ -1,17 +1,31 @@
-//! Mistakes in the folders of virtual machines: each is recognised, and clean folders are consistent.
+//! Counts of verdicts on virtual machines: mistakes that are named rightly, and clean folders that are consistent.
 
+use clap::Parser;
 use nalgebra::Matrix3;
+use tau::simulation::{Simulation, simulate};
+use tau_estimation::calibration::{self, Error, calibrate};
+use tau_estimation::trust::{Mistake, Status, Verdict, mistakes, of_calibration, of_prediction};
 use tau_kinematics::{Pose, zyz};
 use tau_robot::measurements::{Folder, Poses, Split};
 use tau_robot::robot::Robot;
 use tau_robot::robot_file::{LinkValues, RobotFile, Value};
-use tau_simulation::{Simulation, simulate};
 
-use super::{Mistake, Status, Verdict, mistakes, of_calibration, of_prediction};
-use crate::calibration::{self, Error, calibrate};
+const DELTA: &str = include_str!("../tests/robots/linear_delta.tau");
+const HEXAPOD: &str = include_str!("../tests/robots/stewart.tau");
 
-const DELTA: &str = include_str!("../../../tests/robots/linear_delta.tau");
-const HEXAPOD: &str = include_str!("../../../tests/robots/stewart.tau");
+/// Verdicts on virtual machines of which the truth is known.
+#[derive(Debug, Parser)]
+struct Arguments {
+    /// Machines of each robot, for each mistake.
+    #[arg(long, default_value_t = 20)]
+    machines: u64,
+    /// Clean folders of each robot.
+    #[arg(long, default_value_t = 100)]
+    clean: u64,
+    /// An argument that `cargo bench` adds.
+    #[arg(long, hide = true)]
+    bench: bool,
+}
 
 /// Robots by name, with their robot files.
 fn robots() -> Vec<(&'static str, Robot, RobotFile)> {
@@ -175,64 +189,67 @@ fn is_named(robot: &Robot, clean: (&Folder, &RobotFile), wrong: &Wrong) -> (bool
     (found.first().is_some_and(is_right), said)
 }
 
-/// Counts mistakes that are named rightly, of all machines. `TRIALS` sets how many machines of each robot.
-#[test]
-#[ignore = "a measurement of minutes"]
-fn how_many_mistakes_are_named() {
-    let trials: u64 = std::env::var("TRIALS").map_or(20, |text| text.parse().unwrap());
-    let (mut right, mut all) = (0, 0);
+fn main() {
+    let arguments = Arguments::parse();
+    println!("| robot | mistake | named rightly |\n| --- | --- | --- |");
     for (name, robot, file) in robots() {
         for wrong in &WRONG {
-            let mut own = 0;
-            for seed in 0..trials {
+            let is_right = |seed: &u64| {
                 let folder = simulated(&robot, &file, 7000 + seed);
-                let (named, said) = is_named(&robot, (&folder, &file), wrong);
-                own += u32::from(named);
-                if !named {
-                    println!("{name}, {}, {seed}: {said}", wrong.0);
+                let (is_named, said) = is_named(&robot, (&folder, &file), wrong);
+                if !is_named {
+                    eprintln!("{name}, {}, {seed}: {said}", wrong.0);
                 }
-            }
-            println!("{name:8} {:20} {own} of {trials}", wrong.0);
-            right += own;
-            all += trials;
+                is_named
+            };
+            let right = (0..arguments.machines).filter(is_right).count();
+            println!(
+                "| {name} | {} | {right} of {} |",
+                wrong.0, arguments.machines
+            );
         }
     }
-    println!("{right} of {all}");
-}
-
-/// Counts verdicts on clean folders. `TRIALS` sets how many machines of each robot.
-#[test]
-#[ignore = "a measurement of minutes"]
-fn how_many_clean_folders_are_consistent() {
-    let trials: u64 = std::env::var("TRIALS").map_or(100, |text| text.parse().unwrap());
+    println!("\n| robot | clean folders | consistent | inconsistent | absurd | mean χ²/dof |");
+    println!("| --- | --- | --- | --- | --- | --- |");
     for (name, robot, file) in robots() {
-        let mut counts = [0; 3];
-        let mut predicted = [0; 3];
-        let (mut ratio, mut predicted_ratio) = (0.0, 0.0);
-        for seed in 0..trials {
+        let (mut calibrated, mut predicted) = (Counts::default(), Counts::default());
+        for seed in 0..arguments.clean {
             let folder = simulated(&robot, &file, 9000 + seed);
             let variant = robot.variant("Full").unwrap();
-            let division = Poses::select(&robot, &file, &folder, Split::Alternate)
-                .unwrap()
-                .division;
-            let poses = &division.calibration;
-            let options = calibration::Options::default();
+            let poses = Poses::select(&robot, &file, &folder, Split::Alternate).unwrap();
+            let division = poses.division;
+            let (poses, options) = (&division.calibration, calibration::Options::default());
             let found = calibrate(&robot, variant, &file, &folder, poses, &options).unwrap();
-            let verdict = of_calibration(&found, &file, &folder, poses).unwrap();
-            counts[verdict.status as usize] += 1;
-            ratio += verdict.chi2 / verdict.dof;
-            let after = of_prediction(&found.machine, &found.file, &folder, &division).unwrap();
-            predicted[after.status as usize] += 1;
-            predicted_ratio += after.chi2 / after.dof;
-            for verdict in [verdict, after] {
-                if verdict.status != Status::Consistent {
-                    println!("{name}, {seed}: {} {verdict:?}", verdict.line());
-                }
-            }
+            calibrated.add(&of_calibration(&found, &file, &folder, poses).unwrap());
+            let after = of_prediction(&found.machine, &found.file, &folder, &division);
+            predicted.add(&after.unwrap());
         }
-        let [ratio, predicted_ratio] = [ratio, predicted_ratio].map(|sum| sum / trials as f64);
-        println!(
-            "{name}: calibrated {counts:?}, χ²/dof {ratio:.4}; predicted {predicted:?}, χ²/dof {predicted_ratio:.4}"
-        );
+        calibrated.print(name, "calibrated");
+        predicted.print(name, "evaluated");
+    }
+}
+
+/// Verdicts by status, and the sum of χ² over its degrees of freedom.
+#[derive(Default)]
+struct Counts {
+    by_status: [u32; 3],
+    ratios: f64,
+}
+
+impl Counts {
+    fn add(&mut self, verdict: &Verdict) {
+        let place = match verdict.status {
+            Status::Consistent => 0,
+            Status::Inconsistent => 1,
+            Status::Absurd => 2,
+        };
+        self.by_status[place] += 1;
+        self.ratios += verdict.chi2 / verdict.dof;
+    }
+
+    fn print(&self, robot: &str, done: &str) {
+        let [consistent, inconsistent, absurd] = self.by_status;
+        let ratio = self.ratios / f64::from(consistent + inconsistent + absurd);
+        println!("| {robot} | {done} | {consistent} | {inconsistent} | {absurd} | {ratio:.4} |");
     }
 }
