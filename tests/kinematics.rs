@@ -520,7 +520,7 @@ fn a_number_that_is_none_ends_every_search_at_once() {
     ];
     for error in errors {
         assert!(
-            matches!(&error, Error::NotFinite { closure } if closure == "l2a"),
+            matches!(&error, Error::NotFinite { closure, .. } if closure == "l2a"),
             "{error}"
         );
     }

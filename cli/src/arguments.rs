@@ -435,7 +435,7 @@ pub(super) struct Forward {
     /// Commands of one pose (m)
     #[arg(long, value_name = "Q1,Q2,…", allow_hyphen_values = true)]
     pub(super) commands: Option<Numbers>,
-    /// CSV with the commands of many poses
+    /// CSV with the commands of many poses; - is standard input
     #[arg(
         long,
         value_name = "FILE",
@@ -477,7 +477,7 @@ pub(super) struct Inverse {
         allow_hyphen_values = true
     )]
     pub(super) pose: Option<Numbers>,
-    /// CSV with many poses
+    /// CSV with many poses; - is standard input
     #[arg(
         long,
         value_name = "FILE",

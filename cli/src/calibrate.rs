@@ -7,10 +7,10 @@ use tau::trust::Status;
 use tau_report as report;
 use tau_robot::input_error::both;
 
-use super::deliver::{Outcome, Target, check_folder, pretty, written};
+use super::deliver::{Outcome, Target, check_folder, written};
 use super::kept::Kept;
 use super::stamp::stamp;
-use super::{Failure, arguments, resolve, trust};
+use super::{Console, Failure, arguments, resolve, trust};
 
 /// Files of the output folder.
 const FILES: [&str; 5] = [
@@ -21,7 +21,10 @@ const FILES: [&str; 5] = [
     "statistics.json",
 ];
 
-pub(super) fn run(arguments: &arguments::Calibrate) -> Result<Outcome, Failure> {
+pub(super) fn run(
+    arguments: &arguments::Calibrate,
+    console: &Console<'_>,
+) -> Result<Outcome, Failure> {
     let out = &arguments.out;
     let kept = Kept::from(&arguments.input);
     let outputs = both(
@@ -80,7 +83,7 @@ pub(super) fn run(arguments: &arguments::Calibrate) -> Result<Outcome, Failure> 
     }
     statistics["cost"] = json!(found.cost);
     let mut summary = format!("{robot}, {variant}, {}\n\n", folder.name);
-    summary += &report::terminal::variant(&result, is_held_out);
+    summary += &report::terminal::variant(&result, is_held_out, console.width);
     if let Some(fitted) = &comparison {
         let closure = study::result(&fitted.closure_fit, folder, validation)?;
         summary += &report::errors_in_variables::terminal(fitted, &result, &closure);
@@ -92,7 +95,7 @@ pub(super) fn run(arguments: &arguments::Calibrate) -> Result<Outcome, Failure> 
         parameters(&found, verdict.widening())?,
         covariance(&found)?,
         undetermined(&found)?,
-        pretty(&statistics),
+        report::json::document(statistics.clone()),
     ];
     let paths = FILES.into_iter().map(|name| out.join(name));
     let files: Vec<_> = paths.zip(contents).collect();

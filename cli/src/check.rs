@@ -6,9 +6,9 @@ use tau_robot::input_error::both;
 
 use super::deliver::{Outcome, Target};
 use super::kept::Kept;
-use super::{Failure, arguments, resolve};
+use super::{Console, Failure, arguments, resolve};
 
-pub(super) fn run(arguments: &arguments::Check) -> Result<Outcome, Failure> {
+pub(super) fn run(arguments: &arguments::Check, console: &Console<'_>) -> Result<Outcome, Failure> {
     let variant = arguments.variant.as_deref();
     let (session, target) = both(
         resolve::session(&arguments.input),
@@ -34,7 +34,7 @@ pub(super) fn run(arguments: &arguments::Check) -> Result<Outcome, Failure> {
     Ok(Outcome {
         summary: format!(
             "{robot}, {folder}\n\n{}",
-            report::trust::terminal::check(&found)
+            report::trust::terminal::check(&found, console.width)
         ),
         remarks: session.remarks(),
         json: target.map(|target| {

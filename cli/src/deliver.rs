@@ -56,7 +56,9 @@ impl Target {
 impl Outcome {
     /// Writes the files and prints the rest.
     pub(super) fn deliver(mut self, console: &mut Console<'_>) -> Result<(), Failure> {
-        let json = self.json.map(|(value, target)| (pretty(&value), target));
+        let json = self
+            .json
+            .map(|(value, target)| (report::json::document(value), target));
         if let Some((text, Target::File(path))) = &json {
             self.files.push((path.clone(), text.clone()));
         }
@@ -64,7 +66,8 @@ impl Outcome {
             .map_err(|error| InputError::whole("output", format!("cannot write {error}")))?;
         if !console.quiet {
             for remark in &self.remarks {
-                console.complain(&format_args!("note: {remark}"));
+                let note = report::terminal::sentence(&format!("note: {remark}"), console.width);
+                console.complain(&note.trim_end());
             }
         }
         let is_silent = console.quiet || matches!(json, Some((_, Target::StandardOutput)));
@@ -78,11 +81,6 @@ impl Outcome {
         }?;
         self.failure.map_or(Ok(()), |why| Err(Failure::Failed(why)))
     }
-}
-
-/// A value as text that people can read too.
-pub(super) fn pretty(value: &Value) -> String {
-    format!("{value:#}\n")
 }
 
 /// Says which files are written.

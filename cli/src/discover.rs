@@ -86,7 +86,7 @@ pub(super) fn run(
     let paths = FILES.into_iter().map(|name| out.join(name));
     let files: Vec<_> = paths.zip(contents).collect();
     let summary = format!("{}, {}\n\n", robot.name, folder.name)
-        + &report::terminal::discovery(discovery)
+        + &report::terminal::discovery(discovery, console.width)
         + &written(files.iter().map(|(path, _)| path.as_path()));
     Ok(Outcome {
         summary,

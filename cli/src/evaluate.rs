@@ -7,9 +7,12 @@ use tau_robot::input_error::both;
 
 use super::deliver::{Outcome, Target};
 use super::kept::Kept;
-use super::{Failure, arguments, resolve, trust};
+use super::{Console, Failure, arguments, resolve, trust};
 
-pub(super) fn run(arguments: &arguments::Evaluate) -> Result<Outcome, Failure> {
+pub(super) fn run(
+    arguments: &arguments::Evaluate,
+    console: &Console<'_>,
+) -> Result<Outcome, Failure> {
     let (session, target) = both(
         resolve::with_variant(&arguments.input, &arguments.variant),
         Target::resolve(&arguments.json, &Kept::from(&arguments.input)),
@@ -24,8 +27,8 @@ pub(super) fn run(arguments: &arguments::Evaluate) -> Result<Outcome, Failure> {
     let verdict = session.verdict_on_prediction(&machine)?;
     let (robot, folder) = (&session.robot().name, &session.folder().name);
     let title = format!("{robot}, {variant}, {folder}");
-    let said =
-        report::terminal::evaluation(&found, basis) + &report::trust::terminal::verdict(&verdict);
+    let said = report::terminal::evaluation(&found, basis, console.width)
+        + &report::trust::terminal::verdict(&verdict, console.width);
     let outcome = Outcome {
         summary: format!("{title}\n\n{said}"),
         remarks: session.remarks_for(variant)?,

@@ -30,6 +30,7 @@ use std::process::ExitCode;
 use clap::{CommandFactory, Parser};
 use tau::calibration;
 use tau::input_error::InputError;
+use tau_report as report;
 
 use arguments::{Arguments, Command, Kinematics};
 use deliver::Outcome;
@@ -38,6 +39,10 @@ use deliver::Outcome;
 pub const FAILED: u8 = 1;
 /// Exit code: the input or the command line is wrong, or an output can't be written.
 pub const BAD_INPUT: u8 = 2;
+/// Characters in a line of text that goes to no terminal.
+const READABLE: usize = 100;
+/// Exit code of a process that is interrupted, as shells have it: 128 and the number of the signal.
+const INTERRUPTED: i32 = 130;
 
 /// Runs a command line, of which the first item is the program's name, and returns its exit code: 0 done,
 /// 1 failed to converge or check failed, 2 bad input or usage.
@@ -63,13 +68,21 @@ pub fn run(
         out,
         err,
         terminals,
+        width: READABLE,
         quiet: false,
     }
     .run(arguments)
 }
 
 /// Runs the command line of this process, with colours and progress bars where a terminal shows them.
+///
+/// An interrupt ends it, though not while files are being written.
 pub fn main() -> ExitCode {
+    // Without a handler an interrupt still ends the process, only less tidily.
+    let _ = ctrlc::set_handler(|| {
+        let _until_the_end = report::finish_writing();
+        std::process::exit(INTERRUPTED);
+    });
     let terminals = Terminals {
         out: io::stdout().is_terminal(),
         err: io::stderr().is_terminal(),
@@ -78,6 +91,7 @@ pub fn main() -> ExitCode {
         out: &mut io::stdout().lock(),
         err: &mut io::stderr(),
         terminals,
+        width: width(terminals),
         quiet: false,
     }
     .run(std::env::args_os());
@@ -91,11 +105,23 @@ struct Terminals {
     err: bool,
 }
 
+/// Characters in a line: of the terminal, or as many as are well read in a file.
+fn width(terminals: Terminals) -> usize {
+    let size = if terminals.out {
+        terminal_size::terminal_size()
+    } else {
+        None
+    };
+    size.map_or(READABLE, |(width, _)| usize::from(width.0))
+}
+
 /// Output streams of a command.
 struct Console<'a> {
     out: &'a mut dyn Write,
     err: &'a mut dyn Write,
     terminals: Terminals,
+    /// Characters in a line of what is printed.
+    width: usize,
     /// True if only errors and data are printed.
     quiet: bool,
 }
@@ -152,10 +178,10 @@ impl Console<'_> {
         let command = command.unwrap_or_else(|| Command::Study(arguments::Study::default()));
         let outcome = match &command {
             Command::Study(arguments) => study::run(arguments, self),
-            Command::Check(arguments) => check::run(arguments),
-            Command::Calibrate(arguments) => calibrate::run(arguments),
-            Command::Evaluate(arguments) => evaluate::run(arguments),
-            Command::Sensitivity(arguments) => sensitivity::run(arguments),
+            Command::Check(arguments) => check::run(arguments, self),
+            Command::Calibrate(arguments) => calibrate::run(arguments, self),
+            Command::Evaluate(arguments) => evaluate::run(arguments, self),
+            Command::Sensitivity(arguments) => sensitivity::run(arguments, self),
             Command::Discover(arguments) => discover::run(arguments, self),
             Command::Simulate(arguments) => simulate::run(arguments),
             Command::Generate(arguments) => generate::run(arguments),

@@ -5,9 +5,12 @@ use tau_robot::input_error::both;
 
 use super::deliver::{Outcome, Target};
 use super::kept::Kept;
-use super::{Failure, arguments, resolve};
+use super::{Console, Failure, arguments, resolve};
 
-pub(super) fn run(arguments: &arguments::Sensitivity) -> Result<Outcome, Failure> {
+pub(super) fn run(
+    arguments: &arguments::Sensitivity,
+    console: &Console<'_>,
+) -> Result<Outcome, Failure> {
     let (session, target) = both(
         resolve::with_variant(&arguments.input, &arguments.variant),
         Target::resolve(&arguments.json, &Kept::from(&arguments.input)),
@@ -15,7 +18,7 @@ pub(super) fn run(arguments: &arguments::Sensitivity) -> Result<Outcome, Failure
     let variant = arguments.variant.name.as_str();
     let found = session.sensitivity(&session.machine(variant)?, arguments.step)?;
     Ok(Outcome {
-        summary: report::terminal::sensitivity(&found),
+        summary: report::terminal::sensitivity(&found, console.width),
         remarks: session.remarks_for(variant)?,
         json: target.map(|target| (report::json::sensitivity(&found), target)),
         ..Outcome::default()

@@ -36,7 +36,7 @@ pub(super) fn run(arguments: &arguments::Study, console: &Console<'_>) -> Result
     let files = report::study_files(out, &results);
     let paths = written(files.iter().map(|(path, _)| path.as_path()));
     let outcome = Outcome {
-        summary: report::terminal::study(&results) + &paths,
+        summary: report::terminal::study(&results, console.width) + &paths,
         files,
         json: target.map(|target| (report::json::study(&results), target)),
         ..Outcome::default()

@@ -250,7 +250,7 @@ impl Families {
             } else {
                 sum
             };
-            terms.push(Term { target, formula });
+            terms.push(Term::new(target, formula));
         }
         let direction = match axes {
             [(target, component)] if target.is_vector() => ["x", "y", "z"][*component],
@@ -280,7 +280,7 @@ impl Families {
         let formula = swing(0, Function::Sin) + swing(1, Function::Cos);
         let name = format!("{}_periodic", target.name());
         let parameters = vec![amplitude("sine"), amplitude("cosine"), period];
-        let terms = vec![Term { target, formula }];
+        let terms = vec![Term::new(target, formula)];
         self.push((&name, Placement::Single), &[q], parameters, terms);
     }
 
@@ -288,10 +288,7 @@ impl Families {
     fn scale(&mut self) {
         let basis = [0, 1, 2].map(|axis| si(Readable::Position(axis)));
         let along = basis.clone().map(|own| Formula::Parameter(0, 0) * own);
-        let term = Term {
-            target: Target::Position,
-            formula: Formula::Vector(Box::new(along)),
-        };
+        let term = Term::new(Target::Position, Formula::Vector(Box::new(along)));
         let amplitude = EffectParameter::amplitude("c", Dimension::LENGTH);
         let name = ("scale_position", Placement::Single);
         self.push(name, &basis, vec![amplitude], vec![term]);

@@ -108,7 +108,7 @@ pub fn evaluate(machine: &Machine, folder: &Folder, poses: &[usize]) -> Result<E
             let sample = Sample::from(measured);
             let predicted = machine
                 .forward_fitted(&sample)
-                .map_err(|error| Error::at_pose(measured.pose, error))?
+                .map_err(|error| Error::at_pose(measured.pose, machine.explained(error, &sample)))?
                 .pose;
             let position = predicted.position_m();
             let orientation = sample.pose.turn_to(&predicted.rotation).into();

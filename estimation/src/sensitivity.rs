@@ -265,7 +265,10 @@ impl<'a> Place<'a> {
                 .map_or(0.0, |(_, entry)| entry * self.scales[row]);
             if !derivatives[row].is_finite() {
                 let closure = machine.closure_name(closure).to_owned();
-                let error = kinematics::Error::NotFinite { closure };
+                let error = kinematics::Error::NotFinite {
+                    closure,
+                    effects: Vec::new(),
+                };
                 return Err(Error::at_pose(self.measured.pose, error));
             }
         }

@@ -18,6 +18,8 @@ pub enum Error {
     NotFinite {
         /// Name of the link or cluster.
         closure: String,
+        /// The effects at fault with their terms, where [`Machine::explained`](super::Machine::explained) has named them.
+        effects: Vec<String>,
     },
     /// Number of commands other than the robot has.
     Commands {
@@ -81,11 +83,17 @@ impl fmt::Display for Error {
             Self::Missing { closure, what } => {
                 write!(f, "the closure of `{closure}` needs {what}")
             }
-            Self::NotFinite { closure } => write!(
-                f,
-                "the closure of `{closure}`, or a derivative of it, is not a finite number: \
-                 a parameter takes a value that its formula can't"
-            ),
+            Self::NotFinite { closure, effects } => {
+                write!(
+                    f,
+                    "the closure of `{closure}`, or a derivative of it, is not a finite number: \
+                     a parameter or a measured quantity takes a value that its formula can't"
+                )?;
+                match effects.as_slice() {
+                    [] => Ok(()),
+                    effects => write!(f, ", in {}", effects.join(" and ")),
+                }
+            }
             Self::Commands { found, expected } => {
                 write!(f, "found {found} commands, expected {expected}")
             }

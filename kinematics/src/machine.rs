@@ -128,6 +128,47 @@ impl Machine {
         })
     }
 
+    /// An error at a sample, with the effects that are at fault where a number is not finite.
+    #[must_use]
+    pub fn explained(&self, error: Error, sample: &Sample<'_>) -> Error {
+        match error {
+            Error::NotFinite { closure, .. } => Error::NotFinite {
+                closure,
+                effects: self.effects_at_fault(sample),
+            },
+            error => error,
+        }
+    }
+
+    /// The effects without which the closures at a sample are finite numbers, with their terms.
+    fn effects_at_fault(&self, sample: &Sample<'_>) -> Vec<String> {
+        let value = |name: &str| {
+            let parameters = self.variant.parameters.iter().zip(&self.values);
+            let mut own = parameters.filter(|(parameter, _)| parameter.name == name);
+            own.next().map(|(_, &value)| value)
+        };
+        let is_at_fault = |index: usize| {
+            let without = self.robot.without_effect(&self.variant, index).ok()?;
+            let values: Option<Vec<f64>> = (without.parameters.iter())
+                .map(|parameter| value(&parameter.name))
+                .collect();
+            let machine = Self {
+                values: values?,
+                variant: without,
+                ..self.clone()
+            };
+            machine.closures(sample).ok()
+        };
+        let effects = self.variant.effects.iter().enumerate();
+        effects
+            .filter(|&(index, _)| is_at_fault(index).is_some())
+            .map(|(_, (name, places))| {
+                let terms = self.robot.terms_of(name).join("; ");
+                format!("`{name}({})`: `{terms}`", places.join(", "))
+            })
+            .collect()
+    }
+
     /// Residual of one closure (m²) and its gradient by position (3) and rotation vector (3).
     ///
     /// # Errors
@@ -198,6 +239,7 @@ impl Scratch {
         if !residual.iter().chain(&self.jacobian).all(|v| v.is_finite()) {
             return Err(Error::NotFinite {
                 closure: machine.closure_name(instance).to_owned(),
+                effects: Vec::new(),
             });
         }
         Ok(residual[0])

@@ -21,6 +21,11 @@ impl Location {
             end: end.end,
         }
     }
+
+    /// What stands there, where spans can be joined: in a text, not inside a macro on stable Rust.
+    pub(crate) fn source_text(self) -> Option<String> {
+        self.start.join(self.end)?.source_text()
+    }
 }
 
 impl From<Span> for Location {

@@ -326,6 +326,19 @@ pub struct Term {
     pub target: Target,
     /// The amount; a vector exactly where the target is one.
     pub formula: Formula,
+    /// The term as it is written; empty where no text stands behind it.
+    pub text: String,
+}
+
+impl Term {
+    /// A term that no text stands behind.
+    pub fn new(target: Target, formula: Formula) -> Self {
+        Self {
+            target,
+            formula,
+            text: String::new(),
+        }
+    }
 }
 
 /// Target of an effect's term.

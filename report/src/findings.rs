@@ -5,6 +5,7 @@ use tau::evaluation::VariantResult;
 use tau::measurements::PoseCounts;
 use tau::sensitivity::{Sensitivity, Turn};
 use tau::study::results::Study;
+use tau::trust::Verdict;
 
 use super::number::{fixed, general, largest, shared_decimals};
 
@@ -13,6 +14,25 @@ pub(super) fn turn(sensitivity: &Sensitivity) -> Option<&'static str> {
     (sensitivity.turn == Turn::RotationVector).then_some(
         "The plate stands level at some pose, where Euler angles mean nothing: orientation is summed by the rotation \
          vector ω in the measurement frame, not by α, β and γ as in the paper.",
+    )
+}
+
+/// Factor on the standard deviations of a variant: above one where residuals are beyond the stated noise.
+pub(super) fn widening(variant: &VariantResult) -> f64 {
+    variant.fit.as_ref().map_or(1.0, Verdict::widening)
+}
+
+/// Meaning of the brackets in Table II.
+pub(super) fn brackets(variant: &VariantResult) -> String {
+    let widening = widening(variant);
+    let wider = if widening > 1.0 {
+        let factor = general(widening, 3);
+        format!(", {factor} times as large because residuals are beyond that noise")
+    } else {
+        String::new()
+    };
+    format!(
+        "In brackets the standard deviation in units of the last digit, from the stated noise{wider}."
     )
 }
 

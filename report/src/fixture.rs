@@ -3,7 +3,7 @@
 use tau::assumptions::{
     Assumptions, OrientationPoint, PathDeviation, TrackComparison, TrackLinearity,
 };
-use tau::calibration::{Combination, LinkResult, ParameterEstimate};
+use tau::calibration::{Combination, LinkResult, LinkSigma, ParameterEstimate};
 use tau::evaluation::{PoseError, Summary, VariantResult};
 use tau::measurements::PoseCounts;
 use tau::sensitivity::{LinkSensitivity, ParameterSensitivity, Sensitivity, Turn};
@@ -95,6 +95,12 @@ fn variant(numbers: &mut Numbers, name: &str, size: f64, full: bool) -> VariantR
             track_direction: (!piecewise(link)).then(|| [0.997_32, -0.066_77, -0.006_97]),
             track_rotation_rad: piecewise(link).then(|| numbers.three(0.01)),
             cost_m4: 4e-6 * (1.1 + numbers.next()),
+            sigma: LinkSigma {
+                length_m: 2.1e-5,
+                plate_joint_m: [1.2e-5, 1.3e-5, 1.4e-5],
+                track_offset_m: [2.2e-4, 2.3e-4, 2.4e-4],
+                track: [3.1e-5, 3.2e-5, 3.3e-5],
+            },
         })
         .collect();
     let suffixes: &[&str] = if full {

@@ -17,6 +17,17 @@ use tau::trust::Verdict;
 
 use super::trust::json as trust;
 
+/// Version of the fields: raised where one changes its meaning or goes, not where one is added.
+const SCHEMA: u32 = 1;
+
+/// A result as the text of a file, with `schema`, the version of its fields.
+pub fn document(mut value: Value) -> String {
+    if let Some(fields) = value.as_object_mut() {
+        fields.insert("schema".to_owned(), json!(SCHEMA));
+    }
+    format!("{value:#}\n")
+}
+
 /// The result of `tau study`.
 ///
 /// `discovery` is `null` where the search for effects was left out, or failed; then a remark says why.
@@ -115,6 +126,13 @@ fn link(link: &LinkResult) -> Value {
         "track_direction": link.track_direction,
         "track_rotation_rad": link.track_rotation_rad,
         "cost": link.cost_m4,
+        "sigma": {
+            "length_m": link.sigma.length_m,
+            "plate_joint_m": link.plate_joint_m.map(|_| link.sigma.plate_joint_m),
+            "track_offset_m": link.sigma.track_offset_m,
+            "track_direction": link.track_direction.map(|_| link.sigma.track),
+            "track_rotation_rad": link.track_rotation_rad.map(|_| link.sigma.track),
+        },
     })
 }
 

@@ -14,14 +14,14 @@ mod fixture;
 pub mod html;
 pub mod json;
 mod number;
+mod screen;
 mod tables;
 pub mod terminal;
 #[cfg(test)]
 mod tests;
 pub mod trust;
-mod wrap;
 mod write;
 
 pub use discovery::method::Setting;
 pub use figures::Figure;
-pub use write::{folder_of, study_files, write_files, write_study};
+pub use write::{finish_writing, folder_of, study_files, write_files, write_study};

@@ -68,6 +68,19 @@ pub(super) fn with_sigma(value: f64, sigma: f64) -> (String, String) {
     }
 }
 
+/// A value with its standard deviation in units of the last digit, `2.043991(12)` (GUM 7.2.2); without it where that is
+/// zero.
+pub(super) fn concise(value: f64, sigma: f64, decimals: usize) -> String {
+    let value = fixed(value, decimals);
+    if sigma > 0.0 && sigma.is_finite() {
+        let exponent = i32::try_from(decimals).unwrap_or(0);
+        let units = (sigma * 10_f64.powi(exponent)).max(1.0);
+        format!("{value}({units:.0})")
+    } else {
+        value
+    }
+}
+
 /// Largest magnitude; zero for nothing. Skips what is not finite.
 pub(super) fn largest(values: impl IntoIterator<Item = f64>) -> f64 {
     values
@@ -138,6 +151,13 @@ mod tests {
             ("2.04399".into(), "0.00012".into())
         );
         assert_eq!(with_sigma(1.0, 0.0), ("1.00000".into(), "0".into()));
+    }
+
+    #[test]
+    fn standard_deviations_stand_in_units_of_the_last_digit() {
+        assert_eq!(concise(100.021_47, 0.000_35, 5), "100.02147(35)");
+        assert_eq!(concise(-0.5, 0.012_34, 4), "-0.5000(123)");
+        assert_eq!(concise(1.0, 0.0, 2), "1.00");
     }
 
     #[test]

@@ -6,8 +6,9 @@ use tau::evaluation::VariantResult;
 use tau::sensitivity::{ParameterSensitivity, Sensitivity, Turn};
 use tau::study::results::Study;
 
+use super::findings;
 use super::number::{
-    decimals, fixed, general, largest, rms, scientific, shared_decimals, with_sigma,
+    concise, decimals, fixed, general, largest, rms, scientific, shared_decimals, with_sigma,
 };
 
 /// A column: its name, and the group and unit that it shares with its neighbours.
@@ -107,6 +108,36 @@ pub(super) fn errors(study: &Study) -> Table {
     }
 }
 
+/// Digits of a quantity with standard deviations, in all its rows.
+struct Digits {
+    decimals: usize,
+    /// Factor on the standard deviations.
+    widening: f64,
+}
+
+impl Digits {
+    /// Those that leave two of the smallest standard deviation, from the hundredth of a millimetre to the tenth of a
+    /// micrometre.
+    fn of(sigmas: impl Iterator<Item = f64>, widening: f64) -> Self {
+        let smallest = sigmas
+            .filter(|&sigma| sigma > 0.0)
+            .fold(f64::INFINITY, f64::min);
+        Self {
+            decimals: decimals(widening * smallest, 2).clamp(5, 7),
+            widening,
+        }
+    }
+
+    fn cell(&self, value: f64, sigma: f64) -> Cell {
+        Cell::Number(concise(value, self.widening * sigma, self.decimals))
+    }
+
+    fn three(&self, values: Option<[f64; 3]>, sigmas: [f64; 3]) -> [Cell; 3] {
+        let cell = |k: usize| values.map_or(Cell::Empty, |values| self.cell(values[k], sigmas[k]));
+        [0, 1, 2].map(cell)
+    }
+}
+
 /// Table II for one variant: the calibrated geometry of each link or cluster.
 pub(super) fn geometry(variant: &VariantResult) -> Table {
     let links = &variant.links;
@@ -131,19 +162,35 @@ pub(super) fn geometry(variant: &VariantResult) -> Table {
         _ => groups.push(("Track direction v", &["x", "y", "z"])),
     }
     groups.push(("Cost (m⁴)", &["Σ r²"]));
+    let widening = findings::widening(variant);
+    let lengths = Digits::of(links.iter().map(|link| link.sigma.length_m), widening);
+    let joints = Digits::of(
+        links.iter().flat_map(|link| link.sigma.plate_joint_m),
+        widening,
+    );
+    let offsets = Digits::of(
+        links.iter().flat_map(|link| link.sigma.track_offset_m),
+        widening,
+    );
+    let tracks = Digits::of(links.iter().flat_map(|link| link.sigma.track), widening);
     let rows = links
         .iter()
         .map(|link| {
-            let mut row = vec![text(&link.name), number(link.length_m, 5)];
+            let sigma = &link.sigma;
+            let mut row = vec![
+                text(&link.name),
+                lengths.cell(link.length_m, sigma.length_m),
+            ];
             if plate {
-                row.extend(three(link.plate_joint_m, 5));
+                row.extend(joints.three(link.plate_joint_m, sigma.plate_joint_m));
             }
-            row.extend(three(Some(link.track_offset_m), 5));
+            row.extend(offsets.three(Some(link.track_offset_m), sigma.track_offset_m));
             if direction && rotation {
                 let linear = link.track_direction.is_some();
                 row.push(text(if linear { "linear" } else { "piecewise" }));
             }
-            row.extend(three(link.track_direction.or(link.track_rotation_rad), 5));
+            let track = link.track_direction.or(link.track_rotation_rad);
+            row.extend(tracks.three(track, sigma.track));
             row.push(Cell::Number(scientific(link.cost_m4, 3)));
             row
         })

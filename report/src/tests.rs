@@ -72,7 +72,7 @@ fn render(study: &Study) -> (Vec<figures::Figure>, String, String) {
     if let Err(error) = Document::parse(&parse_html(&page)) {
         panic!("the report is not well-formed: {error}");
     }
-    (figures, page, terminal::study(study))
+    (figures, page, terminal::study(study, 100))
 }
 
 #[test]

@@ -5,7 +5,9 @@ use std::ffi::OsString;
 use std::fs;
 use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
+use serde_json::Value;
 use tau::study::results::Study;
 
 use super::{figures, html, json};
@@ -30,7 +32,7 @@ pub fn study_files(folder: &Path, study: &Study) -> Vec<(PathBuf, String)> {
     let figures = figures::all(study);
     let mut files = vec![
         ("report.html", html::page(study, &figures)),
-        ("study.json", format!("{:#}\n", json::study(study))),
+        ("study.json", json::document(timeless(json::study(study)))),
     ];
     files.extend(
         figures
@@ -43,8 +45,26 @@ pub fn study_files(folder: &Path, study: &Study) -> Vec<(PathBuf, String)> {
         .collect()
 }
 
+/// A study without the time that its search took, so that the file is the same where the results are.
+fn timeless(mut study: Value) -> Value {
+    if let Some(discovery) = study["discovery"].as_object_mut() {
+        discovery.remove("seconds");
+    }
+    study
+}
+
+/// Held while files are written.
+static WRITING: Mutex<()> = Mutex::new(());
+
+/// Waits until no files are being written, and keeps others from being begun: an interrupted process that ends
+/// here leaves no temporary file.
+pub fn finish_writing() -> MutexGuard<'static, ()> {
+    WRITING.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
 /// Writes all files or none; folders are made if they are not there.
 pub fn write_files(files: &[(PathBuf, String)]) -> io::Result<()> {
+    let _writing = finish_writing();
     // A device or a pipe, such as /dev/null, is written to, never replaced.
     let is_special = |target: &Path| fs::metadata(target).is_ok_and(|found| !found.is_file());
     let mut targets = BTreeSet::new();
@@ -170,6 +190,19 @@ mod tests {
         expected.sort();
         assert_eq!(names(&folder.path().join("new/deep")), expected);
         assert!(expected.contains(&"figure_10_sensitivity_orientation.svg".to_owned()));
+    }
+
+    #[test]
+    fn nothing_is_written_while_a_process_ends() {
+        let folder = tempfile::tempdir().unwrap();
+        let files = texts(folder.path(), &["a", "b"]);
+        let ending = finish_writing();
+        let writer = std::thread::spawn(move || write_files(&files));
+        std::thread::sleep(std::time::Duration::from_millis(50));
+        assert_eq!(names(folder.path()), [""; 0]);
+        drop(ending);
+        writer.join().unwrap().unwrap();
+        assert_eq!(names(folder.path()), ["a", "b"]);
     }
 
     #[test]

@@ -10,6 +10,7 @@ use tau_codegen::CompiledRobot;
 use tau_codegen::compile::CompiledVariant;
 pub use tau_codegen::equations::Parameter;
 use tau_codegen::language;
+use tau_codegen::language::model::{EffectUse, Place};
 use tau_runtime as runtime;
 pub use tau_runtime::{Arm, Input, Owner, ResidualFamily, ResidualKind, TrackModel, TrackShape};
 
@@ -146,16 +147,46 @@ impl Robot {
         if left_out.is_empty() {
             return Ok((variant.clone(), left_out));
         }
+        let own = self.with_effects(variant, |_, effect| effect.place != Place::Tcp)?;
+        Ok((own, left_out))
+    }
+
+    /// A variant without the effect of an index.
+    ///
+    /// # Errors
+    /// The description does not belong to the robot.
+    pub fn without_effect(&self, variant: &Variant, index: usize) -> Result<Variant, InputError> {
+        self.with_effects(variant, |own, _| own != index)
+    }
+
+    /// The terms of an effect as they are written.
+    pub fn terms_of(&self, effect: &str) -> Vec<String> {
+        let model = language::check_text(&self.description);
+        let effects = model.map_or_else(|_| Vec::new(), |model| model.effects);
+        let terms = effects.into_iter().filter(|own| own.name == effect);
+        terms
+            .flat_map(|own| own.terms)
+            .map(|term| term.text)
+            .collect()
+    }
+
+    /// A variant with those of its effects, given with their indices, that are to be kept.
+    fn with_effects(
+        &self,
+        variant: &Variant,
+        keep: impl Fn(usize, &EffectUse) -> bool,
+    ) -> Result<Variant, InputError> {
         let text = &self.description;
         let mut model = language::check_text(text)
             .map_err(|errors| InputError::of_description(&self.name, text, &errors))?;
         model.variants.retain(|own| own.name == variant.name);
         for own in &mut model.variants {
+            let mut indices = 0..;
             own.effects
-                .retain(|effect| effect.place != language::model::Place::Tcp);
+                .retain(|effect| keep(indices.next().unwrap_or_default(), effect));
         }
         let compiled = Self::from(&tau_codegen::compile(&model, text));
-        Ok((compiled.find(&variant.name, &self.name)?.clone(), left_out))
+        Ok(compiled.find(&variant.name, &self.name)?.clone())
     }
 
     /// Indices of the links of a cluster.

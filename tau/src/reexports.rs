@@ -10,7 +10,7 @@ pub use calibration::Error;
 /// From nominal values and measured TCP poses to the parameters of a variant.
 pub mod calibration {
     pub use tau_estimation::calibration::{
-        Calibration, Combination, Error, Line, LinkResult, NominalTrack, Options,
+        Calibration, Combination, Error, Line, LinkResult, LinkSigma, NominalTrack, Options,
         ParameterEstimate, Registration, calibrate, machine_from_file,
     };
 }

@@ -14,7 +14,7 @@ fn components(count: usize) -> impl Strategy<Value = Vec<f64>> {
 }
 
 fn value(count: usize) -> impl Strategy<Value = Option<Value>> {
-    let positive = 1e-300..1e9_f64;
+    let positive = 1e-12..1e9_f64;
     let sigma = prop::option::of(prop::collection::vec(positive.clone(), count));
     prop::option::of(
         (components(count), positive, sigma).prop_map(|(value, tol, sigma)| Value {
@@ -58,8 +58,9 @@ fn robot_file() -> impl Strategy<Value = RobotFile> {
         prop::collection::btree_map(name, parameter, 0..3),
         0..3,
     );
-    let noise = (1e-9..1.0_f64, 1e-9..1.0_f64);
-    let payload = prop::option::of((0.0..1e3_f64, prop::array::uniform3(-9.0..9.0_f64)));
+    let noise = (1e-12..0.1_f64, 1e-12..0.1_f64);
+    let gravity = (-9.0..9.0_f64, -9.0..9.0_f64, -9.0..0.0_f64).prop_map(|(x, y, z)| [x, y, z]);
+    let payload = prop::option::of((0.0..1e3_f64, prop::array::uniform3(-9.0..9.0_f64), gravity));
     let range = prop::option::of((-9.0..0.0_f64, 0.0..9.0_f64));
     let reference = prop::option::of((
         prop::collection::vec(-9.0..9.0_f64, 0..9),
@@ -149,10 +150,10 @@ fn robot_file() -> impl Strategy<Value = RobotFile> {
                         position_m: noise.0,
                         rotation_rad: noise.1,
                     },
-                    payload: payload.map(|(mass_kg, centre_m)| Payload {
+                    payload: payload.map(|(mass_kg, centre_m, gravity_m_s2)| Payload {
                         mass_kg,
                         centre_m,
-                        gravity_m_s2: centre_m,
+                        gravity_m_s2,
                     }),
                     range_m,
                     reference,

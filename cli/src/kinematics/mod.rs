@@ -340,7 +340,14 @@ impl<'a> Setup<'a> {
                 .help("correct `[reference]` of the robot file; it counts before that of the description")
                 .into(),
             Missing { .. } | Commands { .. } | Target(_) => of_input().into(),
-            error => Failure::Failed(format!("{}: pose {}: {error}", row.source, row.pose)),
+            error => {
+                let pose = row
+                    .start
+                    .unwrap_or_else(|| Pose::from_zyz(row.position_m, [0.0; 3]));
+                let sample = row.sample(&row.commands_m, pose);
+                let error = self.machine.explained(error.clone(), &sample);
+                Failure::Failed(format!("{}: pose {}: {error}", row.source, row.pose))
+            }
         }
     }
 

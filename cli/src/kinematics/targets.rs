@@ -1,10 +1,11 @@
 //! Commands and poses that were asked for: from options or from a CSV.
 
+use std::io::{self, Read};
 use std::path::Path;
 
 use tau::kinematics::{Machine, Pose, Sample};
 use tau::robot::Arm;
-use tau_robot::input_error::{InputError, Mistakes, Source, quoted, read};
+use tau_robot::input_error::{InputError, Mistakes, Source, quoted, read, utf8};
 use tau_robot::measurements::set::{
     ANGLES, ConditionColumns, DIRECTION, POSITION, Set, TEMPERATURE, TIME, read_directions, vector,
 };
@@ -68,11 +69,13 @@ pub(super) fn commands_of_option(
 
 pub(super) fn start_of_option(Numbers(numbers): &Numbers) -> Result<Pose, InputError> {
     check_count("--start", numbers, &[6])?;
+    check_angles("--start", &numbers[3..])?;
     Ok(pose_of([0, 1, 2].map(|k| numbers[k]), &numbers[3..]))
 }
 
 pub(super) fn poses_of_option(Numbers(numbers): &Numbers) -> Result<Vec<Row>, InputError> {
     check_count("--pose", numbers, &[3, 6])?;
+    check_angles("--pose", &numbers[3..])?;
     let position_m = [0, 1, 2].map(|k| numbers[k]);
     Ok(vec![Row {
         position_m,
@@ -100,6 +103,16 @@ fn check_count(option: &str, numbers: &[f64], expected: &[usize]) -> Result<(), 
     ))
 }
 
+fn check_angles(option: &str, angles_rad: &[f64]) -> Result<(), InputError> {
+    let beyond = angles_rad
+        .iter()
+        .find(|angle| angle.abs() > plausible::LARGEST_ANGLE_RAD);
+    beyond.map_or(Ok(()), |angle| {
+        let message = format!("found the angle {angle}, expected radians between -2*pi and 2*pi");
+        Err(InputError::whole(option, message).help("are these degrees? multiply by pi/180"))
+    })
+}
+
 /// Kind of targets in a CSV.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Asked {
@@ -115,8 +128,7 @@ pub(super) fn of_file(
     asked: Asked,
     machine: &Machine,
 ) -> Result<(Vec<Row>, Option<String>), InputError> {
-    let name = path.display().to_string();
-    let text = read(path, "a CSV of poses")?;
+    let (name, text) = text_of(path)?;
     let shape = Shape::from(&machine.robot);
     let directions: Vec<String> = (1..=shape.commands)
         .map(|n| format!("{DIRECTION}{n}"))
@@ -207,6 +219,19 @@ pub(super) fn of_file(
         }
     });
     Ok((rows.collect(), unknown))
+}
+
+/// Name and text of a CSV; `-` is standard input.
+fn text_of(path: &Path) -> Result<(String, String), InputError> {
+    if path != Path::new("-") {
+        return Ok((path.display().to_string(), read(path, "a CSV of poses")?));
+    }
+    let name = "standard input".to_owned();
+    let mut bytes = Vec::new();
+    let read = io::stdin().lock().read_to_end(&mut bytes);
+    read.map_err(|error| InputError::whole(&name, format!("cannot read: {error}")))?;
+    let text = utf8(&name, bytes)?;
+    Ok((name, text))
 }
 
 /// Reports columns that are missing although others without which they mean nothing are there.

@@ -27,7 +27,7 @@ use crate::samples::frames::Frames;
 pub use cost::closure_cost;
 pub use error::Error;
 pub use nominal::{Nominal, TRACK_ROTATION_TOLERANCE_RAD};
-pub use output::{LinkResult, ParameterEstimate};
+pub use output::{LinkResult, LinkSigma, ParameterEstimate};
 pub use registration::{Line, MOUNTING_M, NominalTrack, Registration, set_2, set_3};
 pub use stated::Stated;
 
@@ -281,8 +281,12 @@ pub(crate) fn finish(
         &fitted.covariance,
     );
     let name = |place: usize| estimates[place].name.clone();
+    let mut sigmas = vec![0.0; machine.values.len()];
+    for (&index, estimate) in fitted.used.iter().zip(&estimates) {
+        sigmas[index] = estimate.sigma;
+    }
     Ok(Calibration {
-        links: output::links(&machine, prepared.registration.as_ref(), poses)?,
+        links: output::links(&machine, sigmas, prepared.registration.as_ref(), poses)?,
         file: RobotFile {
             reference: output::reference(&machine, poses).or_else(|| file.reference.clone()),
             paths: if prepared.measured_paths.is_empty() {

@@ -28,6 +28,21 @@ pub struct LinkResult {
     pub track_rotation_rad: Option<[f64; 3]>,
     /// Sum over calibration poses of the squared closure residual (m⁴).
     pub cost_m4: f64,
+    /// Standard deviations.
+    pub sigma: LinkSigma,
+}
+
+/// Standard deviations of a row of Table II from the stated noise; zero for what is not calibrated.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct LinkSigma {
+    /// Of the length (m).
+    pub length_m: f64,
+    /// Of the plate joint (m).
+    pub plate_joint_m: [f64; 3],
+    /// Of the track offset (m).
+    pub track_offset_m: [f64; 3],
+    /// Of the track's direction, or of its rotation (rad).
+    pub track: [f64; 3],
 }
 
 /// A calibrated parameter.
@@ -69,17 +84,21 @@ pub(super) fn estimates(
         .collect()
 }
 
-/// One row of Table II per closure.
+/// One row of Table II per closure; `sigmas` are the standard deviations of all parameters.
 pub(super) fn links(
     machine: &Machine,
+    sigmas: Vec<f64>,
     registration: Option<&Registration>,
     poses: &[&TcpPose],
 ) -> Result<Vec<LinkResult>, Error> {
+    let deviations = machine.with_values(sigmas);
     machine
         .variant
         .instances_of(ResidualKind::Closure)
         .map(|closure| {
             let vector = |quantity: &str| vector_of(machine, closure, quantity);
+            let sigma = |quantity: &str| vector_of(&deviations, closure, quantity);
+            let track = sigma("track_direction").or_else(|| sigma("track_rotation"));
             Ok(LinkResult {
                 name: machine.closure_name(closure).to_owned(),
                 length_m: scalar_of(machine, closure, "length"),
@@ -89,6 +108,12 @@ pub(super) fn links(
                 track_rotation_rad: vector("track_rotation")
                     .map(|angles| absolute_angles(angles, registration)),
                 cost_m4: closure_cost(machine, closure, poses)?,
+                sigma: LinkSigma {
+                    length_m: scalar_of(&deviations, closure, "length"),
+                    plate_joint_m: sigma("plate_joint").unwrap_or_default(),
+                    track_offset_m: sigma("track_offset").unwrap_or_default(),
+                    track: track.unwrap_or_default(),
+                },
             })
         })
         .collect()

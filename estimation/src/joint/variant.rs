@@ -58,7 +58,7 @@ pub fn additive(
         } else {
             amount(0)
         };
-        terms.push(Term { target, formula });
+        terms.push(Term::new(target, formula));
     }
     Effect {
         name: name.to_owned(),

@@ -267,10 +267,14 @@ impl Part {
             for closure in &closures {
                 sample.fill(machine, closure, &mut part.data)?;
             }
-            let factor = WhitenedPose::factor(machine, &sample.view(), noise).ok_or_else(|| {
+            let view = sample.view();
+            let factor = WhitenedPose::factor(machine, &view, noise).ok_or_else(|| {
                 let pose = sample.number;
+                if let Err(error) = machine.closures(&view) {
+                    return Error::at_pose(pose, machine.explained(error, &view));
+                }
                 let why = format!("pose {pose}: the closures do not depend on the pose");
-                InputError::whole("tcp_poses.csv", why)
+                InputError::whole("tcp_poses.csv", why).into()
             })?;
             part.data.extend(factor);
         }
@@ -418,8 +422,10 @@ fn by_pose<'a>(machine: &'a Machine, closure: &Instance) -> Option<&'a Instance>
 
 /// Derivatives of a closure by the translation and the rotation vector of a sample's pose.
 fn gradient(machine: &Machine, by_pose: &Instance, sample: &Sample) -> Result<[f64; 6], Error> {
-    let linearized = machine.closure_by_pose(by_pose, &sample.view());
-    let (_, gradient) = linearized.map_err(|error| Error::at_pose(sample.number, error))?;
+    let view = sample.view();
+    let linearized = machine.closure_by_pose(by_pose, &view);
+    let (_, gradient) = linearized
+        .map_err(|error| Error::at_pose(sample.number, machine.explained(error, &view)))?;
     Ok(gradient)
 }
 

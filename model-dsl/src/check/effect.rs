@@ -277,9 +277,11 @@ fn term(
         diagnostics.error(location, message, help);
         return None;
     }
+    let written = location.source_text();
     Some(Term {
         target,
         formula: formula.shape.into_formula(),
+        text: written.map_or_else(String::new, |formula| format!("{name} += {formula}")),
     })
 }
 

@@ -10,6 +10,10 @@ use crate::names::suggest;
 use crate::syntax;
 use crate::units::Dimension;
 
+/// Tracks, or links, of a robot. Every parameter of every link is a column of dense matrices, so that memory and time
+/// grow with their square and more; parallel robots have a dozen, cable robots and their like a few dozen.
+const MOST_PARTS: usize = 200;
+
 /// The moving parts of a robot, with the names of all.
 pub(super) struct Geometry {
     pub(super) tracks: Vec<Track>,
@@ -130,6 +134,17 @@ fn whole(
             "declare one: `cluster arm1 on one { link l1; }`",
         );
         return;
+    }
+    for (parts, count) in [
+        ("tracks", robot.tracks.len()),
+        ("links", geometry.links.len()),
+    ] {
+        if count > MOST_PARTS {
+            missing(
+                format!("robot `{name}` has {count} {parts}, expected at most {MOST_PARTS}"),
+                "memory and time grow with the square: describe parts of the machine as robots of their own",
+            );
+        }
     }
     if places_known && robot.tracks.is_empty() && actuators == 0 && !geometry.links.is_empty() {
         missing(

@@ -346,3 +346,18 @@ fn references_that_say_nothing() {
     help: leave out one of them
     ");
 }
+
+#[test]
+fn too_many_links_say_why_not() {
+    let links: Vec<String> = (0..201).map(|k| format!("l{k}")).collect();
+    let text = format!(
+        "robot Centipede {{ track one; cluster legs on one {{ link {}; }}\n\
+         variant Full {{ arm full; tracks linear; }} }}",
+        links.join(", ")
+    );
+    let found = check_text(&text).unwrap_err().to_string();
+    assert!(
+        found.contains("robot `Centipede` has 201 links, expected at most 200"),
+        "{found}"
+    );
+}

@@ -11,7 +11,7 @@ use tau_codegen::language::check_text;
 use super::method::Setting;
 use super::words::{part, title, variant};
 use super::{chance, findings, readable, tables};
-use crate::{figures, html, json, terminal};
+use crate::{figures, html, json, study_files, terminal};
 
 fn gap(mean_um: f64) -> Gap {
     Gap {
@@ -319,7 +319,7 @@ fn a_track_that_follows_its_points_is_an_error_of_the_machine() {
         told[0].starts_with("Track two bends sideways by up to 10 µm near q = "),
         "{told:?}"
     );
-    assert!(terminal::discovery(&found).contains("What is wrong with the machine"));
+    assert!(terminal::discovery(&found, 100).contains("What is wrong with the machine"));
     assert_eq!(tables::scored(&found), "Bent");
 }
 
@@ -392,7 +392,7 @@ fn steps_are_named_by_what_they_change() {
 
 #[test]
 fn the_terminal_tells_everything_in_a_hundred_columns() {
-    let text = terminal::discovery(&found());
+    let text = terminal::discovery(&found(), 100);
     for expected in [
         "falls from 100 to 25.0 µm",
         "gap = 41.2 ± 1.3 µm",
@@ -450,7 +450,7 @@ fn poses_that_were_searched_are_not_said_to_be_kept_apart() {
     let mut found = found();
     let claims = |found: &Discovery| {
         let page = html::discovery_page(found, &setting(), "Robot", "folder");
-        let (page, text) = (page.to_lowercase(), terminal::discovery(found));
+        let (page, text) = (page.to_lowercase(), terminal::discovery(found, 100));
         let of = |text: &str| text.contains("took no part") || text.contains("take no part");
         (of(&page), of(&text))
     };
@@ -505,4 +505,14 @@ fn many_look_alikes_are_counted() {
     let counted = findings::ambiguous(&found).unwrap();
     assert!(counted.contains("hardly tell 7 pairs"), "{counted}");
     assert_eq!(counted.matches("track_thermal").count(), 3);
+}
+
+/// A search of which only its duration differs.
+#[test]
+fn files_of_a_study_are_the_same_whatever_time_it_took() {
+    let mut study = crate::fixture::study();
+    study.discovery = Some(found());
+    let before = study_files("out".as_ref(), &study);
+    study.discovery.as_mut().unwrap().seconds += 1.0;
+    assert_eq!(study_files("out".as_ref(), &study), before);
 }

@@ -3,22 +3,28 @@
 use tau::study::results::Study;
 use tau::trust::{Check, Checked, FileFacts, Status, Verdict};
 
-use crate::number::{general, printable};
+use crate::number::general;
+use crate::screen::Screen;
 use crate::tables;
-use crate::wrap::wrap;
 
 /// Combinations of a variant that are shown.
 const SHOWN: usize = 3;
 
 /// The line after a result.
-pub fn verdict(verdict: &Verdict) -> String {
-    printable(&wrap(&format!("Verdict: {}", verdict.line()), ""))
+pub fn verdict(verdict: &Verdict, width: usize) -> String {
+    let mut screen = Screen::new(width);
+    line(&mut screen, verdict);
+    screen.into_text()
+}
+
+pub(crate) fn line(screen: &mut Screen, verdict: &Verdict) {
+    screen.say(&format!("Verdict: {}", verdict.line()));
 }
 
 /// The verdict on the best variant of a study, and the others in one word each.
-pub(crate) fn of_study(study: &Study) -> String {
+pub(crate) fn of_study(screen: &mut Screen, study: &Study) {
     let Some((best, verdict)) = study.fit() else {
-        return String::new();
+        return;
     };
     let others = study
         .variants
@@ -35,57 +41,57 @@ pub(crate) fn of_study(study: &Study) -> String {
             ))
         })
         .collect();
-    let mut text = wrap(&format!("Verdict on {}: {}", best.name, verdict.line()), "");
+    screen.say(&format!("Verdict on {}: {}", best.name, verdict.line()));
     if !others.is_empty() && verdict.status != Status::Absurd {
-        text += &wrap(&format!("The others: {}.", others.join(", ")), "");
+        screen.say(&format!("The others: {}.", others.join(", ")));
     }
-    text
 }
 
 /// The result of `tau check`.
-pub fn check(check: &Check) -> String {
-    let mut text = String::new();
+pub fn check(check: &Check, width: usize) -> String {
+    let mut screen = Screen::new(width);
     for mistake in &check.mistakes {
-        text += &wrap(
-            &format!(
-                "In {}: {}. To mend it: {}.",
-                mistake.file, mistake.what, mistake.mend
-            ),
-            "",
-        );
+        screen.say(&format!(
+            "In {}: {}. To mend it: {}.",
+            mistake.file, mistake.what, mistake.mend
+        ));
     }
     if check.mistakes.is_empty() {
-        text += "No mistake was recognised.\n";
+        screen.line("No mistake was recognised.");
     }
-    text += "\nFiles\n";
+    screen.gap();
+    screen.line("Files");
     for own in &check.files {
-        text += &file(own);
+        file(&mut screen, own);
     }
-    text += "\nWhat the data determine\n";
+    screen.gap();
+    screen.line("What the data determine");
     for own in &check.variants {
-        text += &variant(own);
+        variant(&mut screen, own);
     }
     let visible: Vec<&str> = (check.effects.iter())
         .filter(|effect| effect.lacks.is_empty())
         .map(|effect| effect.name.as_str())
         .collect();
     if !visible.is_empty() {
-        text += "\nEffects that could be seen, if they are large enough\n";
-        text += &wrap(&visible.join(", "), "  ");
+        screen.gap();
+        screen.line("Effects that could be seen, if they are large enough");
+        screen.say_within("  ", &visible.join(", "));
     }
     if !check.missing.is_empty() {
-        text += "\nWhat is missing, and what it would bring\n";
+        screen.gap();
+        screen.line("What is missing, and what it would bring");
     }
     for gap in &check.missing {
-        text += &wrap(&format!("{}: {}", gap.what, gap.brings), "  ");
+        screen.say_within("  ", &format!("{}: {}", gap.what, gap.brings));
     }
-    printable(&text)
+    screen.into_text()
 }
 
-fn file(file: &FileFacts) -> String {
-    let mut text = wrap(
-        &format!("{}: {} rows, {}", file.file, file.rows, file.kind),
+fn file(screen: &mut Screen, file: &FileFacts) {
+    screen.say_within(
         "  ",
+        &format!("{}: {} rows, {}", file.file, file.rows, file.kind),
     );
     let ranges: Vec<String> = (file.ranges.iter())
         .map(|range| {
@@ -100,7 +106,7 @@ fn file(file: &FileFacts) -> String {
             )
         })
         .collect();
-    text += &wrap(&ranges.join("; "), "    ");
+    screen.say_within("    ", &ranges.join("; "));
     let mut notes = Vec::new();
     if file.repeats > 0 {
         notes.push(format!(
@@ -115,12 +121,11 @@ fn file(file: &FileFacts) -> String {
         notes.push(format!("also {}", file.optional.join(", ")));
     }
     if !notes.is_empty() {
-        text += &wrap(&notes.join("; "), "    ");
+        screen.say_within("    ", &notes.join("; "));
     }
-    text
 }
 
-fn variant(checked: &Checked) -> String {
+fn variant(screen: &mut Screen, checked: &Checked) {
     let Checked {
         variant,
         rows,
@@ -130,29 +135,26 @@ fn variant(checked: &Checked) -> String {
         why_not,
     } = checked;
     if let Some(why) = why_not {
-        return wrap(
-            &format!("{variant}: a calibration would mean nothing. {why}"),
-            "  ",
-        );
+        let sentence = format!("{variant}: a calibration would mean nothing. {why}");
+        return screen.say_within("  ", &sentence);
     }
     let open = parameters.saturating_sub(*rank);
     let gauge = match open {
         0 => "all of them determined".to_owned(),
         _ => format!("{open} of them in combinations of which the data say nothing"),
     };
-    let mut text = wrap(
-        &format!("{variant}: {rows} residuals for {parameters} parameters, {gauge}"),
+    screen.say_within(
         "  ",
+        &format!("{variant}: {rows} residuals for {parameters} parameters, {gauge}"),
     );
     if !undetermined.is_empty() {
         let count = undetermined.len();
-        text += &wrap(
-            &format!("the tolerances say more than the data of {count} combinations, such as"),
+        screen.say_within(
             "    ",
+            &format!("the tolerances say more than the data of {count} combinations, such as"),
         );
     }
     for combination in undetermined.iter().take(SHOWN) {
-        text += &wrap(&tables::combination(combination, SHOWN), "      ");
+        screen.say_within("      ", &tables::combination(combination, SHOWN));
     }
-    text
 }

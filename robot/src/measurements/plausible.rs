@@ -13,7 +13,7 @@ const FARTHEST_M: f64 = 100.0;
 /// A command or a length beyond this (m) has been given in millimetres.
 const LONGEST_M: f64 = 50.0;
 /// Angles may be unwrapped once, and rounded.
-const LARGEST_ANGLE_RAD: f64 = 1.01 * TAU;
+pub const LARGEST_ANGLE_RAD: f64 = 1.01 * TAU;
 /// Room temperature is 293 in kelvin, 68 in degrees Fahrenheit.
 pub const TEMPERATURES_C: std::ops::RangeInclusive<f64> = -50.0..=60.0;
 

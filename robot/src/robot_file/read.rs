@@ -1,7 +1,7 @@
 //! From the text of a `robot.toml` to its values, every mistake with its place.
 
 use std::collections::BTreeMap;
-use std::f64::consts::TAU;
+
 use std::ops::Range;
 use std::path::Path;
 
@@ -11,6 +11,7 @@ use toml::de::{DeTable, DeValue};
 use super::keys::key_place;
 use super::{LinkValues, Noise, Payload, Reference, RobotFile, Value, check};
 use crate::input_error::{self, InputError, Mistakes, Source, suggestion};
+use crate::measurements::plausible::LARGEST_ANGLE_RAD;
 use crate::robot::Robot;
 
 /// A link or a track longer than this (m) has been given in millimetres.
@@ -19,8 +20,14 @@ const LONGEST_M: f64 = 50.0;
 const FARTHEST_M: f64 = 100.0;
 /// A plate or a tool larger than this (m) has been given in millimetres.
 const LARGEST_PLATE_M: f64 = 10.0;
-/// Noise beyond this (m or rad) is no noise.
-const LARGEST_NOISE: f64 = 1.0;
+/// Beyond this (m or rad) a measurement says nothing of a machine.
+const LARGEST_NOISE: f64 = 0.1;
+/// A standard deviation below this (m or rad) is no longer told from none: a picometre.
+const SMALLEST_DEVIATION: f64 = 1e-12;
+/// The same of an effect's parameter, whose unit may be large.
+const SMALLEST_OF_EFFECT: f64 = 1e-30;
+/// No robot stands where things fall faster (m/s²).
+const LARGEST_GRAVITY_M_S2: f64 = 30.0;
 
 impl RobotFile {
     /// Reads a file for a robot.
@@ -163,20 +170,22 @@ impl<'a> Document<'a> {
             let Some(value) = self.required(table, key, &place) else {
                 return f64::NAN;
             };
-            let Some(deviation) = self.positive(value, "standard deviation") else {
+            let Some(deviation) = self.deviation(value, "standard deviation", SMALLEST_DEVIATION)
+            else {
                 return f64::NAN;
             };
             if deviation > LARGEST_NOISE {
-                let unit = if key == "position_m" {
-                    "metres"
+                let (unit, other) = if key == "position_m" {
+                    ("metres", "millimetres: divide by 1000")
                 } else {
-                    "radians"
+                    ("radians", "degrees: multiply by pi/180")
                 };
-                self.mistakes.push(
+                self.mistakes.push_with_help(
                     value.span(),
                     format!(
                         "found a noise of {deviation}, expected {unit}, at most {LARGEST_NOISE}"
                     ),
+                    format!("are these {other}"),
                 );
             }
             deviation
@@ -209,7 +218,11 @@ impl<'a> Document<'a> {
             Some(numbers)
         });
         let gravity = self.required(table, "gravity_m_s2", &place);
-        let gravity_m_s2 = gravity.and_then(|value| self.numbers::<3>(value));
+        let gravity_m_s2 = gravity.and_then(|value| {
+            let numbers = self.numbers::<3>(value)?;
+            self.check_gravity(value.span(), &numbers);
+            Some(numbers)
+        });
         Some(Payload {
             mass_kg: mass_kg?,
             centre_m: centre_m?,
@@ -333,9 +346,13 @@ impl<'a> Document<'a> {
             self.check_value(found.span(), &components, kind);
             Some(components)
         });
+        let smallest = match kind {
+            Kind::Any => SMALLEST_OF_EFFECT,
+            _ => SMALLEST_DEVIATION,
+        };
         let tol = self
             .required(table, "tol", &place)
-            .and_then(|tol| self.positive(tol, "tolerance"));
+            .and_then(|tol| self.deviation(tol, "tolerance", smallest));
         let sigma = table
             .get("sigma")
             .and_then(|sigma| self.components(sigma, kind).map(|s| (sigma, s)));
@@ -382,7 +399,11 @@ impl<'a> Document<'a> {
                 self.mistakes
                     .push(place, "found a direction of length 0, expected about 1");
             }
-            Kind::Angles if components.iter().any(|angle| angle.abs() > 1.01 * TAU) => {
+            Kind::Angles
+                if components
+                    .iter()
+                    .any(|angle| angle.abs() > LARGEST_ANGLE_RAD) =>
+            {
                 self.mistakes.push_with_help(
                     place,
                     "found an angle beyond 2*pi, expected radians",
@@ -403,15 +424,40 @@ impl<'a> Document<'a> {
         }
     }
 
-    fn positive(&mut self, value: &Spanned<DeValue<'_>>, what: &str) -> Option<f64> {
+    /// Gravity points down, and z of the measurement frame up: the vertical errors of guideways count so.
+    fn check_gravity(&mut self, place: Range<usize>, gravity_m_s2: &[f64; 3]) {
+        let size = gravity_m_s2.iter().map(|g| g * g).sum::<f64>().sqrt();
+        if size > LARGEST_GRAVITY_M_S2 {
+            let message =
+                format!("found a gravity of {size} m/s², expected at most {LARGEST_GRAVITY_M_S2}");
+            self.mistakes.push(place, message);
+        } else if gravity_m_s2[2] > 0.0 {
+            let message = format!(
+                "found {} m/s² along z, which points up, expected gravity to point down",
+                gravity_m_s2[2]
+            );
+            self.mistakes
+                .push_with_help(place, message, "on earth: `[0.0, 0.0, -9.81]`");
+        }
+    }
+
+    fn deviation(
+        &mut self,
+        value: &Spanned<DeValue<'_>>,
+        what: &str,
+        smallest: f64,
+    ) -> Option<f64> {
         let number = self.number(value)?;
-        if number > 0.0 {
+        if number >= smallest {
             return Some(number);
         }
-        self.mistakes.push(
-            value.span(),
-            format!("found a {what} of {number}, expected more than 0"),
-        );
+        let expected = if number > 0.0 {
+            format!("at least {smallest:e}")
+        } else {
+            "more than 0".to_owned()
+        };
+        let message = format!("found a {what} of {number}, expected {expected}");
+        self.mistakes.push(value.span(), message);
         None
     }
 
