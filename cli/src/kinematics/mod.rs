@@ -9,7 +9,9 @@ use tau::calibration::machine_from_file;
 use tau::input_error::InputError;
 use tau::kinematics::{self, InverseOptions, Machine, Pose, Reached};
 use tau::measurements::{Folder, Poses, Shape, Split, TcpPose};
+use tau::prototype;
 use tau::robot::Arm;
+use tau::robot_file::RobotFile;
 use tau_robot::input_error::{both, quoted};
 
 use super::calibrate::{csv, number};
@@ -96,7 +98,8 @@ impl<'a> Setup<'a> {
         let kept = Kept::of(with.folder.as_ref(), with.robot.files().chain(poses));
         let out = with.out.as_deref();
         // Parameters without measurements are enough for straight tracks and full arms.
-        let needs_folder = with.folder.is_some() || with.robot.robot.is_none();
+        let is_built_in = with.robot.robot.is_none() && RobotFile::described(&robot).is_err();
+        let needs_folder = with.folder.is_some() || is_built_in && prototype::is_of(&robot);
         let measurements = if needs_folder {
             files.read_folder(&robot).map(Some)
         } else {
@@ -140,7 +143,10 @@ impl<'a> Setup<'a> {
                 _ => error,
             }
         })?;
-        let file_name = file_name(with);
+        let file_name = match &with.robot.model {
+            Some(path) if folder.is_none() && with.robot.robot.is_none() => path.display().to_string(),
+            _ => file_name(with),
+        };
         let reference = match (&file.reference, &with.robot.model) {
             (None, Some(path)) => path.display().to_string(),
             _ => file_name.clone(),

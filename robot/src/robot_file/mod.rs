@@ -1,6 +1,7 @@
 //! The instance of a robot: nominal or calibrated parameters with tolerances, noise and loads (`robot.toml`).
 
 mod check;
+mod described;
 pub mod keys;
 mod provenance;
 mod read;
@@ -10,11 +11,12 @@ use std::collections::BTreeMap;
 
 use crate::input_error::quoted;
 use crate::robot::{Robot, Variant};
+pub use described::{PLACEHOLDER, USUAL_NOISE};
 use keys::effect_key;
 pub use provenance::{MeasuredPath, Provenance};
 
 /// Contents of a `robot.toml`.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct RobotFile {
     /// Name of the robot in its description.
     pub robot: String,
@@ -67,7 +69,7 @@ impl RobotFile {
 }
 
 /// Noise of the measurement, tracker and repeatability together, one standard deviation per axis.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Noise {
     /// Position (m).
     pub position_m: f64,

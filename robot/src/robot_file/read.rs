@@ -9,7 +9,7 @@ use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
 use super::keys::key_place;
-use super::{LinkValues, Noise, Payload, Reference, RobotFile, Value, check};
+use super::{LinkValues, Noise, PLACEHOLDER, Payload, Reference, RobotFile, Value, check};
 use crate::input_error::{self, InputError, Mistakes, Source, suggestion};
 use crate::robot::Robot;
 
@@ -449,6 +449,14 @@ impl<'a> Document<'a> {
         let number = match value.get_ref() {
             DeValue::Float(float) => float.as_str().parse().ok(),
             DeValue::Integer(integer) if integer.radix() == 10 => integer.as_str().parse().ok(),
+            DeValue::String(text) if text == PLACEHOLDER => {
+                self.mistakes.push_with_help(
+                    value.span(),
+                    "found a placeholder, expected a number",
+                    "fill in what the drawing or the maker of the tracker says; SI units",
+                );
+                return None;
+            }
             other => {
                 self.wrong_type(value.span(), other, "a number");
                 return None;
