@@ -29,3 +29,4 @@ mod start;
 mod study;
 mod support;
 mod trust;
+mod uncertainty;

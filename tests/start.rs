@@ -106,9 +106,8 @@ fn templates_of_all_standard_robots_are_refused_for_nothing_but_blanks() {
     ] {
         let line = format!("tau init {model} --out DIR/robot.toml --force");
         tau_in(folder.path(), &line).done();
-        let line = format!(
-            "tau simulate --model {model} --robot DIR/robot.toml --out DIR/measured"
-        );
+        let line =
+            format!("tau simulate --model {model} --robot DIR/robot.toml --out DIR/measured");
         let ran = tau_in(folder.path(), &line);
         assert_eq!(ran.code, 2, "{model}");
         let errors = ran.err.matches("error: ").count();
@@ -127,7 +126,15 @@ fn a_simulation_tells_the_geometry_that_it_measured() {
     let links = truth["links"].as_object().unwrap();
     assert_eq!(links.len(), 6);
     let link = &truth["links"]["n1"];
-    fields(link, ["length_m", "plate_joint_m", "track_offset_m", "track_direction"]);
+    fields(
+        link,
+        [
+            "length_m",
+            "plate_joint_m",
+            "track_offset_m",
+            "track_direction",
+        ],
+    );
     let off = number(&link["length_m"]) - 0.991_211;
     assert!(off != 0.0 && off.abs() < 5.0 * 3e-4, "{off}");
     // The links close at the true poses, to the tolerance of a closed form by hand.
@@ -135,7 +142,10 @@ fn a_simulation_tells_the_geometry_that_it_measured() {
     let header: Vec<&str> = measured.lines().next().unwrap().split(',').collect();
     let command = header.iter().position(|name| *name == "q2_m").unwrap();
     let vector = |value: &Value| nalgebra::Vector3::from_fn(|k, _| number(&value[k]));
-    let rows = measured.lines().skip(1).zip(truth["tcp_poses"].as_array().unwrap());
+    let rows = measured
+        .lines()
+        .skip(1)
+        .zip(truth["tcp_poses"].as_array().unwrap());
     for (row, pose) in rows {
         let q: f64 = row.split(',').nth(command).unwrap().parse().unwrap();
         let angles = [0, 1, 2].map(|k| number(&pose["orientation_rad"][k]));

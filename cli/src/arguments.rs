@@ -433,7 +433,9 @@ Examples:
 Columns read: q1_m, q2_m, …; optional pose, the start x_m, y_m, z_m, alpha_rad, beta_rad, gamma_rad
 (without angles where the arm is reduced), and time_s, temperature_c, dir1, dir2, … where the variant's
 effects need them. Columns written: pose, q1_m, …,
-x_m, y_m, z_m and, unless the arm is reduced, alpha_rad, beta_rad, gamma_rad (ZYZ Euler angles).")]
+x_m, y_m, z_m and, unless the arm is reduced, alpha_rad, beta_rad, gamma_rad (ZYZ Euler angles); then
+standard deviations sigma_x_m, …, sigma_rx_rad, … (of the rotation vector), and inside: 1 in the region of
+calibration, else 0.")]
 pub(super) struct Forward {
     #[command(flatten)]
     pub(super) with: Kinematic,
@@ -471,7 +473,7 @@ Examples:
 
 Columns read: x_m, y_m, z_m; optional pose, alpha_rad, beta_rad, gamma_rad (ZYZ Euler angles), and time_s,
 temperature_c, dir1, dir2, … where the variant's effects need them. Columns written are those of
-`tau kinematics forward`.")]
+`tau kinematics forward`, and the standard deviations of the commands, sigma_q1_m, ….")]
 pub(super) struct Inverse {
     #[command(flatten)]
     pub(super) with: Kinematic,

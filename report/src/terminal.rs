@@ -8,6 +8,7 @@ use tau::evaluation::{Summary, VariantResult};
 use tau::sensitivity::Sensitivity;
 use tau::session::Basis;
 use tau::study::results::Study;
+use tau::trust::Verdict;
 
 use super::discovery;
 use super::findings;
@@ -123,6 +124,9 @@ pub fn variant(result: &VariantResult, is_held_out: bool) -> String {
         result.position_um,
         result.orientation_rad_max_abs,
         (result.pose_errors.len(), basis),
+    ) + &expected(
+        result.expected_rms_um,
+        result.fit.as_ref().map_or(1.0, Verdict::widening),
     ) + &(result.fit.as_ref()).map_or_else(String::new, trust::terminal::verdict)
         + "\n"
         + &render(&tables::geometry(result))
@@ -132,12 +136,12 @@ pub fn variant(result: &VariantResult, is_held_out: bool) -> String {
 }
 
 /// Errors of predicted poses, in words, with what the poses are to the parameters.
-pub fn evaluation(evaluation: &Evaluation, basis: Basis) -> String {
+pub fn evaluation(evaluation: &Evaluation, basis: Basis, widening: f64) -> String {
     let text = position_and_orientation(
         evaluation.position_um,
         evaluation.orientation_rad_max_abs,
         (evaluation.errors.len(), basis),
-    );
+    ) + &expected(evaluation.expected_rms_um, widening);
     let meaning = match basis {
         Basis::Split => "",
         Basis::HeldOut => "The robot file was calibrated on other poses of this folder.",
@@ -149,6 +153,26 @@ pub fn evaluation(evaluation: &Evaluation, basis: Basis) -> String {
         }
     };
     printable(&(text + &wrap(meaning, "")))
+}
+
+/// Root mean square of the position error that parameters and noise let expect.
+fn expected(rms_um: Option<f64>, widening: f64) -> String {
+    let Some(rms_um) = rms_um else {
+        return String::new();
+    };
+    let widened = if widening > 1.0 {
+        let widened = general(widening * rms_um, 3);
+        format!(", {widened} µm if the misfit of the calibration is noise")
+    } else {
+        String::new()
+    };
+    let rms = general(rms_um, 3);
+    wrap(
+        &format!(
+            "Expected of the stated noise and the parameters' standard deviations: rms {rms} µm{widened}."
+        ),
+        "",
+    )
 }
 
 fn position_and_orientation(

@@ -330,7 +330,12 @@ impl<'a> Session<'a> {
                 set3: mounting3,
                 outliers: outliers.keys().map(|&index| number(index)).collect(),
                 out_of_reach: set1.left_out + set3.left_out,
-                links: simulation.robot.links.iter().map(|link| link.name.clone()).collect(),
+                links: simulation
+                    .robot
+                    .links
+                    .iter()
+                    .map(|link| link.name.clone())
+                    .collect(),
                 machine: self.machine,
             },
         })

@@ -7,6 +7,7 @@ mod output;
 mod paths;
 pub(crate) mod registration;
 pub mod searched;
+mod shared_noise;
 mod stated;
 
 use std::collections::BTreeMap;
@@ -29,6 +30,7 @@ pub use error::Error;
 pub use nominal::{Nominal, TRACK_ROTATION_TOLERANCE_RAD};
 pub use output::{LinkResult, ParameterEstimate};
 pub use registration::{Line, MOUNTING_M, NominalTrack, Registration, set_2, set_3};
+pub(crate) use shared_noise::with_shared_noise;
 pub use stated::Stated;
 
 /// Options of a calibration.
@@ -99,11 +101,7 @@ pub fn machine_from_file(
     folder: Option<&Folder>,
     poses: &[usize],
 ) -> Result<Machine, InputError> {
-    let file = &file.completed(robot);
-    // Angles of piecewise tracks refer to the frame in which their paths were measured.
-    let own = paths::as_measured(robot, file, folder);
-    let folder = own.as_ref().or(folder);
-    Ok(Prepared::new(robot, variant, file, folder, poses)?.machine)
+    Ok(Prepared::from_file(robot, variant, file, folder, poses)?.machine)
 }
 
 /// A variant at its nominal values.
@@ -118,6 +116,30 @@ pub struct Prepared {
 }
 
 impl Prepared {
+    /// From a robot file, its own paths of piecewise tracks before those of the folder: see [`machine_from_file`].
+    ///
+    /// # Errors
+    /// As [`machine_from_file`].
+    pub fn from_file(
+        robot: &Robot,
+        variant: &Variant,
+        file: &RobotFile,
+        folder: Option<&Folder>,
+        poses: &[usize],
+    ) -> Result<Self, InputError> {
+        let file = &file.completed(robot);
+        // Angles of piecewise tracks refer to the frame in which their paths were measured.
+        let Some(own) = paths::as_measured(robot, file, folder) else {
+            return Self::new(robot, variant, file, folder, poses);
+        };
+        // Registered as calibrated, so that the angles left are small, as those were whose covariance the file holds.
+        let registration = Registration::of_set_2(robot, file, &own).map(|found| Registration {
+            rotation: paths::calibrated_rotation(file).unwrap_or(found.rotation),
+            ..found
+        });
+        Self::registered(robot, variant, file, (Some(&own), registration), poses)
+    }
+
     /// From a robot file, completed from the description; folder and poses as for [`machine_from_file`].
     ///
     /// # Errors
@@ -131,6 +153,16 @@ impl Prepared {
     ) -> Result<Self, InputError> {
         let file = &paths::without_foreign_rotations(robot, file, folder);
         let registration = folder.and_then(|folder| Registration::of_set_2(robot, file, folder));
+        Self::registered(robot, variant, file, (folder, registration), poses)
+    }
+
+    fn registered(
+        robot: &Robot,
+        variant: &Variant,
+        file: &RobotFile,
+        (folder, registration): (Option<&Folder>, Option<Registration>),
+        poses: &[usize],
+    ) -> Result<Self, InputError> {
         let mean_rotation = folder.and_then(|folder| mean_rotation(folder, poses));
         let sources = nominal::Sources {
             robot,
@@ -193,10 +225,8 @@ pub fn calibrate(
     let Prepared {
         machine, nominal, ..
     } = &prepared;
-    let residuals = {
-        let samples = Sample::all(robot, folder, poses, &Frames::default());
-        Residuals::new(machine, nominal, &samples, file.noise, Closures::Apart)?
-    };
+    let samples = Sample::all(robot, folder, poses, &Frames::default());
+    let residuals = Residuals::new(machine, nominal, &samples, file.noise, Closures::Apart)?;
     let used = &residuals.used;
     let blocks = residuals.parts.iter();
     let mut problem = Problem {
@@ -225,16 +255,22 @@ pub fn calibrate(
     let identifiability =
         tau_solver::identifiability(&problem, &solution.parameters).map_err(failed)?;
 
+    let covariance = (0..used.len())
+        .map(|i| {
+            (0..used.len())
+                .map(|j| covariance.covariance(i, j))
+                .collect()
+        })
+        .collect();
     let name = |index: usize| problem.parameters[index].name.clone();
     let fitted = Fitted {
         values: problem::values(machine, used, &solution.parameters),
-        covariance: (0..used.len())
-            .map(|i| {
-                (0..used.len())
-                    .map(|j| covariance.covariance(i, j))
-                    .collect()
-            })
-            .collect(),
+        covariance: with_shared_noise(
+            covariance,
+            &residuals,
+            (machine, &samples, file.noise),
+            &solution.parameters,
+        )?,
         undetermined: combinations(&identifiability, name),
         cost: solution.cost,
         iterations: total_iterations(&solution),
@@ -290,6 +326,7 @@ pub(crate) fn finish(
             } else {
                 prepared.measured_paths.clone()
             },
+            covariance: output::covariance(&estimates, &fitted.covariance),
             ..output::file(
                 &machine,
                 &estimates,

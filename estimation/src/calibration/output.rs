@@ -4,12 +4,13 @@ use tau_kinematics::{Machine, Sample, xyz, xyz_angles};
 use tau_robot::measurements::TcpPose;
 use tau_robot::robot::{Instance, Owner, ResidualKind};
 use tau_robot::robot_file::keys::{WIDE, effect_key, quantity_slot};
-use tau_robot::robot_file::{Reference, RobotFile, Value};
+use tau_robot::robot_file::{Covariance, Reference, RobotFile, Value};
 
 use super::cost::closure_cost;
 use super::error::Error;
 use super::nominal::Nominal;
 use super::registration::Registration;
+use crate::numerics::triangle;
 
 /// A row of Table II.
 #[derive(Debug, Clone, PartialEq)]
@@ -67,6 +68,32 @@ pub(super) fn estimates(
             }
         })
         .collect()
+}
+
+/// Digits of the factor of a covariance: predicted poses are known to some thousandths of what a parameter is known to,
+/// since its errors cancel in them.
+const DIGITS: usize = 8;
+
+/// The covariance for the file; `None` where nothing determines a parameter.
+pub(super) fn covariance(
+    estimates: &[ParameterEstimate],
+    covariance: &[Vec<f64>],
+) -> Option<Covariance> {
+    let rounded = |value: f64| {
+        let text = format!("{value:.*e}", DIGITS - 1);
+        text.parse().unwrap_or(value)
+    };
+    let factor = triangle::lower(covariance)?;
+    let rows = factor
+        .into_iter()
+        .map(|row| row.into_iter().map(rounded).collect());
+    Some(Covariance {
+        parameters: estimates
+            .iter()
+            .map(|estimate| estimate.name.clone())
+            .collect(),
+        factor: rows.collect(),
+    })
 }
 
 /// One row of Table II per closure.

@@ -127,6 +127,7 @@ fn variant(checked: &Checked) -> String {
         parameters,
         rank,
         undetermined,
+        reach,
         why_not,
     } = checked;
     if let Some(why) = why_not {
@@ -153,6 +154,9 @@ fn variant(checked: &Checked) -> String {
     }
     for combination in undetermined.iter().take(SHOWN) {
         text += &wrap(&tables::combination(combination, SHOWN), "      ");
+    }
+    if let Some(warning) = reach.and_then(|reach| reach.warning()) {
+        text += &wrap(&warning, "    ");
     }
     text
 }

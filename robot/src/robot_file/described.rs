@@ -125,7 +125,11 @@ const LINKS: &str = "
 ";
 
 fn write_template(out: &mut String, robot: &Robot) -> fmt::Result {
-    write!(out, "{HEAD}robot = {}\n{NOISE}{PAYLOAD}", string(&robot.name))?;
+    write!(
+        out,
+        "{HEAD}robot = {}\n{NOISE}{PAYLOAD}",
+        string(&robot.name)
+    )?;
     write!(out, "{REFERENCE}")?;
     match described_reference(robot) {
         Some(reference) => {

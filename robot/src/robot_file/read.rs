@@ -107,6 +107,7 @@ impl<'a> Document<'a> {
                 "range",
                 "reference",
                 "calibration",
+                "covariance",
                 "paths",
                 "links",
                 "clusters",
@@ -132,6 +133,7 @@ impl<'a> Document<'a> {
             range_m: self.range(root),
             reference: self.reference(root),
             calibration: self.provenance(root),
+            covariance: self.covariance(root),
             paths: (self.section(root, "paths", Self::measured_path).into_iter())
                 .filter_map(|(track, path)| Some((track, path?)))
                 .collect(),
@@ -403,7 +405,7 @@ impl<'a> Document<'a> {
         }
     }
 
-    fn positive(&mut self, value: &Spanned<DeValue<'_>>, what: &str) -> Option<f64> {
+    pub(super) fn positive(&mut self, value: &Spanned<DeValue<'_>>, what: &str) -> Option<f64> {
         let number = self.number(value)?;
         if number > 0.0 {
             return Some(number);

@@ -83,6 +83,9 @@ impl RobotFile {
                 writeln!(out, "{} = {}", key(parameter), inline(value))?;
             }
         }
+        if let Some(covariance) = &self.covariance {
+            covariance.write(out, string)?;
+        }
         Ok(())
     }
 }
