@@ -14,7 +14,9 @@ use tau_robot::robot_file::keys::WIDE;
 
 use crate::calibration::{Calibration, Prepared};
 use crate::implicit::Linearized;
-use crate::numerics::triangle;
+
+/// Poses at which the largest standard deviation is looked for: more tell nothing else.
+const MOST_POSES: usize = 4000;
 
 /// Uncertainty of a machine's parameters.
 #[derive(Debug, Clone, PartialEq)]
@@ -54,24 +56,27 @@ impl PoseUncertainty {
 }
 
 impl Uncertainty {
-    /// Of the parameters of a variant that are listed by index, with their covariance; the others are known exactly. `None`
-    /// where a variance is not finite.
-    pub fn new(variant: &Variant, listed: &[usize], covariance: &[Vec<f64>]) -> Option<Self> {
-        let factor = triangle::lower(covariance)?;
+    /// Of the parameters of a variant that are listed by index, with the lower triangle F of their covariance F·Fᵀ, by rows;
+    /// the others are known exactly.
+    pub fn new(variant: &Variant, listed: &[usize], factor: Vec<Vec<f64>>) -> Self {
         let rows = (0..variant.parameters.len())
             .map(|index| listed.iter().position(|&own| own == index))
             .collect();
-        Some(Self {
+        Self {
             rows,
             columns: factor.len(),
             factor,
-        })
+        }
     }
 
-    /// Of a calibration's parameters, under the stated noise.
+    /// Of a calibration's parameters, under the stated noise; `None` where nothing determines one.
     pub fn of_calibration(calibration: &Calibration) -> Option<Self> {
         let variant = &calibration.machine.variant;
-        Self::new(variant, &calibration.used, &calibration.covariance)
+        Some(Self::new(
+            variant,
+            &calibration.used,
+            calibration.factor.clone()?,
+        ))
     }
 
     /// Of a machine with the values of a robot file.
@@ -114,7 +119,7 @@ impl Uncertainty {
     }
 
     /// Largest [distance](PoseUncertainty::distance_m) of a machine's predicted positions at poses of a folder, given by
-    /// index (m).
+    /// index (m): at the evenly spread part of them that takes part where there are thousands.
     ///
     /// # Errors
     /// A pose can't be predicted.
@@ -124,7 +129,8 @@ impl Uncertainty {
         folder: &Folder,
         poses: &[usize],
     ) -> Result<f64, Error> {
-        let poses: Vec<&TcpPose> = (poses.iter())
+        let step = poses.len().div_ceil(MOST_POSES).max(1);
+        let poses: Vec<&TcpPose> = (poses.iter().step_by(step))
             .filter_map(|&pose| folder.tcp_poses.get(pose))
             .collect();
         let distances: Vec<Result<f64, Error>> = poses

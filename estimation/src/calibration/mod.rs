@@ -18,9 +18,10 @@ use tau_robot::measurements::{Folder, TcpPose};
 use tau_robot::robot::{Instance, ResidualKind, Robot, Variant};
 use tau_robot::robot_file::{MeasuredPath, RobotFile};
 
-use nalgebra::{Matrix3, Rotation3};
+use nalgebra::{DMatrix, Matrix3, Rotation3};
 use tau_solver::{Problem, Solution};
 
+use crate::numerics::triangle;
 use crate::problem::{self, Closures, Residuals};
 use crate::samples::Sample;
 use crate::samples::frames::Frames;
@@ -30,7 +31,7 @@ pub use error::Error;
 pub use nominal::{Nominal, TRACK_ROTATION_TOLERANCE_RAD};
 pub use output::{LinkResult, ParameterEstimate};
 pub use registration::{Line, MOUNTING_M, NominalTrack, Registration, set_2, set_3};
-pub(crate) use shared_noise::with_shared_noise;
+pub(crate) use shared_noise::factor_with_shared_noise;
 pub use stated::Stated;
 
 /// Options of a calibration.
@@ -72,6 +73,9 @@ pub struct Calibration {
     pub used: Vec<usize>,
     /// Covariance of [`Self::parameters`], in their order, priors included.
     pub covariance: Vec<Vec<f64>>,
+    /// Lower triangle F by rows with F·Fᵀ the covariance, to more digits than it has; `None` where nothing determines a
+    /// parameter.
+    pub factor: Option<Vec<Vec<f64>>>,
     /// Pairs of parameters with the largest correlations, largest first.
     pub correlations: Vec<(String, String, f64)>,
     /// Combinations that the data leave to the priors, worst first.
@@ -255,22 +259,24 @@ pub fn calibrate(
     let identifiability =
         tau_solver::identifiability(&problem, &solution.parameters).map_err(failed)?;
 
-    let covariance = (0..used.len())
-        .map(|i| {
-            (0..used.len())
-                .map(|j| covariance.covariance(i, j))
-                .collect()
-        })
-        .collect();
+    let count = used.len();
+    let covariance = DMatrix::from_fn(count, count, |i, j| covariance.covariance(i, j));
+    let measured_in = (machine, &samples[..], file.noise);
+    let factor =
+        factor_with_shared_noise(&covariance, &residuals, measured_in, &solution.parameters)?;
     let name = |index: usize| problem.parameters[index].name.clone();
     let fitted = Fitted {
         values: problem::values(machine, used, &solution.parameters),
-        covariance: with_shared_noise(
-            covariance,
-            &residuals,
-            (machine, &samples, file.noise),
-            &solution.parameters,
-        )?,
+        covariance: factor.as_deref().map_or_else(
+            || {
+                covariance
+                    .row_iter()
+                    .map(|row| row.iter().copied().collect())
+                    .collect()
+            },
+            triangle::squared,
+        ),
+        factor,
         undetermined: combinations(&identifiability, name),
         cost: solution.cost,
         iterations: total_iterations(&solution),
@@ -296,6 +302,8 @@ pub(crate) struct Fitted {
     pub(crate) used: Vec<usize>,
     /// Their covariance, priors included.
     pub(crate) covariance: Vec<Vec<f64>>,
+    /// Its lower triangle; `None` where nothing determines a parameter.
+    pub(crate) factor: Option<Vec<Vec<f64>>>,
     pub(crate) undetermined: Vec<Combination>,
     pub(crate) cost: f64,
     pub(crate) iterations: usize,
@@ -326,7 +334,7 @@ pub(crate) fn finish(
             } else {
                 prepared.measured_paths.clone()
             },
-            covariance: output::covariance(&estimates, &fitted.covariance),
+            covariance: output::covariance(&estimates, fitted.factor.as_deref()),
             ..output::file(
                 &machine,
                 &estimates,
@@ -340,6 +348,7 @@ pub(crate) fn finish(
             .map(|(a, b, value)| (name(a), name(b), value))
             .collect(),
         covariance: fitted.covariance,
+        factor: fitted.factor,
         parameters: estimates,
         used: fitted.used,
         undetermined: fitted.undetermined,

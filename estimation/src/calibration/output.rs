@@ -10,7 +10,6 @@ use super::cost::closure_cost;
 use super::error::Error;
 use super::nominal::Nominal;
 use super::registration::Registration;
-use crate::numerics::triangle;
 
 /// A row of Table II.
 #[derive(Debug, Clone, PartialEq)]
@@ -77,16 +76,14 @@ const DIGITS: usize = 8;
 /// The covariance for the file; `None` where nothing determines a parameter.
 pub(super) fn covariance(
     estimates: &[ParameterEstimate],
-    covariance: &[Vec<f64>],
+    factor: Option<&[Vec<f64>]>,
 ) -> Option<Covariance> {
     let rounded = |value: f64| {
         let text = format!("{value:.*e}", DIGITS - 1);
         text.parse().unwrap_or(value)
     };
-    let factor = triangle::lower(covariance)?;
-    let rows = factor
-        .into_iter()
-        .map(|row| row.into_iter().map(rounded).collect());
+    let rows = factor?.iter();
+    let rows = rows.map(|row| row.iter().copied().map(rounded).collect());
     Some(Covariance {
         parameters: estimates
             .iter()

@@ -20,6 +20,13 @@ pub fn lower(covariance: &[Vec<f64>]) -> Option<Vec<Vec<f64>>> {
     Some((0..count).map(row).collect())
 }
 
+/// F·Fᵀ of a lower triangle by rows.
+pub fn squared(factor: &[Vec<f64>]) -> Vec<Vec<f64>> {
+    let product = |(a, b): (&Vec<f64>, &Vec<f64>)| a.iter().zip(b).map(|(a, b)| a * b).sum();
+    let row = |a: &Vec<f64>| factor.iter().map(|b| product((a, b))).collect();
+    factor.iter().map(row).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -33,9 +40,10 @@ mod tests {
             vec![5e-6, 1e-5, 1.5e-11],
         ];
         let factor = lower(&covariance).unwrap();
+        let found = squared(&factor);
         for (i, row) in covariance.iter().enumerate() {
             for (j, &expected) in row.iter().enumerate() {
-                let found: f64 = factor[i].iter().zip(&factor[j]).map(|(a, b)| a * b).sum();
+                let found = found[i][j];
                 let scale = (covariance[i][i] * covariance[j][j]).sqrt();
                 assert!(
                     (found - expected).abs() < 1e-9 * scale,

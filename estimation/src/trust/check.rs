@@ -2,6 +2,7 @@
 
 use std::collections::BTreeSet;
 
+use nalgebra::DMatrix;
 use tau_codegen::language::model::{Effect, Readable, Subject, Target};
 use tau_codegen::language::{self, Model};
 use tau_robot::measurements::{Conditions, Division, Folder, TcpPose};
@@ -10,7 +11,7 @@ use tau_robot::robot_file::RobotFile;
 use tau_solver::Problem;
 
 use crate::calibration::{
-    Combination, Error, Prepared, check_poses, combinations, with_shared_noise,
+    Combination, Error, Prepared, check_poses, combinations, factor_with_shared_noise,
 };
 use crate::problem::{self, Closures, Residuals};
 use crate::samples::Sample;
@@ -359,21 +360,11 @@ fn determine(
     if checked.why_not.is_none() {
         check_poses(robot, variant, file, folder, poses)?;
         let covariance = tau_solver::covariance(&problem, &at).map_err(failed)?;
-        let covariance: Vec<Vec<f64>> = (0..used.len())
-            .map(|i| {
-                (0..used.len())
-                    .map(|j| covariance.covariance(i, j))
-                    .collect()
-            })
-            .collect();
-        let known = with_shared_noise(
-            covariance,
-            &residuals,
-            (&machine, &samples, file.noise),
-            &at,
-        )
-        .ok()
-        .and_then(|covariance| Uncertainty::new(variant, used, &covariance));
+        let count = used.len();
+        let inverse = DMatrix::from_fn(count, count, |i, j| covariance.covariance(i, j));
+        let measured_in = (&machine, &samples[..], file.noise);
+        let known = factor_with_shared_noise(&inverse, &residuals, measured_in, &at)?
+            .map(|factor| Uncertainty::new(variant, used, factor));
         let measured: Vec<&TcpPose> = (poses.iter())
             .map(|&pose| &folder.tcp_poses[pose])
             .collect();
