@@ -173,7 +173,7 @@ fn the_tutorial_does_what_it_says() {
             other => panic!("{other}"),
         }
     }
-    assert_eq!(commands, 8);
+    assert_eq!(commands, 9);
     let csv = fs::read_to_string(path("commands.csv")).unwrap();
     let column = |name: &str| -> Vec<f64> {
         let mut rows = csv.lines().map(|line| line.split(',').collect::<Vec<_>>());

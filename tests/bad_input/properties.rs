@@ -162,6 +162,7 @@ fn robot_file() -> impl Strategy<Value = RobotFile> {
                     covariance: Some(Covariance {
                         parameters: vec!["a.b".to_owned(), robot_name],
                         factor: vec![vec![noise.0], vec![-noise.1, noise.1 / 3.0]],
+                        registered_rad: range_m.map(|(low, high)| [low, high, 0.1]),
                     }),
                     calibration,
                     paths,

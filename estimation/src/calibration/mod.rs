@@ -12,7 +12,7 @@ mod stated;
 
 use std::collections::BTreeMap;
 
-use tau_kinematics::{Machine, Statics, Surroundings, nearest_rotation, zyz};
+use tau_kinematics::{Machine, Statics, Surroundings, nearest_rotation, xyz, zyz};
 use tau_robot::input_error::InputError;
 use tau_robot::measurements::{Folder, TcpPose};
 use tau_robot::robot::{Instance, ResidualKind, Robot, Variant};
@@ -136,9 +136,13 @@ impl Prepared {
         let Some(own) = paths::as_measured(robot, file, folder) else {
             return Self::new(robot, variant, file, folder, poses);
         };
-        // Registered as calibrated, so that the angles left are small, as those were whose covariance the file holds.
+        // Registered as it was calibrated, since the covariance is that of angles from there.
+        let registered = file
+            .covariance
+            .as_ref()
+            .and_then(|known| known.registered_rad);
         let registration = Registration::of_set_2(robot, file, &own).map(|found| Registration {
-            rotation: paths::calibrated_rotation(file).unwrap_or(found.rotation),
+            rotation: registered.map_or(found.rotation, xyz),
             ..found
         });
         Self::registered(robot, variant, file, (Some(&own), registration), poses)
@@ -334,7 +338,11 @@ pub(crate) fn finish(
             } else {
                 prepared.measured_paths.clone()
             },
-            covariance: output::covariance(&estimates, fitted.factor.as_deref()),
+            covariance: output::covariance(
+                &estimates,
+                fitted.factor.as_deref(),
+                (prepared.registration.as_ref()).filter(|_| !prepared.measured_paths.is_empty()),
+            ),
             ..output::file(
                 &machine,
                 &estimates,

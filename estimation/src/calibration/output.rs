@@ -77,6 +77,7 @@ const DIGITS: usize = 8;
 pub(super) fn covariance(
     estimates: &[ParameterEstimate],
     factor: Option<&[Vec<f64>]>,
+    registration: Option<&Registration>,
 ) -> Option<Covariance> {
     let rounded = |value: f64| {
         let text = format!("{value:.*e}", DIGITS - 1);
@@ -90,6 +91,7 @@ pub(super) fn covariance(
             .map(|estimate| estimate.name.clone())
             .collect(),
         factor: rows.collect(),
+        registered_rad: registration.map(|registration| xyz_angles(&registration.rotation)),
     })
 }
 

@@ -3,8 +3,8 @@
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 
-use nalgebra::{Rotation3, Vector3};
-use tau_kinematics::{Path, xyz};
+use nalgebra::Vector3;
+use tau_kinematics::Path;
 use tau_robot::input_error::InputError;
 use tau_robot::measurements::{CartPose, Conditions, Folder};
 use tau_robot::robot::{Robot, TrackShape, Variant};
@@ -106,16 +106,6 @@ pub(super) fn as_measured(
         cart_poses: cart_poses.collect(),
         ..folder.cloned().unwrap_or_default()
     })
-}
-
-/// A rotation that carries paths of the file into the measurement frame, where it states one: those of several joints
-/// differ by milliradians.
-pub(super) fn calibrated_rotation(file: &RobotFile) -> Option<Rotation3<f64>> {
-    let mut all = (file.links.values())
-        .chain(file.clusters.values())
-        .chain(file.tracks.values());
-    let angles = all.find_map(|values| values.track_rotation.as_ref())?;
-    Some(xyz(angles.value.as_slice().try_into().ok()?))
 }
 
 /// The file without rotations of tracks that refer to the frame of another tracker than that of the folder's set 2.

@@ -14,6 +14,9 @@ pub struct Covariance {
     pub parameters: Vec<String>,
     /// Lower triangle F by rows, so that the covariance is F·Fᵀ, in SI units: row i has i + 1 numbers.
     pub factor: Vec<Vec<f64>>,
+    /// Angles about x, y, z that carry paths of piecewise tracks near the measurement frame: those listed as
+    /// `track_rotation` turn them from there (rad).
+    pub registered_rad: Option<[f64; 3]>,
 }
 
 impl Covariance {
@@ -24,6 +27,12 @@ impl Covariance {
         )?;
         let names: Vec<String> = self.parameters.iter().map(|name| string(name)).collect();
         writeln!(out, "parameters = [{}]", names.join(", "))?;
+        if let Some(angles) = self.registered_rad {
+            writeln!(
+                out,
+                "registered_rad = {angles:?}  # track rotations are listed from here"
+            )?;
+        }
         writeln!(out, "factor = [")?;
         for row in &self.factor {
             writeln!(out, "  {row:?},")?;
@@ -36,7 +45,7 @@ impl Document<'_> {
     pub(super) fn covariance(&mut self, root: &DeTable<'_>) -> Option<Covariance> {
         let table = self.table(root.get("covariance")?)?;
         let place = key_place(root, "covariance");
-        self.known_keys(table, &["parameters", "factor"]);
+        self.known_keys(table, &["parameters", "factor", "registered_rad"]);
         let names = self.required(table, "parameters", &place);
         let rows = self.required(table, "factor", &place);
         let (names, rows) = (names?, rows?);
@@ -67,6 +76,12 @@ impl Document<'_> {
             }
             factor.push(numbers);
         }
-        Some(Covariance { parameters, factor })
+        let registered = table.get("registered_rad");
+        let registered_rad = registered.and_then(|value| self.numbers::<3>(value));
+        Some(Covariance {
+            parameters,
+            factor,
+            registered_rad,
+        })
     }
 }
