@@ -1,5 +1,6 @@
 //! Statements of the documentation, checked.
 
+use std::fs;
 use std::path::{Path, PathBuf};
 
 fn root() -> &'static Path {
@@ -88,4 +89,105 @@ fn robot_file_of_the_documentation_is_read() {
     let text = &blocks(&read("docs/files.md"), "toml")[0];
     let file = tau::robot_file::RobotFile::parse(text, "robot.toml").unwrap();
     assert_eq!(file.links["l1"].length.as_ref().unwrap().value, [2.04399]);
+}
+
+/// Blocks of code with their language, in order.
+fn all_blocks(text: &str) -> Vec<(&str, &str)> {
+    let fenced = text.split("```").skip(1).step_by(2);
+    fenced.filter_map(|block| block.split_once('\n')).collect()
+}
+
+/// Words of a line, quoted ones whole.
+fn words(line: &str) -> Vec<String> {
+    let pieces = line.split('\'').enumerate();
+    let split = pieces.flat_map(|(index, piece)| match index % 2 {
+        0 => piece.split_whitespace().map(str::to_owned).collect(),
+        _ => vec![piece.to_owned()],
+    });
+    split.collect()
+}
+
+/// Text as one line, so that it does not matter where lines are broken.
+fn flowing(text: &str) -> String {
+    text.split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+/// The tutorial from its first to its last command, in an empty folder; what it says is printed.
+#[test]
+fn the_tutorial_does_what_it_says() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).display().to_string();
+    let page = read("docs/tutorial.md");
+    let mut said = None;
+    let mut commands = 0;
+    for (language, text) in all_blocks(&page) {
+        match language {
+            "tau" => fs::write(path("delta.tau"), text).unwrap(),
+            "csv" => fs::write(path("path.csv"), text).unwrap(),
+            "toml" => {
+                let mut file = fs::read_to_string(path("robot.toml")).unwrap();
+                for line in text.lines() {
+                    let (key, _) = line.split_once(" = ").unwrap();
+                    let blank = format!("{key} = \"?\"");
+                    assert!(file.contains(&blank), "{blank} in {file}");
+                    file = file.replace(&blank, line);
+                }
+                fs::write(path("robot.toml"), file).unwrap();
+            }
+            "sh" => {
+                let names = [
+                    "delta.tau",
+                    "robot.toml",
+                    "measured",
+                    "calibrated",
+                    "found",
+                    "path.csv",
+                    "commands.csv",
+                ];
+                let mut line = words(text);
+                for word in line.iter_mut().skip(1) {
+                    if names.contains(&word.split('/').next().unwrap()) {
+                        *word = path(word);
+                    }
+                }
+                if line[1] == "init" {
+                    line.extend(["--out".to_owned(), path("robot.toml")]);
+                }
+                let (mut out, mut err) = (Vec::new(), Vec::new());
+                let code = tau_cli::run(line.into_iter().map(Into::into), &mut out, &mut err);
+                let err = String::from_utf8(err).unwrap();
+                assert_eq!(code, 0, "{text}{err}");
+                let out = String::from_utf8(out).unwrap();
+                said = Some(flowing(
+                    &out.replace(&format!("{}/", folder.path().display()), ""),
+                ));
+                commands += 1;
+            }
+            // The sketch comes before the first command.
+            "text" => {
+                let Some(said) = &said else { continue };
+                for line in text.lines().map(flowing) {
+                    assert!(said.contains(&line), "`{line}` in {said}");
+                }
+            }
+            other => panic!("{other}"),
+        }
+    }
+    assert_eq!(commands, 9);
+    let csv = fs::read_to_string(path("commands.csv")).unwrap();
+    let column = |name: &str| -> Vec<f64> {
+        let mut rows = csv.lines().map(|line| line.split(',').collect::<Vec<_>>());
+        let place = rows
+            .next()
+            .unwrap()
+            .iter()
+            .position(|own| *own == name)
+            .unwrap();
+        rows.map(|row| row[place].parse().unwrap()).collect()
+    };
+    let q = column("q2_m");
+    assert!((1e6 * (q[1] - q[0]).abs() - 83.2).abs() < 0.1, "{q:?}");
+    assert_eq!(column("inside"), [1.0, 1.0, 0.0]);
+    let sigma = column("sigma_x_m");
+    assert!(sigma[0] < 3e-6 && sigma[2] > 1e-5, "{sigma:?}");
 }

@@ -25,15 +25,7 @@ fn file_of(robot: &Robot) -> RobotFile {
             position_m: 1e-5,
             rotation_rad: 1e-5,
         },
-        payload: None,
-        range_m: None,
-        reference: None,
-        calibration: None,
-        paths: BTreeMap::default(),
-        links: BTreeMap::default(),
-        clusters: BTreeMap::default(),
-        tracks: BTreeMap::default(),
-        effects: BTreeMap::default(),
+        ..RobotFile::default()
     }
 }
 

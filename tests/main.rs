@@ -25,6 +25,8 @@ mod robot_files;
 mod sensitivity;
 mod session;
 mod simulation;
+mod start;
 mod study;
 mod support;
 mod trust;
+mod uncertainty;

@@ -1,5 +1,6 @@
 //! The command line as typed and as clap reads it; [`super::resolve`] gives it its meaning.
 
+mod init;
 mod trust;
 
 use std::path::{Path, PathBuf};
@@ -8,6 +9,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use clap_complete::Shell;
 
 use super::numbers::{Numbers, Triple, positive};
+pub(super) use init::Init;
 pub(super) use trust::{Check, Force};
 
 /// Calibrates parallel robots from a declarative description.
@@ -23,6 +25,7 @@ pub(super) use trust::{Check, Force};
 Examples:
   tau                                      the study on the built-in measurements
   tau study measured --out report          the study on your own
+  tau init delta.tau                       a robot.toml to fill in, from a description
   tau check measured                       what the measurements determine, and mistakes in them
   tau calibrate measured --variant Full    one variant: parameters, sigmas, covariance
   tau discover measured                    what the model lacks, added to the description
@@ -54,6 +57,7 @@ pub(super) enum Command {
     Evaluate(Evaluate),
     Sensitivity(Sensitivity),
     Discover(Discover),
+    Init(Init),
     Simulate(Simulate),
     Generate(Generate),
     #[command(subcommand)]
@@ -252,7 +256,8 @@ pub(super) struct Simulate {
     /// Description of the robot; without it, the built-in Gantry-Tau
     #[arg(long, value_name = "F.tau")]
     pub(super) model: Option<PathBuf>,
-    /// Drawing of the robot, its noise and payload; without it, those of the built-in Gantry-Tau
+    /// Drawing of the robot, its noise and payload; without it, what the description gives, or those of the built-in
+    /// Gantry-Tau
     #[arg(long, value_name = "ROBOT.toml")]
     pub(super) robot: Option<PathBuf>,
     /// Variant whose simplifications the machine keeps, such as straight tracks
@@ -428,7 +433,9 @@ Examples:
 Columns read: q1_m, q2_m, …; optional pose, the start x_m, y_m, z_m, alpha_rad, beta_rad, gamma_rad
 (without angles where the arm is reduced), and time_s, temperature_c, dir1, dir2, … where the variant's
 effects need them. Columns written: pose, q1_m, …,
-x_m, y_m, z_m and, unless the arm is reduced, alpha_rad, beta_rad, gamma_rad (ZYZ Euler angles).")]
+x_m, y_m, z_m and, unless the arm is reduced, alpha_rad, beta_rad, gamma_rad (ZYZ Euler angles); then
+standard deviations sigma_x_m, …, sigma_rx_rad, … (of the rotation vector), and inside: 1 in the region of
+calibration, else 0.")]
 pub(super) struct Forward {
     #[command(flatten)]
     pub(super) with: Kinematic,
@@ -466,7 +473,7 @@ Examples:
 
 Columns read: x_m, y_m, z_m; optional pose, alpha_rad, beta_rad, gamma_rad (ZYZ Euler angles), and time_s,
 temperature_c, dir1, dir2, … where the variant's effects need them. Columns written are those of
-`tau kinematics forward`.")]
+`tau kinematics forward`, and the standard deviations of the commands, sigma_q1_m, ….")]
 pub(super) struct Inverse {
     #[command(flatten)]
     pub(super) with: Kinematic,
@@ -491,7 +498,7 @@ pub(super) struct Inverse {
 #[derive(Debug, Args)]
 pub(super) struct Kinematic {
     /// Measurement folder, needed for piecewise tracks, and for reduced arms unless --robot was
-    /// calibrated with them; with neither it nor --robot, the built-in one
+    /// calibrated with them; of the built-in robot, with neither it nor --robot, the built-in one
     pub(super) folder: Option<PathBuf>,
     #[command(flatten)]
     pub(super) variant: Variant,
@@ -538,7 +545,8 @@ pub(super) struct Robot {
     /// Description of the robot; without it, the built-in Gantry-Tau
     #[arg(long, value_name = "F.tau")]
     pub(super) model: Option<PathBuf>,
-    /// Parameters of the robot; without it, FOLDER/robot.toml, or the built-in ones
+    /// Parameters of the robot; without it, FOLDER/robot.toml; without a folder what the description gives, or else
+    /// the built-in ones
     #[arg(long, value_name = "ROBOT.toml")]
     pub(super) robot: Option<PathBuf>,
 }

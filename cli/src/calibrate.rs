@@ -54,8 +54,7 @@ pub(super) fn run(
         verdict = verdict.with_groups(&fitted.groups, session.robot_file());
     }
     let calibrated = &poses.division.calibration;
-    found.file.calibration =
-        Some(session.provenance(session.robot(), variant, calibrated, &stamp()));
+    found.file = session.calibrated_file(&found, calibrated, verdict.widening(), &stamp());
     let validation = &poses.division.validation;
     let is_held_out = poses.division.is_disjoint();
     let result = study::result(&found, folder, validation);

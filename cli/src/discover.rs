@@ -2,7 +2,6 @@
 
 use tau::discovery::{Discovery, Options, Outcome as Found};
 use tau::input_error::InputError;
-use tau::kinematics::Machine;
 use tau::measurements::Split;
 use tau::robot_file::RobotFile;
 use tau::{Robot, Session};
@@ -108,11 +107,8 @@ fn state(session: &Session, found: &Found, refit: Refit) -> Result<RobotFile, Fa
         }
     };
     let calibrated = session.state_found(found)?;
-    let Machine { robot, variant, .. } = &calibrated.machine;
-    Ok(RobotFile {
-        calibration: Some(session.provenance(robot, &variant.name, &found.poses, &stamp())),
-        ..calibrated.file.clone()
-    })
+    // Its covariance holds the noise that was found already.
+    Ok(session.calibrated_file(&calibrated, &found.poses, 1.0, &stamp()))
 }
 
 /// Name of the variant to start from.

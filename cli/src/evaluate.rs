@@ -1,7 +1,7 @@
 //! `tau evaluate`.
 
 use serde_json::json;
-use tau::evaluation::evaluate;
+use tau::evaluation::evaluate_knowing;
 use tau_report as report;
 use tau_robot::input_error::both;
 
@@ -22,18 +22,22 @@ pub(super) fn run(
     let (poses, basis) = session.unseen(asked)?;
     let variant = arguments.variant.name.as_str();
     let machine = session.machine(variant)?;
-    let found = evaluate(&machine, session.folder(), &poses);
+    let uncertainty = session.uncertainty(variant)?;
+    let known = uncertainty.as_ref();
+    let known = known.map(|known| (known, session.robot_file().noise));
+    let widening = session.robot_file().widening();
+    let found = evaluate_knowing(&machine, known, session.folder(), &poses);
     let found = found.map_err(|error| trust::explained(&session, variant, error))?;
     let verdict = session.verdict_on_prediction(&machine)?;
     let (robot, folder) = (&session.robot().name, &session.folder().name);
     let title = format!("{robot}, {variant}, {folder}");
-    let said = report::terminal::evaluation(&found, basis, console.width)
+    let said = report::terminal::evaluation(&found, basis, widening, console.width)
         + &report::trust::terminal::verdict(&verdict, console.width);
     let outcome = Outcome {
         summary: format!("{title}\n\n{said}"),
         remarks: session.remarks_for(variant)?,
         json: target.map(|target| {
-            let mut value = report::json::evaluation(&found);
+            let mut value = report::json::evaluation(&found, widening);
             value["variant"] = json!(variant);
             value["robot"] = json!(robot);
             value["folder"] = json!(folder);

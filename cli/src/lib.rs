@@ -11,6 +11,7 @@ mod deliver;
 mod discover;
 mod evaluate;
 mod generate;
+mod init;
 mod kept;
 mod kinematics;
 mod numbers;
@@ -183,6 +184,7 @@ impl Console<'_> {
             Command::Evaluate(arguments) => evaluate::run(arguments, self),
             Command::Sensitivity(arguments) => sensitivity::run(arguments, self),
             Command::Discover(arguments) => discover::run(arguments, self),
+            Command::Init(arguments) => init::run(arguments),
             Command::Simulate(arguments) => simulate::run(arguments),
             Command::Generate(arguments) => generate::run(arguments),
             Command::Kinematics(Kinematics::Forward(arguments)) => kinematics::forward(arguments),

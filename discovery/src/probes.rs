@@ -126,10 +126,7 @@ impl Probes {
         noise: Noise,
     ) -> Result<Self, Error> {
         let machine = with_targets(compiled, base, fitted);
-        let without_prior = |&value: &f64| Nominal {
-            value,
-            tolerance: None,
-        };
+        let without_prior = |&value: &f64| Nominal::new(value, None);
         let nominal: Vec<Nominal> = machine.values.iter().map(without_prior).collect();
         let joint = Joint::new(machine, &nominal, samples, noise)?;
         let factors = vec![1.0; joint.rows.len()];

@@ -4,9 +4,11 @@ use rayon::prelude::*;
 use tau_kinematics::{Machine, Sample};
 use tau_robot::measurements::{Folder, TcpPose};
 use tau_robot::robot::Arm;
+use tau_robot::robot_file::Noise;
 
 use crate::calibration::{Combination, Error, LinkResult, ParameterEstimate};
 use crate::trust::Verdict;
+use crate::uncertainty::{PoseUncertainty, Uncertainty};
 
 /// Mean, largest and root-mean-square of a length, in µm.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -31,12 +33,51 @@ pub struct PoseError {
     /// Orientation error (rad), where the model predicts orientation: the rotation vector in the measurement frame that
     /// turns the measured plate into the predicted one, `log(R_model·R_measᵀ)`.
     pub orientation_rad: Option<[f64; 3]>,
+    /// Standard deviations that are to be expected of it, where they are known.
+    pub sigma: Option<ErrorSigma>,
+}
+
+/// Standard deviations of an error of prediction: of the parameters and the measurement together, under the stated
+/// noise.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ErrorSigma {
+    /// Of the position, one per axis (µm).
+    pub position_um: [f64; 3],
+    /// Of the rotation vector, one per axis (rad), where the model predicts orientation.
+    pub orientation_rad: Option<[f64; 3]>,
 }
 
 impl PoseError {
     /// Length of the position error (µm).
     pub fn length_um(&self) -> f64 {
         self.error_um.iter().map(|e| e * e).sum::<f64>().sqrt()
+    }
+
+    /// Root mean square length of the position error that is to be expected (µm).
+    fn expected_um(&self) -> Option<f64> {
+        let axes = self.sigma?.position_um;
+        Some(axes.iter().map(|sigma| sigma * sigma).sum::<f64>().sqrt())
+    }
+}
+
+impl ErrorSigma {
+    fn new(predicted: &PoseUncertainty, noise: Noise, arm: Arm) -> Self {
+        let with = |sigmas: [f64; 3], noise: f64| sigmas.map(|sigma| sigma.hypot(noise));
+        Self {
+            position_um: with(predicted.position_m(), noise.position_m).map(|sigma| 1e6 * sigma),
+            orientation_rad: (arm == Arm::Full)
+                .then(|| with(predicted.rotation_rad(), noise.rotation_rad)),
+        }
+    }
+
+    /// The same so many times as large.
+    #[must_use]
+    pub fn widened(self, by: f64) -> Self {
+        let wider = |sigmas: [f64; 3]| sigmas.map(|sigma| by * sigma);
+        Self {
+            position_um: wider(self.position_um),
+            orientation_rad: self.orientation_rad.map(wider),
+        }
     }
 }
 
@@ -49,6 +90,8 @@ pub struct VariantResult {
     pub position_um: Summary,
     /// Largest magnitude of each component of the orientation error (rad), where the model predicts orientation.
     pub orientation_rad_max_abs: Option<[f64; 3]>,
+    /// Root mean square of the position error to be expected of parameters and stated noise (µm), where it is known.
+    pub expected_rms_um: Option<f64>,
     /// Error at each validation pose.
     pub pose_errors: Vec<PoseError>,
     /// One row per link (full arm) or cluster (reduced arm): Table II.
@@ -74,6 +117,8 @@ pub struct Evaluation {
     pub position_um: Summary,
     /// Largest magnitude of each component of the orientation error (rad), where the model predicts orientation.
     pub orientation_rad_max_abs: Option<[f64; 3]>,
+    /// Root mean square of the position error to be expected of parameters and stated noise (µm), where it is known.
+    pub expected_rms_um: Option<f64>,
     /// Error at each pose.
     pub errors: Vec<PoseError>,
 }
@@ -98,6 +143,20 @@ impl Summary {
 /// # Errors
 /// Columns that the variant needs are missing; a pose can't be predicted.
 pub fn evaluate(machine: &Machine, folder: &Folder, poses: &[usize]) -> Result<Evaluation, Error> {
+    evaluate_knowing(machine, None, folder, poses)
+}
+
+/// The same with the standard deviation to be expected of each error, from what is known of the parameters and the
+/// stated noise of the measurement.
+///
+/// # Errors
+/// As [`evaluate`].
+pub fn evaluate_knowing(
+    machine: &Machine,
+    known: Option<(&Uncertainty, Noise)>,
+    folder: &Folder,
+    poses: &[usize],
+) -> Result<Evaluation, Error> {
     let measured: Vec<&TcpPose> = (poses.iter())
         .filter_map(|&pose| folder.tcp_poses.get(pose))
         .collect();
@@ -106,10 +165,13 @@ pub fn evaluate(machine: &Machine, folder: &Folder, poses: &[usize]) -> Result<E
         .par_iter()
         .map(|&measured| {
             let sample = Sample::from(measured);
-            let predicted = machine
-                .forward_fitted(&sample)
-                .map_err(|error| Error::at_pose(measured.pose, machine.explained(error, &sample)))?
-                .pose;
+            let fail = |error| Error::at_pose(measured.pose, machine.explained(error, &sample));
+            let predicted = machine.forward_fitted(&sample).map_err(fail)?.pose;
+            let sigma = known.map(|(uncertainty, noise)| {
+                let of_pose = uncertainty.pose(machine, &sample.at(predicted))?;
+                Ok(ErrorSigma::new(&of_pose, noise, machine.variant.arm))
+            });
+            let sigma = sigma.transpose().map_err(fail)?;
             let position = predicted.position_m();
             let orientation = sample.pose.turn_to(&predicted.rotation).into();
             Ok(PoseError {
@@ -117,6 +179,7 @@ pub fn evaluate(machine: &Machine, folder: &Folder, poses: &[usize]) -> Result<E
                 position_m: measured.position_m,
                 error_um: [0, 1, 2].map(|k| (position[k] - measured.position_m[k]) * 1e6),
                 orientation_rad: (machine.variant.arm == Arm::Full).then_some(orientation),
+                sigma,
             })
         })
         .collect();
@@ -131,8 +194,11 @@ pub fn evaluate(machine: &Machine, folder: &Folder, poses: &[usize]) -> Result<E
             .map(|turn| turn[k].abs())
             .fold(0.0, f64::max)
     };
+    let expected: Option<Vec<f64>> = errors.iter().map(PoseError::expected_um).collect();
+    let expected = expected.filter(|expected| !expected.is_empty());
     Ok(Evaluation {
         position_um: Summary::of(&lengths),
+        expected_rms_um: expected.map(|expected| Summary::of(&expected).rms),
         orientation_rad_max_abs: (machine.variant.arm == Arm::Full)
             .then(|| [largest(0), largest(1), largest(2)]),
         errors,

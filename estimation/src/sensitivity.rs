@@ -8,11 +8,12 @@
 //! nothing: a small turn changes α and γ by anything. There the components of the rotation vector are summed instead.
 
 use nalgebra::{DMatrix, DVector, Vector3};
-use tau_kinematics::{self as kinematics, Machine, POSE_COLUMNS, Pose, Sample, angle_rates};
+use tau_kinematics::{Machine, POSE_COLUMNS, Pose, Sample, angle_rates};
 use tau_robot::measurements::{Folder, TcpPose};
 use tau_robot::robot::{Arm, Instance, Owner, ResidualKind};
 
 use crate::calibration::{Error, closure_cost};
+use crate::implicit::Linearized;
 
 /// Table III: effect of a step in each parameter of each link, summed over the validation poses.
 #[derive(Debug, Clone)]
@@ -177,8 +178,7 @@ struct Place<'a> {
     pose: Pose,
     /// `−(∂r/∂X)⁻¹`, by least squares: rows translation and rotation vector, one column per closure.
     response: DMatrix<f64>,
-    /// Reciprocal length of each closure's gradient, which [`Machine::closures`] divides by.
-    scales: Vec<f64>,
+    closures: Linearized,
 }
 
 /// Changes of the pose at every place.
@@ -191,88 +191,36 @@ struct Change {
 
 impl<'a> Place<'a> {
     fn new(machine: &Machine, measured: &'a TcpPose) -> Result<Self, Error> {
-        let fail = |error| Error::at_pose(measured.pose, error);
         let sample = Sample::from(measured);
+        let fail = |error| Error::at_pose(measured.pose, machine.explained(error, &sample));
         let pose = machine.forward_fitted(&sample).map_err(fail)?.pose;
-        let sample = sample.at(pose);
-        let closures = machine.closures(&sample).map_err(fail)?;
-        let scales = machine
-            .closure_instances()
-            .map(|instance| {
-                let (_, [x, y, z, ..]) = machine.closure_by_pose(instance, &sample)?;
-                Ok(Vector3::new(x, y, z).norm().recip())
-            })
-            .collect::<Result<Vec<f64>, _>>()
-            .map_err(fail)?;
+        let closures = Linearized::new(machine, &sample.at(pose)).map_err(fail)?;
         let unknowns = machine.pose_unknowns();
-        let inverse = closures
-            .jacobian
-            .select_columns(unknowns)
-            .pseudo_inverse(1e-12)
-            .map_err(|why| Error::NotConverged {
-                variant: machine.variant.name.clone(),
-                why: why.into(),
-            })?;
+        let inverse = closures.response(unknowns);
+        let inverse = inverse.ok_or_else(|| Error::NotConverged {
+            variant: machine.variant.name.clone(),
+            why: "the derivatives are not finite".to_owned(),
+        })?;
         let mut response = DMatrix::zeros(POSE_COLUMNS, inverse.ncols());
         for (row, &unknown) in unknowns.iter().enumerate() {
-            response.set_row(unknown, &-inverse.row(row));
+            response.set_row(unknown, &inverse.row(row));
         }
         Ok(Self {
             measured,
             pose,
             response,
-            scales,
+            closures,
         })
     }
 
     /// Derivatives of all closures by a parameter, at the predicted pose.
-    fn closure_derivatives(
-        &self,
-        machine: &Machine,
-        parameter: usize,
-    ) -> Result<DVector<f64>, Error> {
-        let sample = Sample::from(self.measured).at(self.pose);
-        let mut derivatives = DVector::zeros(self.scales.len());
-        for (row, closure) in machine
-            .variant
-            .instances_of(ResidualKind::Closure)
-            .enumerate()
-        {
-            let Some(own) = closure.parameters.iter().position(|&p| p == parameter) else {
-                continue;
-            };
-            let shape = closure.family.shape();
-            let mut data = Vec::with_capacity(shape.data);
-            let filled = machine.fill(closure, &sample, &mut data);
-            filled.map_err(|error| Error::at_pose(self.measured.pose, error))?;
-            let parameters: Vec<f64> = closure
-                .parameters
-                .iter()
-                .map(|&p| machine.values[p])
-                .collect();
-            let pattern = closure.family.pattern();
-            let (mut prepared, mut residual) = (vec![0.0; shape.prepared], [0.0]);
-            let mut jacobian = vec![0.0; pattern.len()];
-            closure.family.prepare(&data, &mut prepared);
-            closure
-                .family
-                .linearize(&prepared, &parameters, &mut residual, &mut jacobian);
-            derivatives[row] = pattern
-                .columns
-                .iter()
-                .zip(&jacobian)
-                .find(|&(&column, _)| column as usize == own)
-                .map_or(0.0, |(_, entry)| entry * self.scales[row]);
-            if !derivatives[row].is_finite() {
-                let closure = machine.closure_name(closure).to_owned();
-                let error = kinematics::Error::NotFinite {
-                    closure,
-                    effects: Vec::new(),
-                };
-                return Err(Error::at_pose(self.measured.pose, error));
-            }
-        }
-        Ok(derivatives)
+    fn closure_derivatives(&self, parameter: usize) -> DVector<f64> {
+        let closures = &self.closures.by_parameters;
+        let of = |entries: &Vec<(usize, f64)>| {
+            let own = entries.iter().find(|&&(index, _)| index == parameter);
+            own.map_or(0.0, |&(_, entry)| entry)
+        };
+        DVector::from_iterator(closures.len(), closures.iter().map(of))
     }
 }
 
@@ -293,7 +241,7 @@ fn row(
         by_step(&plus, places, turn)?,
         by_step(&minus, places, turn)?,
     );
-    let analytic = implicit(machine, parameter, places, turn)?;
+    let analytic = implicit(machine, parameter, places, turn);
     let total = |values: &[f64]| values.iter().sum::<f64>();
     let measured: Vec<&TcpPose> = places.iter().map(|place| place.measured).collect();
     let total_cost = |machine: &Machine| -> Result<f64, Error> {
@@ -336,19 +284,14 @@ fn by_step(moved: &Machine, places: &[Place<'_>], turn: Turn) -> Result<Change, 
 }
 
 /// The same per unit of the parameter, by the implicit function theorem.
-fn implicit(
-    machine: &Machine,
-    parameter: usize,
-    places: &[Place<'_>],
-    turn: Turn,
-) -> Result<Change, Error> {
+fn implicit(machine: &Machine, parameter: usize, places: &[Place<'_>], turn: Turn) -> Change {
     let mut change = Change {
         position: Vec::new(),
         orientation: Vec::new(),
     };
     let turns = machine.variant.arm == Arm::Full;
     for place in places {
-        let motion = &place.response * place.closure_derivatives(machine, parameter)?;
+        let motion = &place.response * place.closure_derivatives(parameter);
         change.position.push(motion.fixed_rows::<3>(0).norm());
         let turning = motion.fixed_rows::<3>(3).into_owned();
         change.orientation.push(if turns {
@@ -357,7 +300,7 @@ fn implicit(
             0.0
         });
     }
-    Ok(change)
+    change
 }
 
 /// Largest relative difference between the two ways, over all entries that are not negligible.

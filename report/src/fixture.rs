@@ -74,6 +74,7 @@ fn variant(numbers: &mut Numbers, name: &str, size: f64, full: bool) -> VariantR
             position_m: [-1.3, -4.2, 0.0].map(|centre| centre + 0.5 * numbers.next()),
             error_um: numbers.three(size),
             orientation_rad: full.then(|| numbers.three(2e-4)),
+            sigma: None,
         })
         .collect();
     let lengths = || pose_errors.iter().map(PoseError::length_um);
@@ -160,6 +161,7 @@ fn variant(numbers: &mut Numbers, name: &str, size: f64, full: bool) -> VariantR
         name: name.to_owned(),
         position_um,
         orientation_rad_max_abs: full.then_some([1.9e-4, 2.1e-4, 1.8e-4]),
+        expected_rms_um: None,
         pose_errors,
         links,
         parameters,

@@ -7,8 +7,7 @@ use serde_json::{Map, Value, json};
 use tau::assumptions::{PathDeviation, TrackComparison, TrackLinearity};
 use tau::calibration::{LinkResult, ParameterEstimate};
 use tau::discovery::Discovery;
-use tau::evaluation::Evaluation;
-use tau::evaluation::{PoseError, VariantResult};
+use tau::evaluation::{Evaluation, PoseError, Summary, VariantResult};
 use tau::measurements::PoseCounts;
 use tau::sensitivity::{LinkSensitivity, ParameterSensitivity, Sensitivity, Turn};
 use tau::session::Basis;
@@ -74,12 +73,23 @@ pub fn poses(poses: PoseCounts) -> Value {
 }
 
 /// Errors of predicted poses, with the field names of [`variant`].
-pub fn evaluation(evaluation: &Evaluation) -> Value {
-    let position = evaluation.position_um;
+///
+/// `sigma` and `expected_rms` are as the stated noise makes them, and widened by the misfit of the calibration.
+pub fn evaluation(evaluation: &Evaluation, widening: f64) -> Value {
     json!({
-        "position_um": { "mean": position.mean, "max": position.max, "rms": position.rms },
+        "position_um": position(evaluation.position_um, evaluation.expected_rms_um, widening),
         "orientation_rad": evaluation.orientation_rad_max_abs.map(|max_abs| json!({ "max_abs": max_abs })),
-        "pose_errors": evaluation.errors.iter().map(pose_error).collect::<Vec<_>>(),
+        "pose_errors": evaluation.errors.iter().map(|own| pose_error(own, widening)).collect::<Vec<_>>(),
+    })
+}
+
+fn position(found: Summary, expected_rms_um: Option<f64>, widening: f64) -> Value {
+    json!({
+        "mean": found.mean,
+        "max": found.max,
+        "rms": found.rms,
+        "expected_rms": expected_rms_um,
+        "expected_rms_widened": expected_rms_um.map(|expected| widening * expected),
     })
 }
 
@@ -100,11 +110,10 @@ pub fn variant(variant: &VariantResult) -> Value {
         .iter()
         .map(|result| (result.name.clone(), link(result)))
         .collect();
-    let position = variant.position_um;
     let widening = variant.fit.as_ref().map_or(1.0, Verdict::widening);
     json!({
         "fit": variant.fit.as_ref().map(trust::verdict),
-        "position_um": { "mean": position.mean, "max": position.max, "rms": position.rms },
+        "position_um": position(variant.position_um, variant.expected_rms_um, widening),
         "orientation_rad": variant.orientation_rad_max_abs.map(|max_abs| json!({ "max_abs": max_abs })),
         "links": links,
         "iterations": variant.iterations,
@@ -114,7 +123,7 @@ pub fn variant(variant: &VariantResult) -> Value {
             .map(|(one, other, value)| json!({ "parameters": [one, other], "value": value }))
             .collect::<Vec<_>>(),
         "undetermined": variant.undetermined.iter().map(trust::combination).collect::<Vec<_>>(),
-        "pose_errors": variant.pose_errors.iter().map(pose_error).collect::<Vec<_>>(),
+        "pose_errors": variant.pose_errors.iter().map(|own| pose_error(own, widening)).collect::<Vec<_>>(),
     })
 }
 
@@ -149,12 +158,18 @@ fn parameter(parameter: &ParameterEstimate, widening: f64) -> Value {
     })
 }
 
-fn pose_error(error: &PoseError) -> Value {
+fn pose_error(error: &PoseError, widening: f64) -> Value {
+    let sigma = error.sigma;
+    let widened = sigma.map(|sigma| sigma.widened(widening));
     json!({
         "pose": error.pose,
         "position_m": error.position_m,
         "error_um": error.error_um,
         "orientation_rad": error.orientation_rad,
+        "sigma_um": sigma.map(|sigma| sigma.position_um),
+        "sigma_widened_um": widened.map(|sigma| sigma.position_um),
+        "orientation_sigma_rad": sigma.and_then(|sigma| sigma.orientation_rad),
+        "orientation_sigma_widened_rad": widened.and_then(|sigma| sigma.orientation_rad),
     })
 }
 

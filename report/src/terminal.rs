@@ -5,6 +5,7 @@ use tau::evaluation::{Evaluation, Summary, VariantResult};
 use tau::sensitivity::Sensitivity;
 use tau::session::Basis;
 use tau::study::results::Study;
+use tau::trust::Verdict;
 
 use super::discovery;
 use super::findings;
@@ -135,6 +136,11 @@ pub fn variant(result: &VariantResult, is_held_out: bool, width: usize) -> Strin
         result.orientation_rad_max_abs,
         (result.pose_errors.len(), basis),
     );
+    expected(
+        &mut screen,
+        result.expected_rms_um,
+        result.fit.as_ref().map_or(1.0, Verdict::widening),
+    );
     if let Some(fit) = &result.fit {
         trust::line(&mut screen, fit);
     }
@@ -152,7 +158,7 @@ fn geometry(screen: &mut Screen, result: &VariantResult) {
 }
 
 /// Errors of predicted poses, in words, with what the poses are to the parameters.
-pub fn evaluation(evaluation: &Evaluation, basis: Basis, width: usize) -> String {
+pub fn evaluation(evaluation: &Evaluation, basis: Basis, widening: f64, width: usize) -> String {
     let mut screen = Screen::new(width);
     position_and_orientation(
         &mut screen,
@@ -160,6 +166,7 @@ pub fn evaluation(evaluation: &Evaluation, basis: Basis, width: usize) -> String
         evaluation.orientation_rad_max_abs,
         (evaluation.errors.len(), basis),
     );
+    expected(&mut screen, evaluation.expected_rms_um, widening);
     screen.say(match basis {
         Basis::Split => "",
         Basis::HeldOut => "The robot file was calibrated on other poses of this folder.",
@@ -171,6 +178,23 @@ pub fn evaluation(evaluation: &Evaluation, basis: Basis, width: usize) -> String
         }
     });
     screen.into_text()
+}
+
+/// Root mean square of the position error that parameters and noise let expect.
+fn expected(screen: &mut Screen, rms_um: Option<f64>, widening: f64) {
+    let Some(rms_um) = rms_um else {
+        return;
+    };
+    let widened = if widening > 1.0 {
+        let widened = general(widening * rms_um, 3);
+        format!(", {widened} µm if the misfit of the calibration is noise")
+    } else {
+        String::new()
+    };
+    let rms = general(rms_um, 3);
+    screen.say(&format!(
+        "Expected of the stated noise and the parameters' standard deviations: rms {rms} µm{widened}."
+    ));
 }
 
 fn position_and_orientation(

@@ -4,10 +4,13 @@ pub use tau_prototype::{CART_POSES, CART_POSITIONS, ROBOT, TCP_POSES};
 
 use crate::input_error::InputError;
 use crate::measurements::{Folder, Shape, Texts};
+use crate::robot::Robot;
 use crate::robot_file::RobotFile;
 
 /// Name under which the folder appears in reports and errors.
 pub const NAME: &str = "prototype";
+/// Name of the robot that was measured.
+const ROBOT_NAME: &str = "GantryTau";
 /// Its three tracks, one command each.
 pub const SHAPE: Shape = Shape {
     commands: 3,
@@ -33,6 +36,23 @@ pub fn folder() -> Result<Folder, InputError> {
 /// None with the data that ship.
 pub fn robot_file() -> Result<RobotFile, InputError> {
     RobotFile::parse(ROBOT, "prototype/robot.toml")
+}
+
+/// Parameters of a robot where no file is named: what its description gives by itself, or else, for the robot of the
+/// [measurements](folder) that ship, theirs.
+///
+/// # Errors
+/// The description lacks values, which are listed.
+pub fn parameters_of(robot: &Robot) -> Result<RobotFile, InputError> {
+    match RobotFile::described(robot) {
+        Err(_) if is_of(robot) => RobotFile::parse_for(ROBOT, "prototype/robot.toml", robot),
+        found => found,
+    }
+}
+
+/// True for the robot that was measured, with whatever variants and effects.
+pub fn is_of(robot: &Robot) -> bool {
+    robot.name == ROBOT_NAME
 }
 
 #[cfg(test)]

@@ -1,8 +1,10 @@
 //! The machine that a robot file describes, and the one that was built instead.
 
 use nalgebra::{Rotation3, Vector3};
+use tau_codegen::language;
+use tau_codegen::language::model::{Link, Quantity};
 use tau_robot::input_error::{Errors, InputError};
-use tau_robot::robot::{Arm, Owner, Robot, Variant};
+use tau_robot::robot::{Arm, Robot, Variant};
 use tau_robot::robot_file::{LinkValues, Reference, RobotFile, Value};
 
 use super::effect::Conditions;
@@ -56,6 +58,8 @@ pub(super) fn nominal(
     robot: &Robot,
     file: &RobotFile,
 ) -> Result<(Machine, Vec<Tolerances>), InputError> {
+    // Without a text, as for a robot made by hand, nothing is described.
+    let links = language::check_text(&robot.description).map_or_else(|_| vec![], |m| m.links);
     let mut errors = Errors::default();
     let mut tolerances = Vec::new();
     let mut rods = Vec::new();
@@ -70,7 +74,7 @@ pub(super) fn nominal(
                 .find_map(|values| of(values).as_ref());
             let found = match stated {
                 Some(value) => Some((value.value.clone(), value.tol)),
-                None => described(robot, index, quantity),
+                None => links.get(index).and_then(|link| described(link, quantity)),
             };
             if let Some((values, own)) = found {
                 *tol = own;
@@ -129,21 +133,22 @@ pub(super) fn nominal(
 }
 
 /// Values and tolerance of a link's quantity that the description itself gives.
-fn described(robot: &Robot, link: usize, quantity: &str) -> Option<(Vec<f64>, f64)> {
-    robot
-        .variants
-        .iter()
-        .filter(|variant| variant.arm == Arm::Full)
-        .find_map(|variant| {
-            let own: Vec<_> = variant
-                .parameters
-                .iter()
-                .filter(|p| p.owner == Owner::Link(link) && p.quantity == quantity)
-                .collect();
-            let values: Option<Vec<f64>> = own.iter().map(|parameter| parameter.nominal).collect();
-            let tolerance = own.first()?.tolerance.unwrap_or(0.0);
-            values.map(|values| (values, tolerance))
-        })
+fn described(link: &Link, quantity: &str) -> Option<(Vec<f64>, f64)> {
+    let given = &link.defaults;
+    let vector = |quantity: &Quantity<3>| {
+        let tolerance = quantity.tolerance.unwrap_or(0.0);
+        Some((quantity.value?.to_vec(), tolerance))
+    };
+    match quantity {
+        "length" => {
+            let length = &given.length;
+            Some((length.value?.to_vec(), length.tolerance.unwrap_or(0.0)))
+        }
+        "plate_joint" => vector(&given.plate_joint),
+        "track_offset" => vector(&given.track_offset),
+        "track_direction" => vector(&given.track_direction),
+        _ => None,
+    }
 }
 
 /// A machine drawn from the tolerances.

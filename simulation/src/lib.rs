@@ -109,6 +109,8 @@ pub struct SimulatedFolder {
 pub struct Truth {
     /// The machine as built, with its effects.
     pub machine: Machine,
+    /// Names of its rods.
+    pub links: Vec<String>,
     /// Effects by name and place, as the description writes it (`two`, `all`, `one,two`).
     pub effects: Vec<(String, String)>,
     /// Verdicts of discovery that are right.
@@ -328,6 +330,12 @@ impl<'a> Session<'a> {
                 set3: mounting3,
                 outliers: outliers.keys().map(|&index| number(index)).collect(),
                 out_of_reach: set1.left_out + set3.left_out,
+                links: simulation
+                    .robot
+                    .links
+                    .iter()
+                    .map(|link| link.name.clone())
+                    .collect(),
                 machine: self.machine,
             },
         })

@@ -24,7 +24,7 @@ const LARGEST_NOISE: f64 = 1.0;
     reason = "each is a switch of the command line"
 )]
 pub struct Request {
-    /// The robot file; by default the prototype's.
+    /// The robot file; by default what the description gives, or else the prototype's.
     pub robot: Option<PathBuf>,
     /// Variant whose simplifications the true machine keeps; see [`Simulation::variant`].
     pub variant: Option<String>,
@@ -162,7 +162,7 @@ impl Request {
         }
         let file = match &self.robot {
             Some(path) => RobotFile::read(path, robot),
-            None => RobotFile::parse_for(prototype::ROBOT, "prototype/robot.toml", robot),
+            None => prototype::parameters_of(robot),
         };
         let mut file = match file {
             Ok(file) => file,

@@ -5,6 +5,7 @@ use std::fmt::Write as _;
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use nalgebra::Vector3;
 use serde_json::{Map, Value, json};
 use tau_codegen::language::model::Place;
 use tau_robot::input_error::InputError;
@@ -12,7 +13,7 @@ use tau_robot::measurements::{CartPose, CartPosition, Conditions, Folder, TcpPos
 use tau_robot::robot::Robot;
 use tau_robot::robot_file::RobotFile;
 
-use super::{Effect, SimulatedFolder, Truth};
+use super::{Effect, SimulatedFolder, Truth, number, zyz_angles};
 
 impl SimulatedFolder {
     /// Names and texts of the folder's files. Numbers are written so that they read back bit for bit;
@@ -104,7 +105,8 @@ impl Drop for Partial {
 }
 
 impl Truth {
-    /// `{"effects": [{"name", "place", "parameters"}], "status": […], "outliers": […]}`.
+    /// `{"effects": [{"name", "place", "parameters"}], "status": […], "outliers": […], "links": {…}, "tcp_poses": […]}`:
+    /// dimensions as built, with the names of the robot file, and where the TCP truly stood at the poses of set 1.
     pub fn to_json(&self) -> String {
         let effects: Vec<Value> = self
             .effects
@@ -122,7 +124,34 @@ impl Truth {
                 json!({ "name": name, "place": place, "parameters": parameters })
             })
             .collect();
-        let truth = json!({ "effects": effects, "status": self.status, "outliers": self.outliers });
+        let vector = |vector: &Vector3<f64>| <[f64; 3]>::from(*vector);
+        let links: Map<String, Value> = (self.links.iter().zip(&self.machine.rods))
+            .map(|(name, rod)| {
+                let built = json!({
+                    "length_m": rod.length_m,
+                    "plate_joint_m": vector(&rod.plate_joint_m),
+                    "track_offset_m": vector(&rod.track_offset_m),
+                    "track_direction": rod.track.map(|_| vector(&rod.track_direction)),
+                });
+                (name.clone(), built)
+            })
+            .collect();
+        let poses: Vec<Value> = (self.tcp_poses.iter().enumerate())
+            .map(|(index, state)| {
+                json!({
+                    "pose": number(index),
+                    "position_m": vector(&state.pose.position_m),
+                    "orientation_rad": zyz_angles(&state.pose.rotation),
+                })
+            })
+            .collect();
+        let truth = json!({
+            "effects": effects,
+            "status": self.status,
+            "outliers": self.outliers,
+            "links": links,
+            "tcp_poses": poses,
+        });
         format!("{truth:#}\n")
     }
 }

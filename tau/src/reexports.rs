@@ -2,7 +2,7 @@
 //! this workspace are left out.
 
 pub use nalgebra;
-pub use tau_estimation::{assumptions, evaluation, sensitivity};
+pub use tau_estimation::{assumptions, evaluation, sensitivity, uncertainty};
 pub use tau_robot::{InputError, Robot, prototype, robot};
 
 pub use calibration::Error;
@@ -11,7 +11,7 @@ pub use calibration::Error;
 pub mod calibration {
     pub use tau_estimation::calibration::{
         Calibration, Combination, Error, Line, LinkResult, LinkSigma, NominalTrack, Options,
-        ParameterEstimate, Registration, calibrate, machine_from_file,
+        ParameterEstimate, Prepared, Registration, calibrate, machine_from_file,
     };
 }
 
@@ -57,14 +57,15 @@ pub mod measurements {
 /// The instance of a robot: nominal or calibrated parameters with tolerances, noise and loads (`robot.toml`).
 pub mod robot_file {
     pub use tau_robot::robot_file::{
-        LinkValues, MeasuredPath, Noise, Payload, Provenance, Reference, RobotFile, Value,
+        Covariance, LinkValues, MeasuredPath, Noise, Payload, Provenance, Reference, RobotFile,
+        Value,
     };
 }
 
 /// Trust in answers: verdicts, recognised mistakes, and checks before a fit.
 pub mod trust {
     pub use tau_estimation::trust::{
-        Check, Checked, FileFacts, FileFit, Gap, Mistake, PoseFit, Pull, Range, Sight, Status,
-        Verdict,
+        Check, Checked, FileFacts, FileFit, Gap, Mistake, PoseFit, Pull, Range, Reach, Sight,
+        Status, Verdict,
     };
 }

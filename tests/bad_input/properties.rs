@@ -4,7 +4,7 @@ use proptest::prelude::*;
 use tau::input_error::InputError;
 use tau::measurements::{Folder, Split, Texts};
 use tau::robot_file::{
-    LinkValues, MeasuredPath, Noise, Payload, Provenance, Reference, RobotFile, Value,
+    Covariance, LinkValues, MeasuredPath, Noise, Payload, Provenance, Reference, RobotFile, Value,
 };
 
 use super::{CART_POSES, CART_POSITIONS, OnDisk, ROBOT, SHAPE, TCP_POSES, pair};
@@ -110,6 +110,8 @@ fn robot_file() -> impl Strategy<Value = RobotFile> {
                 description: texts.4,
                 commands_m: spans.clone(),
                 position_m: spans,
+                widening: 1.0 + poses as f64 / 7.0,
+                position_sigma_m: (poses > 4).then_some(1.5e-5),
                 tracker_effects,
             },
         );
@@ -144,6 +146,7 @@ fn robot_file() -> impl Strategy<Value = RobotFile> {
                 tracks,
                 effects,
             )| {
+                let robot_name = robot.clone();
                 RobotFile {
                     robot,
                     noise: Noise {
@@ -157,6 +160,11 @@ fn robot_file() -> impl Strategy<Value = RobotFile> {
                     }),
                     range_m,
                     reference,
+                    covariance: Some(Covariance {
+                        parameters: vec!["a.b".to_owned(), robot_name],
+                        factor: vec![vec![noise.0], vec![-noise.1, noise.1 / 3.0]],
+                        registered_rad: range_m.map(|(low, high)| [low, high, 0.1]),
+                    }),
                     calibration,
                     paths,
                     links,

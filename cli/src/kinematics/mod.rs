@@ -1,15 +1,19 @@
 //! `tau kinematics`.
 
 mod targets;
+mod trust;
 
 use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
-use tau::calibration::machine_from_file;
+use tau::calibration::Prepared;
 use tau::input_error::InputError;
 use tau::kinematics::{self, InverseOptions, Machine, Pose, Reached};
 use tau::measurements::{Folder, Poses, Shape, Split, TcpPose};
+use tau::prototype;
 use tau::robot::Arm;
+use tau::robot_file::RobotFile;
+use tau::uncertainty::PoseUncertainty;
 use tau_robot::input_error::{both, quoted};
 
 use super::calibrate::{csv, number};
@@ -18,6 +22,7 @@ use super::kept::Kept;
 use super::resolve::{files, robot};
 use super::{Failure, arguments};
 use targets::{Asked, Row};
+use trust::Certainty;
 
 pub(super) fn forward(arguments: &arguments::Forward) -> Result<Outcome, Failure> {
     let mut setup = Setup::resolve(&arguments.with, arguments.poses.as_ref())?;
@@ -45,7 +50,7 @@ pub(super) fn forward(arguments: &arguments::Forward) -> Result<Outcome, Failure
         reached.push(next);
     }
     setup.remarks.extend(misfits(&rows, &reached));
-    setup.outcome(&rows, &reached)
+    setup.outcome(&rows, &reached, Asked::Poses)
 }
 
 pub(super) fn inverse(arguments: &arguments::Inverse) -> Result<Outcome, Failure> {
@@ -63,12 +68,13 @@ pub(super) fn inverse(arguments: &arguments::Inverse) -> Result<Outcome, Failure
             .map_err(|error| setup.fail(row, &error))?;
         reached.push(next);
     }
-    setup.outcome(&rows, &reached)
+    setup.outcome(&rows, &reached, Asked::Commands)
 }
 
 /// A machine, and what settles how its arm is assembled.
 struct Setup<'a> {
     machine: Machine,
+    certainty: Certainty,
     range_m: Vec<Option<(f64, f64)>>,
     measured: Vec<TcpPose>,
     /// Name of the folder that the measured poses are of.
@@ -96,7 +102,8 @@ impl<'a> Setup<'a> {
         let kept = Kept::of(with.folder.as_ref(), with.robot.files().chain(poses));
         let out = with.out.as_deref();
         // Parameters without measurements are enough for straight tracks and full arms.
-        let needs_folder = with.folder.is_some() || with.robot.robot.is_none();
+        let is_built_in = with.robot.robot.is_none() && RobotFile::described(&robot).is_err();
+        let needs_folder = with.folder.is_some() || is_built_in && prototype::is_of(&robot);
         let measurements = if needs_folder {
             files.read_folder(&robot).map(Some)
         } else {
@@ -128,8 +135,8 @@ impl<'a> Setup<'a> {
             || Folder::default().measured_range(&file, shape),
             |folder| folder.measured_range(&file, shape),
         );
-        let machine = machine_from_file(&robot, &variant, &file, folder.as_ref(), &poses);
-        let machine = machine.map_err(|error| {
+        let prepared = Prepared::from_file(&robot, &variant, &file, folder.as_ref(), &poses);
+        let prepared = prepared.map_err(|error| {
             let is_folded = variant.arm == Arm::Reduced
                 && robot
                     .clusters
@@ -140,7 +147,14 @@ impl<'a> Setup<'a> {
                 _ => error,
             }
         })?;
-        let file_name = file_name(with);
+        let certainty = Certainty::new(&prepared, &file);
+        let machine = prepared.machine;
+        let file_name = match &with.robot.model {
+            Some(path) if folder.is_none() && with.robot.robot.is_none() => {
+                path.display().to_string()
+            }
+            _ => file_name(with),
+        };
         let reference = match (&file.reference, &with.robot.model) {
             (None, Some(path)) => path.display().to_string(),
             _ => file_name.clone(),
@@ -173,7 +187,9 @@ impl<'a> Setup<'a> {
             remarks: (file.other_robot(&robot).into_iter())
                 .chain(file.unused_effects(&asked))
                 .chain(of_tracker)
+                .chain(certainty.remark())
                 .collect(),
+            certainty,
         })
     }
 
@@ -375,16 +391,41 @@ impl<'a> Setup<'a> {
         }
     }
 
-    fn outcome(mut self, rows: &[Row], reached: &[Reached]) -> Result<Outcome, Failure> {
+    /// A remark where the position is less well known than at any pose that calibrated.
+    fn beyond_knowledge(rows: &[Row], known: &[trust::Known]) -> Option<String> {
+        let pairs = rows.iter().zip(known);
+        let mut beyond = pairs.filter(|(_, known)| known.is_uncertain);
+        let (row, first) = beyond.next()?;
+        let more = match beyond.count() {
+            0 => String::new(),
+            more => format!(", and {more} more"),
+        };
+        let why = first.outside.last()?;
+        Some(format!(
+            "pose {} lies outside the region of calibration: {why}{more}",
+            row.pose
+        ))
+    }
+
+    fn outcome(
+        mut self,
+        rows: &[Row],
+        reached: &[Reached],
+        asked: Asked,
+    ) -> Result<Outcome, Failure> {
+        let with_commands = asked == Asked::Commands;
+        let (machine, certainty) = (&self.machine, &self.certainty);
+        let known = certainty.of(machine, rows, reached, with_commands);
         let has_orientation = self.machine.variant.arm == Arm::Full;
-        let pairs = || rows.iter().zip(reached);
+        let pairs = || rows.iter().zip(reached).zip(&known);
         let mut header = vec!["pose".to_owned()];
         header.extend((1..=self.machine.robot.commands).map(|k| format!("q{k}_m")));
         header.extend(["x_m", "y_m", "z_m"].map(String::from));
         if has_orientation {
             header.extend(["alpha_rad", "beta_rad", "gamma_rad"].map(String::from));
         }
-        let table = pairs().map(|(row, reached)| {
+        header.extend(trust::Known::columns(certainty, machine, with_commands));
+        let table = pairs().map(|((row, reached), known)| {
             let angles = if has_orientation {
                 &reached.pose.angles_rad()[..]
             } else {
@@ -394,17 +435,24 @@ impl<'a> Setup<'a> {
             let numbers = reached.commands_m.iter().copied();
             fields.extend(numbers.chain(reached.pose.position_m()).map(number));
             fields.extend(angles.iter().copied().map(number));
+            fields.extend(known.cells(certainty, machine, with_commands));
             fields
         });
         let table = csv(header, table)?;
         let poses: Vec<Value> = pairs()
-            .map(|(row, reached)| {
+            .map(|((row, reached), known)| {
+                let pose = known.pose.as_ref();
                 json!({
                     "pose": row.pose,
                     "commands_m": reached.commands_m,
                     "position_m": reached.pose.position_m(),
                     "angles_rad": has_orientation.then(|| reached.pose.angles_rad()),
                     "mismatch_m": reached.mismatch_m,
+                    "position_sigma_m": pose.map(PoseUncertainty::position_m),
+                    "rotation_sigma_rad": pose.filter(|_| has_orientation).map(PoseUncertainty::rotation_rad),
+                    "commands_sigma_m": known.commands_m,
+                    "inside": certainty.has_region().then_some(known.outside.is_empty()),
+                    "outside": known.outside,
                 })
             })
             .collect();
@@ -421,10 +469,12 @@ impl<'a> Setup<'a> {
             "variant": self.machine.variant.name,
             "reference": reference,
             "tracker_effects_left_out": self.left_out,
+            "widening": certainty.widening,
             "poses": poses,
         });
         let beyond = self.beyond_range(rows, reached);
         self.remarks.extend(beyond);
+        self.remarks.extend(Self::beyond_knowledge(rows, &known));
         let remarks = self.remarks;
         let json = self.json.map(|target| (value, target));
         Ok(match self.out {

@@ -134,13 +134,17 @@ pub(super) fn of_file(
         .map(|n| format!("{DIRECTION}{n}"))
         .collect();
     // Output of the program can be read again: commands are no strangers beside poses.
-    let known = ["pose", TIME, TEMPERATURE]
+    let known: Vec<String> = ["pose", TIME, TEMPERATURE]
         .iter()
         .chain(&POSITION)
         .chain(&ANGLES)
         .map(ToString::to_string)
         .chain(directions.iter().cloned())
-        .chain(shape.command_names());
+        .chain(shape.command_names())
+        .chain(["rx_rad", "ry_rad", "rz_rad"].map(str::to_owned))
+        .collect();
+    let sigmas = known.iter().map(|name| format!("sigma_{name}"));
+    let known = sigmas.chain(["inside".to_owned()]).chain(known.clone());
     let known: Vec<String> = known.collect();
     let required = match asked {
         Asked::Poses => shape.command_names(),

@@ -7,19 +7,21 @@ mod output;
 mod paths;
 pub(crate) mod registration;
 pub mod searched;
+mod shared_noise;
 mod stated;
 
 use std::collections::BTreeMap;
 
-use tau_kinematics::{Machine, Statics, Surroundings, nearest_rotation, zyz};
+use tau_kinematics::{Machine, Statics, Surroundings, nearest_rotation, xyz, zyz};
 use tau_robot::input_error::InputError;
 use tau_robot::measurements::{Folder, TcpPose};
 use tau_robot::robot::{Instance, ResidualKind, Robot, Variant};
 use tau_robot::robot_file::{MeasuredPath, RobotFile};
 
-use nalgebra::{Matrix3, Rotation3};
+use nalgebra::{DMatrix, Matrix3, Rotation3};
 use tau_solver::{Problem, Solution};
 
+use crate::numerics::triangle;
 use crate::problem::{self, Closures, Residuals};
 use crate::samples::Sample;
 use crate::samples::frames::Frames;
@@ -29,6 +31,7 @@ pub use error::Error;
 pub use nominal::{Nominal, TRACK_ROTATION_TOLERANCE_RAD};
 pub use output::{LinkResult, LinkSigma, ParameterEstimate};
 pub use registration::{Line, MOUNTING_M, NominalTrack, Registration, set_2, set_3};
+pub(crate) use shared_noise::factor_with_shared_noise;
 pub use stated::Stated;
 
 /// Options of a calibration.
@@ -70,6 +73,9 @@ pub struct Calibration {
     pub used: Vec<usize>,
     /// Covariance of [`Self::parameters`], in their order, priors included.
     pub covariance: Vec<Vec<f64>>,
+    /// Lower triangle F by rows with F·Fᵀ the covariance, to more digits than it has; `None` where nothing determines a
+    /// parameter.
+    pub factor: Option<Vec<Vec<f64>>>,
     /// Pairs of parameters with the largest correlations, largest first.
     pub correlations: Vec<(String, String, f64)>,
     /// Combinations that the data leave to the priors, worst first.
@@ -99,11 +105,7 @@ pub fn machine_from_file(
     folder: Option<&Folder>,
     poses: &[usize],
 ) -> Result<Machine, InputError> {
-    let file = &file.completed(robot);
-    // Angles of piecewise tracks refer to the frame in which their paths were measured.
-    let own = paths::as_measured(robot, file, folder);
-    let folder = own.as_ref().or(folder);
-    Ok(Prepared::new(robot, variant, file, folder, poses)?.machine)
+    Ok(Prepared::from_file(robot, variant, file, folder, poses)?.machine)
 }
 
 /// A variant at its nominal values.
@@ -118,6 +120,34 @@ pub struct Prepared {
 }
 
 impl Prepared {
+    /// From a robot file, its own paths of piecewise tracks before those of the folder: see [`machine_from_file`].
+    ///
+    /// # Errors
+    /// As [`machine_from_file`].
+    pub fn from_file(
+        robot: &Robot,
+        variant: &Variant,
+        file: &RobotFile,
+        folder: Option<&Folder>,
+        poses: &[usize],
+    ) -> Result<Self, InputError> {
+        let file = &file.completed(robot);
+        // Angles of piecewise tracks refer to the frame in which their paths were measured.
+        let Some(own) = paths::as_measured(robot, file, folder) else {
+            return Self::new(robot, variant, file, folder, poses);
+        };
+        // Registered as it was calibrated, since the covariance is that of angles from there.
+        let registered = file
+            .covariance
+            .as_ref()
+            .and_then(|known| known.registered_rad);
+        let registration = Registration::of_set_2(robot, file, &own).map(|found| Registration {
+            rotation: registered.map_or(found.rotation, xyz),
+            ..found
+        });
+        Self::registered(robot, variant, file, (Some(&own), registration), poses)
+    }
+
     /// From a robot file, completed from the description; folder and poses as for [`machine_from_file`].
     ///
     /// # Errors
@@ -131,6 +161,16 @@ impl Prepared {
     ) -> Result<Self, InputError> {
         let file = &paths::without_foreign_rotations(robot, file, folder);
         let registration = folder.and_then(|folder| Registration::of_set_2(robot, file, folder));
+        Self::registered(robot, variant, file, (folder, registration), poses)
+    }
+
+    fn registered(
+        robot: &Robot,
+        variant: &Variant,
+        file: &RobotFile,
+        (folder, registration): (Option<&Folder>, Option<Registration>),
+        poses: &[usize],
+    ) -> Result<Self, InputError> {
         let mean_rotation = folder.and_then(|folder| mean_rotation(folder, poses));
         let sources = nominal::Sources {
             robot,
@@ -193,10 +233,8 @@ pub fn calibrate(
     let Prepared {
         machine, nominal, ..
     } = &prepared;
-    let residuals = {
-        let samples = Sample::all(robot, folder, poses, &Frames::default());
-        Residuals::new(machine, nominal, &samples, file.noise, Closures::Apart)?
-    };
+    let samples = Sample::all(robot, folder, poses, &Frames::default());
+    let residuals = Residuals::new(machine, nominal, &samples, file.noise, Closures::Apart)?;
     let used = &residuals.used;
     let blocks = residuals.parts.iter();
     let mut problem = Problem {
@@ -225,16 +263,24 @@ pub fn calibrate(
     let identifiability =
         tau_solver::identifiability(&problem, &solution.parameters).map_err(failed)?;
 
+    let count = used.len();
+    let covariance = DMatrix::from_fn(count, count, |i, j| covariance.covariance(i, j));
+    let measured_in = (machine, &samples[..], file.noise);
+    let factor =
+        factor_with_shared_noise(&covariance, &residuals, measured_in, &solution.parameters)?;
     let name = |index: usize| problem.parameters[index].name.clone();
     let fitted = Fitted {
         values: problem::values(machine, used, &solution.parameters),
-        covariance: (0..used.len())
-            .map(|i| {
-                (0..used.len())
-                    .map(|j| covariance.covariance(i, j))
+        covariance: factor.as_deref().map_or_else(
+            || {
+                covariance
+                    .row_iter()
+                    .map(|row| row.iter().copied().collect())
                     .collect()
-            })
-            .collect(),
+            },
+            triangle::squared,
+        ),
+        factor,
         undetermined: combinations(&identifiability, name),
         cost: solution.cost,
         iterations: total_iterations(&solution),
@@ -260,6 +306,8 @@ pub(crate) struct Fitted {
     pub(crate) used: Vec<usize>,
     /// Their covariance, priors included.
     pub(crate) covariance: Vec<Vec<f64>>,
+    /// Its lower triangle; `None` where nothing determines a parameter.
+    pub(crate) factor: Option<Vec<Vec<f64>>>,
     pub(crate) undetermined: Vec<Combination>,
     pub(crate) cost: f64,
     pub(crate) iterations: usize,
@@ -294,6 +342,11 @@ pub(crate) fn finish(
             } else {
                 prepared.measured_paths.clone()
             },
+            covariance: output::covariance(
+                &estimates,
+                fitted.factor.as_deref(),
+                (prepared.registration.as_ref()).filter(|_| !prepared.measured_paths.is_empty()),
+            ),
             ..output::file(
                 &machine,
                 &estimates,
@@ -307,6 +360,7 @@ pub(crate) fn finish(
             .map(|(a, b, value)| (name(a), name(b), value))
             .collect(),
         covariance: fitted.covariance,
+        factor: fitted.factor,
         parameters: estimates,
         used: fitted.used,
         undetermined: fitted.undetermined,

@@ -21,6 +21,19 @@ pub struct Nominal {
     pub value: f64,
     /// One standard deviation; `None` where there is no prior.
     pub tolerance: Option<f64>,
+    /// True if the file states a standard deviation after calibration.
+    pub is_calibrated: bool,
+}
+
+impl Nominal {
+    /// A value that has not been calibrated.
+    pub fn new(value: f64, tolerance: Option<f64>) -> Self {
+        Self {
+            value,
+            tolerance,
+            is_calibrated: false,
+        }
+    }
 }
 
 /// Sources of nominal values.
@@ -50,27 +63,20 @@ impl<'a> Sources<'a> {
 
     fn of(&self, parameter: &Parameter) -> Result<Nominal, InputError> {
         let component = parameter.component.unwrap_or(0);
-        let from_description = || {
-            parameter.nominal.map(|value| Nominal {
-                value,
-                tolerance: parameter.tolerance,
-            })
-        };
+        let from_description =
+            || (parameter.nominal).map(|value| Nominal::new(value, parameter.tolerance));
         let found = match parameter.owner {
-            Owner::Effect(_) => {
-                self.effect(parameter)
-                    .or_else(from_description)
-                    .or(Some(Nominal {
-                        value: parameter
-                            .search
-                            .map_or(0.0, |(low, high)| f64::midpoint(low, high)),
-                        tolerance: parameter.tolerance,
-                    }))
+            Owner::Effect(_) => self
+                .effect(parameter)
+                .or_else(from_description)
+                .or_else(|| {
+                    let search = parameter.search;
+                    let middle = search.map_or(0.0, |(low, high)| f64::midpoint(low, high));
+                    Some(Nominal::new(middle, parameter.tolerance))
+                }),
+            Owner::Frame(_) | Owner::Target { .. } => {
+                from_description().or(Some(Nominal::new(0.0, parameter.tolerance)))
             }
-            Owner::Frame(_) | Owner::Target { .. } => from_description().or(Some(Nominal {
-                value: 0.0,
-                tolerance: parameter.tolerance,
-            })),
             _ if parameter.quantity == "track_rotation" => {
                 Some(self.rotation(parameter, component))
             }
@@ -98,6 +104,7 @@ impl<'a> Sources<'a> {
         Some(Nominal {
             value: *value_of,
             tolerance: Some(value.tol),
+            is_calibrated: value.sigma.is_some(),
         })
     }
 
@@ -121,6 +128,7 @@ impl<'a> Sources<'a> {
         Nominal {
             value: angles[component],
             tolerance: Some(tolerance),
+            is_calibrated: value.is_some_and(|value| value.sigma.is_some()),
         }
     }
 
@@ -132,6 +140,7 @@ impl<'a> Sources<'a> {
             return Some(Nominal {
                 value: *value.value.get(component)?,
                 tolerance: Some(value.tol),
+                is_calibrated: value.sigma.is_some(),
             });
         }
         let links = self.links_of(parameter.owner);
@@ -140,8 +149,10 @@ impl<'a> Sources<'a> {
         }
         let is_folded = matches!(parameter.owner, Owner::Cluster(_)) && quantity == "track_offset";
         let (mut sum, mut variance) = (0.0, 0.0);
+        let mut is_calibrated = false;
         for values in &links {
             let value = quantity_of(values, quantity)?;
+            is_calibrated |= value.sigma.is_some();
             sum += value.value.get(component)?;
             variance += value.tol.powi(2);
             if is_folded {
@@ -156,6 +167,7 @@ impl<'a> Sources<'a> {
         Some(Nominal {
             value: sum / count,
             tolerance: Some((variance / count).sqrt()),
+            is_calibrated,
         })
     }
 

@@ -4,7 +4,7 @@ use tau_kinematics::{Machine, Sample, xyz, xyz_angles};
 use tau_robot::measurements::TcpPose;
 use tau_robot::robot::{Instance, Owner, ResidualKind};
 use tau_robot::robot_file::keys::{WIDE, effect_key, quantity_slot};
-use tau_robot::robot_file::{Reference, RobotFile, Value};
+use tau_robot::robot_file::{Covariance, Reference, RobotFile, Value};
 
 use super::cost::closure_cost;
 use super::error::Error;
@@ -82,6 +82,32 @@ pub(super) fn estimates(
             }
         })
         .collect()
+}
+
+/// Digits of the factor of a covariance: predicted poses are known to some thousandths of what a parameter is known to,
+/// since its errors cancel in them.
+const DIGITS: usize = 8;
+
+/// The covariance for the file; `None` where nothing determines a parameter.
+pub(super) fn covariance(
+    estimates: &[ParameterEstimate],
+    factor: Option<&[Vec<f64>]>,
+    registration: Option<&Registration>,
+) -> Option<Covariance> {
+    let rounded = |value: f64| {
+        let text = format!("{value:.*e}", DIGITS - 1);
+        text.parse().unwrap_or(value)
+    };
+    let rows = factor?.iter();
+    let rows = rows.map(|row| row.iter().copied().map(rounded).collect());
+    Some(Covariance {
+        parameters: estimates
+            .iter()
+            .map(|estimate| estimate.name.clone())
+            .collect(),
+        factor: rows.collect(),
+        registered_rad: registration.map(|registration| xyz_angles(&registration.rotation)),
+    })
 }
 
 /// One row of Table II per closure; `sigmas` are the standard deviations of all parameters.

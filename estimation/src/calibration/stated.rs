@@ -5,6 +5,8 @@ use tau_robot::measurements::{Folder, TcpPose};
 use tau_robot::robot::ResidualKind;
 use tau_robot::robot_file::RobotFile;
 
+use crate::numerics::triangle;
+
 use super::{Calibration, Error, Fitted, Prepared, finish};
 
 /// A fitted variant, as it is stated.
@@ -38,8 +40,10 @@ impl Prepared {
         used.sort_unstable();
         used.dedup();
         let covariance = |&a: &usize| used.iter().map(|&b| (stated.covariance)(a, b)).collect();
+        let covariance: Vec<Vec<f64>> = used.iter().map(covariance).collect();
         let fitted = Fitted {
-            covariance: used.iter().map(covariance).collect(),
+            factor: triangle::lower(&covariance),
+            covariance,
             values: stated.values,
             undetermined: vec![],
             cost: stated.cost,

@@ -22,6 +22,7 @@ pub use all_sets::AllSets;
 
 use crate::calibration::{self, Calibration, Error, Fitted, Prepared};
 use crate::joint::variant::free_turning;
+use crate::numerics::triangle;
 use crate::problem::Part;
 use crate::samples::Sample;
 use crate::samples::frames::Frames;
@@ -134,18 +135,20 @@ pub fn calibrate(
     let places = sets.places_in(variant);
     let used: Vec<usize> = closure_fit.used.clone();
     let place = |index: usize| places[used[index]];
+    let covariance: Vec<Vec<f64>> = (0..used.len())
+        .map(|i| {
+            let entry = |j| Some(covariance.covariance(place(i)?, place(j)?));
+            (0..used.len()).map(|j| entry(j).unwrap_or(0.0)).collect()
+        })
+        .collect();
     let fitted = Fitted {
         values: places
             .iter()
             .zip(&prepared.machine.values)
             .map(|(place, &nominal)| place.map_or(nominal, |place| solution.parameters[place]))
             .collect(),
-        covariance: (0..used.len())
-            .map(|i| {
-                let entry = |j| Some(covariance.covariance(place(i)?, place(j)?));
-                (0..used.len()).map(|j| entry(j).unwrap_or(0.0)).collect()
-            })
-            .collect(),
+        factor: triangle::lower(&covariance),
+        covariance,
         undetermined: {
             let machine = sets.machine.with_values(values.clone());
             let whitened = {

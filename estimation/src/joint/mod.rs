@@ -139,10 +139,7 @@ impl Joint {
     #[must_use]
     pub(crate) fn with_path_noise(mut self, samples: &[Sample], position_m: f64) -> Self {
         if let Some(knots) = knots::columns_of_data(&self, samples) {
-            let prior = Nominal {
-                value: 0.0,
-                tolerance: Some(position_m),
-            };
+            let prior = Nominal::new(0.0, Some(position_m));
             (self.priors).extend(std::iter::repeat_n(prior, knots.ncols()));
             self.knots = knots;
             self.groups = self.groups();

@@ -5,3 +5,4 @@ pub mod grouped;
 pub mod parallel;
 pub mod products;
 pub mod projection;
+pub mod triangle;

@@ -147,10 +147,9 @@ impl Residuals {
             priors: used
                 .iter()
                 .map(|&index| match described[index].owner {
-                    Owner::Target { .. } if described[index].quantity == "position" => Nominal {
-                        value: 0.0,
-                        tolerance: Some(MOUNTING_M),
-                    },
+                    Owner::Target { .. } if described[index].quantity == "position" => {
+                        Nominal::new(0.0, Some(MOUNTING_M))
+                    }
                     _ => nominal[index],
                 })
                 .collect(),

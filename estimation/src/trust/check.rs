@@ -2,19 +2,24 @@
 
 use std::collections::BTreeSet;
 
+use nalgebra::DMatrix;
 use tau_codegen::language::model::{Effect, Readable, Subject, Target};
 use tau_codegen::language::{self, Model};
-use tau_robot::measurements::{Conditions, Division, Folder};
+use tau_robot::measurements::{Conditions, Division, Folder, TcpPose};
 use tau_robot::robot::{Robot, TrackShape, Variant};
 use tau_robot::robot_file::RobotFile;
 use tau_solver::Problem;
 
-use crate::calibration::{Combination, Error, Prepared, check_poses, combinations};
+use crate::calibration::{
+    Combination, Error, Prepared, check_poses, combinations, factor_with_shared_noise,
+};
 use crate::problem::{self, Closures, Residuals};
 use crate::samples::Sample;
 use crate::samples::frames::Frames;
 use crate::trust::mistake::Mistake;
+use crate::trust::reach::Reach;
 use crate::trust::verdict::mistakes;
+use crate::uncertainty::Uncertainty;
 
 /// Commands and poses that differ by less (m) are the same: below what drives and trackers resolve.
 const SAME_M: f64 = 1e-6;
@@ -62,6 +67,8 @@ pub struct Checked {
     pub rank: usize,
     /// Combinations that the data leave to the tolerances, worst first.
     pub undetermined: Vec<Combination>,
+    /// Knowledge of the position at the poses and elsewhere that a calibration would bring.
+    pub reach: Option<Reach>,
     /// Why a calibration would mean nothing, if so.
     pub why_not: Option<String>,
 }
@@ -288,6 +295,7 @@ fn checked(
         parameters: 0,
         rank: 0,
         undetermined: vec![],
+        reach: None,
         why_not: None,
     };
     if let Err(error) = determine(&mut checked, robot, variant, file, folder, poses) {
@@ -351,6 +359,17 @@ fn determine(
     };
     if checked.why_not.is_none() {
         check_poses(robot, variant, file, folder, poses)?;
+        let covariance = tau_solver::covariance(&problem, &at).map_err(failed)?;
+        let count = used.len();
+        let inverse = DMatrix::from_fn(count, count, |i, j| covariance.covariance(i, j));
+        let measured_in = (&machine, &samples[..], file.noise);
+        let known = factor_with_shared_noise(&inverse, &residuals, measured_in, &at)?
+            .map(|factor| Uncertainty::new(variant, used, factor));
+        let measured: Vec<&TcpPose> = (poses.iter())
+            .map(|&pose| &folder.tcp_poses[pose])
+            .collect();
+        checked.reach =
+            known.and_then(|known| Reach::new((&machine, &known), &measured, file.noise));
     }
     Ok(())
 }

@@ -12,6 +12,7 @@ mod hypothesis;
 mod judged;
 mod mistake;
 pub(crate) mod numbering;
+mod reach;
 mod recognise;
 mod roots;
 mod verdict;
@@ -19,6 +20,7 @@ mod words;
 
 pub use check::{Check, Checked, FileFacts, Gap, Range, Sight, check};
 pub use mistake::Mistake;
+pub use reach::Reach;
 pub use verdict::{
     FileFit, PoseFit, Pull, Status, Verdict, mistakes, of_calibration, of_calibration_knowing,
     of_prediction, refuse,

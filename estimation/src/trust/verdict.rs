@@ -3,7 +3,7 @@
 use nalgebra::DMatrix;
 use tau_kinematics::Machine;
 use tau_robot::input_error::InputError;
-use tau_robot::measurements::{Division, Folder};
+use tau_robot::measurements::{Division, Folder, TcpPose};
 use tau_robot::robot::{Arm, Robot, TrackShape, Variant};
 use tau_robot::robot_file::RobotFile;
 
@@ -14,8 +14,10 @@ use crate::numerics::projection::inverse_factor;
 use crate::trust::hypothesis::{self, Case};
 use crate::trust::judged::{Deviation, Judged, Misfit};
 use crate::trust::mistake::Mistake;
+use crate::trust::reach::Reach;
 use crate::trust::recognise::{self, ITERATIONS};
 use crate::trust::{ABSURD_TOLERANCES, LARGEST_MISFIT, LEVEL, general, numbering};
+use crate::uncertainty::Uncertainty;
 
 /// More poses than these are judged by as many of them, evenly spread: what they tell of the noise leaves nothing to
 /// ask, and whitened derivatives of all would need gigabytes.
@@ -97,6 +99,8 @@ pub struct Verdict {
     pub worst: Vec<PoseFit>,
     /// The parameters furthest from nominal, in tolerances, furthest first.
     pub pulls: Vec<Pull>,
+    /// Knowledge of the position at the poses and elsewhere, of a calibration.
+    pub reach: Option<Reach>,
     /// Why, in sentences.
     pub why: Vec<String>,
     /// Mistakes that explain it.
@@ -310,6 +314,14 @@ pub fn of_calibration_knowing(
     }
     verdict.blame(numbering::mistake(machine, folder).into_iter().collect());
     verdict.conclude(&case);
+    if verdict.status != Status::Absurd {
+        let measured: Vec<&TcpPose> = case.folder.tcp_poses.iter().collect();
+        verdict.reach = Uncertainty::of_calibration(calibration)
+            .and_then(|known| Reach::new((machine, &known), &measured, file.noise));
+        verdict
+            .why
+            .extend(verdict.reach.and_then(|reach| reach.warning()));
+    }
     Ok(verdict)
 }
 
@@ -466,6 +478,7 @@ fn measured(case: &Case<'_>, judged: &Judged, pulls: Vec<Pull>) -> Verdict {
         }],
         worst,
         pulls,
+        reach: None,
         why: vec![],
         mistakes: vec![],
     }

@@ -2,7 +2,7 @@
 
 use serde_json::{Map, Value, json};
 use tau::calibration::Combination;
-use tau::trust::{Check, Checked, FileFacts, Mistake, Verdict};
+use tau::trust::{Check, Checked, FileFacts, Mistake, Reach, Verdict};
 
 /// `fit` of `calibrate`, `evaluate` and `study`.
 pub fn verdict(verdict: &Verdict) -> Value {
@@ -29,8 +29,20 @@ pub fn verdict(verdict: &Verdict) -> Value {
         "pulls": pulls
             .map(|pull| json!({ "parameter": pull.parameter, "tolerances": pull.tolerances }))
             .collect::<Vec<_>>(),
+        "reach": verdict.reach.map(reach),
         "why": verdict.why,
         "mistakes": verdict.mistakes.iter().map(mistake).collect::<Vec<_>>(),
+    })
+}
+
+fn reach(reach: Reach) -> Value {
+    json!({
+        "elsewhere_um": 1e6 * reach.elsewhere_m,
+        "poses_um": 1e6 * reach.poses_m,
+        "shown_um": 1e6 * reach.shown_m,
+        "spread_m": reach.spread_m,
+        "turn_rad": reach.turn_rad,
+        "speaks_for_rest": reach.speaks_for_rest(),
     })
 }
 
@@ -85,6 +97,7 @@ fn variant(checked: &Checked) -> Value {
         "parameters": checked.parameters,
         "rank": checked.rank,
         "undetermined": checked.undetermined.iter().map(combination).collect::<Vec<_>>(),
+        "reach": checked.reach.map(reach),
         "meaningful": checked.why_not.is_none(),
         "why_not": checked.why_not,
     })

@@ -132,6 +132,7 @@ fn variant(screen: &mut Screen, checked: &Checked) {
         parameters,
         rank,
         undetermined,
+        reach,
         why_not,
     } = checked;
     if let Some(why) = why_not {
@@ -156,5 +157,8 @@ fn variant(screen: &mut Screen, checked: &Checked) {
     }
     for combination in undetermined.iter().take(SHOWN) {
         screen.say_within("      ", &tables::combination(combination, SHOWN));
+    }
+    if let Some(warning) = reach.and_then(|reach| reach.warning()) {
+        screen.say_within("    ", &warning);
     }
 }

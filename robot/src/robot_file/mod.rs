@@ -1,6 +1,8 @@
 //! The instance of a robot: nominal or calibrated parameters with tolerances, noise and loads (`robot.toml`).
 
 mod check;
+mod covariance;
+mod described;
 pub mod keys;
 mod provenance;
 mod read;
@@ -10,11 +12,13 @@ use std::collections::BTreeMap;
 
 use crate::input_error::quoted;
 use crate::robot::{Robot, Variant};
+pub use covariance::Covariance;
+pub use described::{PLACEHOLDER, USUAL_NOISE};
 use keys::effect_key;
 pub use provenance::{MeasuredPath, Provenance};
 
 /// Contents of a `robot.toml`.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct RobotFile {
     /// Name of the robot in its description.
     pub robot: String,
@@ -28,6 +32,8 @@ pub struct RobotFile {
     pub reference: Option<Reference>,
     /// Record of the calibration that wrote the file, if one did.
     pub calibration: Option<Provenance>,
+    /// Covariance of the values that this calibration gave.
+    pub covariance: Option<Covariance>,
     /// `[paths.NAME]`, by name of the track: measured paths that piecewise tracks were calibrated with.
     pub paths: BTreeMap<String, MeasuredPath>,
     /// `[links.NAME]`, by name.
@@ -51,6 +57,11 @@ impl RobotFile {
         })
     }
 
+    /// Factor by which standard deviations are larger than the stated noise makes them: that of the calibration.
+    pub fn widening(&self) -> f64 {
+        (self.calibration.as_ref()).map_or(1.0, |calibration| calibration.widening)
+    }
+
     /// A remark on the effects of the file that a variant does not have: their values mean nothing to it.
     pub fn unused_effects(&self, variant: &Variant) -> Option<String> {
         let used: Vec<&str> = variant.parameters.iter().filter_map(effect_key).collect();
@@ -67,7 +78,7 @@ impl RobotFile {
 }
 
 /// Noise of the measurement, tracker and repeatability together, one standard deviation per axis.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Noise {
     /// Position (m).
     pub position_m: f64,

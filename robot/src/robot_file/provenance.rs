@@ -30,6 +30,12 @@ pub struct Provenance {
     pub commands_m: Vec<[f64; 2]>,
     /// Lowest and highest coordinate of the TCP along each axis of the measurement frame (m).
     pub position_m: Vec<[f64; 2]>,
+    /// Factor by which residuals were beyond the stated noise, where that was more than chance allows, or else 1: so
+    /// many times larger are standard deviations than the stated noise makes them.
+    pub widening: f64,
+    /// Largest standard deviation of the predicted position at these poses under the stated noise (m), three axes
+    /// together; `None` in files that hold no covariance.
+    pub position_sigma_m: Option<f64>,
     /// Effects of the tracker, which the machine itself does not have, such as `tracker_drift(tcp)`.
     pub tracker_effects: Vec<String>,
 }
@@ -60,6 +66,17 @@ impl Provenance {
             self.commands_m
         )?;
         writeln!(out, "position_m = {:?}", self.position_m)?;
+        writeln!(
+            out,
+            "widening = {:?}  # of standard deviations, for misfit beyond the stated noise",
+            self.widening
+        )?;
+        if let Some(sigma) = self.position_sigma_m {
+            writeln!(
+                out,
+                "position_sigma_m = {sigma:?}  # largest that is predicted at these poses"
+            )?;
+        }
         if !self.tracker_effects.is_empty() {
             let effects: Vec<String> = self
                 .tracker_effects
@@ -99,6 +116,8 @@ impl Document<'_> {
                 "description",
                 "commands_m",
                 "position_m",
+                "widening",
+                "position_sigma_m",
                 "tracker_effects",
             ],
         );
@@ -131,6 +150,16 @@ impl Document<'_> {
             self.rows::<2>(value, "an array of ranges, `[lowest, highest]`")
         };
         let (commands_m, position_m) = (ranges("commands_m"), ranges("position_m"));
+        let widening = table.get("widening").map_or(Some(1.0), |value| {
+            let widening = self.number(value)?;
+            if widening < 1.0 {
+                let message = format!("found a factor of {widening}, expected at least 1");
+                self.mistakes.push(value.span(), message);
+            }
+            Some(widening)
+        });
+        let position_sigma_m = (table.get("position_sigma_m"))
+            .and_then(|value| self.deviation(value, "standard deviation", SMALLEST_DEVIATION));
         let tracker_effects = match table.get("tracker_effects") {
             Some(value) => match value.get_ref() {
                 DeValue::Array(names) => names.iter().filter_map(|name| self.text(name)).collect(),
@@ -151,6 +180,8 @@ impl Document<'_> {
             description: description?,
             commands_m: commands_m?,
             position_m: position_m?,
+            widening: widening?,
+            position_sigma_m,
             tracker_effects,
         })
     }
@@ -195,7 +226,7 @@ impl Document<'_> {
         rows.into_iter().collect()
     }
 
-    fn text(&mut self, value: &Spanned<DeValue<'_>>) -> Option<String> {
+    pub(super) fn text(&mut self, value: &Spanned<DeValue<'_>>) -> Option<String> {
         match value.get_ref() {
             DeValue::String(text) => Some(text.to_string()),
             other => {

@@ -9,7 +9,7 @@ use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
 use super::keys::key_place;
-use super::{LinkValues, Noise, Payload, Reference, RobotFile, Value, check};
+use super::{LinkValues, Noise, PLACEHOLDER, Payload, Reference, RobotFile, Value, check};
 use crate::input_error::{self, InputError, Mistakes, Source, suggestion};
 use crate::measurements::plausible::LARGEST_ANGLE_RAD;
 use crate::robot::Robot;
@@ -23,7 +23,7 @@ const LARGEST_PLATE_M: f64 = 10.0;
 /// Beyond this (m or rad) a measurement says nothing of a machine.
 const LARGEST_NOISE: f64 = 0.1;
 /// A standard deviation below this (m or rad) is no longer told from none: a picometre.
-const SMALLEST_DEVIATION: f64 = 1e-12;
+pub(super) const SMALLEST_DEVIATION: f64 = 1e-12;
 /// The same of an effect's parameter, whose unit may be large.
 const SMALLEST_OF_EFFECT: f64 = 1e-30;
 /// No robot stands where things fall faster (m/s²).
@@ -114,6 +114,7 @@ impl<'a> Document<'a> {
                 "range",
                 "reference",
                 "calibration",
+                "covariance",
                 "paths",
                 "links",
                 "clusters",
@@ -139,6 +140,7 @@ impl<'a> Document<'a> {
             range_m: self.range(root),
             reference: self.reference(root),
             calibration: self.provenance(root),
+            covariance: self.covariance(root),
             paths: (self.section(root, "paths", Self::measured_path).into_iter())
                 .filter_map(|(track, path)| Some((track, path?)))
                 .collect(),
@@ -441,7 +443,7 @@ impl<'a> Document<'a> {
         }
     }
 
-    fn deviation(
+    pub(super) fn deviation(
         &mut self,
         value: &Spanned<DeValue<'_>>,
         what: &str,
@@ -495,6 +497,14 @@ impl<'a> Document<'a> {
         let number = match value.get_ref() {
             DeValue::Float(float) => float.as_str().parse().ok(),
             DeValue::Integer(integer) if integer.radix() == 10 => integer.as_str().parse().ok(),
+            DeValue::String(text) if text == PLACEHOLDER => {
+                self.mistakes.push_with_help(
+                    value.span(),
+                    "found a placeholder, expected a number",
+                    "fill in what the drawing or the maker of the tracker says; SI units",
+                );
+                return None;
+            }
             other => {
                 self.wrong_type(value.span(), other, "a number");
                 return None;

@@ -83,6 +83,9 @@ impl RobotFile {
                 writeln!(out, "{} = {}", key(parameter), inline(value))?;
             }
         }
+        if let Some(covariance) = &self.covariance {
+            covariance.write(out, string)?;
+        }
         Ok(())
     }
 }
@@ -122,7 +125,7 @@ fn components(components: &[f64]) -> String {
     }
 }
 
-fn key(name: &str) -> String {
+pub(super) fn key(name: &str) -> String {
     let is_bare = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '-';
     if !name.is_empty() && name.chars().all(is_bare) {
         name.to_owned()
@@ -131,7 +134,7 @@ fn key(name: &str) -> String {
     }
 }
 
-fn string(text: &str) -> String {
+pub(super) fn string(text: &str) -> String {
     let mut quoted = String::from('"');
     for c in text.chars() {
         match c {

@@ -13,7 +13,7 @@ use tau_robot::{InputError, Robot, prototype};
 pub struct Files {
     /// The measurement folder; `None`: that of the prototype.
     pub folder: Option<PathBuf>,
-    /// The parameters; `None`: `robot.toml` of the folder.
+    /// The parameters; `None`: `robot.toml` of the folder, without a folder what the description gives.
     pub robot_file: Option<PathBuf>,
 }
 
@@ -43,11 +43,20 @@ impl Files {
     /// The measurements of a robot.
     ///
     /// # Errors
-    /// As [`Folder::read`].
+    /// As [`Folder::read`]; no folder is named, and the measurements that ship are of another robot.
     pub fn read_folder(&self, robot: &Robot) -> Result<Folder, InputError> {
         let shape = Shape::from(robot);
         match &self.folder {
             Some(path) => Folder::read(path, shape),
+            None if !prototype::is_of(robot) => {
+                let message = format!(
+                    "found no measurement folder for robot `{}`: the measurements that are built in are of a Gantry-Tau",
+                    robot.name
+                );
+                Err(InputError::whole("FOLDER", message).help(
+                    "name the folder; `tau simulate --model F.tau --out FOLDER` makes one to try",
+                ))
+            }
             None => {
                 let texts = Texts {
                     tcp_poses: prototype::TCP_POSES,
@@ -66,8 +75,16 @@ impl Files {
     pub fn read_robot_file(&self, robot: &Robot) -> Result<RobotFile, InputError> {
         match (&self.robot_file, &self.folder) {
             (Some(path), _) => RobotFile::read(path, robot),
-            (None, Some(folder)) => RobotFile::read(&folder.join("robot.toml"), robot),
-            (None, None) => RobotFile::parse_for(prototype::ROBOT, "prototype/robot.toml", robot),
+            (None, Some(folder)) => {
+                let path = folder.join("robot.toml");
+                RobotFile::read(&path, robot).map_err(|error| {
+                    if path.exists() {
+                        return error;
+                    }
+                    error.help("`tau init F.tau --out FOLDER/robot.toml` writes one to fill in")
+                })
+            }
+            (None, None) => prototype::parameters_of(robot),
         }
     }
 }

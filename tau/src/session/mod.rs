@@ -11,10 +11,11 @@ mod trust;
 use std::fmt;
 use std::marker::PhantomData;
 
-use tau_estimation::calibration::{self, Error};
+use tau_estimation::calibration::{self, Error, Prepared};
 use tau_estimation::errors_in_variables::{self, ErrorsInVariables};
 use tau_estimation::evaluation::{self, Evaluation};
 use tau_estimation::sensitivity::{self, Sensitivity};
+use tau_estimation::uncertainty::Uncertainty;
 use tau_kinematics::Machine;
 use tau_robot::measurements::{Folder, Poses, Shape, Split};
 use tau_robot::robot_file::RobotFile;
@@ -192,6 +193,22 @@ impl<R> Session<R> {
             Some(&self.folder),
             &poses,
         )
+    }
+
+    /// What is known of the parameters of [`Self::machine`] under the stated noise: their covariance after calibration, or
+    /// the tolerances of a drawing; see [`Uncertainty::of_prepared`].
+    ///
+    /// # Errors
+    /// As [`Self::machine`].
+    pub fn uncertainty(
+        &self,
+        variant: impl VariantKey<R>,
+    ) -> Result<Option<Uncertainty>, InputError> {
+        let variant = variant.variant_of(&self.robot)?;
+        let poses = self.poses()?.division.calibration;
+        let (robot, file) = (&self.robot, &self.robot_file);
+        let prepared = Prepared::from_file(robot, variant, file, Some(&self.folder), &poses)?;
+        Ok(Uncertainty::of_prepared(&prepared, file))
     }
 
     /// Calibrates a variant on the poses for it: see [`calibrate`](calibration::calibrate).

@@ -1,9 +1,11 @@
 //! Provenance of calibrated values, and the poses that took no part.
 
+use tau_estimation::calibration::Calibration;
+use tau_estimation::uncertainty::Uncertainty;
 use tau_robot::fingerprint::fingerprint;
 use tau_robot::measurements::{Shape, Split, TcpPose};
 use tau_robot::robot::Variant;
-use tau_robot::robot_file::Provenance;
+use tau_robot::robot_file::{Provenance, RobotFile};
 use tau_robot::{InputError, Robot};
 
 use super::Session;
@@ -62,7 +64,33 @@ impl<R> Session<R> {
                 .map(|k| range(&|pose| pose.commands_m[k]))
                 .collect(),
             position_m: (0..3).map(|k| range(&|pose| pose.position_m[k])).collect(),
+            widening: 1.0,
+            position_sigma_m: None,
             tracker_effects: tracker_effects.unwrap_or_default(),
+        }
+    }
+
+    /// The robot file of a calibration on some poses of this session, given by index, with the record of it and how far
+    /// its predictions are known; `widening` is that of the [verdict](tau_estimation::trust::Verdict::widening).
+    pub fn calibrated_file(
+        &self,
+        calibration: &Calibration,
+        poses: &[usize],
+        widening: f64,
+        stamp: &Stamp,
+    ) -> RobotFile {
+        let machine = &calibration.machine;
+        let known = Uncertainty::of_calibration(calibration);
+        // Where a pose can't be predicted, the evaluation says so.
+        let largest = known.and_then(|known| known.largest_m(machine, &self.folder, poses).ok());
+        let record = self.provenance(&machine.robot, &machine.variant.name, poses, stamp);
+        RobotFile {
+            calibration: Some(Provenance {
+                widening,
+                position_sigma_m: largest.filter(|sigma| *sigma > 0.0),
+                ..record
+            }),
+            ..calibration.file.clone()
         }
     }
 

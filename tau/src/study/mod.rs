@@ -5,9 +5,10 @@ pub mod results;
 use tau_discovery as discovery;
 use tau_estimation::assumptions;
 use tau_estimation::calibration::{self, Calibration, Error, calibrate};
-use tau_estimation::evaluation::{VariantResult, evaluate};
+use tau_estimation::evaluation::{VariantResult, evaluate_knowing};
 use tau_estimation::sensitivity;
 use tau_estimation::trust::{self, of_calibration_knowing};
+use tau_estimation::uncertainty::Uncertainty;
 use tau_robot::effects::CATALOGUE;
 use tau_robot::measurements::{Folder, Poses};
 use tau_robot::robot::{Arm, Robot, TrackShape, Variant};
@@ -173,11 +174,14 @@ pub fn result(
     folder: &Folder,
     validation: &[usize],
 ) -> Result<VariantResult, Error> {
-    let evaluation = evaluate(&calibration.machine, folder, validation)?;
+    let known = Uncertainty::of_calibration(calibration);
+    let known = known.as_ref().map(|known| (known, calibration.file.noise));
+    let evaluation = evaluate_knowing(&calibration.machine, known, folder, validation)?;
     Ok(VariantResult {
         name: calibration.machine.variant.name.clone(),
         position_um: evaluation.position_um,
         orientation_rad_max_abs: evaluation.orientation_rad_max_abs,
+        expected_rms_um: evaluation.expected_rms_um,
         pose_errors: evaluation.errors,
         links: calibration.links.clone(),
         parameters: calibration.parameters.clone(),

@@ -1,0 +1,181 @@
+//! How far predicted poses and commands are known, and where the calibration does not reach.
+
+use rayon::prelude::*;
+use tau::calibration::Prepared;
+use tau::kinematics::{Machine, Reached};
+use tau::robot::Arm;
+use tau::robot_file::{Provenance, RobotFile};
+use tau::uncertainty::{PoseUncertainty, Uncertainty};
+
+use super::targets::Row;
+
+/// What a robot file says of the certainty of its values.
+pub(super) struct Certainty {
+    uncertainty: Option<Uncertainty>,
+    record: Option<Provenance>,
+    /// Factor of standard deviations over those by the stated noise.
+    pub(super) widening: f64,
+}
+
+/// Certainty of a result.
+pub(super) struct Known {
+    /// Of the pose at the commands.
+    pub(super) pose: Option<PoseUncertainty>,
+    /// Standard deviations of the commands (m), where they were asked for.
+    pub(super) commands_m: Option<Vec<f64>>,
+    /// Why it lies outside the region of calibration; empty inside.
+    pub(super) outside: Vec<String>,
+    /// True if that is for want of knowledge of the position, not for a command.
+    pub(super) is_uncertain: bool,
+}
+
+impl Certainty {
+    pub(super) fn new(prepared: &Prepared, file: &RobotFile) -> Self {
+        let widening = file.widening();
+        let uncertainty = Uncertainty::of_prepared(prepared, file);
+        Self {
+            uncertainty: uncertainty.map(|own| own.widened(widening)),
+            record: file.calibration.clone(),
+            widening,
+        }
+    }
+
+    /// True if the file was calibrated, so that there is a region to lie in.
+    pub(super) fn has_region(&self) -> bool {
+        self.record.is_some()
+    }
+
+    /// True if standard deviations are known.
+    pub(super) fn has_sigmas(&self) -> bool {
+        self.uncertainty.is_some()
+    }
+
+    /// A remark where a calibrated file does not say how its values go together.
+    pub(super) fn remark(&self) -> Option<String> {
+        let is_lost = self.record.is_some() && self.uncertainty.is_none();
+        is_lost.then(|| {
+            "the robot file holds no covariance of the variant's parameters, so that poses have no standard \
+             deviations: calibrate it again"
+                .to_owned()
+        })
+    }
+
+    /// Certainty of results, row by row.
+    pub(super) fn of(
+        &self,
+        machine: &Machine,
+        rows: &[Row],
+        reached: &[Reached],
+        with_commands: bool,
+    ) -> Vec<Known> {
+        let pairs = rows.par_iter().zip(reached);
+        pairs
+            .map(|(row, reached)| self.of_row(machine, row, reached, with_commands))
+            .collect()
+    }
+
+    fn of_row(
+        &self,
+        machine: &Machine,
+        row: &Row,
+        reached: &Reached,
+        with_commands: bool,
+    ) -> Known {
+        let sample = row.sample(&reached.commands_m, reached.pose);
+        let known = self.uncertainty.as_ref();
+        let pose = known.and_then(|known| known.pose(machine, &sample).ok());
+        let commands_m = known
+            .filter(|_| with_commands)
+            .and_then(|known| known.commands(machine, &sample).ok());
+        let (outside, is_uncertain) = self.outside(&reached.commands_m, pose.as_ref());
+        Known {
+            pose,
+            commands_m,
+            outside,
+            is_uncertain,
+        }
+    }
+
+    /// Reasons why commands, or the pose there, lie outside the region of calibration.
+    fn outside(&self, commands_m: &[f64], pose: Option<&PoseUncertainty>) -> (Vec<String>, bool) {
+        let Some(record) = &self.record else {
+            return (vec![], false);
+        };
+        let ranges = commands_m.iter().zip(&record.commands_m).enumerate();
+        let mut outside: Vec<String> = ranges
+            .filter(|(_, (q, [low, high]))| *q < low || *q > high)
+            .map(|(k, (q, [low, high]))| {
+                format!(
+                    "q{} is {q:.4} m, calibrated were {low:.4} to {high:.4} m",
+                    k + 1
+                )
+            })
+            .collect();
+        let largest = record.position_sigma_m.map(|sigma| self.widening * sigma);
+        let uncertain = pose
+            .map(PoseUncertainty::distance_m)
+            .zip(largest)
+            .filter(|(here, largest)| here > largest)
+            .map(|(here, largest)| {
+                format!(
+                    "the position is known to {:.1} µm, at the poses that calibrated to {:.1} µm or better",
+                    1e6 * here,
+                    1e6 * largest
+                )
+            });
+        let is_uncertain = uncertain.is_some();
+        outside.extend(uncertain);
+        (outside, is_uncertain)
+    }
+}
+
+impl Known {
+    /// Names of the columns of a table of results.
+    pub(super) fn columns(
+        certainty: &Certainty,
+        machine: &Machine,
+        with_commands: bool,
+    ) -> Vec<String> {
+        let mut names = Vec::new();
+        if certainty.has_sigmas() {
+            names.extend(["x_m", "y_m", "z_m"].map(|name| format!("sigma_{name}")));
+            if machine.variant.arm == Arm::Full {
+                names.extend(["rx_rad", "ry_rad", "rz_rad"].map(|name| format!("sigma_{name}")));
+            }
+            if with_commands {
+                names.extend((1..=machine.robot.commands).map(|k| format!("sigma_q{k}_m")));
+            }
+        }
+        if certainty.has_region() {
+            names.push("inside".to_owned());
+        }
+        names
+    }
+
+    /// Its cells, in the same order.
+    pub(super) fn cells(
+        &self,
+        certainty: &Certainty,
+        machine: &Machine,
+        with_commands: bool,
+    ) -> Vec<String> {
+        let mut cells = Vec::new();
+        if certainty.has_sigmas() {
+            let nothing = || vec![f64::NAN; 3];
+            let pose = self.pose.as_ref();
+            let mut numbers = pose.map_or_else(nothing, |pose| pose.position_m().to_vec());
+            if machine.variant.arm == Arm::Full {
+                numbers.extend(pose.map_or_else(nothing, |pose| pose.rotation_rad().to_vec()));
+            }
+            if with_commands {
+                let commands = self.commands_m.clone();
+                numbers.extend(commands.unwrap_or_else(|| vec![f64::NAN; machine.robot.commands]));
+            }
+            cells.extend(numbers.into_iter().map(|number| format!("{number:.4e}")));
+        }
+        if certainty.has_region() {
+            cells.push(u8::from(self.outside.is_empty()).to_string());
+        }
+        cells
+    }
+}

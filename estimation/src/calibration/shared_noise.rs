@@ -1,0 +1,117 @@
+//! Noise that the closures of a pose share.
+//!
+//! A calibration weighs each closure for itself, but all closures of a pose have their noise from one measured position
+//! and one rotation. So the errors of links that have no parameter in common are correlated all the same, which hardly
+//! matters for one link and does for the plate that six of them hold. With rows a of the derivatives of single closures in
+//! units of their noise, b of what all closures of a pose owe to each coordinate of its noise, and Λ the priors, the
+//! estimator H⁻¹ with H = Σ aaᵀ + Λ has the covariance H⁻¹(Σ bbᵀ + Λ)H⁻¹ (the "sandwich" of H. White, Econometrica 48,
+//! 1980, with known noise).
+
+use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
+use tau_kinematics::Machine;
+use tau_robot::robot::Instance;
+use tau_robot::robot_file::Noise;
+
+use super::error::Error;
+use crate::numerics::triangle;
+use crate::problem::Residuals;
+use crate::samples::Sample;
+
+/// Poses whose derivatives are multiplied at once.
+const CHUNK: usize = 256;
+
+/// Lower triangle F by rows of the covariance F·Fᵀ of a fit of single closures, from its H⁻¹; `None` where nothing
+/// determines a parameter.
+///
+/// As a factor, because the errors of parameters cancel in those of poses, by more than products of the covariance's
+/// entries have digits for.
+///
+/// `nominal` is the machine whose derivatives weigh the closures, `fitted` holds a value of each parameter of the fit.
+///
+/// # Errors
+/// A closure's derivative is not finite.
+pub(crate) fn factor_with_shared_noise(
+    inverse: &DMatrix<f64>,
+    residuals: &Residuals,
+    (nominal, samples, noise): (&Machine, &[Sample], Noise),
+    fitted: &[f64],
+) -> Result<Option<Vec<Vec<f64>>>, Error> {
+    if !inverse.iter().all(|entry| entry.is_finite()) {
+        return Ok(None);
+    }
+    let places: Vec<usize> = (0..samples.len()).collect();
+    let shares: Vec<Result<DMatrix<f64>, Error>> = places
+        .par_chunks(CHUNK)
+        .map(|places| share(residuals, (nominal, samples, noise), fitted, places))
+        .collect();
+    let priors = residuals.priors.iter().map(|prior| {
+        let tolerance = prior.tolerance.filter(|&tolerance| tolerance > 0.0);
+        tolerance.map_or(0.0, |tolerance| tolerance.powi(-2))
+    });
+    let mut information = DMatrix::from_diagonal(&DVector::from_iterator(fitted.len(), priors));
+    // Added in order, so that the sum does not depend on threads.
+    for share in shares {
+        information += share?;
+    }
+    let rows = |matrix: &DMatrix<f64>| -> Vec<Vec<f64>> {
+        matrix
+            .row_iter()
+            .map(|row| row.iter().copied().collect())
+            .collect()
+    };
+    let Some(lower) = triangle::lower(&rows(&information)) else {
+        return Ok(None);
+    };
+    let lower = DMatrix::from_fn(fitted.len(), fitted.len(), |i, j| {
+        lower[i].get(j).copied().unwrap_or(0.0)
+    });
+    // F·Fᵀ = (F·Q)·(F·Q)ᵀ for whatever orthogonal Q: that one which leaves a triangle.
+    let upper = (inverse * lower).transpose().qr().unpack_r();
+    let row = |i: usize| (0..=i).map(|j| upper[(j, i)]).collect();
+    Ok(Some((0..fitted.len()).map(row).collect()))
+}
+
+/// Σ bbᵀ over some of the samples.
+fn share(
+    residuals: &Residuals,
+    (nominal, samples, noise): (&Machine, &[Sample], Noise),
+    fitted: &[f64],
+    places: &[usize],
+) -> Result<DMatrix<f64>, Error> {
+    let closures: Vec<&Instance> = nominal.closure_instances().collect();
+    let own: Vec<Vec<f64>> = residuals
+        .parts
+        .iter()
+        .map(|part| part.parameters.iter().map(|&index| fitted[index]).collect())
+        .collect();
+    let mut by_noise = DMatrix::zeros(6 * places.len(), fitted.len());
+    let (mut prepared, mut jacobian) = (Vec::new(), Vec::new());
+    for (block, &place) in places.iter().enumerate() {
+        let sample = &samples[place];
+        for ((closure, part), own) in closures.iter().zip(&residuals.parts).zip(&own) {
+            let shape = part.family.shape();
+            let data = &part.data[place * shape.data..(place + 1) * shape.data];
+            prepared.resize(shape.prepared, 0.0);
+            jacobian.resize(part.family.pattern().len(), 0.0);
+            part.family.prepare(data, &mut prepared);
+            (part.family).linearize(&prepared, own, &mut [0.0], &mut jacobian);
+            let gradient = nominal.closure_by_pose(closure, &sample.view());
+            let (_, gradient) = gradient.map_err(|error| Error::at_pose(sample.number, error))?;
+            let weight = part.weights[place];
+            let columns = part.family.pattern().columns.iter();
+            for (&column, entry) in columns.zip(&jacobian) {
+                let column = part.parameters[column as usize];
+                for (k, slope) in gradient.iter().enumerate() {
+                    let sigma = if k < 3 {
+                        noise.position_m
+                    } else {
+                        noise.rotation_rad
+                    };
+                    by_noise[(6 * block + k, column)] += weight * slope * sigma * weight * entry;
+                }
+            }
+        }
+    }
+    Ok(by_noise.tr_mul(&by_noise))
+}

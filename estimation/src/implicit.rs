@@ -1,0 +1,71 @@
+//! The implicit function theorem on the closures: how pose and commands follow parameters.
+//!
+//! Closures r(X, q, p) = 0 hold for whatever parameters p, so that ∂(unknowns)/∂p = −(∂r/∂unknowns)⁺ ∂r/∂p, where the
+//! unknowns are some of the pose X and the commands q. Where closures are more than unknowns, it is the solution of
+//! least squares that follows, to first order in their mismatch.
+
+use nalgebra::{DMatrix, Vector3};
+use tau_kinematics::{self as kinematics, Machine, Sample, least_norm};
+use tau_robot::robot::ResidualKind;
+
+/// The closures of a machine at a sample, linearised.
+pub(crate) struct Linearized {
+    /// Derivatives by translation, rotation vector and commands: one row per closure, each divided by the length of its
+    /// gradient in the plate's position.
+    by_pose: DMatrix<f64>,
+    /// Derivatives by parameters, likewise: of each closure the index in the variant and the entry.
+    pub(crate) by_parameters: Vec<Vec<(usize, f64)>>,
+}
+
+impl Linearized {
+    /// The closures at a sample on which they hold.
+    ///
+    /// # Errors
+    /// Data that the sample lacks; a derivative that is not finite.
+    pub(crate) fn new(machine: &Machine, sample: &Sample<'_>) -> Result<Self, kinematics::Error> {
+        let by_pose = machine.closures(sample)?.jacobian;
+        let scales = machine.closure_instances().map(|instance| {
+            let (_, [x, y, z, ..]) = machine.closure_by_pose(instance, sample)?;
+            Ok(Vector3::new(x, y, z).norm().recip())
+        });
+        let scales = scales.collect::<Result<Vec<f64>, kinematics::Error>>()?;
+        let (mut data, mut prepared, mut jacobian) = (Vec::new(), Vec::new(), Vec::new());
+        let closures = machine.variant.instances_of(ResidualKind::Closure);
+        let by_parameters = closures.zip(scales).map(|(closure, scale)| {
+            let shape = closure.family.shape();
+            data.clear();
+            machine.fill(closure, sample, &mut data)?;
+            let own = closure.parameters.iter();
+            let parameters: Vec<f64> = own.map(|&index| machine.values[index]).collect();
+            prepared.resize(shape.prepared, 0.0);
+            let pattern = closure.family.pattern();
+            jacobian.resize(pattern.len(), 0.0);
+            closure.family.prepare(&data, &mut prepared);
+            (closure.family).linearize(&prepared, &parameters, &mut [0.0], &mut jacobian);
+            let entries = pattern.columns.iter().zip(&jacobian);
+            let entries: Vec<(usize, f64)> = entries
+                .map(|(&column, entry)| (closure.parameters[column as usize], entry * scale))
+                .collect();
+            if entries.iter().all(|(_, entry)| entry.is_finite()) {
+                return Ok(entries);
+            }
+            let closure = machine.closure_name(closure).to_owned();
+            Err(kinematics::Error::NotFinite {
+                closure,
+                effects: Vec::new(),
+            })
+        });
+        Ok(Self {
+            by_parameters: by_parameters.collect::<Result<_, kinematics::Error>>()?,
+            by_pose,
+        })
+    }
+
+    /// −(∂r/∂unknowns)⁺ for columns of pose and commands: one row per unknown, one column per closure. `None` where
+    /// nothing holds the unknowns.
+    pub(crate) fn response(&self, unknowns: &[usize]) -> Option<DMatrix<f64>> {
+        let reduced = self.by_pose.select_columns(unknowns);
+        let identity = DMatrix::identity(reduced.nrows(), reduced.nrows());
+        Some(-least_norm(&reduced, &identity)?)
+    }
+}

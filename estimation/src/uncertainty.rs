@@ -1,0 +1,222 @@
+//! Standard deviations of predicted poses and commands, from those of the parameters.
+//!
+//! With C the covariance of the parameters, F·Fᵀ, and S = ∂(pose)/∂p of the [implicit function
+//! theorem](crate::implicit), a predicted pose has the covariance S·C·Sᵀ: what is not known of the machine, without the
+//! noise of any measurement. What the model lacks is not in it.
+
+use nalgebra::{DMatrix, Matrix6};
+use rayon::prelude::*;
+use tau_kinematics::{Error, Machine, POSE_COLUMNS, Sample};
+use tau_robot::measurements::{Folder, TcpPose};
+use tau_robot::robot::{Parameter, ResidualKind, Variant};
+use tau_robot::robot_file::RobotFile;
+use tau_robot::robot_file::keys::WIDE;
+
+use crate::calibration::{Calibration, Prepared};
+use crate::implicit::Linearized;
+
+/// Poses at which the largest standard deviation is looked for: more tell nothing else.
+const MOST_POSES: usize = 4000;
+
+/// Uncertainty of a machine's parameters.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Uncertainty {
+    /// Row of each of the variant's parameters in [`Self::factor`]; `None` where the parameter is known exactly.
+    rows: Vec<Option<usize>>,
+    /// F, by rows; zeros at their ends are left out.
+    factor: Vec<Vec<f64>>,
+    /// Number of columns of F.
+    columns: usize,
+}
+
+/// Covariance of a predicted pose.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PoseUncertainty {
+    /// Of translation (m) and rotation vector in the measurement frame (rad); that of the rotation is zero where the arm
+    /// is reduced.
+    pub covariance: Matrix6<f64>,
+}
+
+impl PoseUncertainty {
+    /// Standard deviations of the position, one per axis (m).
+    pub fn position_m(&self) -> [f64; 3] {
+        [0, 1, 2].map(|k| self.covariance[(k, k)].max(0.0).sqrt())
+    }
+
+    /// Standard deviations of the rotation vector, one per axis (rad).
+    pub fn rotation_rad(&self) -> [f64; 3] {
+        [3, 4, 5].map(|k| self.covariance[(k, k)].max(0.0).sqrt())
+    }
+
+    /// Root mean square distance of the position from the true one (m).
+    pub fn distance_m(&self) -> f64 {
+        let axes = self.position_m();
+        axes.iter().map(|sigma| sigma * sigma).sum::<f64>().sqrt()
+    }
+}
+
+impl Uncertainty {
+    /// Of the parameters of a variant that are listed by index, with the lower triangle F of their covariance F·Fᵀ, by rows;
+    /// the others are known exactly.
+    pub fn new(variant: &Variant, listed: &[usize], factor: Vec<Vec<f64>>) -> Self {
+        let rows = (0..variant.parameters.len())
+            .map(|index| listed.iter().position(|&own| own == index))
+            .collect();
+        Self {
+            rows,
+            columns: factor.len(),
+            factor,
+        }
+    }
+
+    /// Of a calibration's parameters, under the stated noise; `None` where nothing determines one.
+    pub fn of_calibration(calibration: &Calibration) -> Option<Self> {
+        let variant = &calibration.machine.variant;
+        Some(Self::new(
+            variant,
+            &calibration.used,
+            calibration.factor.clone()?,
+        ))
+    }
+
+    /// Of a machine with the values of a robot file.
+    ///
+    /// The file's covariance, under the stated noise ([`RobotFile::widening`] is not in it); parameters that it does not list, such as all those of a
+    /// drawing, have their tolerances, each for itself. `None` where a parameter has no tolerance, or is one that has
+    /// been calibrated without a record of how it goes with others.
+    pub fn of_prepared(prepared: &Prepared, file: &RobotFile) -> Option<Self> {
+        let Machine { variant, .. } = &prepared.machine;
+        let known = file.covariance.as_ref();
+        let mut factor = known.map_or_else(Vec::new, |known| known.factor.clone());
+        let mut columns = factor.len();
+        let mut is_used = vec![false; variant.parameters.len()];
+        (variant.instances_of(ResidualKind::Closure))
+            .flat_map(|closure| &closure.parameters)
+            .for_each(|&index| is_used[index] = true);
+        let row = |(index, parameter): (usize, &Parameter)| -> Option<Option<usize>> {
+            let name = &parameter.name;
+            let listed =
+                known.and_then(|known| known.parameters.iter().position(|own| own == name));
+            if listed.is_some() || !is_used[index] {
+                return Some(listed);
+            }
+            let nominal = prepared.nominal[index];
+            let is_known = |tolerance: &f64| *tolerance < WIDE && !nominal.is_calibrated;
+            let tolerance = nominal.tolerance.filter(is_known)?;
+            let mut own = vec![0.0; columns];
+            own.push(tolerance);
+            factor.push(own);
+            columns += 1;
+            Some(Some(factor.len() - 1))
+        };
+        let rows = variant.parameters.iter().enumerate().map(row);
+        let rows = rows.collect::<Option<Vec<_>>>()?;
+        Some(Self {
+            rows,
+            factor,
+            columns,
+        })
+    }
+
+    /// Largest [distance](PoseUncertainty::distance_m) of a machine's predicted positions at poses of a folder, given by
+    /// index (m): at the evenly spread part of them that takes part where there are thousands.
+    ///
+    /// # Errors
+    /// A pose can't be predicted.
+    pub fn largest_m(
+        &self,
+        machine: &Machine,
+        folder: &Folder,
+        poses: &[usize],
+    ) -> Result<f64, Error> {
+        let step = poses.len().div_ceil(MOST_POSES).max(1);
+        let poses: Vec<&TcpPose> = (poses.iter().step_by(step))
+            .filter_map(|&pose| folder.tcp_poses.get(pose))
+            .collect();
+        let distances: Vec<Result<f64, Error>> = poses
+            .par_iter()
+            .map(|&measured| {
+                let sample = Sample::from(measured);
+                let pose = machine.forward_fitted(&sample)?.pose;
+                Ok(self.pose(machine, &sample.at(pose))?.distance_m())
+            })
+            .collect();
+        distances
+            .into_iter()
+            .try_fold(0.0, |largest, distance| Ok(f64::max(largest, distance?)))
+    }
+
+    /// The same with standard deviations so many times as large.
+    #[must_use]
+    pub fn widened(mut self, by: f64) -> Self {
+        self.factor
+            .iter_mut()
+            .flatten()
+            .for_each(|entry| *entry *= by);
+        self
+    }
+
+    /// Of the pose that a machine takes at the commands of a sample, whose pose that is.
+    ///
+    /// # Errors
+    /// Data that the sample lacks; derivatives that are not finite.
+    pub fn pose(&self, machine: &Machine, sample: &Sample<'_>) -> Result<PoseUncertainty, Error> {
+        let unknowns = machine.pose_unknowns();
+        let motion = self.motion(machine, sample, unknowns)?;
+        let mut full = DMatrix::zeros(POSE_COLUMNS, motion.ncols());
+        for (row, &unknown) in unknowns.iter().enumerate() {
+            full.set_row(unknown, &motion.row(row));
+        }
+        let covariance = &full * full.transpose();
+        Ok(PoseUncertainty {
+            covariance: covariance.fixed_view::<6, 6>(0, 0).into_owned(),
+        })
+    }
+
+    /// Standard deviations of the commands (m) at which a machine takes the pose of a sample, or, where the orientation
+    /// follows, its position; the sample has these commands.
+    ///
+    /// # Errors
+    /// As [`Self::pose`].
+    pub fn commands(&self, machine: &Machine, sample: &Sample<'_>) -> Result<Vec<f64>, Error> {
+        let commands = (0..machine.robot.commands).map(|k| POSE_COLUMNS + k);
+        let turning = if machine.orientation_follows() {
+            3..POSE_COLUMNS
+        } else {
+            0..0
+        };
+        let first = turning.len();
+        let unknowns: Vec<usize> = turning.chain(commands).collect();
+        let motion = self.motion(machine, sample, &unknowns)?;
+        Ok((first..unknowns.len())
+            .map(|row| motion.row(row).norm())
+            .collect())
+    }
+
+    /// S·F: one row per unknown.
+    fn motion(
+        &self,
+        machine: &Machine,
+        sample: &Sample<'_>,
+        unknowns: &[usize],
+    ) -> Result<DMatrix<f64>, Error> {
+        let closures = Linearized::new(machine, sample)?;
+        let mut by_factor = DMatrix::zeros(closures.by_parameters.len(), self.columns);
+        for (row, entries) in closures.by_parameters.iter().enumerate() {
+            for &(parameter, entry) in entries {
+                let Some(own) = self.rows.get(parameter).copied().flatten() else {
+                    continue;
+                };
+                for (column, value) in self.factor[own].iter().enumerate() {
+                    by_factor[(row, column)] += entry * value;
+                }
+            }
+        }
+        let response = closures.response(unknowns);
+        let not_finite = || Error::NotFinite {
+            closure: machine.variant.name.clone(),
+            effects: Vec::new(),
+        };
+        Ok(response.ok_or_else(not_finite)? * by_factor)
+    }
+}

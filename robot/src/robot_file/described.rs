@@ -1,0 +1,208 @@
+//! Instances that a description gives by itself, and the file to fill in where it gives less.
+
+use std::fmt::{self, Write};
+
+use tau_codegen::language::{self, model};
+
+use super::keys::{described_links, described_reference, quantity_of};
+use super::write::{key, string};
+use super::{Noise, RobotFile};
+use crate::input_error::{InputError, quoted};
+use crate::robot::{Link, Robot};
+
+/// Noise of a laser tracker over a few metres with the repeatability of a machine, one standard deviation per axis: what
+/// stands where no file states any.
+pub const USUAL_NOISE: Noise = Noise {
+    position_m: 1e-5,
+    rotation_rad: 4e-5,
+};
+
+/// Stands in a file for a number that is still to be filled in.
+pub const PLACEHOLDER: &str = "?";
+
+/// Keys of a link's values with the quantity that each is, and what it means.
+const VALUES: [(&str, &str, &str); 4] = [
+    ("length_m", "length", "between the two joints"),
+    ("plate_joint_m", "plate_joint", "in TCP coordinates"),
+    (
+        "track_offset_m",
+        "track_offset",
+        "in the measurement frame, at command 0",
+    ),
+    (
+        "track_direction",
+        "track_direction",
+        "displacement of the joint per unit of the command",
+    ),
+];
+
+impl RobotFile {
+    /// The instance that a description gives by itself, with [`USUAL_NOISE`].
+    ///
+    /// # Errors
+    /// The description lacks values, which are listed.
+    pub fn described(robot: &Robot) -> Result<Self, InputError> {
+        let described = described_links(robot);
+        let of_link = |(index, link): (usize, &Link)| {
+            let values = described.get(index);
+            let lacks = quantities_of(robot, link).filter(|(_, quantity, _)| {
+                values.is_none_or(|values| quantity_of(values, quantity).is_none())
+            });
+            let lacks: Vec<&str> = lacks.map(|(_, quantity, _)| *quantity).collect();
+            (!lacks.is_empty()).then(|| format!("{} of `{}`", quoted(lacks), link.name))
+        };
+        let lacks: Vec<String> = (robot.links.iter().enumerate())
+            .filter_map(of_link)
+            .collect();
+        if !lacks.is_empty() {
+            let message = format!("nothing gives a value for {}", lacks.join(", "));
+            return Err(InputError::whole(&robot.name, message).help(
+                "`tau init F.tau` writes a robot.toml to fill in, to be named with `--robot`",
+            ));
+        }
+        Ok(Self {
+            robot: robot.name.clone(),
+            noise: USUAL_NOISE,
+            ..Self::default()
+        })
+    }
+
+    /// The text of a `robot.toml` for a robot: what its description gives is filled in, for the rest stand
+    /// [placeholders](PLACEHOLDER), which are refused when the file is read.
+    pub fn template(robot: &Robot) -> String {
+        let mut text = String::new();
+        // Writing into a string can't fail.
+        let _ = write_template(&mut text, robot);
+        text
+    }
+}
+
+/// The values that a link has.
+fn quantities_of(
+    robot: &Robot,
+    link: &Link,
+) -> impl Iterator<Item = &'static (&'static str, &'static str, &'static str)> {
+    let moves = robot.clusters[link.cluster].track.is_some();
+    VALUES
+        .iter()
+        .filter(move |(_, quantity, _)| moves || *quantity != "track_direction")
+}
+
+const HEAD: &str = "\
+# Instance of the robot: dimensions of the drawing with tolerances, noise, loads. SI units: m, rad, kg, N.
+# Replace every \"?\" by a number; the file is refused until none is left.
+";
+
+const NOISE: &str = "
+# Noise of a measured pose, tracker and repeatability of the machine together: one standard deviation per axis.
+# A laser tracker over a few metres has 1.0e-5 m and 4.0e-5 rad.
+[noise]
+position_m = \"?\"
+rotation_rad = \"?\"
+";
+
+const PAYLOAD: &str = "
+# Load, for effects that follow forces: plate, tool and half of the links. The centre is in TCP coordinates, gravity
+# in the measurement frame.
+# [payload]
+# mass_kg = 5.0
+# centre_m = [0.0, 0.0, 0.0]
+# gravity_m_s2 = [0.0, 0.0, -9.81]
+
+# Commands that measurements cover, where no cart poses (set 2) say so: lowest and highest (m).
+# [range]
+# q_m = [-0.5, 0.5]
+";
+
+const REFERENCE: &str = "
+# How the arm is assembled: where the TCP stands (m; ZYZ Euler angles in rad) at these commands, to a few centimetres
+# and degrees. Kinematics and simulation need it.
+";
+
+const LINKS: &str = "
+# Dimensions. tol is one standard deviation of the drawing's tolerance: 3.0e-4 m is usual for rods and joints, 1.0e-2
+# for how tracks stand in the frame of a tracker. The file counts before the description.
+";
+
+fn write_template(out: &mut String, robot: &Robot) -> fmt::Result {
+    write!(
+        out,
+        "{HEAD}robot = {}\n{NOISE}{PAYLOAD}",
+        string(&robot.name)
+    )?;
+    write!(out, "{REFERENCE}")?;
+    match described_reference(robot) {
+        Some(reference) => {
+            writeln!(out, "[reference]")?;
+            writeln!(out, "commands_m = {}", numbers(&reference.commands_m))?;
+            writeln!(out, "position_m = {}", numbers(&reference.position_m))?;
+            writeln!(
+                out,
+                "orientation_rad = {}",
+                numbers(&reference.orientation_rad)
+            )?;
+        }
+        None => {
+            let commands = vec!["0.0"; robot.commands].join(", ");
+            writeln!(out, "# [reference]\n# commands_m = [{commands}]")?;
+            writeln!(out, "# position_m = [x, y, z]")?;
+            writeln!(out, "# orientation_rad = [0.0, 0.0, 0.0]")?;
+        }
+    }
+    write!(out, "{LINKS}")?;
+    let model = language::check_text(&robot.description).ok();
+    for (index, link) in robot.links.iter().enumerate() {
+        let described = model.as_ref().and_then(|model| model.links.get(index));
+        let separator = if index == 0 { "" } else { "\n" };
+        writeln!(out, "{separator}[links.{}]", key(&link.name))?;
+        for (name, quantity, meaning) in quantities_of(robot, link) {
+            let (value, tol) = given(described, quantity);
+            let value = value.unwrap_or_else(|| {
+                let blank = format!("\"{PLACEHOLDER}\"");
+                match *quantity {
+                    "length" => blank,
+                    _ => format!("[{blank}, {blank}, {blank}]"),
+                }
+            });
+            let tol = tol.map_or_else(|| format!("\"{PLACEHOLDER}\""), number);
+            let note = match (index, link.actuated_by, *quantity) {
+                (0, Some(_), "length") => "  # at command 0; the command is added to it",
+                (0, ..) => &format!("  # {meaning}"),
+                _ => "",
+            };
+            writeln!(out, "{name} = {{ value = {value}, tol = {tol} }}{note}")?;
+        }
+    }
+    Ok(())
+}
+
+/// Text of the value, and the tolerance, that a description gives.
+fn given(link: Option<&model::Link>, quantity: &str) -> (Option<String>, Option<f64>) {
+    let Some(model::Link { defaults, .. }) = link else {
+        return (None, None);
+    };
+    let of = |quantity: &model::Quantity<3>| {
+        let value = quantity.value.as_ref().map(|value| numbers(value));
+        (value, quantity.tolerance)
+    };
+    match quantity {
+        "length" => {
+            let length = &defaults.length;
+            (length.value.map(|[value]| number(value)), length.tolerance)
+        }
+        "plate_joint" => of(&defaults.plate_joint),
+        "track_offset" => of(&defaults.track_offset),
+        _ => of(&defaults.track_direction),
+    }
+}
+
+fn numbers(values: &[f64]) -> String {
+    let values: Vec<String> = values.iter().map(|&value| number(value)).collect();
+    format!("[{}]", values.join(", "))
+}
+
+/// To fifteen digits, so that 48.7 mm are 0.0487 m.
+fn number(value: f64) -> String {
+    let rounded = format!("{value:.14e}").parse().unwrap_or(value);
+    format!("{rounded:?}")
+}

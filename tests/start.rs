@@ -1,0 +1,158 @@
+//! First steps with a robot of one's own: `tau init`, descriptions that hold their values, what a simulation tells.
+
+use std::fs;
+
+use serde_json::Value;
+
+use crate::support::{fields, listing, number, tau_in};
+
+/// A linear delta of which the description gives everything but the lengths.
+fn without_lengths(folder: &std::path::Path) {
+    let text = fs::read_to_string(format!("{}/linear_delta.tau", crate::support::ROBOTS)).unwrap();
+    let text = text
+        .lines()
+        .filter(|line| !line.trim_start().starts_with("length = "))
+        .collect::<Vec<_>>()
+        .join("\n");
+    fs::write(folder.join("delta.tau"), text).unwrap();
+}
+
+#[test]
+fn a_description_with_all_values_needs_no_robot_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let line = "tau kinematics forward --model ROBOTS/linear_delta.tau --variant Full --commands 0,0,0 --json -";
+    let found = tau_in(folder.path(), line).json();
+    let position = &found["poses"][0]["position_m"];
+    let expected = [0.0, 0.0, -0.6];
+    for (k, expected) in expected.into_iter().enumerate() {
+        assert!((number(&position[k]) - expected).abs() < 1e-5, "{position}");
+    }
+    let reference = found["reference"]["from"].as_str().unwrap();
+    assert!(reference.ends_with("linear_delta.tau"), "{reference}");
+}
+
+#[test]
+fn missing_values_are_one_error_that_names_them() {
+    let folder = tempfile::tempdir().unwrap();
+    without_lengths(folder.path());
+    for line in [
+        "tau kinematics forward --model DIR/delta.tau --variant Full --commands 0,0,0",
+        "tau simulate --model DIR/delta.tau --out DIR/measured",
+    ] {
+        let ran = tau_in(folder.path(), line);
+        assert_eq!(ran.code, 2);
+        assert_eq!(ran.err.matches("error").count(), 1, "{}", ran.err);
+        for part in ["`length` of `a1`", "`length` of `c2`", "tau init"] {
+            assert!(ran.err.contains(part), "{}", ran.err);
+        }
+    }
+    let line = "tau calibrate --model DIR/delta.tau --variant Full --out DIR/out";
+    let ran = tau_in(folder.path(), line);
+    assert_eq!(ran.code, 2);
+    assert!(ran.err.contains("no measurement folder"), "{}", ran.err);
+    assert!(!ran.err.contains("prototype"), "{}", ran.err);
+}
+
+#[test]
+fn init_fills_in_what_the_description_gives() {
+    let folder = tempfile::tempdir().unwrap();
+    without_lengths(folder.path());
+    let init = "tau init DIR/delta.tau --out DIR/robot.toml";
+    let said = tau_in(folder.path(), init).done();
+    assert!(said.contains("with 14 numbers to fill in"), "{said}");
+    let path = folder.path().join("robot.toml");
+    let text = fs::read_to_string(&path).unwrap();
+    assert!(text.contains("plate_joint_m = { value = [0.05, -0.04, 0.0], tol = 0.0003 }"));
+    assert!(text.contains("position_m = [0.0, 0.0, -0.6]"), "{text}");
+
+    // Until it is filled in, every placeholder is refused at its place.
+    let forward = "tau kinematics forward --model DIR/delta.tau --robot DIR/robot.toml \
+                   --variant Full --commands 0,0,0 --json -";
+    let ran = tau_in(folder.path(), forward);
+    assert_eq!(ran.code, 2);
+    let found = ran.err.matches("found a placeholder").count();
+    assert_eq!(found, 14, "{}", ran.err);
+    let line = text.lines().position(|line| line.contains("\"?\", tol"));
+    let place = format!("robot.toml:{}:", line.unwrap() + 1);
+    assert!(ran.err.contains(&place), "{place} in {}", ran.err);
+
+    let filled = text
+        .replace("position_m = \"?\"", "position_m = 1e-5")
+        .replace("rotation_rad = \"?\"", "rotation_rad = 4e-5")
+        .replace("value = \"?\", tol = \"?\"", "value = 0.694622, tol = 3e-4");
+    fs::write(&path, &filled).unwrap();
+    let found = tau_in(folder.path(), forward).json();
+    assert!((number(&found["poses"][0]["position_m"][2]) + 0.6).abs() < 1e-4);
+
+    let ran = tau_in(folder.path(), init);
+    assert_eq!(ran.code, 2);
+    assert!(ran.err.contains("--force"), "{}", ran.err);
+    assert_eq!(fs::read_to_string(&path).unwrap(), filled);
+    tau_in(folder.path(), &format!("{init} --force")).done();
+    assert_eq!(fs::read_to_string(&path).unwrap(), text);
+    assert_eq!(listing(folder.path()), ["delta.tau", "robot.toml"]);
+}
+
+/// Descriptions that give nothing, some, and all; with and without tracks.
+#[test]
+fn templates_of_all_standard_robots_are_refused_for_nothing_but_blanks() {
+    let folder = tempfile::tempdir().unwrap();
+    for model in [
+        "GANTRY",
+        "ROBOTS/linear_delta.tau",
+        "ROBOTS/stewart.tau",
+        "ROBOTS/hexaglide.tau",
+        "ROBOTS/four_track.tau",
+    ] {
+        let line = format!("tau init {model} --out DIR/robot.toml --force");
+        tau_in(folder.path(), &line).done();
+        let line =
+            format!("tau simulate --model {model} --robot DIR/robot.toml --out DIR/measured");
+        let ran = tau_in(folder.path(), &line);
+        assert_eq!(ran.code, 2, "{model}");
+        let errors = ran.err.matches("error: ").count();
+        let blanks = ran.err.matches("error: found a placeholder").count();
+        assert!(errors == blanks && blanks > 1, "{model}: {}", ran.err);
+    }
+}
+
+#[test]
+fn a_simulation_tells_the_geometry_that_it_measured() {
+    let folder = tempfile::tempdir().unwrap();
+    let line = "tau simulate --model ROBOTS/four_track.tau --out DIR/measured --seed 5";
+    tau_in(folder.path(), line).done();
+    let text = fs::read_to_string(folder.path().join("measured/truth.json")).unwrap();
+    let truth: Value = serde_json::from_str(&text).unwrap();
+    let links = truth["links"].as_object().unwrap();
+    assert_eq!(links.len(), 6);
+    let link = &truth["links"]["n1"];
+    fields(
+        link,
+        [
+            "length_m",
+            "plate_joint_m",
+            "track_offset_m",
+            "track_direction",
+        ],
+    );
+    let off = number(&link["length_m"]) - 0.991_211;
+    assert!(off != 0.0 && off.abs() < 5.0 * 3e-4, "{off}");
+    // The links close at the true poses, to the tolerance of a closed form by hand.
+    let measured = fs::read_to_string(folder.path().join("measured/tcp_poses.csv")).unwrap();
+    let header: Vec<&str> = measured.lines().next().unwrap().split(',').collect();
+    let command = header.iter().position(|name| *name == "q2_m").unwrap();
+    let vector = |value: &Value| nalgebra::Vector3::from_fn(|k, _| number(&value[k]));
+    let rows = measured
+        .lines()
+        .skip(1)
+        .zip(truth["tcp_poses"].as_array().unwrap());
+    for (row, pose) in rows {
+        let q: f64 = row.split(',').nth(command).unwrap().parse().unwrap();
+        let angles = [0, 1, 2].map(|k| number(&pose["orientation_rad"][k]));
+        let joint = vector(&pose["position_m"])
+            + tau::kinematics::zyz(angles) * vector(&link["plate_joint_m"]);
+        let cart = vector(&link["track_offset_m"]) + vector(&link["track_direction"]) * q;
+        let off = (joint - cart).norm() - number(&link["length_m"]);
+        assert!(off.abs() < 1e-9, "{off}");
+    }
+}
