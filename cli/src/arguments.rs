@@ -294,6 +294,9 @@ pub(super) struct SimulatedNoise {
     /// Share of the variance that the coordinates of a pose have in common
     #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
     pub(super) common_noise: f64,
+    /// Share of its variance that a reading has in common with the others at the same TCP pose
+    #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
+    pub(super) visit_noise: f64,
     /// Correlation of successive measurements
     #[arg(
         long,
@@ -323,6 +326,9 @@ pub(super) struct SimulatedPlan {
     /// Number of TCP poses: those of the grid end there
     #[arg(long, value_name = "N", default_value_t = 176)]
     pub(super) poses: usize,
+    /// Number of readings at each of them
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub(super) readings: usize,
     /// Take random TCP poses instead of a grid
     #[arg(long)]
     pub(super) random: bool,

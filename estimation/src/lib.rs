@@ -11,3 +11,4 @@ mod problem;
 pub mod samples;
 pub mod sensitivity;
 pub mod trust;
+pub mod weighing;

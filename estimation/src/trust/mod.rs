@@ -15,6 +15,7 @@ pub(crate) mod numbering;
 mod recognise;
 mod roots;
 mod verdict;
+mod weighing_words;
 mod words;
 
 pub use check::{Check, Checked, FileFacts, Gap, Range, Sight, check};

@@ -262,7 +262,8 @@ pub(crate) fn judged(
     iterations: usize,
 ) -> Result<Judged, Error> {
     let samples = samples(case);
-    Judged::new(prepared, start, &samples, case.file.noise, iterations)
+    let even = vec![1.0; samples.len()];
+    Judged::new(prepared, start, &samples, case.file.noise, (&even, iterations))
 }
 
 /// The poses of a case as samples.

@@ -11,11 +11,12 @@ use crate::calibration::{Calibration, Error};
 use crate::errors_in_variables::{Component, GroupFit};
 use crate::numerics::distribution::chi2_survival;
 use crate::numerics::projection::inverse_factor;
-use crate::trust::hypothesis::{self, Case};
+use crate::trust::hypothesis::{self, Case, spread};
 use crate::trust::judged::{Deviation, Judged, Misfit};
 use crate::trust::mistake::Mistake;
 use crate::trust::recognise::{self, ITERATIONS};
-use crate::trust::{ABSURD_TOLERANCES, LARGEST_MISFIT, LEVEL, general, numbering};
+use crate::trust::{ABSURD_TOLERANCES, LARGEST_MISFIT, LEVEL, general, numbering, weighing_words};
+use crate::weighing::{Loss, Outlier, Repeats, Weighing};
 
 /// More poses than these are judged by as many of them, evenly spread: what they tell of the noise leaves nothing to
 /// ask, and whitened derivatives of all would need gigabytes.
@@ -101,11 +102,18 @@ pub struct Verdict {
     pub why: Vec<String>,
     /// Mistakes that explain it.
     pub mistakes: Vec<Mistake>,
+    /// Poses far off all others, by number; the figures above are of the others where these were left out.
+    pub outliers: Vec<Outlier>,
+    /// Repeated readings, if there are any.
+    pub repeats: Option<Repeats>,
+    /// Loss of the fit, if it is not least squares.
+    pub loss: Option<Loss>,
 }
 
 impl Verdict {
     /// Factor by which standard deviations are too small where the misfit is one of noise: √(chi2/dof) where that is
-    /// inconsistent with the stated noise, else 1 (R. T. Birge, Phys. Rev. 40, 1932).
+    /// inconsistent with the stated noise, else 1 (R. T. Birge, Phys. Rev. 40, 1932). Where readings are repeated, what
+    /// those of a visit share is in the standard deviations already, and the ratio is that of what is left between visits.
     pub fn widening(&self) -> f64 {
         let misfit = Misfit {
             chi2: self.chi2,
@@ -113,7 +121,8 @@ impl Verdict {
             rows: 0,
         };
         if recognise::is_beyond_noise(&misfit) {
-            self.residual_over_noise.max(1.0)
+            let ratio = self.repeats.map(|repeats| repeats.excess);
+            ratio.unwrap_or(self.residual_over_noise).max(1.0)
         } else {
             1.0
         }
@@ -279,9 +288,25 @@ pub fn of_calibration_knowing(
 ) -> Result<Verdict, Error> {
     let machine = &calibration.machine;
     let robot = &machine.robot;
-    let case = case(robot, &machine.variant, file, folder, poses).thinned(MOST_POSES);
+    let weighing = &calibration.weighing;
+    let counted: Vec<usize> = (0..poses.len())
+        .filter(|&index| weighing.judged.get(index).copied().unwrap_or(true))
+        .collect();
+    let kept: Vec<usize> = counted.iter().map(|&index| poses[index]).collect();
+    let poses = kept.as_slice();
+    let spread = spread(poses.len(), MOST_POSES);
+    let case = case(robot, &machine.variant, file, folder, poses).of_poses(&spread);
     let prepared = case.prepared()?;
-    let judged = recognise::judged(&case, &prepared, &machine.values, ITERATIONS)?;
+    let inflation: Vec<f64> = (spread.iter())
+        .map(|&k| weighing.inflation.get(counted[k]).copied().unwrap_or(1.0))
+        .collect();
+    let judged = Judged::new(
+        &prepared,
+        &machine.values,
+        &recognise::samples(&case),
+        case.file.noise,
+        (&inflation, ITERATIONS),
+    )?;
     let mut pulls: Vec<Pull> = (calibration.parameters.iter())
         .filter_map(|parameter| {
             Some(Pull {
@@ -294,6 +319,7 @@ pub fn of_calibration_knowing(
     shorten(&mut pulls);
     let deviations = judged.deviations();
     let mut verdict = measured(&case, &judged, pulls);
+    verdict.know(weighing);
     let beyond = recognise::beyond_tolerance(&deviations, verdict.residual_over_noise);
     verdict.judge(&machine.variant, beyond);
     let suspect = verdict.status > Status::Consistent
@@ -310,6 +336,7 @@ pub fn of_calibration_knowing(
     }
     verdict.blame(numbering::mistake(machine, folder).into_iter().collect());
     verdict.conclude(&case);
+    verdict.tell(weighing);
     Ok(verdict)
 }
 
@@ -468,10 +495,29 @@ fn measured(case: &Case<'_>, judged: &Judged, pulls: Vec<Pull>) -> Verdict {
         pulls,
         why: vec![],
         mistakes: vec![],
+        outliers: vec![],
+        repeats: None,
+        loss: None,
     }
 }
 
 impl Verdict {
+    /// Takes over what the weighing of the poses found.
+    fn know(&mut self, weighing: &Weighing) {
+        self.outliers.clone_from(&weighing.outliers);
+        self.repeats = weighing.repeats;
+        self.loss = weighing.loss;
+    }
+
+    /// Says what the weighing of the poses found.
+    fn tell(&mut self, weighing: &Weighing) {
+        self.why.extend(weighing_words::outliers(weighing));
+        if self.mistakes.is_empty() {
+            self.why.extend(weighing.kept_because.clone());
+        }
+        self.why.extend(weighing.repeats.as_ref().map(weighing_words::repeats));
+    }
+
     /// Tests residuals, and the parameter that is furthest off.
     fn judge(&mut self, variant: &Variant, beyond: Option<Deviation>) {
         let misfit = Misfit {

@@ -1,0 +1,72 @@
+//! Outliers and repeated readings in sentences.
+
+use crate::trust::{LEVEL, general};
+use crate::weighing::{Outlier, Repeats, Weighing};
+
+/// Outliers that are named one by one.
+const NAMED: usize = 8;
+
+/// The outliers among the poses, if there are any.
+pub(super) fn outliers(weighing: &Weighing) -> Option<String> {
+    let all = &weighing.outliers;
+    let (first, poses) = (all.first()?, weighing.fit.len());
+    let mut names: Vec<String> = (all.iter().take(NAMED))
+        .map(|outlier| outlier.pose.to_string())
+        .collect();
+    if all.len() > NAMED {
+        names.push(format!("{} more", all.len() - NAMED));
+    }
+    let done = match weighing.loss {
+        Some(loss) => format!("lose their pull by the loss `{}`", loss.name()),
+        None if all.iter().all(Outlier::is_left_out) => "are left out".to_owned(),
+        None => "are kept".to_owned(),
+    };
+    let (least, most) = all.iter().fold((first.sigmas, first.sigmas), |(a, b), outlier| {
+        (a.min(outlier.sigmas), b.max(outlier.sigmas))
+    });
+    let off = if all.len() == 1 {
+        general(most, 2)
+    } else {
+        format!("{} to {}", general(least, 2), general(most, 2))
+    };
+    let (pose, them) = if all.len() == 1 {
+        ("Pose", "1".to_owned())
+    } else {
+        ("Poses", all.len().to_string())
+    };
+    let done = if all.len() == 1 {
+        done.replace("are ", "is ").replace("lose their", "loses its")
+    } else {
+        done
+    };
+    Some(format!(
+        "{pose} {} ({them} of {poses}) {done} as outliers: {off} times the noise off, where the largest of {poses} \
+         hardly exceeds {}.",
+        names.join(", "),
+        general(weighing.limit_sigmas, 2)
+    ))
+}
+
+/// Repeated readings.
+pub(super) fn repeats(repeats: &Repeats) -> String {
+    let Repeats {
+        visits,
+        readings,
+        within_over_noise,
+        between_over_noise,
+        ..
+    } = repeats;
+    let agree = format!(
+        "{readings} readings of {visits} poses agree to {} times the stated noise, poses with the model to {}",
+        general(*within_over_noise, 2),
+        general(*between_over_noise, 2)
+    );
+    if repeats.p_value < LEVEL {
+        format!(
+            "{agree}: what readings of a pose share is taken for an error of its own (lack of fit, F = {}).",
+            general(repeats.lack_of_fit, 3)
+        )
+    } else {
+        format!("{agree}.")
+    }
+}
