@@ -146,6 +146,7 @@ struct Counts {
     consistent: usize,
     left_out: usize,
     wrongly: usize,
+    missed: usize,
 }
 
 impl Counts {
@@ -167,7 +168,7 @@ impl Counts {
 fn main() {
     let arguments = Arguments::parse();
     println!(
-        "| robot | case | coverage by kind, as stated → widened | consistent | outliers listed per folder (of them none) |"
+        "| robot | case | coverage by kind, as stated → widened | consistent | outliers listed per folder (none, missed) |"
     );
     println!("| --- | --- | --- | --- | --- |");
     for (name, robot, file) in robots() {
@@ -187,12 +188,13 @@ fn main() {
                 .collect();
             let folders = arguments.folders as f64;
             println!(
-                "| {name} | {} | {} | {:.3} | {:.2} ({:.2}) |",
+                "| {name} | {} | {} | {:.3} | {:.2} ({:.3}, {:.3}) |",
                 case.name,
                 by_kind.join(", "),
                 counts.consistent as f64 / folders,
                 counts.left_out as f64 / folders,
                 counts.wrongly as f64 / folders,
+                counts.missed as f64 / folders,
             );
         }
     }
@@ -233,11 +235,21 @@ fn counted(robot: &Robot, file: &RobotFile, case: &Case, folders: u64) -> Counts
         let verdict = of_calibration(&found, file, folder, &poses).unwrap();
         counts.add(&found, &simulated.truth.machine, verdict.widening());
         counts.consistent += usize::from(verdict.status == Status::Consistent);
-        let listed = found.weighing.outliers.iter();
+        let listed: Vec<u32> = (found.weighing.outliers.iter())
+            .map(|outlier| outlier.pose)
+            .collect();
+        let true_ones: Vec<u32> = (poses.iter())
+            .map(|&pose| folder.tcp_poses[pose].pose)
+            .filter(|pose| simulated.truth.outliers.contains(pose))
+            .collect();
+        let is_in = |all: &[u32], pose: &u32| all.contains(pose);
         counts.left_out += listed.len();
-        counts.wrongly += listed
-            .filter(|outlier| !simulated.truth.outliers.contains(&outlier.pose))
-            .count();
+        counts.wrongly += listed.iter().filter(|pose| !is_in(&true_ones, pose)).count();
+        let missed = true_ones.iter().filter(|pose| !is_in(&listed, pose)).count();
+        counts.missed += missed;
+        if missed > 0 {
+            eprintln!("{}, {seed}: of {true_ones:?} found {listed:?}", case.name);
+        }
     }
     counts
 }

@@ -28,3 +28,4 @@ mod simulation;
 mod study;
 mod support;
 mod trust;
+mod weighing;

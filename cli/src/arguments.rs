@@ -8,7 +8,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use clap_complete::Shell;
 
 use super::numbers::{Numbers, Triple, positive};
-pub(super) use trust::{Check, Force};
+pub(super) use trust::{Check, Force, KeepOutliers, Loss, Outliers};
 
 /// Calibrates parallel robots from a declarative description.
 #[derive(Debug, Parser)]
@@ -84,6 +84,8 @@ pub(super) struct Study {
     #[arg(long)]
     pub(super) no_discover: bool,
     #[command(flatten)]
+    pub(super) outliers: Outliers,
+    #[command(flatten)]
     pub(super) force: Force,
     #[command(flatten)]
     pub(super) json: Json,
@@ -127,6 +129,8 @@ pub(super) struct Calibrate {
     /// with the ordinary fit of set 1
     #[arg(long)]
     pub(super) errors_in_variables: bool,
+    #[command(flatten)]
+    pub(super) outliers: Outliers,
     /// Folder for the files
     #[arg(long, value_name = "DIR", default_value = "tau-calibration")]
     pub(super) out: PathBuf,
@@ -152,6 +156,8 @@ pub(super) struct Evaluate {
     pub(super) input: Input,
     #[command(flatten)]
     pub(super) variant: Variant,
+    #[command(flatten)]
+    pub(super) outliers: KeepOutliers,
     #[command(flatten)]
     pub(super) force: Force,
     #[command(flatten)]

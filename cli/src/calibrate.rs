@@ -32,6 +32,7 @@ pub(super) fn run(arguments: &arguments::Calibrate) -> Result<Outcome, Failure> 
         resolve::with_variant(&arguments.input, &arguments.variant),
         outputs,
     )?;
+    let session = session.outliers(resolve::treatment(&arguments.outliers));
     let poses = session.poses()?;
     let variant = arguments.variant.name.as_str();
     let (robot, folder) = (&session.robot().name, session.folder());
@@ -50,9 +51,11 @@ pub(super) fn run(arguments: &arguments::Calibrate) -> Result<Outcome, Failure> 
     if let Some(fitted) = &comparison {
         verdict = verdict.with_groups(&fitted.groups, session.robot_file());
     }
-    let calibrated = &poses.division.calibration;
+    let calibrated: Vec<usize> = (found.weighing)
+        .taking_part(&poses.division.calibration)
+        .collect();
     found.file.calibration =
-        Some(session.provenance(session.robot(), variant, calibrated, &stamp()));
+        Some(session.provenance(session.robot(), variant, &calibrated, &stamp()));
     let validation = &poses.division.validation;
     let is_held_out = poses.division.is_disjoint();
     let result = study::result(&found, folder, validation);

@@ -7,7 +7,7 @@ use serde_json::{Map, Value, json};
 use tau::assumptions::{PathDeviation, TrackComparison, TrackLinearity};
 use tau::calibration::{LinkResult, ParameterEstimate};
 use tau::discovery::Discovery;
-use tau::evaluation::Evaluation;
+use tau::evaluation::{Evaluation, Summary};
 use tau::evaluation::{PoseError, VariantResult};
 use tau::measurements::PoseCounts;
 use tau::sensitivity::{LinkSensitivity, ParameterSensitivity, Sensitivity, Turn};
@@ -64,12 +64,16 @@ pub fn poses(poses: PoseCounts) -> Value {
 
 /// Errors of predicted poses, with the field names of [`variant`].
 pub fn evaluation(evaluation: &Evaluation) -> Value {
-    let position = evaluation.position_um;
     json!({
-        "position_um": { "mean": position.mean, "max": position.max, "rms": position.rms },
+        "position_um": summary(evaluation.position_um),
         "orientation_rad": evaluation.orientation_rad_max_abs.map(|max_abs| json!({ "max_abs": max_abs })),
         "pose_errors": evaluation.errors.iter().map(pose_error).collect::<Vec<_>>(),
     })
+}
+
+/// Mean, largest and root mean square.
+pub fn summary(summary: Summary) -> Value {
+    json!({ "mean": summary.mean, "max": summary.max, "rms": summary.rms })
 }
 
 /// Relation of evaluated poses to the calibration of the parameters.

@@ -151,6 +151,16 @@ pub fn evaluation(evaluation: &Evaluation, basis: Basis) -> String {
     printable(&(text + &wrap(meaning, "")))
 }
 
+/// Position errors without the poses that are outliers.
+pub fn without_outliers(position_um: Summary) -> String {
+    let Summary { mean, max, rms } = position_um;
+    let [mean, max, rms] = [mean, max, rms].map(|value| general(value, 3));
+    wrap(
+        &format!("Without outliers: mean {mean} µm, largest {max} µm, rms {rms} µm."),
+        "",
+    )
+}
+
 fn position_and_orientation(
     position_um: Summary,
     orientation_rad: Option<[f64; 3]>,

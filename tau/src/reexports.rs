@@ -68,3 +68,8 @@ pub mod trust {
         Verdict,
     };
 }
+
+/// Weights of poses in a calibration: outliers, losses that bound their pull, repeated readings.
+pub mod weighing {
+    pub use tau_estimation::weighing::{Loss, Outlier, Repeats, Treatment, Weighing};
+}

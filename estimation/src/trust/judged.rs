@@ -181,6 +181,26 @@ impl Judged {
         ((found / closures).sqrt(), (left * noise / closures).sqrt())
     }
 
+    /// Sums of squares of each sample's residuals in the noise and in what another fit, with the same unknowns, leaves
+    /// open of them, and their numbers: `rᵀ(1 + J·C·Jᵀ)⁻¹r`.
+    pub(crate) fn sums_under(&self, known: &Self, samples: usize) -> Vec<(f64, f64)> {
+        let joint = &self.descent.joint;
+        let each = joint.rows.len() / samples.max(1);
+        let factors = vec![1.0; joint.rows.len()];
+        let linear = joint.linearize(&self.descent.fitted, &factors);
+        let spread = linear.jacobian.times(&known.factor);
+        let of_sample = |sample: usize| {
+            let own = linear.residuals.rows(sample * each, each).into_owned();
+            let spread = spread.rows(sample * each, each);
+            let covariance = DMatrix::identity(each, each) + spread * spread.transpose();
+            let sum = covariance
+                .cholesky()
+                .map_or_else(|| own.norm_squared(), |c| own.dot(&c.solve(&own)));
+            (sum, each as f64)
+        };
+        (0..samples).map(of_sample).collect()
+    }
+
     /// The residuals and their derivatives, priors last.
     pub(crate) fn into_descent(self) -> Descent {
         self.descent

@@ -16,7 +16,8 @@ use crate::trust::judged::{Deviation, Judged, Misfit};
 use crate::trust::mistake::Mistake;
 use crate::trust::recognise::{self, ITERATIONS};
 use crate::trust::{ABSURD_TOLERANCES, LARGEST_MISFIT, LEVEL, general, numbering, weighing_words};
-use crate::weighing::{Loss, Outlier, Repeats, Weighing};
+use crate::samples::Sample;
+use crate::weighing::{Loss, Outlier, Repeats, Treatment, Weighing, weigh};
 
 /// More poses than these are judged by as many of them, evenly spread: what they tell of the noise leaves nothing to
 /// ask, and whitened derivatives of all would need gigabytes.
@@ -344,7 +345,7 @@ pub fn of_calibration_knowing(
 ///
 /// Where the file states standard deviations, they are those of parameters that were calibrated, correlated as the poses
 /// that calibrate and the tolerances make them; else the tolerances are. Residuals are judged against the noise and
-/// against what such parameters may do to them.
+/// against what such parameters may do to them. Outliers among the poses are listed, and left out unless they are kept.
 ///
 /// # Errors
 /// Data that the variant takes are missing.
@@ -353,13 +354,51 @@ pub fn of_prediction(
     file: &RobotFile,
     folder: &Folder,
     division: &Division,
+    treatment: Treatment,
 ) -> Result<Verdict, Error> {
     let (robot, variant) = (&machine.robot, &machine.variant);
     let of = |poses: &[usize]| case(robot, variant, file, folder, poses).thinned(MOST_POSES);
-    let case = of(&division.validation);
+    let all = of(&division.validation);
+    let samples = recognise::samples(&all);
+    let noise = all.file.noise;
+    let known = if stated_sigmas(file) == 0 {
+        None
+    } else {
+        let before = of(&division.calibration);
+        let (prepared, samples) = (before.prepared()?, recognise::samples(&before));
+        let inflation = if Sample::units(&samples) < samples.len() {
+            weigh(&prepared, &machine.values, &samples, noise, treatment)?.inflation
+        } else {
+            vec![1.0; samples.len()]
+        };
+        let values = &machine.values;
+        let known = Judged::new(&prepared, values, &samples, noise, (&inflation, 0))?;
+        Some(known)
+    };
+    let weighing = match &known {
+        None => weigh(&all.prepared()?, &machine.values, &samples, noise, treatment)?,
+        Some(known) => {
+            let judged = recognise::judged(&all, &all.prepared()?, &machine.values, 0)?;
+            let sums = judged.sums_under(known, samples.len());
+            Weighing::of_predicted(&sums, &samples, treatment)
+        }
+    };
+    let kept: Vec<usize> = (0..samples.len())
+        .filter(|&index| weighing.judged[index])
+        .collect();
+    let case = all.of_poses(&kept);
     let prepared = case.prepared()?;
-    let sigmas = stated_sigmas(file);
-    let mut verdict = if sigmas == 0 {
+    let mut verdict = if let Some(known) = known {
+        let judged = recognise::judged(&case, &prepared, &machine.values, 0)?;
+        let mut verdict = measured(&case, &judged, vec![]);
+        verdict.know(&weighing);
+        let misfit = predicted(judged, known);
+        verdict.chi2 = misfit.chi2;
+        verdict.dof = misfit.dof;
+        verdict.residual_over_noise = misfit.ratio();
+        verdict.judge(variant, None);
+        verdict
+    } else {
         let judged = recognise::judged(&case, &prepared, &machine.values, ITERATIONS)?;
         let deviations = judged.deviations();
         let mut pulls: Vec<Pull> = (deviations.iter())
@@ -370,33 +409,22 @@ pub fn of_prediction(
             .collect();
         shorten(&mut pulls);
         let mut verdict = measured(&case, &judged, pulls);
+        verdict.know(&weighing);
         verdict.judge(
             variant,
             recognise::beyond_tolerance(&deviations, verdict.residual_over_noise),
         );
         verdict
-    } else {
-        let before = of(&division.calibration);
-        let known = recognise::judged(&before, &before.prepared()?, &machine.values, 0)?;
-        let judged = recognise::judged(&case, &prepared, &machine.values, 0)?;
-        let mut verdict = measured(&case, &judged, vec![]);
-        let misfit = predicted(judged, known);
-        verdict.chi2 = misfit.chi2;
-        verdict.dof = misfit.dof;
-        verdict.residual_over_noise = misfit.ratio();
-        verdict.judge(variant, None);
-        verdict
     };
     if verdict.status > Status::Consistent || verdict.residual_over_noise < 1.0 / 3.0 {
-        verdict.blame(mistakes(
-            robot,
-            variant,
-            file,
-            folder,
-            &division.validation,
-        )?);
+        let thinned = spread(division.validation.len(), MOST_POSES);
+        let poses: Vec<usize> = (kept.iter())
+            .map(|&index| division.validation[thinned[index]])
+            .collect();
+        verdict.blame(mistakes(robot, variant, file, folder, &poses)?);
     }
     verdict.conclude(&case);
+    verdict.tell(&weighing);
     Ok(verdict)
 }
 

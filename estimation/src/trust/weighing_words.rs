@@ -49,24 +49,21 @@ pub(super) fn outliers(weighing: &Weighing) -> Option<String> {
 
 /// Repeated readings.
 pub(super) fn repeats(repeats: &Repeats) -> String {
-    let Repeats {
-        visits,
-        readings,
-        within_over_noise,
-        between_over_noise,
-        ..
-    } = repeats;
-    let agree = format!(
-        "{readings} readings of {visits} poses agree to {} times the stated noise, poses with the model to {}",
-        general(*within_over_noise, 2),
-        general(*between_over_noise, 2)
+    let mut said = format!(
+        "{} readings of {} poses repeat to {} µm and {} mrad (pooled standard deviation per axis, {} degrees of \
+         freedom), {} times the stated noise; poses meet the model to {} (lack of fit: F = {}, p = {}).",
+        repeats.readings,
+        repeats.visits,
+        general(1e6 * repeats.position_m, 3),
+        general(1e3 * repeats.rotation_rad, 2),
+        repeats.degrees,
+        general(repeats.within_over_noise, 3),
+        general(repeats.between_over_noise, 3),
+        general(repeats.lack_of_fit, 3),
+        general(repeats.p_value, 2),
     );
-    if repeats.p_value < LEVEL {
-        format!(
-            "{agree}: what readings of a pose share is taken for an error of its own (lack of fit, F = {}).",
-            general(repeats.lack_of_fit, 3)
-        )
-    } else {
-        format!("{agree}.")
+    if repeats.shared_over_noise > 0.0 && repeats.p_value < LEVEL {
+        said += " What the readings of a pose share counts once.";
     }
+    said
 }

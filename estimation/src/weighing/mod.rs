@@ -110,6 +110,42 @@ impl Weighing {
         weighed.filter(|(_, weight)| **weight > 0.0).map(|(&pose, _)| pose)
     }
 
+    /// Lists outliers among samples, with the weights that they have.
+    fn list(&mut self, sums: &[(f64, f64)], is_outlier: &[bool], samples: &[Sample]) {
+        let far = (0..samples.len()).filter(|&index| is_outlier[index]);
+        self.outliers = far
+            .map(|index| Outlier {
+                file: "tcp_poses.csv",
+                pose: samples[index].number,
+                sigmas: (sums[index].0 / sums[index].1.max(1.0)).sqrt(),
+                weight: self.fit[index],
+            })
+            .collect();
+        self.outliers.sort_by_key(|outlier| outlier.pose);
+    }
+
+    /// Of poses that took no part in a fit, by their sums of squares in the noise and in what the fit leaves open, and
+    /// their numbers of residuals.
+    pub(crate) fn of_predicted(
+        sums: &[(f64, f64)],
+        samples: &[Sample],
+        treatment: Treatment,
+    ) -> Self {
+        let far = Far::of(sums, samples);
+        let is_outlier = far.outliers(sums, samples);
+        let mut weighing = Self::even(samples.len());
+        weighing.limit_sigmas = far.limit_sigmas(sums);
+        weighing.kept_because = far.too_many(sums, &is_outlier);
+        if !treatment.keep_outliers {
+            for (index, is_outlier) in is_outlier.iter().enumerate() {
+                weighing.judged[index] = !is_outlier;
+                weighing.fit[index] = f64::from(u8::from(!is_outlier));
+            }
+        }
+        weighing.list(sums, &is_outlier, samples);
+        weighing
+    }
+
     /// The same with all outliers, because of something.
     pub(crate) fn keeping_outliers(mut self, because: String) -> Self {
         for (weight, inflation) in self.fit.iter_mut().zip(&self.inflation) {
@@ -159,7 +195,7 @@ pub(crate) fn weigh(
         let values = fit.descent.joint.values(&fit.descent.fitted);
         sums_at(prepared, &values, samples, noise)?
     };
-    let is_outlier = fit.are_outliers(&all, samples);
+    let is_outlier = fit.far.outliers(&all, samples);
     let squares: Vec<f64> = if few.len() == samples.len() {
         fit.norms().iter().map(|norm| norm * norm).collect()
     } else {
@@ -167,37 +203,29 @@ pub(crate) fn weigh(
     };
     let mut weighing = Weighing::even(samples.len());
     weighing.loss = treatment.loss;
-    weighing.limit_sigmas = (fit.limit * fit.variance / fit.residuals as f64).sqrt();
-    weighing.kept_because = fit.too_many(&all, is_outlier.iter().filter(|is| **is).count());
+    weighing.limit_sigmas = fit.far.limit_sigmas(&all);
+    weighing.kept_because = fit.far.too_many(&all, &is_outlier);
     let weight_of = |square: f64, is_outlier: bool| match &tuned {
-        Some(tuned) => tuned.weight((square / fit.variance).sqrt()),
+        Some(tuned) => tuned.weight((square / fit.far.variance).sqrt()),
         None if is_outlier && !treatment.keep_outliers => 0.0,
         None => 1.0,
     };
     if let Some(tuned) = &tuned {
         let norms: Vec<f64> = (fit.norms().iter())
-            .map(|norm| norm / fit.variance.sqrt())
+            .map(|norm| norm / fit.far.variance.sqrt())
             .collect();
         let variance = tuned.variance(&norms, fit.absorbed()?);
         weighing.information.fill(variance.recip());
     }
-    for (index, (&(sum, count), &is_outlier)) in all.iter().zip(&is_outlier).enumerate() {
+    for (index, &is_outlier) in is_outlier.iter().enumerate() {
         let weight = weight_of(squares[index], is_outlier);
         weighing.fit[index] = weight;
         weighing.judged[index] = !is_outlier || treatment.keep_outliers;
         if weight == 0.0 && tuned.is_none() {
             weighing.information[index] = 0.0;
         }
-        if is_outlier {
-            weighing.outliers.push(Outlier {
-                file: "tcp_poses.csv",
-                pose: samples[index].number,
-                sigmas: (sum / count.max(1.0)).sqrt(),
-                weight,
-            });
-        }
     }
-    weighing.outliers.sort_by_key(|outlier| outlier.pose);
+    weighing.list(&all, &is_outlier, samples);
     let kept: Vec<bool> = few.iter().map(|&index| weighing.judged[index]).collect();
     if let Some((repeats, inflate)) = fit.repeats(&of_few, &kept)? {
         let mut readings = vec![0.0; Sample::units(samples)];
@@ -242,17 +270,69 @@ fn sums_at(
     Ok(all?.concat())
 }
 
+/// Bounds of what is far off.
+#[derive(Debug, Clone, Copy)]
+struct Far {
+    /// χ² that a pose hardly exceeds where it is the largest of all.
+    limit: f64,
+    /// Variance of residuals over the stated one, at least 1.
+    variance: f64,
+}
+
+impl Far {
+    /// By the sums of squares of some poses, to be asked about samples.
+    fn of(sums: &[(f64, f64)], samples: &[Sample]) -> Self {
+        let residuals = sums.first().map_or(1.0, |sum| sum.1);
+        let limits = outliers::limits(&vec![residuals; samples.len()], samples);
+        Self {
+            limit: limits.first().copied().unwrap_or(f64::INFINITY),
+            variance: outliers::variance(sums).max(1.0),
+        }
+    }
+
+    /// The largest root mean square of a pose's residuals that is expected.
+    fn limit_sigmas(&self, sums: &[(f64, f64)]) -> f64 {
+        let residuals = sums.first().map_or(1.0, |sum| sum.1.max(1.0));
+        (self.limit * self.variance / residuals).sqrt()
+    }
+
+    /// Poses that are outliers by their sums of squares; those that crowd along a track are none.
+    fn outliers(&self, sums: &[(f64, f64)], samples: &[Sample]) -> Vec<bool> {
+        let beyond: Vec<usize> = (0..sums.len())
+            .filter(|&index| sums[index].0 > self.limit * self.variance)
+            .collect();
+        let mut is_outlier = vec![false; sums.len()];
+        for index in outliers::split(&beyond, samples).outliers {
+            is_outlier[index] = true;
+        }
+        is_outlier
+    }
+
+    /// Why poses are kept that lie further off than most let expect.
+    fn too_many(&self, sums: &[(f64, f64)], is_outlier: &[bool]) -> Option<String> {
+        let left_out = is_outlier.iter().filter(|is| **is).count();
+        let most = outliers::variance_of_most(sums).max(1.0);
+        let far = sums.iter().filter(|sum| sum.0 > self.limit * most).count();
+        let is_many = far as f64 > MOST_OUTLIERS * sums.len() as f64;
+        (is_many && far > left_out).then(|| {
+            format!(
+                "{far} of {} poses lie further off than most of them let expect: too many to be outliers, so that {} \
+                 kept.",
+                sums.len(),
+                if left_out == 0 { "they are" } else { "most are" }
+            )
+        })
+    }
+}
+
 /// A fit to poses, with how far each lies from a fit to the others.
 struct Robust {
     descent: Descent,
     /// Number of residuals of a pose.
     residuals: usize,
-    /// χ² that a pose hardly exceeds where it is the largest of all.
-    limit: f64,
     /// Of each pose, against a fit to the others.
     sums: Vec<(f64, f64)>,
-    /// Variance of residuals over the stated one, at least 1.
-    variance: f64,
+    far: Far,
 }
 
 impl Robust {
@@ -260,46 +340,36 @@ impl Robust {
     fn of(descent: Descent, all: &[Sample]) -> Result<Self, Error> {
         let poses = descent.weights.len();
         let residuals = descent.joint.rows.len() / poses.max(1);
-        let rows = vec![residuals as f64; all.len()];
-        let limit = outliers::limits(&rows, all).first().copied();
-        let mut found = Self {
-            sums: vec![],
-            variance: 1.0,
+        let sums = deleted(&descent, residuals)?;
+        Ok(Self {
+            far: Far::of(&sums, all),
+            sums,
             residuals,
-            limit: limit.unwrap_or(f64::INFINITY),
             descent,
-        };
-        found.look()?;
-        Ok(found)
-    }
-
-    /// Looks at the residuals where the fit stands.
-    fn look(&mut self) -> Result<(), Error> {
-        self.sums = deleted(&self.descent, self.residuals)?;
-        self.variance = outliers::variance(&self.sums).max(1.0);
-        Ok(())
+        })
     }
 
     fn with(mut self, weights: Vec<f64>) -> Result<Self, Error> {
         self.descent = self.descent.refactored([1.0; 4], weights)?.converged()?;
-        self.look()?;
+        self.sums = deleted(&self.descent, self.residuals)?;
+        self.far.variance = outliers::variance(&self.sums).max(1.0);
         Ok(self)
     }
 
     /// True if any pose is larger than the largest is expected to be at the stated noise.
     fn is_any_beyond(&self) -> bool {
-        self.sums.iter().any(|sum| sum.0 > self.limit)
+        self.sums.iter().any(|sum| sum.0 > self.far.limit)
     }
 
     /// The same with poses that lie far off counting less, until their scale stays.
     fn with_outliers_held_back(mut self) -> Result<Self, Error> {
         for _ in 0..ROUNDS {
-            let before = self.variance;
+            let before = self.far.variance;
             let scaled: Vec<(f64, f64)> = (self.sums.iter())
-                .map(|&(sum, count)| (sum / self.variance, count))
+                .map(|&(sum, count)| (sum / self.far.variance, count))
                 .collect();
             self = self.with(outliers::weights(&scaled))?;
-            if (self.variance / before).ln().abs() < SAME {
+            if (self.far.variance / before).ln().abs() < SAME {
                 break;
             }
         }
@@ -309,7 +379,7 @@ impl Robust {
     /// The same with outliers left out, and those taken back that are none.
     fn without_outliers(mut self, samples: &[Sample]) -> Result<Self, Error> {
         for _ in 0..ROUNDS {
-            let is_outlier = self.are_outliers(&self.sums, samples);
+            let is_outlier = self.far.outliers(&self.sums, samples);
             let weights: Vec<f64> = is_outlier.iter().map(|is| f64::from(u8::from(!is))).collect();
             if weights == self.descent.weights {
                 break;
@@ -324,7 +394,7 @@ impl Robust {
         for _ in 0..ROUNDS {
             let norms = self.norms();
             let weights: Vec<f64> = (norms.iter())
-                .map(|norm| loss.weight(norm / self.variance.sqrt()).sqrt())
+                .map(|norm| loss.weight(norm / self.far.variance.sqrt()).sqrt())
                 .collect();
             let change = (weights.iter().zip(&self.descent.weights))
                 .map(|(now, before)| (now - before).abs())
@@ -335,33 +405,6 @@ impl Robust {
             }
         }
         Ok(self)
-    }
-
-    /// Poses that are outliers by their sums of squares; those that crowd along a track are none.
-    fn are_outliers(&self, sums: &[(f64, f64)], samples: &[Sample]) -> Vec<bool> {
-        let beyond: Vec<usize> = (0..sums.len())
-            .filter(|&index| sums[index].0 > self.limit * self.variance)
-            .collect();
-        let mut is_outlier = vec![false; sums.len()];
-        for index in outliers::split(&beyond, samples).outliers {
-            is_outlier[index] = true;
-        }
-        is_outlier
-    }
-
-    /// Why poses are kept that lie further off than most let expect.
-    fn too_many(&self, sums: &[(f64, f64)], left_out: usize) -> Option<String> {
-        let most = outliers::variance_of_most(sums).max(1.0);
-        let far = sums.iter().filter(|sum| sum.0 > self.limit * most).count();
-        let is_many = far as f64 > MOST_OUTLIERS * sums.len() as f64;
-        (is_many && far > left_out).then(|| {
-            format!(
-                "{far} of {} poses lie further off than most of them let expect: too many to be outliers, so that {} \
-                 kept.",
-                sums.len(),
-                if left_out == 0 { "they are" } else { "most are" }
-            )
-        })
     }
 
     /// Residuals of the poses at the fit, as they count where they count wholly.

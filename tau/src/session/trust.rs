@@ -5,6 +5,7 @@ use tau_estimation::trust::{self, Check, Mistake, Verdict};
 use tau_kinematics::Machine;
 use tau_robot::InputError;
 use tau_robot::effects::CATALOGUE;
+use tau_robot::measurements::Division;
 use tau_robot::robot::Variant;
 
 use super::{Session, VariantKey};
@@ -26,8 +27,25 @@ impl<R> Session<R> {
     /// # Errors
     /// As [`Self::verdict`].
     pub fn verdict_on_prediction(&self, machine: &Machine) -> Result<Verdict, Error> {
-        let division = self.poses()?.division;
-        trust::of_prediction(machine, &self.robot_file, &self.folder, &division)
+        let validation = self.poses()?.division.validation;
+        self.verdict_on_prediction_of(machine, validation)
+    }
+
+    /// The same for other poses, given by index, such as those that are [unseen](Self::unseen).
+    ///
+    /// # Errors
+    /// As [`Self::verdict`].
+    pub fn verdict_on_prediction_of(
+        &self,
+        machine: &Machine,
+        poses: Vec<usize>,
+    ) -> Result<Verdict, Error> {
+        let division = Division {
+            calibration: self.poses()?.division.calibration,
+            validation: poses,
+        };
+        let files = (&self.robot_file, &self.folder);
+        trust::of_prediction(machine, files.0, files.1, &division, self.treatment)
     }
 
     /// Mistakes of measurements and parameters that explain why a variant does not fit: none where it does.

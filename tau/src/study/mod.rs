@@ -4,7 +4,7 @@ pub mod results;
 
 use tau_discovery as discovery;
 use tau_estimation::assumptions;
-use tau_estimation::calibration::{self, Calibration, Error, calibrate};
+use tau_estimation::calibration::{Calibration, Error, calibrate};
 use tau_estimation::evaluation::{VariantResult, evaluate};
 use tau_estimation::sensitivity;
 use tau_estimation::trust::{self, of_calibration_knowing};
@@ -59,7 +59,7 @@ pub fn run<R>(
     let mut full = None;
     for variant in variants {
         next(&format!("calibrating {}", variant.name));
-        let options = calibration::Options::default();
+        let options = session.options();
         let calibration = calibrate(
             robot,
             variant,
