@@ -210,10 +210,13 @@ fn readings_of_a_pose_count_by_what_they_do_not_share() {
 fn outliers_are_said_by_the_commands() {
     let folder = tempfile::tempdir().unwrap();
     let run = |line: &str| tau_in(folder.path(), line);
-    run("tau simulate --out DIR/measured --cart-poses 0 --outliers 0.03 --seed 8").done();
+    run("tau simulate --out DIR/measured --cart-poses 0 --outliers 0.06 --seed 9").done();
+    let json = |out: &str| -> Value { serde_json::from_str(out).unwrap() };
+    // They are not taken for a mistake.
+    let check = json(&run("tau check DIR/measured --variant Full --json - -q").out);
+    assert_eq!(check["mistakes"], Value::Array(vec![]), "{check:#}");
     let calibrate = "tau calibrate DIR/measured --variant Full --out DIR/calibrated";
     let said = run(calibrate).done();
-    let json = |out: &str| -> Value { serde_json::from_str(out).unwrap() };
     let found = json(&fs::read_to_string(folder.path().join("calibrated/statistics.json")).unwrap());
     let fit = &found["fit"];
     assert_eq!(fit["status"], "consistent");
@@ -235,6 +238,7 @@ fn outliers_are_said_by_the_commands() {
         let weight = number(&outlier["weight"]);
         assert!(weight > 0.0 && weight < 0.5, "{outlier}");
     }
+    assert!(said.contains("Without the outliers among them"), "{said}");
     let kept = json(&run(&format!("{calibrate} --keep-outliers --force --json - -q")).out);
     assert_eq!(kept["fit"]["status"], "inconsistent");
     assert_eq!(kept["fit"]["outliers"][0]["left_out"], false);
@@ -249,6 +253,10 @@ fn outliers_are_said_by_the_commands() {
     assert!(!missed.is_empty() && missed.iter().all(|pose| true_ones.contains(pose)));
     let largest = |key: &str| number(&evaluated[key]["max"]);
     assert!(largest("position_um_without_outliers") < 0.5 * largest("position_um"));
+    assert_eq!(
+        found["position_um_without_outliers"],
+        evaluated["position_um_without_outliers"]
+    );
 
     let both = run(&format!("{calibrate} --loss huber --keep-outliers"));
     assert_eq!(both.code, 2);

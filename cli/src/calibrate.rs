@@ -67,6 +67,7 @@ pub(super) fn run(arguments: &arguments::Calibrate) -> Result<Outcome, Failure> 
         result => result?,
     };
     result.fit = Some(verdict.clone());
+    result.validation_outliers = session.validation_outliers(&found)?;
 
     let mut statistics = report::json::variant(&result);
     statistics["variant"] = json!(variant);

@@ -1,7 +1,7 @@
 //! `tau evaluate`.
 
 use serde_json::json;
-use tau::evaluation::{PoseError, Summary, evaluate};
+use tau::evaluation::{evaluate, without_outliers};
 use tau::weighing::Treatment;
 use tau_report as report;
 use tau_robot::input_error::both;
@@ -29,14 +29,10 @@ pub(super) fn run(arguments: &arguments::Evaluate) -> Result<Outcome, Failure> {
     let verdict = session.verdict_on_prediction_of(&machine, poses.clone())?;
     let (robot, folder) = (&session.robot().name, &session.folder().name);
     let title = format!("{robot}, {variant}, {folder}");
-    let others: Vec<f64> = (found.errors.iter())
-        .filter(|error| !verdict.outliers.iter().any(|outlier| outlier.pose == error.pose))
-        .map(PoseError::length_um)
-        .collect();
-    let without = (others.len() < found.errors.len()).then(|| Summary::of(&others));
+    let without = without_outliers(&found.errors, &verdict.outliers);
     let said = report::terminal::evaluation(&found, basis)
-        + &report::trust::terminal::verdict(&verdict)
-        + &without.map_or_else(String::new, report::terminal::without_outliers);
+        + &report::terminal::without_outliers(&found.errors, &verdict.outliers)
+        + &report::trust::terminal::verdict(&verdict);
     let outcome = Outcome {
         summary: format!("{title}\n\n{said}"),
         remarks: session.remarks_for(variant)?,
@@ -48,9 +44,7 @@ pub(super) fn run(arguments: &arguments::Evaluate) -> Result<Outcome, Failure> {
             value["poses"] = report::json::poses(counts);
             value["poses"]["evaluated"] = json!(poses.len());
             value["evaluated_on"] = json!(report::json::basis(basis));
-            if let Some(without) = without {
-                value["position_um_without_outliers"] = report::json::summary(without);
-            }
+            value["position_um_without_outliers"] = json!(without.map(report::json::summary));
             value["fit"] = report::trust::json::verdict(&verdict);
             (value, target)
         }),

@@ -7,8 +7,7 @@ use serde_json::{Map, Value, json};
 use tau::assumptions::{PathDeviation, TrackComparison, TrackLinearity};
 use tau::calibration::{LinkResult, ParameterEstimate};
 use tau::discovery::Discovery;
-use tau::evaluation::{Evaluation, Summary};
-use tau::evaluation::{PoseError, VariantResult};
+use tau::evaluation::{Evaluation, PoseError, Summary, VariantResult, without_outliers};
 use tau::measurements::PoseCounts;
 use tau::sensitivity::{LinkSensitivity, ParameterSensitivity, Sensitivity, Turn};
 use tau::session::Basis;
@@ -93,11 +92,13 @@ pub fn variant(variant: &VariantResult) -> Value {
         .iter()
         .map(|result| (result.name.clone(), link(result)))
         .collect();
-    let position = variant.position_um;
+    let without = without_outliers(&variant.pose_errors, &variant.validation_outliers);
     let widening = variant.fit.as_ref().map_or(1.0, Verdict::widening);
     json!({
         "fit": variant.fit.as_ref().map(trust::verdict),
-        "position_um": { "mean": position.mean, "max": position.max, "rms": position.rms },
+        "position_um": summary(variant.position_um),
+        "position_um_without_outliers": without.map(summary),
+        "validation_outliers": variant.validation_outliers.iter().map(trust::outlier).collect::<Vec<_>>(),
         "orientation_rad": variant.orientation_rad_max_abs.map(|max_abs| json!({ "max_abs": max_abs })),
         "links": links,
         "iterations": variant.iterations,

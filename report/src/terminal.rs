@@ -3,8 +3,8 @@
 use std::borrow::Cow;
 
 use tau::discovery::Discovery;
-use tau::evaluation::Evaluation;
-use tau::evaluation::{Summary, VariantResult};
+use tau::evaluation::{self, Evaluation, PoseError, Summary, VariantResult};
+use tau::weighing::Outlier;
 use tau::sensitivity::Sensitivity;
 use tau::session::Basis;
 use tau::study::results::Study;
@@ -123,7 +123,8 @@ pub fn variant(result: &VariantResult, is_held_out: bool) -> String {
         result.position_um,
         result.orientation_rad_max_abs,
         (result.pose_errors.len(), basis),
-    ) + &(result.fit.as_ref()).map_or_else(String::new, trust::terminal::verdict)
+    ) + &without_outliers(&result.pose_errors, &result.validation_outliers)
+        + &(result.fit.as_ref()).map_or_else(String::new, trust::terminal::verdict)
         + "\n"
         + &render(&tables::geometry(result))
         + "\n"
@@ -151,15 +152,28 @@ pub fn evaluation(evaluation: &Evaluation, basis: Basis) -> String {
     printable(&(text + &wrap(meaning, "")))
 }
 
-/// Position errors without the poses that are outliers.
-pub fn without_outliers(position_um: Summary) -> String {
-    let Summary { mean, max, rms } = position_um;
+/// Position errors without the poses that are outliers, where some are.
+pub fn without_outliers(errors: &[PoseError], outliers: &[Outlier]) -> String {
+    let Some(Summary { mean, max, rms }) = evaluation::without_outliers(errors, outliers) else {
+        return String::new();
+    };
     let [mean, max, rms] = [mean, max, rms].map(|value| general(value, 3));
-    wrap(
-        &format!("Without outliers: mean {mean} µm, largest {max} µm, rms {rms} µm."),
-        "",
-    )
+    let poses: Vec<String> = (outliers.iter().take(NAMED))
+        .map(|outlier| outlier.pose.to_string())
+        .collect();
+    let more = match outliers.len().saturating_sub(NAMED) {
+        0 => String::new(),
+        more => format!(" and {more} more"),
+    };
+    let sentence = format!(
+        "Without the outliers among them, pose {}{more}: mean {mean} µm, largest {max} µm, rms {rms} µm.",
+        poses.join(", "),
+    );
+    wrap(&sentence, "")
 }
+
+/// Outliers that are named one by one.
+const NAMED: usize = 8;
 
 fn position_and_orientation(
     position_um: Summary,

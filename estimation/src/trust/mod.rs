@@ -22,7 +22,7 @@ pub use check::{Check, Checked, FileFacts, Gap, Range, Sight, check};
 pub use mistake::Mistake;
 pub use verdict::{
     FileFit, PoseFit, Pull, Status, Verdict, mistakes, of_calibration, of_calibration_knowing,
-    of_prediction, refuse,
+    of_prediction, outliers_of_validation, refuse,
 };
 
 /// Chance that a test calls consistent input inconsistent, the same as that at which errors in variables begin to

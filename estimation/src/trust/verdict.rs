@@ -428,6 +428,34 @@ pub fn of_prediction(
     Ok(verdict)
 }
 
+/// Outliers among the poses that validate, as a calibration on those that calibrate predicts them. None are looked for
+/// among more poses than a verdict looks at.
+///
+/// # Errors
+/// Data that the variant takes are missing.
+pub fn outliers_of_validation(
+    calibration: &Calibration,
+    file: &RobotFile,
+    folder: &Folder,
+    division: &Division,
+) -> Result<Vec<Outlier>, Error> {
+    if division.validation.len() > MOST_POSES {
+        return Ok(vec![]);
+    }
+    let machine = &calibration.machine;
+    let (robot, variant) = (&machine.robot, &machine.variant);
+    let at = |poses: &[usize]| -> Result<(Judged, Vec<Sample>), Error> {
+        let case = case(robot, variant, file, folder, poses).thinned(MOST_POSES);
+        let judged = recognise::judged(&case, &case.prepared()?, &machine.values, 0)?;
+        Ok((judged, recognise::samples(&case)))
+    };
+    let weighing = &calibration.weighing;
+    let (known, _) = at(&weighing.taking_part(&division.calibration).collect::<Vec<_>>())?;
+    let (judged, samples) = at(&division.validation)?;
+    let sums = judged.sums_under(&known, samples.len());
+    Ok(Weighing::of_predicted(&sums, &samples, Treatment::default()).outliers)
+}
+
 /// Number of standard deviations that a robot file states.
 fn stated_sigmas(file: &RobotFile) -> usize {
     let sections = [&file.links, &file.clusters, &file.tracks];

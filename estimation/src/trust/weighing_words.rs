@@ -1,7 +1,7 @@
 //! Outliers and repeated readings in sentences.
 
 use crate::trust::{LEVEL, general};
-use crate::weighing::{Outlier, Repeats, Weighing};
+use crate::weighing::{Loss, Outlier, Repeats, Weighing};
 
 /// Outliers that are named one by one.
 const NAMED: usize = 8;
@@ -16,33 +16,29 @@ pub(super) fn outliers(weighing: &Weighing) -> Option<String> {
     if all.len() > NAMED {
         names.push(format!("{} more", all.len() - NAMED));
     }
-    let done = match weighing.loss {
-        Some(loss) => format!("lose their pull by the loss `{}`", loss.name()),
-        None if all.iter().all(Outlier::is_left_out) => "are left out".to_owned(),
-        None => "are kept".to_owned(),
+    let is_one = all.len() == 1;
+    let by = |loss: Loss| loss.name();
+    let done = match (weighing.loss, is_one) {
+        (Some(loss), true) => format!("loses its pull by the loss `{}`, as an outlier", by(loss)),
+        (Some(loss), false) => format!("lose their pull by the loss `{}`, as outliers", by(loss)),
+        (None, true) if first.is_left_out() => "is left out as an outlier".to_owned(),
+        (None, true) => "is kept, though an outlier".to_owned(),
+        (None, false) if all.iter().all(Outlier::is_left_out) => "are left out as outliers".to_owned(),
+        (None, false) => "are kept, though outliers".to_owned(),
     };
     let (least, most) = all.iter().fold((first.sigmas, first.sigmas), |(a, b), outlier| {
         (a.min(outlier.sigmas), b.max(outlier.sigmas))
     });
-    let off = if all.len() == 1 {
+    let off = if is_one {
         general(most, 2)
     } else {
         format!("{} to {}", general(least, 2), general(most, 2))
     };
-    let (pose, them) = if all.len() == 1 {
-        ("Pose", "1".to_owned())
-    } else {
-        ("Poses", all.len().to_string())
-    };
-    let done = if all.len() == 1 {
-        done.replace("are ", "is ").replace("lose their", "loses its")
-    } else {
-        done
-    };
     Some(format!(
-        "{pose} {} ({them} of {poses}) {done} as outliers: {off} times the noise off, where the largest of {poses} \
-         hardly exceeds {}.",
+        "{} {} ({} of {poses}) {done}: {off} times the noise off, where the largest of {poses} hardly exceeds {}.",
+        if is_one { "Pose" } else { "Poses" },
         names.join(", "),
+        all.len(),
         general(weighing.limit_sigmas, 2)
     ))
 }

@@ -38,7 +38,7 @@ pub fn verdict(verdict: &Verdict) -> Value {
     })
 }
 
-fn outlier(outlier: &Outlier) -> Value {
+pub(crate) fn outlier(outlier: &Outlier) -> Value {
     json!({
         "file": outlier.file,
         "pose": outlier.pose,

@@ -2,6 +2,7 @@
 
 use tau_estimation::calibration::{Calibration, Error};
 use tau_estimation::trust::{self, Check, Mistake, Verdict};
+use tau_estimation::weighing::Outlier;
 use tau_kinematics::Machine;
 use tau_robot::InputError;
 use tau_robot::effects::CATALOGUE;
@@ -19,6 +20,18 @@ impl<R> Session<R> {
     pub fn verdict(&self, calibration: &Calibration) -> Result<Verdict, Error> {
         let poses = self.poses()?.division.calibration;
         trust::of_calibration(calibration, &self.robot_file, &self.folder, &poses)
+    }
+
+    /// Outliers among the poses that validate, as a calibration predicts them; none where outliers are kept.
+    ///
+    /// # Errors
+    /// As [`Self::verdict`].
+    pub fn validation_outliers(&self, calibration: &Calibration) -> Result<Vec<Outlier>, Error> {
+        if self.treatment.keep_outliers {
+            return Ok(vec![]);
+        }
+        let division = self.poses()?.division;
+        trust::outliers_of_validation(calibration, &self.robot_file, &self.folder, &division)
     }
 
     /// The verdict on a prediction: the poses that validate, as a [machine as given](Self::machine) predicts them, against noise and the

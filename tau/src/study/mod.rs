@@ -72,6 +72,7 @@ pub fn run<R>(
         let poses = &division.calibration;
         let fit = of_calibration_knowing(&calibration, file, folder, poses, &mut mistakes)?;
         found.fit = Some(fit);
+        found.validation_outliers = session.validation_outliers(&calibration)?;
         results.push(found);
         if variant.arm == Arm::Full {
             full = Some(calibration);
@@ -186,5 +187,6 @@ pub fn result(
         iterations: calibration.iterations,
         termination: calibration.termination.clone(),
         fit: None,
+        validation_outliers: vec![],
     })
 }
