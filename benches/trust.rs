@@ -5,6 +5,7 @@ use nalgebra::Matrix3;
 use tau::simulation::{Simulation, simulate};
 use tau_estimation::calibration::{self, Error, calibrate};
 use tau_estimation::trust::{Mistake, Status, Verdict, mistakes, of_calibration, of_prediction};
+use tau_estimation::weighing::Treatment;
 use tau_kinematics::{Pose, zyz};
 use tau_robot::measurements::{Folder, Poses, Split};
 use tau_robot::robot::Robot;
@@ -221,7 +222,13 @@ fn main() {
             let (poses, options) = (&division.calibration, calibration::Options::default());
             let found = calibrate(&robot, variant, &file, &folder, poses, &options).unwrap();
             calibrated.add(&of_calibration(&found, &file, &folder, poses).unwrap());
-            let after = of_prediction(&found.machine, &found.file, &folder, &division);
+            let after = of_prediction(
+                &found.machine,
+                &found.file,
+                &folder,
+                &division,
+                Treatment::default(),
+            );
             predicted.add(&after.unwrap());
         }
         calibrated.print(name, "calibrated");

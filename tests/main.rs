@@ -30,3 +30,4 @@ mod study;
 mod support;
 mod trust;
 mod uncertainty;
+mod weighing;

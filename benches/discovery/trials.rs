@@ -165,7 +165,7 @@ impl Laboratory {
         let in_range = without
             .folder
             .in_range(&self.file, Shape::from(&self.robot));
-        let division = split.divide(&in_range);
+        let division = without.folder.divide(split, &in_range);
         let Some(hidden) = self.hide(case, &simulation, &without, &division.calibration, random)
         else {
             record.visible = false;

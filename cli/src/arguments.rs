@@ -10,7 +10,7 @@ use clap_complete::Shell;
 
 use super::numbers::{Numbers, Triple, positive};
 pub(super) use init::Init;
-pub(super) use trust::{Check, Force};
+pub(super) use trust::{Check, Force, KeepOutliers, Loss, Outliers};
 
 /// Calibrates parallel robots from a declarative description.
 #[derive(Debug, Parser)]
@@ -88,6 +88,8 @@ pub(super) struct Study {
     #[arg(long)]
     pub(super) no_discover: bool,
     #[command(flatten)]
+    pub(super) outliers: Outliers,
+    #[command(flatten)]
     pub(super) force: Force,
     #[command(flatten)]
     pub(super) json: Json,
@@ -131,6 +133,8 @@ pub(super) struct Calibrate {
     /// with the ordinary fit of set 1
     #[arg(long)]
     pub(super) errors_in_variables: bool,
+    #[command(flatten)]
+    pub(super) outliers: Outliers,
     /// Folder for the files
     #[arg(long, value_name = "DIR", default_value = "tau-calibration")]
     pub(super) out: PathBuf,
@@ -156,6 +160,8 @@ pub(super) struct Evaluate {
     pub(super) input: Input,
     #[command(flatten)]
     pub(super) variant: Variant,
+    #[command(flatten)]
+    pub(super) outliers: KeepOutliers,
     #[command(flatten)]
     pub(super) force: Force,
     #[command(flatten)]
@@ -299,6 +305,9 @@ pub(super) struct SimulatedNoise {
     /// Share of the variance that the coordinates of a pose have in common
     #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
     pub(super) common_noise: f64,
+    /// Share of its variance that a reading has in common with the others at the same TCP pose
+    #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
+    pub(super) visit_noise: f64,
     /// Correlation of successive measurements
     #[arg(
         long,
@@ -328,6 +337,9 @@ pub(super) struct SimulatedPlan {
     /// Number of TCP poses: those of the grid end there
     #[arg(long, value_name = "N", default_value_t = 176)]
     pub(super) poses: usize,
+    /// Number of readings at each of them
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub(super) readings: usize,
     /// Take random TCP poses instead of a grid
     #[arg(long)]
     pub(super) random: bool,

@@ -35,6 +35,7 @@ pub(super) fn run(
         resolve::with_variant(&arguments.input, &arguments.variant),
         outputs,
     )?;
+    let session = session.outliers(resolve::treatment(&arguments.outliers));
     let poses = session.poses()?;
     let variant = arguments.variant.name.as_str();
     let (robot, folder) = (&session.robot().name, session.folder());
@@ -53,8 +54,10 @@ pub(super) fn run(
     if let Some(fitted) = &comparison {
         verdict = verdict.with_groups(&fitted.groups, session.robot_file());
     }
-    let calibrated = &poses.division.calibration;
-    found.file = session.calibrated_file(&found, calibrated, verdict.widening(), &stamp());
+    let calibrated: Vec<usize> = (found.weighing)
+        .taking_part(&poses.division.calibration)
+        .collect();
+    found.file = session.calibrated_file(&found, &calibrated, verdict.widening(), &stamp());
     let validation = &poses.division.validation;
     let is_held_out = poses.division.is_disjoint();
     let result = study::result(&found, folder, validation);
@@ -66,6 +69,7 @@ pub(super) fn run(
         result => result?,
     };
     result.fit = Some(verdict.clone());
+    result.validation_outliers = session.validation_outliers(&found)?;
 
     let mut statistics = report::json::variant(&result);
     statistics["variant"] = json!(variant);

@@ -1,7 +1,8 @@
 //! `tau evaluate`.
 
 use serde_json::json;
-use tau::evaluation::evaluate_knowing;
+use tau::evaluation::{evaluate_knowing, without_outliers};
+use tau::weighing::Treatment;
 use tau_report as report;
 use tau_robot::input_error::both;
 
@@ -17,6 +18,10 @@ pub(super) fn run(
         resolve::with_variant(&arguments.input, &arguments.variant),
         Target::resolve(&arguments.json, &Kept::from(&arguments.input)),
     )?;
+    let session = session.outliers(Treatment {
+        keep_outliers: arguments.outliers.keep_outliers,
+        ..Treatment::default()
+    });
     let counts = session.poses()?.counts;
     let asked = resolve::asked_split(&arguments.input)?;
     let (poses, basis) = session.unseen(asked)?;
@@ -28,11 +33,13 @@ pub(super) fn run(
     let widening = session.robot_file().widening();
     let found = evaluate_knowing(&machine, known, session.folder(), &poses);
     let found = found.map_err(|error| trust::explained(&session, variant, error))?;
-    let verdict = session.verdict_on_prediction(&machine)?;
+    let verdict = session.verdict_on_prediction_of(&machine, poses.clone())?;
     let (robot, folder) = (&session.robot().name, &session.folder().name);
     let title = format!("{robot}, {variant}, {folder}");
-    let said = report::terminal::evaluation(&found, basis, widening, console.width)
-        + &report::trust::terminal::verdict(&verdict, console.width);
+    let without = without_outliers(&found.errors, &verdict.outliers);
+    let width = console.width;
+    let said = report::terminal::evaluation(&found, &verdict.outliers, (basis, widening), width)
+        + &report::trust::terminal::verdict(&verdict, width);
     let outcome = Outcome {
         summary: format!("{title}\n\n{said}"),
         remarks: session.remarks_for(variant)?,
@@ -44,6 +51,7 @@ pub(super) fn run(
             value["poses"] = report::json::poses(counts);
             value["poses"]["evaluated"] = json!(poses.len());
             value["evaluated_on"] = json!(report::json::basis(basis));
+            value["position_um_without_outliers"] = json!(without.map(report::json::summary));
             value["fit"] = report::trust::json::verdict(&verdict);
             (value, target)
         }),

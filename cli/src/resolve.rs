@@ -4,6 +4,7 @@ use std::path::Path;
 
 use tau::input_error::InputError;
 use tau::measurements::Split;
+use tau::weighing::{Loss, Treatment};
 use tau::{Files, Robot, Session};
 use tau_robot::input_error::both;
 
@@ -32,6 +33,18 @@ fn open(robot: Robot, input: &arguments::Input) -> Result<Session, InputError> {
         split(input.split.as_deref(), input.seed),
     )?;
     Ok(session.split(split))
+}
+
+/// The treatment of outliers that was asked for.
+pub(super) fn treatment(outliers: &arguments::Outliers) -> Treatment {
+    Treatment {
+        loss: outliers.loss.map(|loss| match loss {
+            arguments::Loss::Huber => Loss::Huber,
+            arguments::Loss::Cauchy => Loss::Cauchy,
+            arguments::Loss::Tukey => Loss::Tukey,
+        }),
+        keep_outliers: outliers.kept.keep_outliers,
+    }
 }
 
 /// Sources of measurements and parameters.

@@ -95,10 +95,15 @@ fn folds(samples: &[Sample], folds: usize) -> Vec<usize> {
             *count - 1
         })
         .collect();
+    let mut of_units = BTreeMap::new();
     samples
         .iter()
         .zip(places)
-        .map(|(sample, place)| place * folds / counts[&(sample.set, sample.track)])
+        .map(|(sample, place)| {
+            // Readings of one visit foretell each other: they stay with the first.
+            let kind = (sample.set, sample.track);
+            *(of_units.entry((kind, sample.unit))).or_insert(place * folds / counts[&kind])
+        })
         .collect()
 }
 

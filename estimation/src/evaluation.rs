@@ -9,6 +9,7 @@ use tau_robot::robot_file::Noise;
 use crate::calibration::{Combination, Error, LinkResult, ParameterEstimate};
 use crate::trust::Verdict;
 use crate::uncertainty::{PoseUncertainty, Uncertainty};
+use crate::weighing::Outlier;
 
 /// Mean, largest and root-mean-square of a length, in µm.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -108,6 +109,8 @@ pub struct VariantResult {
     pub termination: String,
     /// Verdict on the fit, where that was asked.
     pub fit: Option<Verdict>,
+    /// Outliers among the validation poses, where that was asked.
+    pub validation_outliers: Vec<Outlier>,
 }
 
 /// Errors of the predicted poses.
@@ -133,6 +136,16 @@ impl Summary {
             rms: (lengths_um.iter().map(|length| length * length).sum::<f64>() / count).sqrt(),
         }
     }
+}
+
+/// Position errors of the poses that are no outliers, where some are.
+pub fn without_outliers(errors: &[PoseError], outliers: &[Outlier]) -> Option<Summary> {
+    let is_outlier = |error: &PoseError| outliers.iter().any(|own| own.pose == error.pose);
+    let others: Vec<f64> = (errors.iter())
+        .filter(|error| !is_outlier(error))
+        .map(PoseError::length_um)
+        .collect();
+    (others.len() < errors.len()).then(|| Summary::of(&others))
 }
 
 /// Predicts the poses of a folder, given by index, from their commands, and compares. Forward

@@ -13,3 +13,4 @@ pub mod samples;
 pub mod sensitivity;
 pub mod trust;
 pub mod uncertainty;
+pub mod weighing;

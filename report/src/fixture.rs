@@ -170,6 +170,7 @@ fn variant(numbers: &mut Numbers, name: &str, size: f64, full: bool) -> VariantR
         iterations: 31,
         termination: "the cost no longer falls".to_owned(),
         fit: None,
+        validation_outliers: vec![],
     }
 }
 

@@ -7,7 +7,7 @@ use serde_json::{Map, Value, json};
 use tau::assumptions::{PathDeviation, TrackComparison, TrackLinearity};
 use tau::calibration::{LinkResult, ParameterEstimate};
 use tau::discovery::Discovery;
-use tau::evaluation::{Evaluation, PoseError, Summary, VariantResult};
+use tau::evaluation::{Evaluation, PoseError, Summary, VariantResult, without_outliers};
 use tau::measurements::PoseCounts;
 use tau::sensitivity::{LinkSensitivity, ParameterSensitivity, Sensitivity, Turn};
 use tau::session::Basis;
@@ -93,6 +93,11 @@ fn position(found: Summary, expected_rms_um: Option<f64>, widening: f64) -> Valu
     })
 }
 
+/// Mean, largest and root mean square.
+pub fn summary(summary: Summary) -> Value {
+    json!({ "mean": summary.mean, "max": summary.max, "rms": summary.rms })
+}
+
 /// Relation of evaluated poses to the calibration of the parameters.
 pub fn basis(basis: Basis) -> &'static str {
     match basis {
@@ -110,10 +115,13 @@ pub fn variant(variant: &VariantResult) -> Value {
         .iter()
         .map(|result| (result.name.clone(), link(result)))
         .collect();
+    let without = without_outliers(&variant.pose_errors, &variant.validation_outliers);
     let widening = variant.fit.as_ref().map_or(1.0, Verdict::widening);
     json!({
         "fit": variant.fit.as_ref().map(trust::verdict),
         "position_um": position(variant.position_um, variant.expected_rms_um, widening),
+        "position_um_without_outliers": without.map(summary),
+        "validation_outliers": variant.validation_outliers.iter().map(trust::outlier).collect::<Vec<_>>(),
         "orientation_rad": variant.orientation_rad_max_abs.map(|max_abs| json!({ "max_abs": max_abs })),
         "links": links,
         "iterations": variant.iterations,

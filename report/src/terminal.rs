@@ -1,11 +1,12 @@
 //! Results for a terminal, no line wider than it.
 
 use tau::discovery::Discovery;
-use tau::evaluation::{Evaluation, Summary, VariantResult};
+use tau::evaluation::{self, Evaluation, PoseError, Summary, VariantResult};
 use tau::sensitivity::Sensitivity;
 use tau::session::Basis;
 use tau::study::results::Study;
 use tau::trust::Verdict;
+use tau::weighing::Outlier;
 
 use super::discovery;
 use super::findings;
@@ -141,6 +142,11 @@ pub fn variant(result: &VariantResult, is_held_out: bool, width: usize) -> Strin
         result.expected_rms_um,
         result.fit.as_ref().map_or(1.0, Verdict::widening),
     );
+    without_outliers(
+        &mut screen,
+        &result.pose_errors,
+        &result.validation_outliers,
+    );
     if let Some(fit) = &result.fit {
         trust::line(&mut screen, fit);
     }
@@ -158,7 +164,12 @@ fn geometry(screen: &mut Screen, result: &VariantResult) {
 }
 
 /// Errors of predicted poses, in words, with what the poses are to the parameters.
-pub fn evaluation(evaluation: &Evaluation, basis: Basis, widening: f64, width: usize) -> String {
+pub fn evaluation(
+    evaluation: &Evaluation,
+    outliers: &[Outlier],
+    (basis, widening): (Basis, f64),
+    width: usize,
+) -> String {
     let mut screen = Screen::new(width);
     position_and_orientation(
         &mut screen,
@@ -167,6 +178,7 @@ pub fn evaluation(evaluation: &Evaluation, basis: Basis, widening: f64, width: u
         (evaluation.errors.len(), basis),
     );
     expected(&mut screen, evaluation.expected_rms_um, widening);
+    without_outliers(&mut screen, &evaluation.errors, outliers);
     screen.say(match basis {
         Basis::Split => "",
         Basis::HeldOut => "The robot file was calibrated on other poses of this folder.",
@@ -196,6 +208,28 @@ fn expected(screen: &mut Screen, rms_um: Option<f64>, widening: f64) {
         "Expected of the stated noise and the parameters' standard deviations: rms {rms} µm{widened}."
     ));
 }
+
+/// Position errors without the poses that are outliers, where some are.
+fn without_outliers(screen: &mut Screen, errors: &[PoseError], outliers: &[Outlier]) {
+    let Some(Summary { mean, max, rms }) = evaluation::without_outliers(errors, outliers) else {
+        return;
+    };
+    let [mean, max, rms] = [mean, max, rms].map(|value| general(value, 3));
+    let poses: Vec<String> = (outliers.iter().take(NAMED))
+        .map(|outlier| outlier.pose.to_string())
+        .collect();
+    let more = match outliers.len().saturating_sub(NAMED) {
+        0 => String::new(),
+        more => format!(" and {more} more"),
+    };
+    screen.say(&format!(
+        "Without the outliers among them, pose {}{more}: mean {mean} µm, largest {max} µm, rms {rms} µm.",
+        poses.join(", "),
+    ));
+}
+
+/// Outliers that are named one by one.
+const NAMED: usize = 8;
 
 fn position_and_orientation(
     screen: &mut Screen,

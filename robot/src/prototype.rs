@@ -74,7 +74,7 @@ mod tests {
         assert_eq!(robot.links.len(), 6);
         let in_range = folder.in_range(&robot, SHAPE);
         assert_eq!(in_range.len(), 121);
-        let division = Split::Alternate.divide(&in_range);
+        let division = folder.divide(Split::Alternate, &in_range);
         assert_eq!(
             (division.calibration.len(), division.validation.len()),
             (61, 60)

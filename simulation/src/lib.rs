@@ -61,6 +61,8 @@ pub struct Simulation {
     pub noise: Noise,
     /// Set 1.
     pub poses: Poses,
+    /// Number of readings at each pose of set 1, at least one.
+    pub readings: usize,
     /// Set 2.
     pub track_points: TrackPoints,
     /// Number of random poses of set 3; none, and there is no set 3.
@@ -84,6 +86,7 @@ impl Simulation {
             effects: Vec::new(),
             noise: Noise::default(),
             poses: Poses::default(),
+            readings: 1,
             track_points: TrackPoints::default(),
             random_poses: 150,
             approach: Approach::default(),
@@ -258,6 +261,7 @@ impl<'a> Session<'a> {
         };
         let set1 = planner.tcp_poses(&simulation.poses, &mut Random::new(seed, "poses"));
         let (set1, states1) = self.reached(set1);
+        let (set1, states1) = self.read_again(set1, states1);
         if set1.stops.len() < 2 {
             let message = "fewer than two poses are within reach";
             return Err(InputError::whole("poses", message)
@@ -356,6 +360,25 @@ impl<'a> Session<'a> {
         (Stops { stops, left_out }, states)
     }
 
+    /// Each stop of set 1 as often as it is read, one reading after the other.
+    fn read_again(&self, stops: Stops, states: Vec<State>) -> (Stops, Vec<State>) {
+        let readings = self.simulation.readings.max(1);
+        let read = |k: usize, stop: &Stop| {
+            let mut stop = stop.clone();
+            stop.conditions.time_s += SECONDS[0] * k as f64 / readings as f64;
+            stop
+        };
+        let again = stops.stops.iter().zip(states);
+        let (stops_again, states) = again
+            .flat_map(|(stop, state)| (0..readings).map(move |k| (read(k, stop), state.clone())))
+            .unzip();
+        let stops = Stops {
+            stops: stops_again,
+            ..stops
+        };
+        (stops, states)
+    }
+
     fn tcp_poses(
         &self,
         stops: &[Stop],
@@ -364,6 +387,9 @@ impl<'a> Session<'a> {
         outliers: &BTreeMap<usize, Deviation>,
     ) -> Vec<TcpPose> {
         let none = [Vector3::zeros(); 2];
+        let readings = self.simulation.readings.max(1);
+        let mut visits = noise::Visits::new(&self.simulation.noise, self.simulation.seed);
+        let mut visit = none;
         stops
             .iter()
             .zip(states)
@@ -372,7 +398,10 @@ impl<'a> Session<'a> {
                 let conditions = &stop.conditions;
                 let common = noise.pose();
                 let outlier = outliers.get(&index).unwrap_or(&none);
-                let [shift, turn] = noise.next(1, 0, common);
+                if index % readings == 0 {
+                    visit = visits.next();
+                }
+                let [shift, turn] = visits.with(noise.next(1, 0, common), &visit);
                 let error = self.machine.measuring_error(state.pose, conditions);
                 let pose = Pose {
                     position_m: state.pose.position_m + error,

@@ -27,6 +27,9 @@ pub struct Noise {
     pub tails: Tails,
     /// Share of a pose's variance that all its coordinates have in common.
     pub common: f64,
+    /// Share of its variance that a reading of set 1 has in common with the others of the same visit: what the machine
+    /// does not repeat.
+    pub visit: f64,
     /// Correlation of successive measurements, AR(1).
     pub serial: f64,
     /// Share of the TCP poses that are outliers.
@@ -41,6 +44,7 @@ impl Default for Noise {
             scale: [1.0; 3],
             tails: Tails::Normal,
             common: 0.0,
+            visit: 0.0,
             serial: 0.0,
             outliers: 0.0,
             outlier_size: 20.0,
@@ -93,6 +97,33 @@ impl<'a> Generator<'a> {
             Tails::Normal => self.random.normal(),
             Tails::Heavy => self.random.student3(),
         }
+    }
+}
+
+/// Deviations that the readings of each visit of set 1 share, and how much of a reading's own is beside them.
+pub(super) struct Visits {
+    random: Random,
+    own: f64,
+    shared: f64,
+}
+
+impl Visits {
+    pub(super) fn new(noise: &Noise, seed: u64) -> Self {
+        Self {
+            random: Random::new(seed, "visits"),
+            own: (1.0 - noise.visit).sqrt(),
+            shared: noise.visit.sqrt() * noise.scale[0],
+        }
+    }
+
+    /// The next visit's.
+    pub(super) fn next(&mut self) -> Deviation {
+        [0, 1].map(|_| Vector3::from_fn(|_, _| self.shared * self.random.normal()))
+    }
+
+    /// A reading's deviation with that of its visit.
+    pub(super) fn with(&self, own: Deviation, visit: &Deviation) -> Deviation {
+        [0, 1].map(|k| own[k] * self.own + visit[k])
     }
 }
 

@@ -44,6 +44,8 @@ pub struct Request {
     pub heavy_tails: bool,
     /// Share of the variance that the coordinates of a pose have in common.
     pub common_noise: f64,
+    /// Share of its variance that a reading has in common with the others at the same pose.
+    pub visit_noise: f64,
     /// Correlation of successive measurements.
     pub serial_noise: f64,
     /// Share of the TCP poses that are outliers.
@@ -56,6 +58,8 @@ pub struct Request {
     pub grid_step_m: Option<[f64; 3]>,
     /// Number of TCP poses: those of the grid end there.
     pub poses: Option<usize>,
+    /// Number of readings at each of them.
+    pub readings: usize,
     /// True if the TCP poses are random instead of on the grid.
     pub random: bool,
     /// Random displacement of grid and track points, as a share of the step.
@@ -90,12 +94,14 @@ impl Default for Request {
             noise_scale: noise.scale,
             heavy_tails: false,
             common_noise: noise.common,
+            visit_noise: noise.visit,
             serial_noise: noise.serial,
             outliers: noise.outliers,
             outlier_size: noise.outlier_size,
             grid: [6, 6, 5],
             grid_step_m: None,
             poses: Some(176),
+            readings: 1,
             random: false,
             jitter: 0.0,
             track_points: TrackPoints::default().count,
@@ -204,6 +210,7 @@ impl Request {
                     Tails::Normal
                 },
                 common: self.common_noise,
+                visit: self.visit_noise,
                 serial: self.serial_noise,
                 outliers: self.outliers,
                 outlier_size: self.outlier_size,
@@ -220,6 +227,7 @@ impl Request {
                     jitter: self.jitter,
                 }
             },
+            readings: self.readings,
             track_points: TrackPoints {
                 count: self.track_points,
                 jitter: self.jitter,
@@ -275,6 +283,18 @@ impl Request {
             "--common-noise",
             &self.common_noise,
             "a share from 0 to 1",
+        );
+        refuse(
+            share(self.visit_noise),
+            "--visit-noise",
+            &self.visit_noise,
+            "a share from 0 to 1",
+        );
+        refuse(
+            (1..=MOST).contains(&self.readings),
+            "--readings",
+            &self.readings,
+            "a number from 1 to 100000",
         );
         refuse(
             self.serial_noise.abs() < 1.0,

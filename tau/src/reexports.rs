@@ -69,3 +69,8 @@ pub mod trust {
         Status, Verdict,
     };
 }
+
+/// Weights of poses in a calibration: outliers, losses that bound their pull, repeated readings.
+pub mod weighing {
+    pub use tau_estimation::weighing::{Loss, Outlier, Repeats, Treatment, Weighing};
+}

@@ -1,6 +1,6 @@
 //! Arguments of checks and verdicts.
 
-use clap::Args;
+use clap::{Args, ValueEnum};
 
 use super::{Input, Json};
 
@@ -34,4 +34,33 @@ pub(crate) struct Force {
     /// Write the results even where the verdict on them is `absurd`: then figures mean nothing
     #[arg(long)]
     pub(crate) force: bool,
+}
+
+/// Losses that bound the pull of outliers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Loss {
+    /// Far off, the pull stays the same
+    Huber,
+    /// Far off, the pull falls with the distance
+    Cauchy,
+    /// Far off, there is no pull at all
+    Tukey,
+}
+
+/// Treatment of outliers in a fit.
+#[derive(Debug, Default, Args)]
+pub(crate) struct Outliers {
+    /// Bound the pull of outliers by this loss, instead of leaving them out
+    #[arg(long, value_name = "LOSS", conflicts_with = "keep_outliers")]
+    pub(crate) loss: Option<Loss>,
+    #[command(flatten)]
+    pub(crate) kept: KeepOutliers,
+}
+
+/// Outliers that count.
+#[derive(Debug, Default, Args)]
+pub(crate) struct KeepOutliers {
+    /// List outliers among the poses, but let them count like all others
+    #[arg(long)]
+    pub(crate) keep_outliers: bool,
 }

@@ -25,6 +25,7 @@ use crate::numerics::triangle;
 use crate::problem::{self, Closures, Residuals};
 use crate::samples::Sample;
 use crate::samples::frames::Frames;
+use crate::weighing::{self, Treatment, Weighing};
 
 pub use cost::closure_cost;
 pub use error::Error;
@@ -42,6 +43,8 @@ pub struct Options {
     pub start: Option<Vec<f64>>,
     /// Options of the solver.
     pub solver: tau_solver::Options,
+    /// Treatment of outliers; by default they are left out.
+    pub treatment: Treatment,
 }
 
 /// A combination of parameters that the data do not determine.
@@ -82,8 +85,10 @@ pub struct Calibration {
     pub undetermined: Vec<Combination>,
     /// Half the sum of squared whitened residuals and priors.
     pub cost: f64,
-    /// Number of calibration poses.
+    /// Number of calibration poses that took part.
     pub poses: usize,
+    /// Weights of the poses that were given: outliers, and readings that share what the model lacks.
+    pub weighing: Weighing,
     /// Iterations of the solver, summed over independent parts.
     pub iterations: usize,
     /// Why the solver stopped, in words.
@@ -207,7 +212,9 @@ impl Prepared {
 /// (eq. 6 of Dressler et al. 2010), each divided by its standard deviation, plus the priors.
 ///
 /// The noise of a closure follows from the stated noise of the measured position and rotation and from
-/// the closure's derivatives by them at the nominal values: σ² = σ_T²·‖∂r/∂T‖² + σ_R²·‖∂r/∂ω‖².
+/// the closure's derivatives by them at the nominal values: σ² = σ_T²·‖∂r/∂T‖² + σ_R²·‖∂r/∂ω‖². Poses are then
+/// [weighed](crate::weighing): outliers are left out or lose their pull, and readings of one visit count by what they do not
+/// share.
 ///
 /// # Errors
 /// [`Error::Input`] for fewer poses than parameters, poses that are all the same, poses out of reach,
@@ -236,28 +243,49 @@ pub fn calibrate(
     let samples = Sample::all(robot, folder, poses, &Frames::default());
     let residuals = Residuals::new(machine, nominal, &samples, file.noise, Closures::Apart)?;
     let used = &residuals.used;
-    let blocks = residuals.parts.iter();
-    let mut problem = Problem {
-        parameters: problem::parameters(
-            variant,
-            used,
-            &residuals.priors,
-            used.iter().map(|&index| start[index]),
-        ),
-        blocks: blocks
-            .map(|part| part.block(used.len(), |_, weight| weight))
-            .collect(),
+    // Weights of poses count squares, those of residuals the residuals themselves.
+    let weighed = |weights: &[f64], start: &[f64]| {
+        let blocks = residuals.parts.iter().map(|part| {
+            let each = part.components.len();
+            let factor = |row: usize| weights[part.samples[row / each]].sqrt();
+            part.block(used.len(), |row, weight| weight * factor(row))
+        });
+        let start = start.iter().copied();
+        Problem {
+            parameters: problem::parameters(variant, used, &residuals.priors, start),
+            blocks: blocks.collect(),
+        }
     };
     let not_converged = |why: String| Error::NotConverged {
         variant: variant.name.clone(),
         why,
     };
     let failed = |error: tau_solver::Error| not_converged(error.to_string());
+    let solved = |problem: &Problem<'_>| {
+        let solution = tau_solver::solve(problem, &options.solver).map_err(failed)?;
+        if !solution.converged() || solution.parameters.iter().any(|value| !value.is_finite()) {
+            return Err(not_converged(solution.termination.to_string()));
+        }
+        Ok(solution)
+    };
+    let start: Vec<f64> = used.iter().map(|&index| start[index]).collect();
+    let mut problem = weighed(&vec![1.0; poses.len()], &start);
     let range_m = widest(measured.iter().flat_map(|pose| &pose.commands_m));
     searched::start(&mut problem, variant, used, range_m, &options.solver).map_err(failed)?;
-    let solution = tau_solver::solve(&problem, &options.solver).map_err(failed)?;
-    if !solution.converged() || solution.parameters.iter().any(|value| !value.is_finite()) {
-        return Err(not_converged(solution.termination.to_string()));
+    let mut solution = solved(&problem)?;
+    let mut iterations = total_iterations(&solution);
+
+    let values = problem::values(machine, used, &solution.parameters);
+    let mut weighing =
+        weighing::weigh(&prepared, &values, &samples, file.noise, options.treatment)?;
+    let left: Vec<usize> = weighing.taking_part(poses).collect();
+    if let Err(error) = check_poses(robot, variant, file, folder, &left) {
+        weighing = weighing.keeping_outliers(format!("Outliers are kept: without them, {error}."));
+    }
+    if !weighing.is_even() {
+        solution = solved(&weighed(&weighing.fit, &solution.parameters))?;
+        iterations += total_iterations(&solution);
+        problem = weighed(&weighing.information, &solution.parameters);
     }
     let covariance = tau_solver::covariance(&problem, &solution.parameters).map_err(failed)?;
     let identifiability =
@@ -266,8 +294,13 @@ pub fn calibrate(
     let count = used.len();
     let covariance = DMatrix::from_fn(count, count, |i, j| covariance.covariance(i, j));
     let measured_in = (machine, &samples[..], file.noise);
-    let factor =
-        factor_with_shared_noise(&covariance, &residuals, measured_in, &solution.parameters)?;
+    let factor = factor_with_shared_noise(
+        &covariance,
+        &residuals,
+        measured_in,
+        &solution.parameters,
+        &weighing.information,
+    )?;
     let name = |index: usize| problem.parameters[index].name.clone();
     let fitted = Fitted {
         values: problem::values(machine, used, &solution.parameters),
@@ -283,11 +316,18 @@ pub fn calibrate(
         factor,
         undetermined: combinations(&identifiability, name),
         cost: solution.cost,
-        iterations: total_iterations(&solution),
+        iterations,
         termination: solution.termination.to_string(),
         used: used.clone(),
     };
-    finish(&prepared, file, &measured, fitted)
+    let measured: Vec<&TcpPose> = (weighing.taking_part(poses))
+        .map(|pose| &folder.tcp_poses[pose])
+        .collect();
+    let calibration = finish(&prepared, file, &measured, fitted)?;
+    Ok(Calibration {
+        weighing,
+        ..calibration
+    })
 }
 
 /// Width of the range of some commands (m).
@@ -366,6 +406,7 @@ pub(crate) fn finish(
         undetermined: fitted.undetermined,
         cost: fitted.cost,
         poses: poses.len(),
+        weighing: Weighing::even(poses.len()),
         iterations: fitted.iterations,
         termination: fitted.termination,
         registration: prepared.registration,

@@ -3,9 +3,9 @@
 //! A calibration weighs each closure for itself, but all closures of a pose have their noise from one measured position
 //! and one rotation. So the errors of links that have no parameter in common are correlated all the same, which hardly
 //! matters for one link and does for the plate that six of them hold. With rows a of the derivatives of single closures in
-//! units of their noise, b of what all closures of a pose owe to each coordinate of its noise, and Λ the priors, the
-//! estimator H⁻¹ with H = Σ aaᵀ + Λ has the covariance H⁻¹(Σ bbᵀ + Λ)H⁻¹ (the "sandwich" of H. White, Econometrica 48,
-//! 1980, with known noise).
+//! units of their noise, b of what all closures of a pose owe to each coordinate of its noise, w the weight of a pose and
+//! Λ the priors, the estimator H⁻¹ with H = Σ w·aaᵀ + Λ has the covariance H⁻¹(Σ w·bbᵀ + Λ)H⁻¹ (the "sandwich" of
+//! H. White, Econometrica 48, 1980, with known noise).
 
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
@@ -27,7 +27,8 @@ const CHUNK: usize = 256;
 /// As a factor, because the errors of parameters cancel in those of poses, by more than products of the covariance's
 /// entries have digits for.
 ///
-/// `nominal` is the machine whose derivatives weigh the closures, `fitted` holds a value of each parameter of the fit.
+/// `nominal` is the machine whose derivatives weigh the closures, `fitted` holds a value of each parameter of the fit,
+/// `information` the weight of each sample in H: its noise is larger than stated by one over it.
 ///
 /// # Errors
 /// A closure's derivative is not finite.
@@ -36,6 +37,7 @@ pub(crate) fn factor_with_shared_noise(
     residuals: &Residuals,
     (nominal, samples, noise): (&Machine, &[Sample], Noise),
     fitted: &[f64],
+    information: &[f64],
 ) -> Result<Option<Vec<Vec<f64>>>, Error> {
     if !inverse.iter().all(|entry| entry.is_finite()) {
         return Ok(None);
@@ -43,16 +45,23 @@ pub(crate) fn factor_with_shared_noise(
     let places: Vec<usize> = (0..samples.len()).collect();
     let shares: Vec<Result<DMatrix<f64>, Error>> = places
         .par_chunks(CHUNK)
-        .map(|places| share(residuals, (nominal, samples, noise), fitted, places))
+        .map(|places| {
+            share(
+                residuals,
+                (nominal, samples, noise),
+                fitted,
+                (places, information),
+            )
+        })
         .collect();
     let priors = residuals.priors.iter().map(|prior| {
         let tolerance = prior.tolerance.filter(|&tolerance| tolerance > 0.0);
         tolerance.map_or(0.0, |tolerance| tolerance.powi(-2))
     });
-    let mut information = DMatrix::from_diagonal(&DVector::from_iterator(fitted.len(), priors));
+    let mut squares = DMatrix::from_diagonal(&DVector::from_iterator(fitted.len(), priors));
     // Added in order, so that the sum does not depend on threads.
     for share in shares {
-        information += share?;
+        squares += share?;
     }
     let rows = |matrix: &DMatrix<f64>| -> Vec<Vec<f64>> {
         matrix
@@ -60,7 +69,7 @@ pub(crate) fn factor_with_shared_noise(
             .map(|row| row.iter().copied().collect())
             .collect()
     };
-    let Some(lower) = triangle::lower(&rows(&information)) else {
+    let Some(lower) = triangle::lower(&rows(&squares)) else {
         return Ok(None);
     };
     let lower = DMatrix::from_fn(fitted.len(), fitted.len(), |i, j| {
@@ -77,7 +86,7 @@ fn share(
     residuals: &Residuals,
     (nominal, samples, noise): (&Machine, &[Sample], Noise),
     fitted: &[f64],
-    places: &[usize],
+    (places, information): (&[usize], &[f64]),
 ) -> Result<DMatrix<f64>, Error> {
     let closures: Vec<&Instance> = nominal.closure_instances().collect();
     let own: Vec<Vec<f64>> = residuals
@@ -99,6 +108,7 @@ fn share(
             let gradient = nominal.closure_by_pose(closure, &sample.view());
             let (_, gradient) = gradient.map_err(|error| Error::at_pose(sample.number, error))?;
             let weight = part.weights[place];
+            let share = weight * weight * information[place].sqrt();
             let columns = part.family.pattern().columns.iter();
             for (&column, entry) in columns.zip(&jacobian) {
                 let column = part.parameters[column as usize];
@@ -108,7 +118,7 @@ fn share(
                     } else {
                         noise.rotation_rad
                     };
-                    by_noise[(6 * block + k, column)] += weight * slope * sigma * weight * entry;
+                    by_noise[(6 * block + k, column)] += share * slope * sigma * entry;
                 }
             }
         }

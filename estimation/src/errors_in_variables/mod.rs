@@ -73,7 +73,7 @@ pub struct GroupFit {
     pub noise_factor: f64,
 }
 
-/// Fits a variant to all sets of a folder; `poses` are those of set 1 that take part, by index.
+/// Fits a variant to all sets of a folder; `poses` are those of set 1 that take part, by index, but for outliers.
 ///
 /// If a group of measurements is met significantly worse than its stated noise (the model lacks
 /// something), its noise is estimated instead, so that it neither overrides the others nor pretends to
@@ -90,6 +90,8 @@ pub fn calibrate(
     options: &calibration::Options,
 ) -> Result<ErrorsInVariables, Error> {
     let closure_fit = calibration::calibrate(robot, variant, file, folder, poses, options)?;
+    let weighing = closure_fit.weighing.clone();
+    let poses: &[usize] = &weighing.taking_part(poses).collect::<Vec<_>>();
     let file = &file.completed(robot);
     let measured: Vec<&TcpPose> = poses.iter().map(|&pose| &folder.tcp_poses[pose]).collect();
     let sets = AllSets::of(robot, variant, file, folder, poses, &closure_fit)?;
@@ -172,7 +174,10 @@ pub fn calibrate(
         termination: solution.termination.to_string(),
     };
     Ok(ErrorsInVariables {
-        calibration: calibration::finish(&prepared, file, &measured, fitted)?,
+        calibration: Calibration {
+            weighing,
+            ..calibration::finish(&prepared, file, &measured, fitted)?
+        },
         closure_fit,
         groups: Component::ALL
             .into_iter()

@@ -138,7 +138,7 @@ impl Descent {
 
     /// The same values with other noise and weights. Derivatives stay what they are but for a factor of each
     /// row, unless rows come back that were left out.
-    fn refactored(mut self, scales: [f64; 4], weights: Vec<f64>) -> Result<Self, Error> {
+    pub(crate) fn refactored(mut self, scales: [f64; 4], weights: Vec<f64>) -> Result<Self, Error> {
         let factors = self.joint.factors(&scales, &weights);
         if self.factors.contains(&0.0) && weights != self.weights {
             return Self::from(self.joint, self.fitted, scales, weights);

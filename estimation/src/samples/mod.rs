@@ -6,7 +6,7 @@ pub mod plates;
 
 use tau_kinematics::{self as kinematics, Forces, Machine, Missing, Pose, Statics, Surroundings};
 use tau_robot::input_error::InputError;
-use tau_robot::measurements::{Conditions, Folder, TcpPose};
+use tau_robot::measurements::{Conditions, Folder, TcpPose, visits};
 use tau_robot::robot::{Input, Instance, Robot};
 
 use crate::calibration::error::Error;
@@ -21,8 +21,8 @@ pub struct Sample {
     pub track: Option<usize>,
     /// Number of the pose or point in the file.
     pub number: u32,
-    /// Number of the unit that was measured together: its samples share their sign in null scans and their
-    /// fold in confirmation.
+    /// Number of the unit that was measured together (in set 1 the readings at the same commands): its samples share
+    /// their sign in null scans and their fold in confirmation.
     pub unit: usize,
     /// Commands (m).
     pub commands_m: Vec<f64>,
@@ -73,13 +73,14 @@ impl Sample {
     /// Samples of all sets: set 1 for the given poses (indices), then sets 2 and 3 where they are there
     /// and registered.
     pub fn all(robot: &Robot, folder: &Folder, poses: &[usize], frames: &Frames) -> Vec<Self> {
-        let mut samples: Vec<Self> = poses
-            .iter()
+        let of_tcp: Vec<&TcpPose> = (poses.iter())
             .filter_map(|&pose| folder.tcp_poses.get(pose))
-            .enumerate()
-            .map(|(unit, measured)| Self::of_tcp(measured, unit))
             .collect();
-        let mut unit = samples.len();
+        let visits = visits(of_tcp.iter().map(|pose| pose.commands_m.as_slice()));
+        let mut samples: Vec<Self> = (of_tcp.into_iter().zip(visits))
+            .map(|(measured, visit)| Self::of_tcp(measured, visit))
+            .collect();
+        let mut unit = Self::units(&samples);
         let own_direction = |track: usize, direction: Option<f64>| {
             let mut directions = vec![f64::NAN; robot.commands];
             if let (Some(own), Some(direction)) = (directions.get_mut(track), direction) {

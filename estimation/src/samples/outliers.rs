@@ -22,9 +22,7 @@ const ROUNDS: usize = 4;
 /// Deviation of each sample: its sum of squares over that which a sample of its set and cart shows,
 /// as a χ² of its number of residuals.
 ///
-/// `sums` holds each sample's sum of squares and number of residuals. The scale is the largest that
-/// the median, the upper quartile and the upper decile suggest: a missing effect widens them all, a few
-/// outliers none.
+/// `sums` holds each sample's sum of squares and number of residuals; the scale is that of [`variance`].
 pub fn deviations(mut sums: Vec<(f64, f64)>, samples: &[Sample]) -> Vec<(f64, f64)> {
     let mut groups: BTreeMap<(u8, Option<usize>), Vec<usize>> = BTreeMap::new();
     for (index, sample) in samples.iter().enumerate() {
@@ -34,22 +32,41 @@ pub fn deviations(mut sums: Vec<(f64, f64)>, samples: &[Sample]) -> Vec<(f64, f6
             .push(index);
     }
     for group in groups.values() {
-        let degrees = sums[group[0]].1;
-        let mut sorted: Vec<f64> = group.iter().map(|&s| sums[s].0).collect();
-        sorted.sort_by(f64::total_cmp);
-        let scale = [(2, 1), (4, 3), (10, 9)]
-            .map(|(of, part)| {
-                let share = (of - part) as f64 / of as f64;
-                let index = (sorted.len() * part / of).min(sorted.len() - 1);
-                sorted[index] / chi2_quantile_above(share, degrees.max(1.0))
-            })
-            .into_iter()
-            .fold(1e-300, f64::max);
+        let of_group: Vec<(f64, f64)> = group.iter().map(|&s| sums[s]).collect();
+        let scale = variance(&of_group);
         for &sample in group {
             sums[sample].0 /= scale;
         }
     }
     sums
+}
+
+/// Variance of the residuals of samples of one kind, by their sums of squares and numbers of residuals: the largest that
+/// the median, the upper quartile and the upper decile suggest. A missing effect or larger noise widens them all, a few
+/// outliers none; what a tenth of the samples share is not taken for outliers.
+pub fn variance(sums: &[(f64, f64)]) -> f64 {
+    (SHARES.into_iter())
+        .map(|share| variance_of_share(sums, share))
+        .fold(1e-300, f64::max)
+}
+
+/// The same by the median alone, which half of all samples can't widen.
+pub fn variance_of_most(sums: &[(f64, f64)]) -> f64 {
+    variance_of_share(sums, SHARES[0])
+}
+
+/// Shares `part` of `of` samples, as (of, part), by the largest of which variances are told.
+const SHARES: [(usize, usize); 3] = [(2, 1), (4, 3), (10, 9)];
+
+fn variance_of_share(sums: &[(f64, f64)], (of, part): (usize, usize)) -> f64 {
+    let Some(&(_, degrees)) = sums.first() else {
+        return 1.0;
+    };
+    let mut sorted: Vec<f64> = sums.iter().map(|sum| sum.0).collect();
+    sorted.sort_by(f64::total_cmp);
+    let share = (of - part) as f64 / of as f64;
+    let index = (sorted.len() * part / of).min(sorted.len() - 1);
+    sorted[index] / chi2_quantile_above(share, degrees.max(1.0))
 }
 
 /// Weights that let samples far off count less.
@@ -147,31 +164,47 @@ fn densest(
     let at = |sample: &Sample| sample.commands_m.get(command).copied().unwrap_or(0.0);
     let mut sorted = own.to_vec();
     sorted.sort_by(|&a, &b| at(&samples[a]).total_cmp(&at(&samples[b])));
-    let mut best: Option<(f64, Vec<usize>)> = None;
+    let mut places: Vec<f64> = all.iter().map(|sample| at(sample)).collect();
+    places.sort_by(f64::total_cmp);
+    let choices = Choices::up_to(all.len());
+    let mut best: Option<(f64, usize, usize)> = None;
     for first in 0..sorted.len() {
+        let before = places.partition_point(|&place| place < at(&samples[sorted[first]]));
         for last in first + LEAST_CROWD - 1..sorted.len() {
-            let span = at(&samples[sorted[first]])..=at(&samples[sorted[last]]);
-            let within = all
-                .iter()
-                .filter(|sample| span.contains(&at(sample)))
-                .count();
+            let within =
+                places.partition_point(|&place| place <= at(&samples[sorted[last]])) - before;
             let crowd = last - first + 1;
-            let chance =
-                choose(sorted.len(), crowd) * all.len() as f64 * choose(within - 1, crowd - 1)
-                    / choose(all.len(), crowd);
-            if best.as_ref().is_none_or(|(least, _)| chance < *least) {
-                best = Some((chance, sorted[first..=last].to_vec()));
+            let chance = (all.len() as f64).ln()
+                + choices.ln(sorted.len(), crowd)
+                + choices.ln(within - 1, crowd - 1)
+                - choices.ln(all.len(), crowd);
+            if best.is_none_or(|(least, ..)| chance < least) {
+                best = Some((chance, first, last));
             }
         }
     }
-    best
+    best.map(|(chance, first, last)| (chance.exp(), sorted[first..=last].to_vec()))
 }
 
-/// Number of ways to choose so many of all.
-fn choose(all: usize, chosen: usize) -> f64 {
-    (1..=chosen)
-        .map(|i| (all + i).saturating_sub(chosen) as f64 / i as f64)
-        .product()
+/// Logarithms of factorials.
+struct Choices(Vec<f64>);
+
+impl Choices {
+    fn up_to(all: usize) -> Self {
+        let mut sums = vec![0.0];
+        for k in 1..=all {
+            sums.push(sums[k - 1] + (k as f64).ln());
+        }
+        Self(sums)
+    }
+
+    /// Logarithm of the number of ways to choose so many of all.
+    fn ln(&self, all: usize, chosen: usize) -> f64 {
+        if chosen > all {
+            return f64::NEG_INFINITY;
+        }
+        self.0[all] - self.0[chosen] - self.0[all - chosen]
+    }
 }
 
 /// Sums of squares of the samples of sets 2 and 3 about straight lines along their tracks, which know
@@ -212,11 +245,13 @@ pub fn about_lines(samples: &[Sample]) -> Vec<(f64, f64)> {
 
 #[cfg(test)]
 mod tests {
-    use super::choose;
+    use super::Choices;
 
     #[test]
     fn choices_are_binomial_coefficients() {
-        assert_eq!(choose(61, 5), 5_949_147.0);
-        assert_eq!((choose(4, 4), choose(4, 0), choose(3, 4)), (1.0, 1.0, 0.0));
+        let choices = Choices::up_to(61);
+        assert!((choices.ln(61, 5) - 5_949_147.0_f64.ln()).abs() < 1e-12);
+        assert!(choices.ln(4, 4).abs() < 1e-15 && choices.ln(4, 0).abs() < 1e-15);
+        assert!(choices.ln(3, 4) < 0.0 && choices.ln(3, 4).is_infinite());
     }
 }

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use nalgebra::DMatrix;
 use tau_codegen::language::model::{Effect, Readable, Subject, Target};
 use tau_codegen::language::{self, Model};
-use tau_robot::measurements::{Conditions, Division, Folder, TcpPose};
+use tau_robot::measurements::{Conditions, Division, Folder, TcpPose, visits};
 use tau_robot::robot::{Robot, TrackShape, Variant};
 use tau_robot::robot_file::RobotFile;
 use tau_solver::Problem;
@@ -20,9 +20,6 @@ use crate::trust::mistake::Mistake;
 use crate::trust::reach::Reach;
 use crate::trust::verdict::mistakes;
 use crate::uncertainty::Uncertainty;
-
-/// Commands and poses that differ by less (m) are the same: below what drives and trackers resolve.
-const SAME_M: f64 = 1e-6;
 
 /// A column's range.
 #[derive(Debug, Clone, PartialEq)]
@@ -162,16 +159,8 @@ fn range(column: String, values: impl Iterator<Item = f64>) -> Option<Range> {
 
 /// Rows whose numbers agree with those of a row before.
 fn repeats<'a>(rows: impl Iterator<Item = &'a [f64]>) -> usize {
-    #[allow(
-        clippy::cast_possible_truncation,
-        reason = "saturates, far beyond any machine"
-    )]
-    let key = |values: &[f64]| -> Vec<i64> {
-        let steps = values.iter().map(|value| (value / SAME_M).round() as i64);
-        steps.collect()
-    };
-    let mut known = BTreeSet::new();
-    rows.filter(|row| !known.insert(key(row))).count()
+    let visits = visits(rows);
+    visits.len() - visits.iter().max().map_or(0, |last| last + 1)
 }
 
 fn missing_numbers(numbers: impl Iterator<Item = u32>) -> usize {
@@ -363,8 +352,14 @@ fn determine(
         let count = used.len();
         let inverse = DMatrix::from_fn(count, count, |i, j| covariance.covariance(i, j));
         let measured_in = (&machine, &samples[..], file.noise);
-        let known = factor_with_shared_noise(&inverse, &residuals, measured_in, &at)?
-            .map(|factor| Uncertainty::new(variant, used, factor));
+        let known = factor_with_shared_noise(
+            &inverse,
+            &residuals,
+            measured_in,
+            &at,
+            &vec![1.0; samples.len()],
+        )?
+        .map(|factor| Uncertainty::new(variant, used, factor));
         let measured: Vec<&TcpPose> = (poses.iter())
             .map(|&pose| &folder.tcp_poses[pose])
             .collect();

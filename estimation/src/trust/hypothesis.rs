@@ -55,6 +55,12 @@ pub(crate) enum Hypothesis {
 /// Of thousands, the factor between units of SI and those of drawings and trackers.
 pub(crate) const THOUSAND: f64 = 1e3;
 
+/// So many of all numbers from 0, or all, evenly spread.
+pub(crate) fn spread(all: usize, most: usize) -> Vec<usize> {
+    let count = all.min(most);
+    (0..count).map(|k| k * all / count).collect()
+}
+
 impl Case<'_> {
     /// The variant with its nominal values.
     pub(crate) fn prepared(&self) -> Result<Prepared, Error> {
@@ -71,11 +77,14 @@ impl Case<'_> {
 
     /// The same with so many of its poses, evenly spread.
     pub(crate) fn thinned(&self, poses: usize) -> Self {
-        let all = &self.folder.tcp_poses;
-        let count = all.len().min(poses);
-        let chosen = (0..count).map(|k| all[k * all.len() / count].clone());
+        self.of_poses(&spread(self.folder.tcp_poses.len(), poses))
+    }
+
+    /// The same with some of its poses.
+    pub(crate) fn of_poses(&self, poses: &[usize]) -> Self {
         let mut thinned = self.clone();
-        thinned.folder.tcp_poses = chosen.collect();
+        let all = &self.folder.tcp_poses;
+        thinned.folder.tcp_poses = poses.iter().map(|&pose| all[pose].clone()).collect();
         thinned
     }
 

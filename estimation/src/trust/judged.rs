@@ -1,6 +1,6 @@
 //! A variant at set 1 under its priors: the fit by which measurements, robot file and hypotheses about both are judged.
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 use tau_robot::robot_file::Noise;
 
 use crate::calibration::{Error, Prepared};
@@ -53,7 +53,8 @@ pub(crate) struct Deviation {
 const LEAST_KNOWN: f64 = 0.1;
 
 impl Judged {
-    /// Descends from values of the variant in at most so many iterations.
+    /// Descends from values of the variant in at most so many iterations; `inflation` is the variance of each sample over
+    /// the stated one, for what it shares with others.
     ///
     /// # Errors
     /// Data that closures take are missing; derivatives that are not finite.
@@ -62,14 +63,15 @@ impl Judged {
         start: &[f64],
         samples: &[Sample],
         noise: Noise,
-        iterations: usize,
+        (inflation, iterations): (&[f64], usize),
     ) -> Result<Self, Error> {
         let machine = prepared.machine.clone();
         let joint = Joint::new(machine, &prepared.nominal, samples, noise)?;
         let joint = joint.with_path_noise(samples, noise.position_m);
         let start = joint.fitted(start);
-        let weights = vec![1.0; samples.len()];
-        let descent = Descent::from(joint, start, [1.0; 4], weights)?.approached(iterations)?;
+        let weights = inflation.iter().map(|inflation| inflation.sqrt().recip());
+        let descent = Descent::from(joint, start, [1.0; 4], weights.collect())?;
+        let descent = descent.approached(iterations)?;
         let factor = descent.normal.inverse_factor();
         let factor = factor
             .ok_or_else(|| not_converged(&descent.joint, "the derivatives are not finite"))?;
@@ -86,10 +88,19 @@ impl Judged {
         let rows = self.descent.joint.rows.len();
         let absorbed: [f64; Component::ALL.len()] = self.descent.normal.absorbed(&self.factor);
         Misfit {
-            chi2: self.descent.residuals.rows(0, rows).norm_squared(),
+            chi2: self.plain_residuals().rows(0, rows).norm_squared(),
             dof: (rows as f64 - absorbed[Component::Closure as usize]).max(1.0),
             rows,
         }
+    }
+
+    /// Residuals in units of the stated noise, priors last.
+    fn plain_residuals(&self) -> DVector<f64> {
+        let mut residuals = self.descent.residuals.clone();
+        for (residual, factor) in residuals.iter_mut().zip(&self.descent.factors) {
+            *residual /= factor;
+        }
+        residuals
     }
 
     /// The sum of squares of residuals and priors.
@@ -134,14 +145,14 @@ impl Judged {
 
     /// Root mean square of each sample's residuals, in units of the stated noise.
     pub(crate) fn by_sample(&self, samples: usize) -> Vec<f64> {
-        let sums = self.descent.joint.sums(&self.descent.residuals, samples);
+        let sums = self.descent.joint.sums(&self.plain_residuals(), samples);
         let rms = |(sum, count): (f64, f64)| (sum / count.max(1.0)).sqrt();
         sums.into_iter().map(rms).collect()
     }
 
     /// Root mean squares (m) of closures, as errors of the links' lengths: found, and to be expected of the stated noise.
     pub(crate) fn closure_rms_m(&self, samples: &[Sample]) -> (f64, f64) {
-        let (joint, residuals) = (&self.descent.joint, &self.descent.residuals);
+        let (joint, residuals) = (&self.descent.joint, self.plain_residuals());
         let machine = joint.machine.with_values(self.values());
         let count = joint.rows.len() / samples.len().max(1);
         let misfit = self.misfit();
@@ -168,6 +179,26 @@ impl Judged {
         let left = misfit.dof / misfit.rows.max(1) as f64;
         let closures = f64::max(closures, 1.0);
         ((found / closures).sqrt(), (left * noise / closures).sqrt())
+    }
+
+    /// Sums of squares of each sample's residuals in the noise and in what another fit, with the same unknowns, leaves
+    /// open of them, and their numbers: `rᵀ(1 + J·C·Jᵀ)⁻¹r`.
+    pub(crate) fn sums_under(&self, known: &Self, samples: usize) -> Vec<(f64, f64)> {
+        let joint = &self.descent.joint;
+        let each = joint.rows.len() / samples.max(1);
+        let factors = vec![1.0; joint.rows.len()];
+        let linear = joint.linearize(&self.descent.fitted, &factors);
+        let spread = linear.jacobian.times(&known.factor);
+        let of_sample = |sample: usize| {
+            let own = linear.residuals.rows(sample * each, each).into_owned();
+            let spread = spread.rows(sample * each, each);
+            let covariance = DMatrix::identity(each, each) + spread * spread.transpose();
+            let sum = covariance
+                .cholesky()
+                .map_or_else(|| own.norm_squared(), |c| own.dot(&c.solve(&own)));
+            (sum, each as f64)
+        };
+        (0..samples).map(of_sample).collect()
     }
 
     /// The residuals and their derivatives, priors last.

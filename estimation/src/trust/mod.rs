@@ -16,6 +16,7 @@ mod reach;
 mod recognise;
 mod roots;
 mod verdict;
+mod weighing_words;
 mod words;
 
 pub use check::{Check, Checked, FileFacts, Gap, Range, Sight, check};
@@ -23,7 +24,7 @@ pub use mistake::Mistake;
 pub use reach::Reach;
 pub use verdict::{
     FileFit, PoseFit, Pull, Status, Verdict, mistakes, of_calibration, of_calibration_knowing,
-    of_prediction, refuse,
+    of_prediction, outliers_of_validation, refuse,
 };
 
 /// Chance that a test calls consistent input inconsistent, the same as that at which errors in variables begin to

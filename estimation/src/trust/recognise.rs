@@ -18,6 +18,7 @@ use crate::trust::hypothesis::{self, Case, Hypothesis, THOUSAND};
 use crate::trust::judged::{Deviation, Judged, Misfit};
 use crate::trust::mistake::Mistake;
 use crate::trust::{ABSURD_TOLERANCES, LEVEL, roots, words};
+use crate::weighing::{Treatment, weigh};
 
 /// Odds in favour of a hypothesis from which on it is believed: a thousand to one, which also is what mistakes are to
 /// folders without.
@@ -129,8 +130,30 @@ pub(crate) fn mistakes(case: &Case<'_>) -> Result<Vec<Mistake>, Error> {
     if case.folder.tcp_poses.is_empty() {
         return Ok(vec![]);
     }
-    let thinned = case.thinned(POSES);
-    let given = tried(&thinned, None, ITERATIONS);
+    let mut thinned = case.thinned(POSES);
+    let mut given = tried(&thinned, None, ITERATIONS);
+    // A few poses far off are outliers and no mistake: what is left without them is judged.
+    if let Some(fit) = given
+        .as_ref()
+        .filter(|given| is_beyond_noise(&given.misfit))
+    {
+        let (prepared, samples) = (thinned.prepared()?, samples(&thinned));
+        let noise = thinned.file.noise;
+        let weighed = weigh(
+            &prepared,
+            &fit.values,
+            &samples,
+            noise,
+            Treatment::default(),
+        );
+        if let Ok(weighing) = weighed.as_ref().map(|weighing| &weighing.judged)
+            && weighing.contains(&false)
+        {
+            let kept: Vec<usize> = (0..samples.len()).filter(|&pose| weighing[pose]).collect();
+            thinned = thinned.of_poses(&kept);
+            given = tried(&thinned, None, ITERATIONS);
+        }
+    }
     if given.is_none() {
         // Where the case as given has no fit, the error says so unless a hypothesis has one.
         thinned.prepared()?;
@@ -262,7 +285,14 @@ pub(crate) fn judged(
     iterations: usize,
 ) -> Result<Judged, Error> {
     let samples = samples(case);
-    Judged::new(prepared, start, &samples, case.file.noise, iterations)
+    let even = vec![1.0; samples.len()];
+    Judged::new(
+        prepared,
+        start,
+        &samples,
+        case.file.noise,
+        (&even, iterations),
+    )
 }
 
 /// The poses of a case as samples.

@@ -11,13 +11,15 @@ use crate::calibration::{Calibration, Error};
 use crate::errors_in_variables::{Component, GroupFit};
 use crate::numerics::distribution::chi2_survival;
 use crate::numerics::projection::inverse_factor;
-use crate::trust::hypothesis::{self, Case};
+use crate::samples::Sample;
+use crate::trust::hypothesis::{self, Case, spread};
 use crate::trust::judged::{Deviation, Judged, Misfit};
 use crate::trust::mistake::Mistake;
 use crate::trust::reach::Reach;
 use crate::trust::recognise::{self, ITERATIONS};
-use crate::trust::{ABSURD_TOLERANCES, LARGEST_MISFIT, LEVEL, general, numbering};
+use crate::trust::{ABSURD_TOLERANCES, LARGEST_MISFIT, LEVEL, general, numbering, weighing_words};
 use crate::uncertainty::Uncertainty;
+use crate::weighing::{Loss, Outlier, Repeats, Treatment, Weighing, weigh};
 
 /// More poses than these are judged by as many of them, evenly spread: what they tell of the noise leaves nothing to
 /// ask, and whitened derivatives of all would need gigabytes.
@@ -105,11 +107,18 @@ pub struct Verdict {
     pub why: Vec<String>,
     /// Mistakes that explain it.
     pub mistakes: Vec<Mistake>,
+    /// Poses far off all others, by number; the figures above are of the others where these were left out.
+    pub outliers: Vec<Outlier>,
+    /// Repeated readings, if there are any.
+    pub repeats: Option<Repeats>,
+    /// Loss of the fit, if it is not least squares.
+    pub loss: Option<Loss>,
 }
 
 impl Verdict {
     /// Factor by which standard deviations are too small where the misfit is one of noise: √(chi2/dof) where that is
-    /// inconsistent with the stated noise, else 1 (R. T. Birge, Phys. Rev. 40, 1932).
+    /// inconsistent with the stated noise, else 1 (R. T. Birge, Phys. Rev. 40, 1932). Where readings are repeated, what
+    /// those of a visit share is in the standard deviations already, and the ratio is that of what is left between visits.
     pub fn widening(&self) -> f64 {
         let misfit = Misfit {
             chi2: self.chi2,
@@ -117,7 +126,8 @@ impl Verdict {
             rows: 0,
         };
         if recognise::is_beyond_noise(&misfit) {
-            self.residual_over_noise.max(1.0)
+            let ratio = self.repeats.map(|repeats| repeats.excess);
+            ratio.unwrap_or(self.residual_over_noise).max(1.0)
         } else {
             1.0
         }
@@ -283,9 +293,25 @@ pub fn of_calibration_knowing(
 ) -> Result<Verdict, Error> {
     let machine = &calibration.machine;
     let robot = &machine.robot;
-    let case = case(robot, &machine.variant, file, folder, poses).thinned(MOST_POSES);
+    let weighing = &calibration.weighing;
+    let counted: Vec<usize> = (0..poses.len())
+        .filter(|&index| weighing.judged.get(index).copied().unwrap_or(true))
+        .collect();
+    let kept: Vec<usize> = counted.iter().map(|&index| poses[index]).collect();
+    let poses = kept.as_slice();
+    let spread = spread(poses.len(), MOST_POSES);
+    let case = case(robot, &machine.variant, file, folder, poses).of_poses(&spread);
     let prepared = case.prepared()?;
-    let judged = recognise::judged(&case, &prepared, &machine.values, ITERATIONS)?;
+    let inflation: Vec<f64> = (spread.iter())
+        .map(|&k| weighing.inflation.get(counted[k]).copied().unwrap_or(1.0))
+        .collect();
+    let judged = Judged::new(
+        &prepared,
+        &machine.values,
+        &recognise::samples(&case),
+        case.file.noise,
+        (&inflation, ITERATIONS),
+    )?;
     let mut pulls: Vec<Pull> = (calibration.parameters.iter())
         .filter_map(|parameter| {
             Some(Pull {
@@ -298,6 +324,7 @@ pub fn of_calibration_knowing(
     shorten(&mut pulls);
     let deviations = judged.deviations();
     let mut verdict = measured(&case, &judged, pulls);
+    verdict.know(weighing);
     let beyond = recognise::beyond_tolerance(&deviations, verdict.residual_over_noise);
     verdict.judge(&machine.variant, beyond);
     let suspect = verdict.status > Status::Consistent
@@ -314,6 +341,7 @@ pub fn of_calibration_knowing(
     }
     verdict.blame(numbering::mistake(machine, folder).into_iter().collect());
     verdict.conclude(&case);
+    verdict.tell(weighing);
     if verdict.status != Status::Absurd {
         let measured: Vec<&TcpPose> = case.folder.tcp_poses.iter().collect();
         verdict.reach = Uncertainty::of_calibration(calibration)
@@ -329,7 +357,7 @@ pub fn of_calibration_knowing(
 ///
 /// Where the file states standard deviations, they are those of parameters that were calibrated, correlated as the poses
 /// that calibrate and the tolerances make them; else the tolerances are. Residuals are judged against the noise and
-/// against what such parameters may do to them.
+/// against what such parameters may do to them. Outliers among the poses are listed, and left out unless they are kept.
 ///
 /// # Errors
 /// Data that the variant takes are missing.
@@ -338,13 +366,57 @@ pub fn of_prediction(
     file: &RobotFile,
     folder: &Folder,
     division: &Division,
+    treatment: Treatment,
 ) -> Result<Verdict, Error> {
     let (robot, variant) = (&machine.robot, &machine.variant);
     let of = |poses: &[usize]| case(robot, variant, file, folder, poses).thinned(MOST_POSES);
-    let case = of(&division.validation);
+    let all = of(&division.validation);
+    let samples = recognise::samples(&all);
+    let noise = all.file.noise;
+    let known = if stated_sigmas(file) == 0 {
+        None
+    } else {
+        let before = of(&division.calibration);
+        let (prepared, samples) = (before.prepared()?, recognise::samples(&before));
+        let inflation = if Sample::units(&samples) < samples.len() {
+            weigh(&prepared, &machine.values, &samples, noise, treatment)?.inflation
+        } else {
+            vec![1.0; samples.len()]
+        };
+        let values = &machine.values;
+        let known = Judged::new(&prepared, values, &samples, noise, (&inflation, 0))?;
+        Some(known)
+    };
+    let weighing = match &known {
+        None => weigh(
+            &all.prepared()?,
+            &machine.values,
+            &samples,
+            noise,
+            treatment,
+        )?,
+        Some(known) => {
+            let judged = recognise::judged(&all, &all.prepared()?, &machine.values, 0)?;
+            let sums = judged.sums_under(known, samples.len());
+            Weighing::of_predicted(&sums, &samples, treatment)
+        }
+    };
+    let kept: Vec<usize> = (0..samples.len())
+        .filter(|&index| weighing.judged[index])
+        .collect();
+    let case = all.of_poses(&kept);
     let prepared = case.prepared()?;
-    let sigmas = stated_sigmas(file);
-    let mut verdict = if sigmas == 0 {
+    let mut verdict = if let Some(known) = known {
+        let judged = recognise::judged(&case, &prepared, &machine.values, 0)?;
+        let mut verdict = measured(&case, &judged, vec![]);
+        verdict.know(&weighing);
+        let misfit = predicted(judged, known);
+        verdict.chi2 = misfit.chi2;
+        verdict.dof = misfit.dof;
+        verdict.residual_over_noise = misfit.ratio();
+        verdict.judge(variant, None);
+        verdict
+    } else {
         let judged = recognise::judged(&case, &prepared, &machine.values, ITERATIONS)?;
         let deviations = judged.deviations();
         let mut pulls: Vec<Pull> = (deviations.iter())
@@ -355,34 +427,53 @@ pub fn of_prediction(
             .collect();
         shorten(&mut pulls);
         let mut verdict = measured(&case, &judged, pulls);
+        verdict.know(&weighing);
         verdict.judge(
             variant,
             recognise::beyond_tolerance(&deviations, verdict.residual_over_noise),
         );
         verdict
-    } else {
-        let before = of(&division.calibration);
-        let known = recognise::judged(&before, &before.prepared()?, &machine.values, 0)?;
-        let judged = recognise::judged(&case, &prepared, &machine.values, 0)?;
-        let mut verdict = measured(&case, &judged, vec![]);
-        let misfit = predicted(judged, known);
-        verdict.chi2 = misfit.chi2;
-        verdict.dof = misfit.dof;
-        verdict.residual_over_noise = misfit.ratio();
-        verdict.judge(variant, None);
-        verdict
     };
     if verdict.status > Status::Consistent || verdict.residual_over_noise < 1.0 / 3.0 {
-        verdict.blame(mistakes(
-            robot,
-            variant,
-            file,
-            folder,
-            &division.validation,
-        )?);
+        let thinned = spread(division.validation.len(), MOST_POSES);
+        let poses: Vec<usize> = (kept.iter())
+            .map(|&index| division.validation[thinned[index]])
+            .collect();
+        verdict.blame(mistakes(robot, variant, file, folder, &poses)?);
     }
     verdict.conclude(&case);
+    verdict.tell(&weighing);
     Ok(verdict)
+}
+
+/// Outliers among the poses that validate, as a calibration on those that calibrate predicts them. None are looked for
+/// among more poses than a verdict looks at.
+///
+/// # Errors
+/// Data that the variant takes are missing.
+pub fn outliers_of_validation(
+    calibration: &Calibration,
+    file: &RobotFile,
+    folder: &Folder,
+    division: &Division,
+) -> Result<Vec<Outlier>, Error> {
+    if division.validation.len() > MOST_POSES {
+        return Ok(vec![]);
+    }
+    let machine = &calibration.machine;
+    let (robot, variant) = (&machine.robot, &machine.variant);
+    let at = |poses: &[usize]| -> Result<(Judged, Vec<Sample>), Error> {
+        let case = case(robot, variant, file, folder, poses).thinned(MOST_POSES);
+        let judged = recognise::judged(&case, &case.prepared()?, &machine.values, 0)?;
+        Ok((judged, recognise::samples(&case)))
+    };
+    let weighing = &calibration.weighing;
+    let (known, _) = at(&weighing
+        .taking_part(&division.calibration)
+        .collect::<Vec<_>>())?;
+    let (judged, samples) = at(&division.validation)?;
+    let sums = judged.sums_under(&known, samples.len());
+    Ok(Weighing::of_predicted(&sums, &samples, Treatment::default()).outliers)
 }
 
 /// Number of standard deviations that a robot file states.
@@ -481,10 +572,30 @@ fn measured(case: &Case<'_>, judged: &Judged, pulls: Vec<Pull>) -> Verdict {
         reach: None,
         why: vec![],
         mistakes: vec![],
+        outliers: vec![],
+        repeats: None,
+        loss: None,
     }
 }
 
 impl Verdict {
+    /// Takes over what the weighing of the poses found.
+    fn know(&mut self, weighing: &Weighing) {
+        self.outliers.clone_from(&weighing.outliers);
+        self.repeats = weighing.repeats;
+        self.loss = weighing.loss;
+    }
+
+    /// Says what the weighing of the poses found.
+    fn tell(&mut self, weighing: &Weighing) {
+        self.why.extend(weighing_words::outliers(weighing));
+        if self.mistakes.is_empty() {
+            self.why.extend(weighing.kept_because.clone());
+        }
+        self.why
+            .extend(weighing.repeats.as_ref().map(weighing_words::repeats));
+    }
+
     /// Tests residuals, and the parameter that is furthest off.
     fn judge(&mut self, variant: &Variant, beyond: Option<Deviation>) {
         let misfit = Misfit {

@@ -3,6 +3,7 @@
 use serde_json::{Map, Value, json};
 use tau::calibration::Combination;
 use tau::trust::{Check, Checked, FileFacts, Mistake, Reach, Verdict};
+use tau::weighing::{Loss, Outlier, Repeats};
 
 /// `fit` of `calibrate`, `evaluate` and `study`.
 pub fn verdict(verdict: &Verdict) -> Value {
@@ -32,6 +33,40 @@ pub fn verdict(verdict: &Verdict) -> Value {
         "reach": verdict.reach.map(reach),
         "why": verdict.why,
         "mistakes": verdict.mistakes.iter().map(mistake).collect::<Vec<_>>(),
+        "outliers": verdict.outliers.iter().map(outlier).collect::<Vec<_>>(),
+        "loss": verdict.loss.map(Loss::name),
+        "repeats": verdict.repeats.as_ref().map(repeats),
+    })
+}
+
+pub(crate) fn outlier(outlier: &Outlier) -> Value {
+    json!({
+        "file": outlier.file,
+        "pose": outlier.pose,
+        "sigmas": outlier.sigmas,
+        "weight": outlier.weight,
+        "left_out": outlier.is_left_out(),
+    })
+}
+
+fn repeats(repeats: &Repeats) -> Value {
+    let (between, within) = repeats.lack_of_fit_degrees;
+    json!({
+        "poses": repeats.visits,
+        "readings": repeats.readings,
+        "repeatability": {
+            "position_m": repeats.position_m,
+            "rotation_rad": repeats.rotation_rad,
+            "dof": repeats.degrees,
+            "over_noise": repeats.within_over_noise,
+        },
+        "lack_of_fit": {
+            "over_noise": repeats.between_over_noise,
+            "f": repeats.lack_of_fit,
+            "dof": [between, within],
+            "p_value": repeats.p_value,
+        },
+        "shared_over_noise": repeats.shared_over_noise,
     })
 }
 

@@ -6,9 +6,11 @@ mod read;
 mod selection;
 pub mod set;
 pub mod table;
+mod visits;
 
 pub use read::{Shape, Texts};
 pub use selection::{Division, PoseCounts, Poses, Split};
+pub use visits::visits;
 
 /// Content of a measurement folder, SI units.
 #[derive(Debug, Clone, Default)]

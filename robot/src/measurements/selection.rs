@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::fmt;
 use std::str::FromStr;
 
-use super::{Folder, Shape};
+use super::{Folder, Shape, visits};
 use crate::input_error::{InputError, Source};
 use crate::robot::Robot;
 use crate::robot_file::RobotFile;
@@ -90,14 +90,27 @@ impl Division {
     }
 }
 
+impl Folder {
+    /// Divides poses of set 1, given by index. Readings at the same commands share what the model lacks there, so that one
+    /// would foretell the other: they all go to the same side, and it is visits that are counted.
+    pub fn divide(&self, split: Split, poses: &[usize]) -> Division {
+        let readings = poses
+            .iter()
+            .map(|&pose| self.tcp_poses[pose].commands_m.as_slice());
+        split.divide(poses, &visits(readings))
+    }
+}
+
 impl Split {
-    /// Divides poses, given by index.
-    pub fn divide(self, poses: &[usize]) -> Division {
+    /// Divides poses, given by index; `visits` holds the number of the visit of each, from 0 in order.
+    fn divide(self, poses: &[usize], visits: &[usize]) -> Division {
         let by = |calibrates: &dyn Fn(usize) -> bool| {
             let places = |wanted: bool| {
-                (0..poses.len())
-                    .filter(|&i| calibrates(i) == wanted)
-                    .map(|i| poses[i])
+                poses
+                    .iter()
+                    .zip(visits)
+                    .filter(|&(_, &visit)| calibrates(visit) == wanted)
+                    .map(|(&pose, _)| pose)
                     .collect()
             };
             Division {
@@ -106,20 +119,24 @@ impl Split {
             }
         };
         match self {
-            Self::Alternate => by(&|i| i % 2 == 0),
+            Self::Alternate => by(&|visit| visit % 2 == 0),
             Self::All => Division {
                 calibration: poses.to_vec(),
                 validation: poses.to_vec(),
             },
-            Self::First(count) => by(&|i| i < count),
+            Self::First(count) => {
+                let begun = visits.iter().take(count).map(|&visit| visit + 1).max();
+                by(&|visit| visit < begun.unwrap_or(0))
+            }
             Self::Fraction { share, seed } => {
-                let mut order: Vec<usize> = (0..poses.len()).collect();
+                let count = visits.iter().map(|&visit| visit + 1).max().unwrap_or(0);
+                let mut order: Vec<usize> = (0..count).collect();
                 order.sort_by_key(|&i| scrambled(seed, i as u64));
                 let mut rank = vec![0; order.len()];
                 for (place, &i) in order.iter().enumerate() {
                     rank[i] = place;
                 }
-                by(&|i| (rank[i] as f64) < (share * poses.len() as f64).round())
+                by(&|visit| (rank[visit] as f64) < (share * count as f64).round())
             }
         }
     }
@@ -219,7 +236,7 @@ impl Poses {
         split: Split,
     ) -> Result<Self, InputError> {
         let in_range = folder.in_range(file, Shape::from(robot));
-        let division = split.divide(&in_range);
+        let division = folder.divide(split, &in_range);
         let counts = PoseCounts {
             total: folder.tcp_poses.len(),
             in_range: in_range.len(),
@@ -330,7 +347,11 @@ mod tests {
     #[test]
     fn poses_are_divided_as_asked() {
         let poses = [3, 5, 8, 9, 12];
-        let divide = |text: &str| text.parse::<Split>().unwrap().divide(&poses);
+        let divide = |text: &str| {
+            text.parse::<Split>()
+                .unwrap()
+                .divide(&poses, &[0, 1, 2, 3, 4])
+        };
         let division = |calibration: &[usize], validation: &[usize]| Division {
             calibration: calibration.to_vec(),
             validation: validation.to_vec(),
@@ -345,10 +366,38 @@ mod tests {
         }
     }
 
+    /// Three readings at each of six commands, in two rounds and one more.
+    #[test]
+    fn readings_of_a_visit_stay_together() {
+        let commands = |k: usize| [0.1 * k as f64, -0.2, 0.3 + 1e-9 * k as f64];
+        let rounds = [0, 1, 2, 3, 4, 5, 0, 1, 2, 3, 4, 5, 5, 4, 3, 2, 1, 0];
+        let folder = Folder {
+            tcp_poses: rounds.map(|k| tcp_pose(&commands(k))).into(),
+            ..Folder::default()
+        };
+        assert_eq!(folder.visits(), rounds);
+        let poses: Vec<usize> = (0..rounds.len()).collect();
+        for (text, visits) in [
+            ("alternate", vec![0, 2, 4]),
+            ("first:8", vec![0, 1, 2, 3, 4, 5]),
+            ("first:2", vec![0, 1]),
+        ] {
+            let division = folder.divide(text.parse().unwrap(), &poses);
+            let expected: Vec<usize> = (poses.iter().copied())
+                .filter(|&pose| visits.contains(&rounds[pose]))
+                .collect();
+            assert_eq!(division.calibration, expected, "{text}");
+        }
+        let shared = folder.divide("fraction:0.5:3".parse().unwrap(), &poses);
+        let of = |poses: &[usize]| poses.iter().map(|&p| rounds[p]).collect::<BTreeSet<_>>();
+        assert_eq!(of(&shared.calibration).len(), 3);
+        assert!(of(&shared.calibration).is_disjoint(&of(&shared.validation)));
+    }
+
     #[test]
     fn a_random_share_depends_on_the_seed_alone() {
         let poses: Vec<usize> = (0..100).collect();
-        let divide = |text: &str| text.parse::<Split>().unwrap().divide(&poses);
+        let divide = |text: &str| text.parse::<Split>().unwrap().divide(&poses, &poses);
         let one = divide("fraction:0.6:1");
         assert_eq!(one, divide("fraction:0.6:1"));
         assert_ne!(one, divide("fraction:0.6:2"));

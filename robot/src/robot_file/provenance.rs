@@ -6,7 +6,7 @@ use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
 use super::keys::key_place;
-use super::read::Document;
+use super::read::{Document, SMALLEST_DEVIATION};
 use crate::measurements::Split;
 
 /// Record of the calibration that gave a file its values: `[calibration]`.

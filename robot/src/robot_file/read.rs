@@ -493,7 +493,7 @@ impl<'a> Document<'a> {
         numbers.into_iter().collect()
     }
 
-    fn number(&mut self, value: &Spanned<DeValue<'_>>) -> Option<f64> {
+    pub(super) fn number(&mut self, value: &Spanned<DeValue<'_>>) -> Option<f64> {
         let number = match value.get_ref() {
             DeValue::Float(float) => float.as_str().parse().ok(),
             DeValue::Integer(integer) if integer.radix() == 10 => integer.as_str().parse().ok(),

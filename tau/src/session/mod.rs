@@ -16,6 +16,7 @@ use tau_estimation::errors_in_variables::{self, ErrorsInVariables};
 use tau_estimation::evaluation::{self, Evaluation};
 use tau_estimation::sensitivity::{self, Sensitivity};
 use tau_estimation::uncertainty::Uncertainty;
+use tau_estimation::weighing::Treatment;
 use tau_kinematics::Machine;
 use tau_robot::measurements::{Folder, Poses, Shape, Split};
 use tau_robot::robot_file::RobotFile;
@@ -63,6 +64,7 @@ pub struct Session<R = Described> {
     robot_file: RobotFile,
     folder: Folder,
     split: Split,
+    treatment: Treatment,
     declared: PhantomData<fn() -> R>,
 }
 
@@ -109,6 +111,7 @@ impl<R> Session<R> {
             robot_file,
             folder,
             split: Split::default(),
+            treatment: Treatment::default(),
             declared: PhantomData,
         }
     }
@@ -117,6 +120,20 @@ impl<R> Session<R> {
     #[must_use]
     pub fn split(self, split: Split) -> Self {
         Self { split, ..self }
+    }
+
+    /// Treats outliers among the poses otherwise than leaving them out.
+    #[must_use]
+    pub fn outliers(self, treatment: Treatment) -> Self {
+        Self { treatment, ..self }
+    }
+
+    /// Options of a calibration, as they are unless others are given.
+    pub fn options(&self) -> calibration::Options {
+        calibration::Options {
+            treatment: self.treatment,
+            ..calibration::Options::default()
+        }
     }
 
     /// The robot.
@@ -216,7 +233,7 @@ impl<R> Session<R> {
     /// # Errors
     /// [`Error::Input`] where these measurements can't calibrate it; [`Error::NotConverged`].
     pub fn calibrate(&self, variant: impl VariantKey<R>) -> Result<Calibrated<R>, Error> {
-        self.calibrate_with(variant, &calibration::Options::default())
+        self.calibrate_with(variant, &self.options())
     }
 
     /// The same with options.
@@ -251,7 +268,7 @@ impl<R> Session<R> {
     ) -> Result<ErrorsInVariables, Error> {
         let variant = variant.variant_of(&self.robot)?;
         let poses = self.poses()?.division.calibration;
-        let options = calibration::Options::default();
+        let options = self.options();
         let Self {
             robot,
             robot_file,

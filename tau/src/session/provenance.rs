@@ -113,15 +113,15 @@ impl<R> Session<R> {
             .folder
             .in_range(&self.robot_file, Shape::from(&self.robot));
         let mut poses = match (asked, record) {
-            (Some(split), _) => split.divide(&in_range).validation,
-            (None, None) => self.split.divide(&in_range).validation,
+            (Some(split), _) => self.folder.divide(split, &in_range).validation,
+            (None, None) => self.folder.divide(self.split, &in_range).validation,
             (None, Some(_)) => in_range.clone(),
         };
         let basis = match (record, own) {
             (None, _) => Basis::Split,
             (Some(_), None) => Basis::NewFolder,
             (Some(_), Some(own)) => {
-                let calibrated = own.split.divide(&in_range).calibration;
+                let calibrated = self.folder.divide(own.split, &in_range).calibration;
                 let unseen: Vec<usize> = (poses.iter().copied())
                     .filter(|pose| calibrated.binary_search(pose).is_err())
                     .collect();

@@ -2,9 +2,11 @@
 
 use tau_estimation::calibration::{Calibration, Error};
 use tau_estimation::trust::{self, Check, Mistake, Verdict};
+use tau_estimation::weighing::Outlier;
 use tau_kinematics::Machine;
 use tau_robot::InputError;
 use tau_robot::effects::CATALOGUE;
+use tau_robot::measurements::Division;
 use tau_robot::robot::Variant;
 
 use super::{Session, VariantKey};
@@ -20,14 +22,43 @@ impl<R> Session<R> {
         trust::of_calibration(calibration, &self.robot_file, &self.folder, &poses)
     }
 
+    /// Outliers among the poses that validate, as a calibration predicts them; none where outliers are kept.
+    ///
+    /// # Errors
+    /// As [`Self::verdict`].
+    pub fn validation_outliers(&self, calibration: &Calibration) -> Result<Vec<Outlier>, Error> {
+        if self.treatment.keep_outliers {
+            return Ok(vec![]);
+        }
+        let division = self.poses()?.division;
+        trust::outliers_of_validation(calibration, &self.robot_file, &self.folder, &division)
+    }
+
     /// The verdict on a prediction: the poses that validate, as a [machine as given](Self::machine) predicts them, against noise and the
     /// standard deviations or tolerances of the robot file.
     ///
     /// # Errors
     /// As [`Self::verdict`].
     pub fn verdict_on_prediction(&self, machine: &Machine) -> Result<Verdict, Error> {
-        let division = self.poses()?.division;
-        trust::of_prediction(machine, &self.robot_file, &self.folder, &division)
+        let validation = self.poses()?.division.validation;
+        self.verdict_on_prediction_of(machine, validation)
+    }
+
+    /// The same for other poses, given by index, such as those that are [unseen](Self::unseen).
+    ///
+    /// # Errors
+    /// As [`Self::verdict`].
+    pub fn verdict_on_prediction_of(
+        &self,
+        machine: &Machine,
+        poses: Vec<usize>,
+    ) -> Result<Verdict, Error> {
+        let division = Division {
+            calibration: self.poses()?.division.calibration,
+            validation: poses,
+        };
+        let files = (&self.robot_file, &self.folder);
+        trust::of_prediction(machine, files.0, files.1, &division, self.treatment)
     }
 
     /// Mistakes of measurements and parameters that explain why a variant does not fit: none where it does.

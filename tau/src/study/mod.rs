@@ -4,7 +4,7 @@ pub mod results;
 
 use tau_discovery as discovery;
 use tau_estimation::assumptions;
-use tau_estimation::calibration::{self, Calibration, Error, calibrate};
+use tau_estimation::calibration::{Calibration, Error, calibrate};
 use tau_estimation::evaluation::{VariantResult, evaluate_knowing};
 use tau_estimation::sensitivity;
 use tau_estimation::trust::{self, of_calibration_knowing};
@@ -60,7 +60,7 @@ pub fn run<R>(
     let mut full = None;
     for variant in variants {
         next(&format!("calibrating {}", variant.name));
-        let options = calibration::Options::default();
+        let options = session.options();
         let calibration = calibrate(
             robot,
             variant,
@@ -73,6 +73,7 @@ pub fn run<R>(
         let poses = &division.calibration;
         let fit = of_calibration_knowing(&calibration, file, folder, poses, &mut mistakes)?;
         found.fit = Some(fit);
+        found.validation_outliers = session.validation_outliers(&calibration)?;
         results.push(found);
         if variant.arm == Arm::Full {
             full = Some(calibration);
@@ -190,5 +191,6 @@ pub fn result(
         iterations: calibration.iterations,
         termination: calibration.termination.clone(),
         fit: None,
+        validation_outliers: vec![],
     })
 }

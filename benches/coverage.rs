@@ -1,0 +1,261 @@
+//! Coverage of 95 % intervals on virtual machines: how often the truth lies within 1.96 stated standard deviations.
+
+use std::collections::BTreeMap;
+
+use clap::Parser;
+use tau::calibration::{Calibration, Options, calibrate};
+use tau::simulation::{Machine, Noise, Poses as Planned, Simulation, simulate};
+use tau_estimation::trust::{Status, of_calibration};
+use tau_estimation::weighing::{Loss, Treatment};
+use tau_robot::measurements::{Poses, Split};
+use tau_robot::robot::{Owner, Parameter, Robot};
+use tau_robot::robot_file::RobotFile;
+
+const DELTA: &str = include_str!("../tests/robots/linear_delta.tau");
+const HEXAPOD: &str = include_str!("../tests/robots/stewart.tau");
+/// Half the width of a 95 % interval, in standard deviations.
+const HALF_WIDTH: f64 = 1.96;
+
+/// Coverage of 95 % intervals on virtual machines of which the truth is known.
+#[derive(Debug, Parser)]
+struct Arguments {
+    /// Folders of each robot and case.
+    #[arg(long, default_value_t = 200)]
+    folders: u64,
+    /// Only cases whose name contains this.
+    #[arg(long, default_value = "")]
+    case: String,
+    /// Only robots whose name contains this.
+    #[arg(long, default_value = "")]
+    robot: String,
+    /// An argument that `cargo bench` adds.
+    #[arg(long, hide = true)]
+    bench: bool,
+}
+
+/// A way to measure and to calibrate.
+struct Case {
+    name: &'static str,
+    noise: Noise,
+    /// Random poses with so many readings each, or else the prototype's grid.
+    visits: Option<(usize, usize)>,
+    treatment: Treatment,
+}
+
+fn cases() -> Vec<Case> {
+    let plain = |name, noise| Case {
+        name,
+        noise,
+        visits: None,
+        treatment: Treatment::default(),
+    };
+    let outliers = |outliers| Noise {
+        outliers,
+        ..Noise::default()
+    };
+    let under = |name, share, loss| Case {
+        treatment: Treatment {
+            loss: Some(loss),
+            keep_outliers: false,
+        },
+        ..plain(name, outliers(share))
+    };
+    let repeated = |name, visit| Case {
+        visits: Some((25, 4)),
+        ..plain(
+            name,
+            Noise {
+                visit,
+                ..Noise::default()
+            },
+        )
+    };
+    vec![
+        plain("clean", Noise::default()),
+        plain("1 % of outliers", outliers(0.01)),
+        plain("5 % of outliers", outliers(0.05)),
+        plain(
+            "5 % of outliers of 6 standard deviations",
+            Noise {
+                outlier_size: 6.0,
+                ..outliers(0.05)
+            },
+        ),
+        Case {
+            treatment: Treatment {
+                loss: None,
+                keep_outliers: true,
+            },
+            ..plain("5 % of outliers, kept", outliers(0.05))
+        },
+        under("clean, Huber", 0.0, Loss::Huber),
+        under("5 % of outliers, Huber", 0.05, Loss::Huber),
+        under("5 % of outliers, Cauchy", 0.05, Loss::Cauchy),
+        under("5 % of outliers, Tukey", 0.05, Loss::Tukey),
+        plain(
+            "noise three times the stated",
+            Noise {
+                scale: [3.0; 3],
+                ..Noise::default()
+            },
+        ),
+        repeated("25 poses, four readings", 0.0),
+        repeated("25 poses, four readings, half of the variance shared", 0.5),
+    ]
+}
+
+/// Robots by name, with their robot files.
+fn robots() -> Vec<(&'static str, Robot, RobotFile)> {
+    let of = |name: &'static str, text: &str| {
+        let robot = Robot::from_text(text).unwrap();
+        let noise = "[noise]\nposition_m = 1e-5\nrotation_rad = 4e-5\n";
+        let file = format!("robot = \"{}\"\n{noise}", robot.name);
+        let file = RobotFile::parse_for(&file, "robot.toml", &robot).unwrap();
+        let file = file.completed(&robot);
+        (name, robot, file)
+    };
+    let gantry = Robot::from(&tau_generated::gantry_tau::ROBOT);
+    let file = tau_robot::prototype::robot_file().unwrap();
+    vec![
+        ("gantry", gantry, file),
+        of("delta", DELTA),
+        of("hexapod", HEXAPOD),
+    ]
+}
+
+/// The true value of a parameter, and its kind.
+fn truth(machine: &Machine, parameter: &Parameter) -> Option<(&'static str, f64)> {
+    let Owner::Link(link) = parameter.owner else {
+        return None;
+    };
+    let rod = &machine.rods[link];
+    let component = parameter.component.unwrap_or(0);
+    match parameter.quantity.as_str() {
+        "length" => Some(("lengths", rod.length_m)),
+        "plate_joint" => Some(("plate joints", rod.plate_joint_m[component])),
+        "track_offset" => Some(("track origins", rod.track_offset_m[component])),
+        "track_direction" => Some(("track directions", rod.track_direction[component])),
+        _ => None,
+    }
+}
+
+#[derive(Default)]
+struct Counts {
+    /// By kind of parameter: inside, inside of widened intervals, all.
+    kinds: BTreeMap<&'static str, [usize; 3]>,
+    consistent: usize,
+    left_out: usize,
+    wrongly: usize,
+    missed: usize,
+}
+
+impl Counts {
+    fn add(&mut self, found: &Calibration, machine: &Machine, widening: f64) {
+        for (estimate, &index) in found.parameters.iter().zip(&found.used) {
+            let parameter = &found.machine.variant.parameters[index];
+            let Some((kind, truth)) = truth(machine, parameter) else {
+                continue;
+            };
+            let off = (estimate.value - truth).abs() / estimate.sigma;
+            let counts = self.kinds.entry(kind).or_default();
+            counts[0] += usize::from(off < HALF_WIDTH);
+            counts[1] += usize::from(off < HALF_WIDTH * widening);
+            counts[2] += 1;
+        }
+    }
+}
+
+fn main() {
+    let arguments = Arguments::parse();
+    println!(
+        "| robot | case | coverage by kind, as stated → widened | consistent | outliers listed per folder (none, missed) |"
+    );
+    println!("| --- | --- | --- | --- | --- |");
+    for (name, robot, file) in robots() {
+        if !name.contains(&arguments.robot) {
+            continue;
+        }
+        for case in cases() {
+            if !case.name.contains(&arguments.case) {
+                continue;
+            }
+            let counts = counted(&robot, &file, &case, arguments.folders);
+            let by_kind: Vec<String> = (counts.kinds.iter())
+                .map(|(kind, [stated, widened, all])| {
+                    let share = |count: &usize| *count as f64 / *all as f64;
+                    format!("{kind} {:.3} → {:.3}", share(stated), share(widened))
+                })
+                .collect();
+            let folders = arguments.folders as f64;
+            println!(
+                "| {name} | {} | {} | {:.3} | {:.2} ({:.3}, {:.3}) |",
+                case.name,
+                by_kind.join(", "),
+                counts.consistent as f64 / folders,
+                counts.left_out as f64 / folders,
+                counts.wrongly as f64 / folders,
+                counts.missed as f64 / folders,
+            );
+        }
+    }
+}
+
+fn counted(robot: &Robot, file: &RobotFile, case: &Case, folders: u64) -> Counts {
+    let mut counts = Counts::default();
+    let variant = robot.variant("Full").unwrap();
+    for seed in 0..folders {
+        let mut simulation = Simulation {
+            seed: 31_000 + seed,
+            random_poses: 0,
+            noise: case.noise.clone(),
+            ..Simulation::new(robot.clone(), file.clone())
+        };
+        let split = if let Some((count, readings)) = case.visits {
+            simulation.poses = Planned::Random { count };
+            simulation.readings = readings;
+            Split::All
+        } else {
+            Split::Alternate
+        };
+        let simulated = simulate(&simulation).unwrap();
+        let folder = &simulated.folder;
+        let poses = Poses::select(robot, file, folder, split).unwrap();
+        let poses = poses.division.calibration;
+        let options = Options {
+            treatment: case.treatment,
+            ..Options::default()
+        };
+        let found = match calibrate(robot, variant, file, folder, &poses, &options) {
+            Ok(found) => found,
+            Err(error) => {
+                eprintln!("{}, {seed}: {error}", case.name);
+                continue;
+            }
+        };
+        let verdict = of_calibration(&found, file, folder, &poses).unwrap();
+        counts.add(&found, &simulated.truth.machine, verdict.widening());
+        counts.consistent += usize::from(verdict.status == Status::Consistent);
+        let listed: Vec<u32> = (found.weighing.outliers.iter())
+            .map(|outlier| outlier.pose)
+            .collect();
+        let true_ones: Vec<u32> = (poses.iter())
+            .map(|&pose| folder.tcp_poses[pose].pose)
+            .filter(|pose| simulated.truth.outliers.contains(pose))
+            .collect();
+        let is_in = |all: &[u32], pose: &u32| all.contains(pose);
+        counts.left_out += listed.len();
+        counts.wrongly += listed
+            .iter()
+            .filter(|pose| !is_in(&true_ones, pose))
+            .count();
+        let missed = true_ones
+            .iter()
+            .filter(|pose| !is_in(&listed, pose))
+            .count();
+        counts.missed += missed;
+        if missed > 0 {
+            eprintln!("{}, {seed}: of {true_ones:?} found {listed:?}", case.name);
+        }
+    }
+    counts
+}

@@ -1,0 +1,528 @@
+//! Weights of poses in a calibration: outliers, losses that bound their pull, repeated readings.
+//!
+//! Poses are judged by all their closures together, whitened: the squared norm of a pose's residual, in the noise and in
+//! what the fit to the other poses leaves open, is χ² with as many degrees of freedom as closures. An outlier lies beyond
+//! what the largest of so many poses hardly exceeds (see [`outliers`]), at the stated noise or, where residuals are
+//! larger, at the scale that most of them have: larger noise, or an effect that the model lacks, makes no outliers.
+
+mod loss;
+mod repeats;
+
+use nalgebra::{DMatrix, DVector};
+use tau_robot::robot_file::Noise;
+
+use crate::calibration::{Error, Prepared};
+use crate::joint::descent::{Descent, not_converged};
+use crate::joint::{Component, Joint};
+use crate::numerics::parallel;
+use crate::samples::Sample;
+use crate::samples::outliers;
+use repeats::ByVisit;
+
+pub use loss::Loss;
+pub use repeats::Repeats;
+
+/// Treatment of outliers.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Treatment {
+    /// A loss that bounds their pull; without one they are left out.
+    pub loss: Option<Loss>,
+    /// True if they are listed but count like all others.
+    pub keep_outliers: bool,
+}
+
+/// A measurement far off all others.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Outlier {
+    /// Name of the file.
+    pub file: &'static str,
+    /// Number of the pose in the file.
+    pub pose: u32,
+    /// Root mean square of its residuals against a fit to the others, over what the stated noise lets expect.
+    pub sigmas: f64,
+    /// Weight of its squares in the fit, between 0 and 1.
+    pub weight: f64,
+}
+
+impl Outlier {
+    /// True if it took no part in the fit.
+    pub fn is_left_out(&self) -> bool {
+        self.weight == 0.0
+    }
+}
+
+/// Weights of poses.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Weighing {
+    /// Factor on the squares of each pose in the fit.
+    pub fit: Vec<f64>,
+    /// The same of those by which standard deviations are told.
+    pub information: Vec<f64>,
+    /// True for each pose that is no outlier, or kept all the same: the verdict is on these.
+    pub judged: Vec<bool>,
+    /// Variance of each pose over the stated one, for what readings of a visit share.
+    pub inflation: Vec<f64>,
+    /// Outliers by number.
+    pub outliers: Vec<Outlier>,
+    /// The residual over the noise, as that of [`Outlier::sigmas`], from which on a pose is an outlier.
+    pub limit_sigmas: f64,
+    /// Repeated readings, if there are any.
+    pub repeats: Option<Repeats>,
+    /// A reason why poses far off are not left out.
+    pub kept_because: Option<String>,
+    /// The loss, if there is one.
+    pub loss: Option<Loss>,
+}
+
+/// More poses than these are weighed by as many of them, in whole visits: what those tell of the scale leaves nothing to
+/// ask, and whitened derivatives of all would need gigabytes.
+const MOST_POSES: usize = 4000;
+/// Rounds in which outliers lose their pull, and in which they are left out and taken back.
+const ROUNDS: usize = 20;
+/// Changes of a scale or a variance below this share are none.
+const SAME: f64 = 0.01;
+/// Changes of weights below this are none.
+const SAME_WEIGHT: f64 = 1e-3;
+/// Share of all poses above which those far off are no outliers but part of what is measured.
+const MOST_OUTLIERS: f64 = 0.1;
+
+impl Weighing {
+    /// Every pose counts as it is.
+    pub(crate) fn even(poses: usize) -> Self {
+        Self {
+            fit: vec![1.0; poses],
+            information: vec![1.0; poses],
+            judged: vec![true; poses],
+            inflation: vec![1.0; poses],
+            ..Self::default()
+        }
+    }
+
+    /// True if all poses count as they are.
+    pub(crate) fn is_even(&self) -> bool {
+        let all = self.fit.iter().chain(&self.information);
+        all.copied().all(|weight| weight == 1.0)
+    }
+
+    /// Of poses, as many as are weighed, those that take part.
+    pub fn taking_part<'a>(&'a self, poses: &'a [usize]) -> impl Iterator<Item = usize> + 'a {
+        let weighed = poses.iter().zip(&self.fit);
+        weighed
+            .filter(|(_, weight)| **weight > 0.0)
+            .map(|(&pose, _)| pose)
+    }
+
+    /// Lists outliers among samples, with the weights that they have.
+    fn list(&mut self, sums: &[(f64, f64)], is_outlier: &[bool], samples: &[Sample]) {
+        let far = (0..samples.len()).filter(|&index| is_outlier[index]);
+        self.outliers = far
+            .map(|index| Outlier {
+                file: "tcp_poses.csv",
+                pose: samples[index].number,
+                sigmas: (sums[index].0 / sums[index].1.max(1.0)).sqrt(),
+                weight: self.fit[index],
+            })
+            .collect();
+        self.outliers.sort_by_key(|outlier| outlier.pose);
+    }
+
+    /// Of poses that took no part in a fit, by their sums of squares in the noise and in what the fit leaves open, and
+    /// their numbers of residuals.
+    pub(crate) fn of_predicted(
+        sums: &[(f64, f64)],
+        samples: &[Sample],
+        treatment: Treatment,
+    ) -> Self {
+        let far = Far::of(sums, samples);
+        let is_outlier = far.outliers(sums, samples);
+        let mut weighing = Self::even(samples.len());
+        weighing.limit_sigmas = far.limit_sigmas(sums);
+        weighing.kept_because = far.too_many(sums, &is_outlier);
+        if !treatment.keep_outliers {
+            for (index, is_outlier) in is_outlier.iter().enumerate() {
+                weighing.judged[index] = !is_outlier;
+                weighing.fit[index] = f64::from(u8::from(!is_outlier));
+            }
+        }
+        weighing.list(sums, &is_outlier, samples);
+        weighing
+    }
+
+    /// The same with all outliers, because of something.
+    pub(crate) fn keeping_outliers(mut self, because: String) -> Self {
+        for (weight, inflation) in self.fit.iter_mut().zip(&self.inflation) {
+            *weight = inflation.recip();
+        }
+        self.information.clone_from(&self.fit);
+        self.judged.fill(true);
+        self.outliers
+            .iter_mut()
+            .for_each(|outlier| outlier.weight = 1.0);
+        self.kept_because = Some(because);
+        self
+    }
+}
+
+/// Weighs poses of set 1 from values of the variant that fit them all.
+///
+/// # Errors
+/// Data that closures take are missing; derivatives that are not finite.
+pub(crate) fn weigh(
+    prepared: &Prepared,
+    values: &[f64],
+    samples: &[Sample],
+    noise: Noise,
+    treatment: Treatment,
+) -> Result<Weighing, Error> {
+    let few = few(samples);
+    let of_few: Vec<Sample> = few.iter().map(|&index| samples[index].clone()).collect();
+    let joint = Joint::new(prepared.machine.clone(), &prepared.nominal, &of_few, noise)?;
+    let joint = joint.with_path_noise(&of_few, noise.position_m);
+    let start = joint.fitted(values);
+    let even = vec![1.0; of_few.len()];
+    let descent = Descent::from(joint, start, [1.0; 4], even)?.converged()?;
+    let mut fit = Robust::of(descent, samples)?;
+    if fit.is_any_beyond() || treatment.loss.is_some() {
+        fit = fit.with_outliers_held_back()?;
+        if treatment.loss.is_none() {
+            fit = fit.without_outliers(&of_few)?;
+        }
+    }
+    let tuned = treatment.loss.map(|loss| loss.tuned(fit.residuals));
+    if let Some(tuned) = &tuned {
+        fit = fit.under(tuned)?;
+    }
+
+    let all = if few.len() == samples.len() {
+        fit.sums.clone()
+    } else {
+        let values = fit.descent.joint.values(&fit.descent.fitted);
+        sums_at(prepared, &values, samples, noise)?
+    };
+    let is_outlier = fit.far.outliers(&all, samples);
+    let squares: Vec<f64> = if few.len() == samples.len() {
+        fit.norms().iter().map(|norm| norm * norm).collect()
+    } else {
+        all.iter().map(|sum| sum.0).collect()
+    };
+    let mut weighing = Weighing::even(samples.len());
+    weighing.loss = treatment.loss;
+    weighing.limit_sigmas = fit.far.limit_sigmas(&all);
+    weighing.kept_because = fit.far.too_many(&all, &is_outlier);
+    let weight_of = |square: f64, is_outlier: bool| match &tuned {
+        Some(tuned) => tuned.weight((square / fit.far.variance).sqrt()),
+        None if is_outlier && !treatment.keep_outliers => 0.0,
+        None => 1.0,
+    };
+    if let Some(tuned) = &tuned {
+        let norms: Vec<f64> = (fit.norms().iter())
+            .map(|norm| norm / fit.far.variance.sqrt())
+            .collect();
+        let variance = tuned.variance(&norms, fit.absorbed()?);
+        weighing.information.fill(variance.recip());
+    }
+    for (index, &is_outlier) in is_outlier.iter().enumerate() {
+        let weight = weight_of(squares[index], is_outlier);
+        weighing.fit[index] = weight;
+        weighing.judged[index] = !is_outlier || treatment.keep_outliers;
+        if weight == 0.0 && tuned.is_none() {
+            weighing.information[index] = 0.0;
+        }
+    }
+    weighing.list(&all, &is_outlier, samples);
+    let kept: Vec<bool> = few.iter().map(|&index| weighing.judged[index]).collect();
+    if let Some((repeats, inflate)) = fit.repeats(&of_few, &kept)? {
+        let mut readings = vec![0.0; Sample::units(samples)];
+        for (sample, _) in samples.iter().zip(&weighing.judged).filter(|(_, is)| **is) {
+            readings[sample.unit] += 1.0;
+        }
+        for (index, sample) in samples.iter().enumerate() {
+            let inflation = inflate(f64::max(readings[sample.unit], 1.0));
+            weighing.inflation[index] = inflation;
+            weighing.fit[index] /= inflation;
+            weighing.information[index] /= inflation;
+        }
+        weighing.repeats = Some(repeats);
+    }
+    Ok(weighing)
+}
+
+/// Indices of samples by which all are weighed: whole visits, evenly spread.
+fn few(samples: &[Sample]) -> Vec<usize> {
+    let visits = Sample::units(samples);
+    let count = visits * MOST_POSES / samples.len().max(MOST_POSES);
+    let is_chosen = |visit: usize| (visit * count) / visits < ((visit + 1) * count) / visits;
+    let all = 0..samples.len();
+    all.filter(|&index| is_chosen(samples[index].unit))
+        .collect()
+}
+
+/// Sum of squares and number of residuals of every pose at values to which one more pose makes no difference.
+fn sums_at(
+    prepared: &Prepared,
+    values: &[f64],
+    samples: &[Sample],
+    noise: Noise,
+) -> Result<Vec<(f64, f64)>, Error> {
+    let chunks: Vec<&[Sample]> = samples.chunks(MOST_POSES).collect();
+    let of_chunks = parallel::map(&chunks, |chunk| {
+        let joint = Joint::new(prepared.machine.clone(), &prepared.nominal, chunk, noise)?;
+        let factors = joint.factors(&[1.0; 4], &vec![1.0; chunk.len()]);
+        let residuals = joint.residuals(&joint.fitted(values), &factors);
+        Ok(joint.sums(&residuals, chunk.len()))
+    });
+    let all: Result<Vec<_>, Error> = of_chunks.into_iter().collect();
+    Ok(all?.concat())
+}
+
+/// Bounds of what is far off.
+#[derive(Debug, Clone, Copy)]
+struct Far {
+    /// χ² that a pose hardly exceeds where it is the largest of all.
+    limit: f64,
+    /// Variance of residuals over the stated one, at least 1.
+    variance: f64,
+}
+
+impl Far {
+    /// By the sums of squares of some poses, to be asked about samples.
+    fn of(sums: &[(f64, f64)], samples: &[Sample]) -> Self {
+        let residuals = sums.first().map_or(1.0, |sum| sum.1);
+        let limits = outliers::limits(&vec![residuals; samples.len()], samples);
+        Self {
+            limit: limits.first().copied().unwrap_or(f64::INFINITY),
+            variance: outliers::variance(sums).max(1.0),
+        }
+    }
+
+    /// The largest root mean square of a pose's residuals that is expected.
+    fn limit_sigmas(&self, sums: &[(f64, f64)]) -> f64 {
+        let residuals = sums.first().map_or(1.0, |sum| sum.1.max(1.0));
+        (self.limit * self.variance / residuals).sqrt()
+    }
+
+    /// Poses that are outliers by their sums of squares; those that crowd along a track are none.
+    fn outliers(&self, sums: &[(f64, f64)], samples: &[Sample]) -> Vec<bool> {
+        let beyond: Vec<usize> = (0..sums.len())
+            .filter(|&index| sums[index].0 > self.limit * self.variance)
+            .collect();
+        let mut is_outlier = vec![false; sums.len()];
+        for index in outliers::split(&beyond, samples).outliers {
+            is_outlier[index] = true;
+        }
+        is_outlier
+    }
+
+    /// Why poses are kept that lie further off than most let expect.
+    fn too_many(&self, sums: &[(f64, f64)], is_outlier: &[bool]) -> Option<String> {
+        let left_out = is_outlier.iter().filter(|is| **is).count();
+        let most = outliers::variance_of_most(sums).max(1.0);
+        let far = sums.iter().filter(|sum| sum.0 > self.limit * most).count();
+        let is_many = far as f64 > MOST_OUTLIERS * sums.len() as f64;
+        (is_many && far > left_out).then(|| {
+            format!(
+                "{far} of {} poses lie further off than most of them let expect: too many to be outliers, so that {} \
+                 kept.",
+                sums.len(),
+                if left_out == 0 { "they are" } else { "most are" }
+            )
+        })
+    }
+}
+
+/// A fit to poses, with how far each lies from a fit to the others.
+struct Robust {
+    descent: Descent,
+    /// Number of residuals of a pose.
+    residuals: usize,
+    /// Of each pose, against a fit to the others.
+    sums: Vec<(f64, f64)>,
+    far: Far,
+}
+
+impl Robust {
+    /// `all` are the poses that are asked about, the fit may have fewer.
+    fn of(descent: Descent, all: &[Sample]) -> Result<Self, Error> {
+        let poses = descent.weights.len();
+        let residuals = descent.joint.rows.len() / poses.max(1);
+        let sums = deleted(&descent, residuals)?;
+        Ok(Self {
+            far: Far::of(&sums, all),
+            sums,
+            residuals,
+            descent,
+        })
+    }
+
+    fn with(mut self, weights: Vec<f64>) -> Result<Self, Error> {
+        self.descent = self.descent.refactored([1.0; 4], weights)?.converged()?;
+        self.sums = deleted(&self.descent, self.residuals)?;
+        self.far.variance = outliers::variance(&self.sums).max(1.0);
+        Ok(self)
+    }
+
+    /// True if any pose is larger than the largest is expected to be at the stated noise.
+    fn is_any_beyond(&self) -> bool {
+        self.sums.iter().any(|sum| sum.0 > self.far.limit)
+    }
+
+    /// The same with poses that lie far off counting less, until their scale stays.
+    fn with_outliers_held_back(mut self) -> Result<Self, Error> {
+        for _ in 0..ROUNDS {
+            let before = self.far.variance;
+            let scaled: Vec<(f64, f64)> = (self.sums.iter())
+                .map(|&(sum, count)| (sum / self.far.variance, count))
+                .collect();
+            self = self.with(outliers::weights(&scaled))?;
+            if (self.far.variance / before).ln().abs() < SAME {
+                break;
+            }
+        }
+        Ok(self)
+    }
+
+    /// The same with outliers left out, and those taken back that are none.
+    fn without_outliers(mut self, samples: &[Sample]) -> Result<Self, Error> {
+        for _ in 0..ROUNDS {
+            let is_outlier = self.far.outliers(&self.sums, samples);
+            let weights: Vec<f64> = is_outlier
+                .iter()
+                .map(|is| f64::from(u8::from(!is)))
+                .collect();
+            if weights == self.descent.weights {
+                break;
+            }
+            self = self.with(weights)?;
+        }
+        Ok(self)
+    }
+
+    /// The same under a loss.
+    fn under(mut self, loss: &loss::Tuned) -> Result<Self, Error> {
+        for _ in 0..ROUNDS {
+            let norms = self.norms();
+            let weights: Vec<f64> = (norms.iter())
+                .map(|norm| loss.weight(norm / self.far.variance.sqrt()).sqrt())
+                .collect();
+            let change = (weights.iter().zip(&self.descent.weights))
+                .map(|(now, before)| (now - before).abs())
+                .fold(0.0, f64::max);
+            self = self.with(weights)?;
+            if change < SAME_WEIGHT {
+                break;
+            }
+        }
+        Ok(self)
+    }
+
+    /// Residuals of the poses at the fit, as they count where they count wholly.
+    fn plain_residuals(&self) -> DVector<f64> {
+        let Descent { joint, fitted, .. } = &self.descent;
+        let factors = joint.factors(&[1.0; 4], &vec![1.0; self.descent.weights.len()]);
+        let rows = joint.rows.len();
+        joint.residuals(fitted, &factors).rows(0, rows).into_owned()
+    }
+
+    /// Norms of the poses' residuals.
+    fn norms(&self) -> Vec<f64> {
+        let residuals = self.plain_residuals();
+        let chunks = residuals.as_slice().chunks(self.residuals.max(1));
+        chunks
+            .map(|own| own.iter().map(|r| r * r).sum::<f64>().sqrt())
+            .collect()
+    }
+
+    /// Number of residuals that the fit absorbs.
+    fn absorbed(&self) -> Result<f64, Error> {
+        let factor = self.descent.normal.inverse_factor();
+        let factor = factor.ok_or_else(|| not_finite(&self.descent))?;
+        let absorbed: [f64; Component::ALL.len()] = self.descent.normal.absorbed(&factor);
+        Ok(absorbed[Component::Closure as usize])
+    }
+
+    /// Repeated readings among the kept poses, and the variance of a reading of a visit with so many, over the stated one;
+    /// none without any.
+    #[expect(clippy::type_complexity, reason = "a result and what follows from it")]
+    fn repeats(
+        mut self,
+        samples: &[Sample],
+        kept: &[bool],
+    ) -> Result<Option<(Repeats, impl Fn(f64) -> f64)>, Error> {
+        let plain = ByVisit::of(samples, &self.plain_residuals(), kept);
+        if !plain.has_repeats() {
+            return Ok(None);
+        }
+        let degrees = |fit: &Self, visits: &ByVisit| -> Result<f64, Error> {
+            Ok((visits.rows() - fit.absorbed()?).max(1.0))
+        };
+        let mut readings = vec![0.0; Sample::units(samples)];
+        for (sample, _) in samples.iter().zip(kept).filter(|(_, kept)| **kept) {
+            readings[sample.unit] += 1.0;
+        }
+        let weights = self.descent.weights.clone();
+        let plain_degrees = degrees(&self, &plain)?;
+        let mut visits = ByVisit::of(samples, &self.plain_residuals(), kept);
+        let mut shared = visits.shared(plain_degrees);
+        for _ in 0..ROUNDS {
+            if shared == 0.0 {
+                break;
+            }
+            let weighed = weights.iter().zip(samples).map(|(weight, sample)| {
+                let count = f64::max(readings[sample.unit], 1.0);
+                weight / visits.inflation(shared, count).sqrt()
+            });
+            self = self.with(weighed.collect())?;
+            visits = ByVisit::of(samples, &self.plain_residuals(), kept);
+            let before = shared;
+            shared = visits.shared(degrees(&self, &visits)?);
+            if (shared - before).abs() <= SAME * before {
+                break;
+            }
+        }
+        let found = visits.found(
+            &plain,
+            shared,
+            (degrees(&self, &visits)?, plain_degrees),
+            repeats::repeatability(samples, kept),
+        );
+        Ok(Some((found, move |count| visits.inflation(shared, count))))
+    }
+}
+
+fn not_finite(descent: &Descent) -> Error {
+    not_converged(&descent.joint, "the derivatives are not finite")
+}
+
+/// Sum of squares of each pose's residuals against a fit to all others, in units of the noise and of what that fit leaves
+/// open, and their number.
+///
+/// With P what the fit leaves open of a pose's residuals r, and f the factor with which they take part in it, a fit to the
+/// others misses them by e = (1 − f²P)⁻¹r, which have the covariance 1 + P(1 − f²P)⁻¹ (R. D. Cook and S. Weisberg,
+/// *Residuals and Influence in Regression*, 1982, section 2.2).
+fn deleted(descent: &Descent, residuals: usize) -> Result<Vec<(f64, f64)>, Error> {
+    let factor = descent.normal.inverse_factor();
+    let factor = factor.ok_or_else(|| not_finite(descent))?;
+    let joint = &descent.joint;
+    let ones = joint.factors(&[1.0; 4], &vec![1.0; descent.weights.len()]);
+    let linear = joint.linearize(&descent.fitted, &ones);
+    let spread = linear.jacobian.times(&factor);
+    let one = DMatrix::identity(residuals, residuals);
+    let of_pose = |(pose, weight): (usize, &f64)| {
+        let own = linear
+            .residuals
+            .rows(pose * residuals, residuals)
+            .into_owned();
+        let spread = spread.rows(pose * residuals, residuals);
+        let open = spread * spread.transpose();
+        let missed = (&one - &open * weight.powi(2))
+            .try_inverse()
+            .and_then(|others| {
+                let error = &others * &own;
+                let covariance = &one + &open * others;
+                Some(error.dot(&covariance.cholesky()?.solve(&error)))
+            });
+        let sum = missed.unwrap_or_else(|| own.norm_squared());
+        (sum, residuals as f64)
+    };
+    Ok(descent.weights.iter().enumerate().map(of_pose).collect())
+}

@@ -1,0 +1,176 @@
+//! Repeated readings: what they tell of the noise, and how much they count.
+//!
+//! Residuals of reading j of visit i are e + v: e differs between readings, v is shared by all of a visit (what the model
+//! lacks there, and what the machine does not repeat). Within a visit a model predicts the same, so the scatter of
+//! readings about their mean is pure error; what exceeds it between visits is v. Its variance is the one at which the
+//! squares of the visits' means are what is expected of them (R. C. Paule and J. Mandel, J. Res. NBS 87, 1982). Generalized
+//! least squares then is least squares with each reading of a visit weighted by (pure error)/(pure error + n·var v).
+
+use std::collections::BTreeMap;
+
+use nalgebra::{DVector, Matrix3, Vector3};
+use tau_kinematics::nearest_rotation;
+
+use crate::numerics::distribution::{bisect, f_survival};
+use crate::samples::Sample;
+
+/// What repeated readings tell.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Repeats {
+    /// Number of visits: commands at which there are readings.
+    pub visits: usize,
+    /// Number of readings.
+    pub readings: usize,
+    /// Readings less the visits that they belong to: degrees of freedom of each coordinate's repeatability.
+    pub degrees: usize,
+    /// Pooled standard deviation of a position's coordinate within visits (m).
+    pub position_m: f64,
+    /// The same of a component of the rotation vector (rad).
+    pub rotation_rad: f64,
+    /// Root mean square of the residuals within visits, over the stated noise.
+    pub within_over_noise: f64,
+    /// Root mean square of the residuals between visits, a reading's worth, over the stated noise.
+    pub between_over_noise: f64,
+    /// Squares between over squares within visits, each by its degrees of freedom: the lack-of-fit statistic, F.
+    pub lack_of_fit: f64,
+    /// Degrees of freedom between and within visits.
+    pub lack_of_fit_degrees: (f64, f64),
+    /// Chance of so large a statistic where the model lacks nothing and the machine repeats.
+    pub p_value: f64,
+    /// Standard deviation of what readings of a visit share, over the stated noise.
+    pub shared_over_noise: f64,
+    /// What is left between visits, over what the fit takes it to be.
+    pub(crate) excess: f64,
+}
+
+/// Residuals by visit.
+pub(super) struct ByVisit {
+    /// Readings and squared norm of the mean residual of each visit.
+    means: Vec<(f64, f64)>,
+    within: f64,
+    residuals: f64,
+    readings: usize,
+}
+
+impl ByVisit {
+    /// Of the samples that are kept; `residuals` holds as many of each, one after the other.
+    pub(super) fn of(samples: &[Sample], residuals: &DVector<f64>, kept: &[bool]) -> Self {
+        let each = residuals.len() / samples.len().max(1);
+        let mut groups: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
+        for (index, sample) in samples.iter().enumerate().filter(|(index, _)| kept[*index]) {
+            groups.entry(sample.unit).or_default().push(index);
+        }
+        let (mut means, mut within, mut readings) = (Vec::new(), 0.0, 0);
+        for group in groups.values() {
+            let of = |&sample: &usize| residuals.rows(sample * each, each);
+            let mut mean = DVector::zeros(each);
+            group.iter().for_each(|sample| mean += of(sample));
+            mean /= group.len() as f64;
+            let apart = group
+                .iter()
+                .map(|sample| (of(sample) - &mean).norm_squared());
+            within += apart.sum::<f64>();
+            readings += group.len();
+            means.push((group.len() as f64, mean.norm_squared()));
+        }
+        Self {
+            means,
+            within,
+            residuals: each as f64,
+            readings,
+        }
+    }
+
+    /// True if any visit has several readings.
+    pub(super) fn has_repeats(&self) -> bool {
+        self.readings > self.means.len()
+    }
+
+    /// Number of residuals of visits' means.
+    pub(super) fn rows(&self) -> f64 {
+        self.means.len() as f64 * self.residuals
+    }
+
+    /// Sum of squares of the visits' means, where the variance of a reading's worth of each is as given.
+    fn between(&self, variance: impl Fn(f64) -> f64) -> f64 {
+        let squares = self.means.iter();
+        squares.map(|&(n, square)| n * square / variance(n)).sum()
+    }
+
+    /// Variance of a reading within visits, in units of the stated one.
+    fn pure(&self) -> f64 {
+        let degrees = (self.readings - self.means.len()) as f64 * self.residuals;
+        (self.within / degrees.max(1.0)).max(1e-12)
+    }
+
+    /// Variance of what the readings of a visit share; `degrees` are those of the visits' means.
+    pub(super) fn shared(&self, degrees: f64) -> f64 {
+        let pure = self.pure();
+        let excess = |shared: f64| self.between(|n| pure + n * shared) - degrees;
+        if excess(0.0) <= 0.0 {
+            0.0
+        } else {
+            bisect(0.0, pure, excess)
+        }
+    }
+
+    /// Variance of a visit's mean times its `n` readings, over that of a reading as stated: the reading noise is taken
+    /// to be as stated, or less where readings agree better, and the whole never to be less than stated.
+    pub(super) fn inflation(&self, shared: f64, n: f64) -> f64 {
+        (self.pure().min(1.0) + n * shared).max(1.0)
+    }
+
+    /// What is found, where the variance that readings share has been determined; `degrees` are those of the visits' means
+    /// in the fit as weighed, and in the one that takes every reading for itself.
+    pub(super) fn found(
+        &self,
+        plain: &Self,
+        shared: f64,
+        (degrees, plain_degrees): (f64, f64),
+        (position_m, rotation_rad): (f64, f64),
+    ) -> Repeats {
+        let within_degrees = (self.readings - self.means.len()) as f64 * self.residuals;
+        let between = plain.between(|_| 1.0) / plain_degrees;
+        let lack_of_fit = between / plain.pure();
+        let left = self.between(|n| self.inflation(shared, n)) / degrees;
+        Repeats {
+            visits: self.means.len(),
+            readings: self.readings,
+            degrees: self.readings - self.means.len(),
+            position_m,
+            rotation_rad,
+            within_over_noise: plain.pure().sqrt(),
+            between_over_noise: between.sqrt(),
+            lack_of_fit,
+            lack_of_fit_degrees: (plain_degrees, within_degrees),
+            p_value: f_survival(lack_of_fit, plain_degrees, within_degrees),
+            shared_over_noise: shared.sqrt(),
+            excess: left.sqrt(),
+        }
+    }
+}
+
+/// Pooled standard deviations of measured positions (m) and rotations (rad) within visits, per coordinate.
+pub(super) fn repeatability(samples: &[Sample], kept: &[bool]) -> (f64, f64) {
+    let mut groups: BTreeMap<usize, Vec<&Sample>> = BTreeMap::new();
+    for (sample, _) in samples.iter().zip(kept).filter(|(_, kept)| **kept) {
+        groups.entry(sample.unit).or_default().push(sample);
+    }
+    let (mut position, mut rotation, mut degrees) = (0.0, 0.0, 0.0);
+    for group in groups.values().filter(|group| group.len() > 1) {
+        let count = group.len() as f64;
+        let sum: Vector3<f64> = group.iter().map(|sample| sample.pose.position).sum();
+        let turned: Matrix3<f64> = (group.iter())
+            .map(|sample| sample.pose.rotation.into_inner())
+            .sum();
+        let (mean, middle) = (sum / count, nearest_rotation(turned));
+        for sample in group {
+            position += (sample.pose.position - mean).norm_squared();
+            let apart = sample.pose.rotation * middle.inverse();
+            rotation += apart.scaled_axis().norm_squared();
+        }
+        degrees += 3.0 * (count - 1.0);
+    }
+    let deviation = |sum: f64| (sum / f64::max(degrees, 1.0)).sqrt();
+    (deviation(position), deviation(rotation))
+}
