@@ -80,7 +80,8 @@ pub(super) fn run(arguments: &arguments::Calibrate) -> Result<Outcome, Failure> 
     }
     statistics["cost"] = json!(found.cost);
     let mut summary = format!("{robot}, {variant}, {}\n\n", folder.name);
-    summary += &report::terminal::variant(&result, is_held_out);
+    let architecture = session.robot().architecture();
+    summary += &report::terminal::variant(&result, is_held_out, architecture);
     if let Some(fitted) = &comparison {
         let closure = study::result(&fitted.closure_fit, folder, validation)?;
         summary += &report::errors_in_variables::terminal(fitted, &result, &closure);

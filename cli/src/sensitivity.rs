@@ -15,7 +15,7 @@ pub(super) fn run(arguments: &arguments::Sensitivity) -> Result<Outcome, Failure
     let variant = arguments.variant.name.as_str();
     let found = session.sensitivity(&session.machine(variant)?, arguments.step)?;
     Ok(Outcome {
-        summary: report::terminal::sensitivity(&found),
+        summary: report::terminal::sensitivity(&found, session.robot().architecture()),
         remarks: session.remarks_for(variant)?,
         json: target.map(|target| (report::json::sensitivity(&found), target)),
         ..Outcome::default()

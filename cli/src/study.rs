@@ -8,6 +8,7 @@ use tau_robot::input_error::both;
 use super::deliver::{Outcome, Target, check_folder, written};
 use super::kept::Kept;
 use super::progress::{Bar, Spinner};
+use super::stamp::stamp;
 use super::{Console, Failure, arguments, resolve, trust};
 
 pub(super) fn run(arguments: &arguments::Study, console: &Console<'_>) -> Result<Outcome, Failure> {
@@ -33,7 +34,7 @@ pub(super) fn run(arguments: &arguments::Study, console: &Console<'_>) -> Result
         study::search(&mut results, &session, &mut |doing| spinner.show(doing));
     }
 
-    let files = report::study_files(out, &results);
+    let files = report::study_files(out, &results, &session.record(&stamp()));
     let paths = written(files.iter().map(|(path, _)| path.as_path()));
     let outcome = Outcome {
         summary: report::terminal::study(&results) + &paths,

@@ -8,12 +8,15 @@ mod discovery;
 mod elements;
 pub mod errors_in_variables;
 pub mod figures;
+mod first_page;
 mod findings;
 #[cfg(test)]
 mod fixture;
 pub mod html;
 pub mod json;
+mod machine;
 mod number;
+mod sections;
 mod tables;
 pub mod terminal;
 #[cfg(test)]

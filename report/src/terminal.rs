@@ -5,6 +5,7 @@ use std::borrow::Cow;
 use tau::discovery::Discovery;
 use tau::evaluation::Evaluation;
 use tau::evaluation::{Summary, VariantResult};
+use tau::robot::Architecture;
 use tau::sensitivity::Sensitivity;
 use tau::session::Basis;
 use tau::study::results::Study;
@@ -24,7 +25,7 @@ pub fn study(study: &Study) -> String {
     let mut text = format!("{}, {}\n\n", study.robot, study.folder);
     let mut say = |sentence: &str| text += &wrap(sentence, "");
     let has_cart_poses = findings::has_cart_poses(study);
-    say(&findings::poses(study.poses, has_cart_poses));
+    say(&findings::poses(study.poses, has_cart_poses, study.architecture));
     say(&findings::noise(study.noise));
     for remark in &study.remarks {
         say(remark);
@@ -37,11 +38,11 @@ pub fn study(study: &Study) -> String {
     text += &trust::terminal::of_study(study);
     text.push('\n');
     for variant in &study.variants {
-        text += &render(&tables::geometry(variant));
+        text += &render(&tables::geometry(variant, study.architecture));
         text.push('\n');
     }
     if let Some(found) = &study.sensitivity {
-        text += &sensitivity(found);
+        text += &sensitivity(found, study.architecture);
         text.push('\n');
     }
     text += "Assumptions\n";
@@ -113,7 +114,7 @@ pub fn discovery(found: &Discovery) -> String {
 /// One variant: its row of Table I in words, Table II, and what the data determine.
 ///
 /// Unless the poses of its errors are held out, they are the calibration's own.
-pub fn variant(result: &VariantResult, is_held_out: bool) -> String {
+pub fn variant(result: &VariantResult, is_held_out: bool, of: Architecture) -> String {
     let basis = if is_held_out {
         Basis::HeldOut
     } else {
@@ -125,7 +126,7 @@ pub fn variant(result: &VariantResult, is_held_out: bool) -> String {
         (result.pose_errors.len(), basis),
     ) + &(result.fit.as_ref()).map_or_else(String::new, trust::terminal::verdict)
         + "\n"
-        + &render(&tables::geometry(result))
+        + &render(&tables::geometry(result, of))
         + "\n"
         + &determined(result);
     printable(&text)
@@ -175,8 +176,8 @@ fn position_and_orientation(
 }
 
 /// Table III, with what it was computed for and how well its two ways agree.
-pub fn sensitivity(sensitivity: &Sensitivity) -> String {
-    let tables = tables::sensitivity(sensitivity);
+pub fn sensitivity(sensitivity: &Sensitivity, of: Architecture) -> String {
+    let tables = tables::sensitivity(sensitivity, of);
     let mut text: String = tables.iter().map(|table| render(table) + "\n").collect();
     text += &wrap(
         &format!(

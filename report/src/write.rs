@@ -6,6 +6,7 @@ use std::fs;
 use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
 
+use tau::session::Record;
 use tau::study::results::Study;
 
 use super::{figures, html, json};
@@ -19,17 +20,17 @@ use super::{figures, html, json};
 /// # Errors
 ///
 /// An error of the file system, with its path.
-pub fn write_study(folder: &Path, study: &Study) -> io::Result<Vec<PathBuf>> {
-    let files = study_files(folder, study);
+pub fn write_study(folder: &Path, study: &Study, record: &Record) -> io::Result<Vec<PathBuf>> {
+    let files = study_files(folder, study, record);
     write_files(&files)?;
     Ok(files.into_iter().map(|(path, _)| path).collect())
 }
 
 /// Files of [`write_study`]: paths and contents.
-pub fn study_files(folder: &Path, study: &Study) -> Vec<(PathBuf, String)> {
+pub fn study_files(folder: &Path, study: &Study, record: &Record) -> Vec<(PathBuf, String)> {
     let figures = figures::all(study);
     let mut files = vec![
-        ("report.html", html::page(study, &figures)),
+        ("report.html", html::page(study, &figures, record)),
         ("study.json", format!("{:#}\n", json::study(study))),
     ];
     files.extend(

@@ -16,6 +16,8 @@ use crate::samples::frames::Frames;
 use crate::trust::mistake::Mistake;
 use crate::trust::verdict::mistakes;
 
+/// Lacked by effects of carts where there are none: nothing that could be measured would bring them into sight.
+const NO_CART: &str = "a cart: the machine has none";
 /// Commands and poses that differ by less (m) are the same: below what drives and trackers resolve.
 const SAME_M: f64 = 1e-6;
 
@@ -373,7 +375,7 @@ fn lacks(effect: &Effect, model: &Model, file: &RobotFile, folder: &Folder) -> V
     let poses = &folder.tcp_poses;
     let is_on_cart = !matches!(effect.subject, Subject::Link | Subject::Tcp);
     if is_on_cart && model.tracks.is_empty() {
-        lacks.insert("a cart: the machine has none");
+        lacks.insert(NO_CART);
     }
     for quantity in effect.quantities() {
         let missing = match quantity {
@@ -438,14 +440,16 @@ fn missing(robot: &Robot, folder: &Folder, effects: &[Sight]) -> Vec<Gap> {
                     .to_owned(),
         });
     }
-    let lacking: BTreeSet<&'static str> = effects
-        .iter()
+    let within_reach = || {
+        let effects = effects.iter();
+        effects.filter(|effect| !effect.lacks.contains(&NO_CART))
+    };
+    let lacking: BTreeSet<&'static str> = within_reach()
         .flat_map(|effect| effect.lacks.iter().copied())
         .filter(|what| what.starts_with("column") || what.starts_with('['))
         .collect();
     for what in lacking {
-        let names: Vec<&str> = effects
-            .iter()
+        let names: Vec<&str> = within_reach()
             .filter(|effect| effect.lacks.contains(&what))
             .map(|effect| effect.name.as_str())
             .collect();

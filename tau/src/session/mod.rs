@@ -24,9 +24,9 @@ use tau_runtime::DeclaredRobot;
 pub use calibrated::Calibrated;
 #[cfg(feature = "discovery")]
 pub use discovery::Catalogues;
-pub use files::Files;
+pub use files::{Files, Input};
 pub use key::{ParameterKey, VariantKey};
-pub use provenance::{Basis, Stamp};
+pub use provenance::{Basis, Record, Stamp};
 
 /// Stands in for a declared robot where the description is compiled at run time, so that variants and parameters
 /// go by name: see [`Session::open_with_robot`].
@@ -62,6 +62,7 @@ pub struct Session<R = Described> {
     robot_file: RobotFile,
     folder: Folder,
     split: Split,
+    inputs: Vec<Input>,
     declared: PhantomData<fn() -> R>,
 }
 
@@ -99,7 +100,10 @@ impl Session<Described> {
 impl<R> Session<R> {
     fn read(robot: Robot, files: &Files) -> Result<Self, InputError> {
         let (folder, robot_file) = files.read(&robot)?;
-        Ok(Self::new(robot, folder, robot_file))
+        Ok(Self {
+            inputs: files.inputs(),
+            ..Self::new(robot, folder, robot_file)
+        })
     }
 
     fn new(robot: Robot, folder: Folder, robot_file: RobotFile) -> Self {
@@ -108,6 +112,7 @@ impl<R> Session<R> {
             robot_file,
             folder,
             split: Split::default(),
+            inputs: vec![],
             declared: PhantomData,
         }
     }
@@ -273,6 +278,7 @@ impl<R> Clone for Session<R> {
             robot: self.robot.clone(),
             robot_file: self.robot_file.clone(),
             folder: self.folder.clone(),
+            inputs: self.inputs.clone(),
             ..*self
         }
     }

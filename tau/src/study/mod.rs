@@ -8,6 +8,7 @@ use tau_estimation::calibration::{self, Calibration, Error, calibrate};
 use tau_estimation::evaluation::{VariantResult, evaluate};
 use tau_estimation::sensitivity;
 use tau_estimation::trust::{self, of_calibration_knowing};
+use tau_kinematics::{Layout, Pose};
 use tau_robot::effects::CATALOGUE;
 use tau_robot::measurements::{Folder, Poses};
 use tau_robot::robot::{Arm, Robot, TrackShape, Variant};
@@ -56,6 +57,7 @@ pub fn run<R>(
     next("checking assumptions");
     let assumptions = assumptions::check(robot, file, folder);
     let mut results = Vec::new();
+    let mut layouts = Vec::new();
     let mut full = None;
     for variant in variants {
         next(&format!("calibrating {}", variant.name));
@@ -73,6 +75,7 @@ pub fn run<R>(
         let fit = of_calibration_knowing(&calibration, file, folder, poses, &mut mistakes)?;
         found.fit = Some(fit);
         results.push(found);
+        layouts.extend(layout(&calibration, folder));
         if variant.arm == Arm::Full {
             full = Some(calibration);
         }
@@ -94,8 +97,9 @@ pub fn run<R>(
         done: steps,
         steps,
     });
-    Ok(Study {
+    let mut study = Study {
         robot: robot.name.clone(),
+        architecture: robot.architecture(),
         folder: folder.name.clone(),
         poses: counts,
         noise: (file.noise.position_m, file.noise.rotation_rad),
@@ -104,8 +108,29 @@ pub fn run<R>(
         check: Some(check),
         sensitivity,
         discovery: None,
+        layout: None,
         remarks,
-    })
+    };
+    let drawn = study.fit().map(|(variant, _)| variant.name.clone());
+    let mut layouts = layouts.into_iter();
+    study.layout = layouts.find(|layout| Some(&layout.variant) == drawn.as_ref());
+    Ok(study)
+}
+
+/// The machine of a calibration at the reference pose that it found, its tracks as far as the measured commands reach.
+pub fn layout(calibration: &Calibration, folder: &Folder) -> Option<Layout> {
+    let reference = calibration.file.reference.as_ref()?;
+    let machine = &calibration.machine;
+    let ranges: Vec<(f64, f64)> = (0..machine.robot.commands)
+        .map(|command| {
+            let commands = folder.tcp_poses.iter().map(|pose| pose.commands_m[command]);
+            commands.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), q| {
+                (low.min(q), high.max(q))
+            })
+        })
+        .collect();
+    let pose = Pose::from_zyz(reference.position_m, reference.orientation_rad);
+    Some(machine.layout(&pose, &reference.commands_m, &ranges))
 }
 
 /// Adds to a study what the variant of [`base`] lacks; why there is no search, or why it failed, is
