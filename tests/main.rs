@@ -3,6 +3,7 @@
 mod assembly;
 mod bad_input;
 mod blocks;
+mod browser;
 mod calibration;
 mod cli;
 mod codegen;

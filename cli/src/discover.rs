@@ -71,7 +71,11 @@ pub(super) fn run(
                 noise: (file.noise.position_m, file.noise.rotation_rad),
                 architecture: robot.architecture(),
                 layout,
-                measured_m: folder.tcp_poses.iter().map(|pose| pose.position_m).collect(),
+                measured_m: folder
+                    .tcp_poses
+                    .iter()
+                    .map(|pose| pose.position_m)
+                    .collect(),
                 record: session.record(&stamp()),
             };
             let page = report::html::discovery_page(discovery, &setting, &robot.name, &folder.name);

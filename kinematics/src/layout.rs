@@ -90,8 +90,7 @@ impl Machine {
     /// The joints at a pose and its commands (m); `ranges_m` are the lowest and highest of each command, between which
     /// tracks are drawn.
     pub fn layout(&self, pose: &Pose, commands_m: &[f64], ranges_m: &[(f64, f64)]) -> Layout {
-        let command =
-            |track: Option<usize>| track.and_then(|track| commands_m.get(track)).copied();
+        let command = |track: Option<usize>| track.and_then(|track| commands_m.get(track)).copied();
         let mut links = Vec::new();
         let mut joints = Vec::new();
         for closure in self.closure_instances() {
@@ -135,9 +134,7 @@ impl Machine {
                 }
                 let now = command(Some(track))?;
                 let (low, high) = ranges_m.get(track).copied().unwrap_or((now, now));
-                let at = |step: usize| {
-                    low + (high - low) * step as f64 / (PATH_POINTS - 1) as f64
-                };
+                let at = |step: usize| low + (high - low) * step as f64 / (PATH_POINTS - 1) as f64;
                 let is_straight = self.variant.tracks[track].shape != TrackShape::Piecewise;
                 let steps: Vec<usize> = if is_straight {
                     vec![0, PATH_POINTS - 1]
@@ -251,6 +248,9 @@ mod tests {
     #[test]
     fn two_joints_are_a_line() {
         let points = [Vector3::x(), Vector3::y()];
-        assert_eq!(outline(points.into_iter()), [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]);
+        assert_eq!(
+            outline(points.into_iter()),
+            [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
+        );
     }
 }

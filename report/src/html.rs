@@ -79,10 +79,16 @@ pub fn discovery_page(found: &Discovery, setting: &Setting, robot: &str, folder:
         parts.map(|part| Section::new(part.id, part.title, part.body))
     };
     let contents = Contents {
-        evidence: std::iter::once(found_section).chain(sections(evidence)).collect(),
+        evidence: std::iter::once(found_section)
+            .chain(sections(evidence))
+            .collect(),
         appendices: sections(appendices).collect(),
     };
-    document(&heading, &first_page::of_discovery(found, setting, robot), &contents)
+    document(
+        &heading,
+        &first_page::of_discovery(found, setting, robot),
+        &contents,
+    )
 }
 
 fn document(heading: &Heading<'_>, first: &Markup, contents: &Contents) -> String {

@@ -8,8 +8,8 @@ mod discovery;
 mod elements;
 pub mod errors_in_variables;
 pub mod figures;
-mod first_page;
 mod findings;
+mod first_page;
 #[cfg(test)]
 mod fixture;
 pub mod html;
@@ -17,6 +17,7 @@ pub mod json;
 mod machine;
 mod number;
 mod sections;
+mod stale;
 mod tables;
 pub mod terminal;
 #[cfg(test)]
@@ -27,4 +28,5 @@ mod write;
 
 pub use discovery::method::Setting;
 pub use figures::Figure;
+pub use stale::stale_figures;
 pub use write::{folder_of, study_files, write_files, write_study};

@@ -28,11 +28,13 @@ pub(super) fn of_study(
         "Errors at the validation poses",
         errors(study, figures),
     )];
-    evidence.extend(
-        study
-            .fit()
-            .map(|(variant, _)| Section::new("residuals", "Residuals against the noise", residuals(variant))),
-    );
+    evidence.extend(study.fit().map(|(variant, _)| {
+        Section::new(
+            "residuals",
+            "Residuals against the noise",
+            residuals(variant),
+        )
+    }));
     evidence.push(lacking(study, figures, record));
     let mut appendices = vec![
         Section::new("method", "How the figures were obtained", method(study)),
@@ -44,7 +46,11 @@ pub(super) fn of_study(
         Section::new("geometry", "Calibrated geometry", geometry(study)),
     ];
     if study.sensitivity.is_some() {
-        appendices.push(Section::new("sensitivity", "Sensitivity", sensitivity(study, figures)));
+        appendices.push(Section::new(
+            "sensitivity",
+            "Sensitivity",
+            sensitivity(study, figures),
+        ));
     }
     appendices.extend([
         Section::new("determined", "What the data determine", determined(study)),

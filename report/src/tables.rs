@@ -96,7 +96,11 @@ pub(super) fn errors(study: &Study) -> Table {
         })
         .collect();
     Table {
-        title: numbered("Table I", "Errors at the validation poses", study.architecture),
+        title: numbered(
+            "Table I",
+            "Errors at the validation poses",
+            study.architecture,
+        ),
         columns: columns(&[
             ("", &["Variant"]),
             ("Position error (µm)", &["mean", "max", "rms"]),

@@ -25,7 +25,11 @@ pub fn study(study: &Study) -> String {
     let mut text = format!("{}, {}\n\n", study.robot, study.folder);
     let mut say = |sentence: &str| text += &wrap(sentence, "");
     let has_cart_poses = findings::has_cart_poses(study);
-    say(&findings::poses(study.poses, has_cart_poses, study.architecture));
+    say(&findings::poses(
+        study.poses,
+        has_cart_poses,
+        study.architecture,
+    ));
     say(&findings::noise(study.noise));
     for remark in &study.remarks {
         say(remark);

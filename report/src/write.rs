@@ -9,9 +9,10 @@ use std::path::{Path, PathBuf};
 use tau::session::Record;
 use tau::study::results::Study;
 
-use super::{figures, html, json};
+use super::stale::{self, MANIFEST};
+use super::{figures, first_page, html, json};
 
-/// Writes `report.html`, `study.json` and the figures into a folder, which is made if it is not there, and
+/// Writes `report.html`, `study.json`, the figures and a list of them all into a folder, which is made if it is not there, and
 /// returns the paths written.
 ///
 /// Everything is rendered before anything is written, and written under temporary names before anything
@@ -29,18 +30,22 @@ pub fn write_study(folder: &Path, study: &Study, record: &Record) -> io::Result<
 /// Files of [`write_study`]: paths and contents.
 pub fn study_files(folder: &Path, study: &Study, record: &Record) -> Vec<(PathBuf, String)> {
     let figures = figures::all(study);
-    let mut files = vec![
-        ("report.html", html::page(study, &figures, record)),
-        ("study.json", format!("{:#}\n", json::study(study))),
-    ];
-    files.extend(
-        figures
-            .iter()
-            .map(|figure| (figure.file_name.as_str(), figure.svg.clone())),
-    );
+    let page = html::page(study, &figures, record);
+    let machine = first_page::drawing(study).map(|drawing| drawing.svg);
+    let named = figures
+        .iter()
+        .map(|figure| (figure.file_name.as_str(), figure.svg.as_str()));
+    let drawn: Vec<(&str, &str)> = (machine.iter().map(|svg| ("machine.svg", svg.as_str())))
+        .chain(named)
+        .collect();
+    let results = format!("{:#}\n", json::study(study));
+    let mut files = vec![("report.html", page.as_str()), ("study.json", &results)];
+    files.extend(drawn);
+    let manifest = stale::manifest(&files);
+    files.push((MANIFEST, &manifest));
     files
         .into_iter()
-        .map(|(name, content)| (folder.join(name), content))
+        .map(|(name, content)| (folder.join(name), content.to_owned()))
         .collect()
 }
 
@@ -158,7 +163,12 @@ mod tests {
     fn writes_all_files_and_leaves_nothing_else() {
         let folder = tempfile::tempdir().unwrap();
         let study = crate::fixture::study();
-        let written = write_study(&folder.path().join("new/deep"), &study).unwrap();
+        let written = write_study(
+            &folder.path().join("new/deep"),
+            &study,
+            &crate::fixture::record(),
+        )
+        .unwrap();
         assert!(
             written
                 .iter()
@@ -178,7 +188,12 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let target = folder.path().join("study.json");
         fs::write(&target, "old").unwrap();
-        write_study(folder.path(), &crate::fixture::study()).unwrap();
+        write_study(
+            folder.path(),
+            &crate::fixture::study(),
+            &crate::fixture::record(),
+        )
+        .unwrap();
         assert!(fs::read_to_string(target).unwrap().starts_with('{'));
     }
 
@@ -209,7 +224,8 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("file");
         fs::write(&file, "").unwrap();
-        let error = write_study(&file, &crate::fixture::study()).unwrap_err();
+        let error =
+            write_study(&file, &crate::fixture::study(), &crate::fixture::record()).unwrap_err();
         assert!(error.to_string().contains("file"), "{error}");
     }
 }

@@ -309,8 +309,12 @@ pub(crate) fn apart(found: &Discovery) -> impl Iterator<Item = &Unnamed> {
 
 /// The entries of [`unnamed`], in a few words.
 pub(crate) fn unnamed_in_short(found: &Discovery) -> Vec<String> {
-    let tracks = (found.piecewise_tracks.iter())
-        .map(|track| format!("Without a name: track {} does not run straight", track.place));
+    let tracks = (found.piecewise_tracks.iter()).map(|track| {
+        format!(
+            "Without a name: track {} does not run straight",
+            track.place
+        )
+    });
     let others = apart(found).map(|structure| {
         let (part, moves) = (part(&structure.place), movement(structure.direction));
         format!("Without a name: {part} {moves}")

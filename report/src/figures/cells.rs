@@ -32,7 +32,9 @@ pub(super) fn shaded(points: &[(i32, i32)], size: i32) -> Vec<Bar> {
     let size = size.max(1);
     let mut counts: BTreeMap<(i32, i32), u32> = BTreeMap::new();
     for (x, y) in points {
-        *counts.entry((y.div_euclid(size), x.div_euclid(size))).or_default() += 1;
+        *counts
+            .entry((y.div_euclid(size), x.div_euclid(size)))
+            .or_default() += 1;
     }
     let most = counts.values().copied().max().unwrap_or(1);
     let shade = |count: u32| {
@@ -99,9 +101,16 @@ mod tests {
             (left..right).contains(&x) && (top..bottom).contains(&y)
         };
         for point in &all {
-            assert_eq!(bars.iter().filter(|bar| holds(bar, *point)).count(), 1, "{point:?}");
+            assert_eq!(
+                bars.iter().filter(|bar| holds(bar, *point)).count(),
+                1,
+                "{point:?}"
+            );
         }
-        let darkest = bars.iter().max_by(|a, b| a.shade.total_cmp(&b.shade)).unwrap();
+        let darkest = bars
+            .iter()
+            .max_by(|a, b| a.shade.total_cmp(&b.shade))
+            .unwrap();
         assert!(holds(darkest, (500, 200)) && darkest.shade == 1.0);
         // A panel holds no more cells than its area over theirs, however many points there are.
         assert!(bars.len() <= (977 / 14 + 5) * (400 / 14 + 2));
@@ -123,7 +132,10 @@ mod tests {
             (values().min(), values().max())
         };
         assert_eq!(span(&kept), span(&line));
-        assert_eq!((kept[0], kept[kept.len() - 1]), (line[0], line[line.len() - 1]));
+        assert_eq!(
+            (kept[0], kept[kept.len() - 1]),
+            (line[0], line[line.len() - 1])
+        );
         assert_eq!(outlined(&line[..3], 2), line[..3]);
     }
 }

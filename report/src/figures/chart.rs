@@ -440,7 +440,8 @@ impl Panel<'_, '_> {
             .map(|(x, y)| self.at(x, y))
             .collect();
         if points.len() > 1 {
-            self.sheet.path(cells::outlined(&points, pixel(0.5)), color, width);
+            self.sheet
+                .path(cells::outlined(&points, pixel(0.5)), color, width);
         }
     }
 

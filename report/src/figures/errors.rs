@@ -51,7 +51,8 @@ fn group_size(lengths: impl Iterator<Item = usize>) -> usize {
 
 /// Middle of the pose numbers of a group.
 fn centre(group: &[PoseError]) -> f64 {
-    let ends = [group.first(), group.last()].map(|pose| pose.map_or(0.0, |pose| f64::from(pose.pose)));
+    let ends =
+        [group.first(), group.last()].map(|pose| pose.map_or(0.0, |pose| f64::from(pose.pose)));
     0.5 * (ends[0] + ends[1])
 }
 

@@ -89,7 +89,9 @@ pub(crate) fn dark_style() -> String {
     let rules = DARK.iter().flat_map(|(color, dark)| {
         ["fill", "stroke"].map(|property| {
             let RGBColor(red, green, blue) = color;
-            format!("figure svg [{property}=\"#{red:02X}{green:02X}{blue:02X}\"]{{{property}:{dark}}}\n")
+            format!(
+                "figure svg [{property}=\"#{red:02X}{green:02X}{blue:02X}\"]{{{property}:{dark}}}\n"
+            )
         })
     });
     let rules: String = rules.collect();

@@ -21,13 +21,15 @@ struct Row {
 /// Before and after the search, or the variants where there was none.
 pub(super) fn of_study(study: &Study) -> Markup {
     if let Some(found) = &study.discovery {
-        return of_discovery(found);
+        return of_discovery(found, study.poses.validation);
     }
     let best = best(study).map(|variant| variant.name.as_str());
     let mut variants: Vec<_> = study.variants.iter().collect();
     if variants.len() > SHOWN {
         variants.truncate(SHOWN - 1);
-        let is_there = variants.iter().any(|variant| Some(variant.name.as_str()) == best);
+        let is_there = variants
+            .iter()
+            .any(|variant| Some(variant.name.as_str()) == best);
         variants.extend(super::super::findings::best(study).filter(|_| !is_there));
     }
     let rows: Vec<Row> = variants
@@ -47,10 +49,14 @@ pub(super) fn of_study(study: &Study) -> Markup {
 }
 
 /// Before and after the search, and what the noise alone would leave.
-pub(super) fn of_discovery(found: &Discovery) -> Markup {
+pub(super) fn of_discovery(found: &Discovery, poses: usize) -> Markup {
     let (before, after) = (found.validation.before, found.validation.after);
     let mut rows = vec![Row {
-        name: format!("{}, before", found.base),
+        name: if is_base(found) {
+            found.base.clone()
+        } else {
+            format!("{}, before", found.base)
+        },
         errors_um: [before.mean_um, before.max_um],
         kind: "before",
     }];
@@ -66,12 +72,16 @@ pub(super) fn of_discovery(found: &Discovery) -> Markup {
         errors_um: [found.noise_floor_um, f64::NAN],
         kind: "noise",
     });
-    bars(&rows, found.validation.held_out, 0)
+    bars(&rows, found.validation.held_out, poses)
 }
 
 fn bars(rows: &[Row], held_out: bool, poses: usize) -> Markup {
     let all = || rows.iter().flat_map(|row| row.errors_um);
-    let (factor, unit) = if largest(all()) < 1e4 { (1.0, "µm") } else { (1e-3, "mm") };
+    let (factor, unit) = if largest(all()) < 1e4 {
+        (1.0, "µm")
+    } else {
+        (1e-3, "mm")
+    };
     let decimals = shared_decimals(rows.iter().map(|row| factor * row.errors_um[0])).min(3);
     let longest = largest(rows.iter().map(|row| row.errors_um[0]));
     let has_largest = rows.iter().any(|row| row.errors_um[1].is_finite());

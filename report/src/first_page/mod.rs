@@ -17,6 +17,7 @@ use tau::study::results::Study;
 
 use crate::discovery::findings as discovered;
 use crate::discovery::method::Setting;
+use crate::elements::prose;
 use crate::machine::{self, Drawing, Errors, Pin, Scene};
 
 /// The first page of a study.
@@ -24,7 +25,7 @@ pub(crate) fn of_study(study: &Study, record: &Record) -> Markup {
     let found = study.discovery.as_ref();
     let advice = next::of_study(study);
     html! {
-        section.first aria-label="Summary" {
+        section.front aria-label="Summary" {
             (verdict::of_study(study))
             (middle(drawing(study).as_ref(), &gap::of_study(study), found))
             (steps(&advice))
@@ -43,9 +44,9 @@ pub(crate) fn of_discovery(found: &Discovery, setting: &Setting, robot: &str) ->
         machine::draw(&Scene::new(layout, &errors, &pins(found)), robot)
     });
     html! {
-        section.first aria-label="Summary" {
+        section.front aria-label="Summary" {
             (verdict::of_discovery(found))
-            (middle(drawing.as_ref(), &gap::of_discovery(found), Some(found)))
+            (middle(drawing.as_ref(), &gap::of_discovery(found, setting.poses.validation), Some(found)))
             (steps(&next::of_discovery(found)))
             (record::table(&setting.record, Some(setting.poses)))
         }
@@ -91,7 +92,7 @@ fn middle(drawing: Option<&Drawing>, gap: &Markup, found: Option<&Discovery>) ->
             @if let Some(drawing) = drawing {
                 figure.machine-figure aria-label="The machine" {
                     (PreEscaped(&drawing.svg))
-                    div.turn hidden role="group" aria-label="Turn the drawing" {
+                    div.turn hidden="hidden" role="group" aria-label="Turn the drawing" {
                         @for (value, name, sign) in TURNS {
                             button type="button" value=(value) aria-label=(name) title=(name) { (sign) }
                         }
@@ -118,16 +119,25 @@ const TURNS: [(&str, &str, &str); 5] = [
 
 /// What was found, numbered as in the drawing.
 fn list(found: &Discovery) -> Markup {
-    let names = found
-        .effects
-        .iter()
-        .map(|effect| (discovered::headline(&found.model, effect), Some(effect.heldout_drop_um)));
+    let names = found.effects.iter().map(|effect| {
+        (
+            discovered::headline(&found.model, effect),
+            Some(effect.heldout_drop_um),
+        )
+    });
     let entries: Vec<(String, Option<f64>)> = names
-        .chain(discovered::unnamed_in_short(found).into_iter().map(|name| (name, None)))
+        .chain(
+            discovered::unnamed_in_short(found)
+                .into_iter()
+                .map(|name| (name, None)),
+        )
         .collect();
     html! {
         @if !entries.is_empty() {
-            h2.small { "Found on the machine" }
+            h2.small {
+                "Found on the machine"
+                @if !found.effects.is_empty() { span.drop { ", with the change of the mean error" } }
+            }
             ol.pinned {
                 @for (name, drop) in &entries {
                     li {
@@ -146,7 +156,7 @@ fn steps(steps: &[String]) -> Markup {
     html! {
         div.next {
             h2.small { "What to do next" }
-            ol { @for step in steps { li { (step) } } }
+            ol { @for step in steps { li { (prose(step)) } } }
         }
     }
 }

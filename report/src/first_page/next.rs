@@ -6,7 +6,7 @@ use tau::discovery::{Discovery, Status as Found};
 use tau::study::results::Study;
 use tau::trust::{Check, Mistake, Status, Verdict};
 
-use crate::discovery::words::{capital, title};
+use crate::discovery::words::{capital, part, title};
 use crate::discovery::{at, findings, listed};
 use crate::number::general;
 
@@ -15,7 +15,9 @@ const POSES: usize = 5;
 
 /// After a study.
 pub(super) fn of_study(study: &Study) -> Vec<String> {
-    let fit = study.fit().map(|(variant, verdict)| (variant.name.as_str(), verdict));
+    let fit = study
+        .fit()
+        .map(|(variant, verdict)| (variant.name.as_str(), verdict));
     advice(fit, study.check.as_ref(), study.discovery.as_ref())
 }
 
@@ -39,9 +41,14 @@ fn advice(
         steps.extend(mistakes.iter().map(mend));
         if verdict.status == Status::Absurd {
             if mistakes.is_empty() {
-                steps.push(format!("Compare commands and poses with the machine. {}", worst(verdict)));
+                steps.push(format!(
+                    "Compare commands and poses with the machine. {}",
+                    worst(verdict)
+                ));
             }
-            steps.push("Run the study again. Until then none of these figures means anything.".to_owned());
+            steps.push(
+                "Run the study again. Until then none of these figures means anything.".to_owned(),
+            );
             return steps;
         }
     }
@@ -61,9 +68,12 @@ fn advice(
     steps.extend(check.map_or_else(Vec::new, missing));
     steps.push(match (found, fit) {
         (Some(found), _) if !findings::is_base(found) => format!(
-            "{} writes the description and the calibrated robot file with what was found; `tau evaluate` judges that \
-             file on new measurements.",
-            "`tau discover FOLDER --out found`"
+            "Calculate with what was found{}; `tau evaluate` judges the calibrated robot file on new measurements.",
+            if fit.is_some() {
+                ": `tau discover FOLDER --out found` writes the description and the robot file"
+            } else {
+                ": the description and the robot file are beside this report"
+            }
         ),
         (_, Some((name, _))) => format!(
             "`tau calibrate FOLDER --variant {name} --out calibrated` writes the robot file; `tau evaluate` judges it on \
@@ -75,7 +85,10 @@ fn advice(
 }
 
 fn mend(mistake: &Mistake) -> String {
-    format!("In {}: {}. To mend it: {}.", mistake.file, mistake.what, mistake.mend)
+    format!(
+        "In {}: {}. To mend it: {}.",
+        mistake.file, mistake.what, mistake.mend
+    )
 }
 
 /// The poses to look at first.
@@ -109,7 +122,9 @@ fn without_search(verdict: &Verdict) -> Option<String> {
 fn after_search(found: &Discovery) -> Vec<String> {
     let mut steps = Vec::new();
     if let Some(outliers) = findings::outliers(&found.left_out) {
-        steps.push(format!("{outliers} See whether they were misread, or measure them again."));
+        steps.push(format!(
+            "{outliers} See whether they were misread, or measure them again."
+        ));
     }
     steps.extend(heaviest(found));
     steps.extend(found.effects.iter().filter_map(decide));
@@ -139,19 +154,25 @@ fn after_search(found: &Discovery) -> Vec<String> {
 
 /// The cause that weighs most, where causes can be removed.
 fn heaviest(found: &Discovery) -> Option<String> {
-    let gains = found.effects.iter().filter(|effect| effect.heldout_drop_um > 0.0);
+    let gains = found
+        .effects
+        .iter()
+        .filter(|effect| effect.heldout_drop_um > 0.0);
     let most = gains.max_by(|a, b| a.heldout_drop_um.total_cmp(&b.heldout_drop_um))?;
     Some(format!(
-        "Remove the causes on the machine, or compensate them. The heaviest is {} at {}: {} µm of the mean error.",
+        "Remove the causes on the machine, or compensate them. The heaviest is {} ({}): {} µm of the mean error.",
         lower(&title(&found.model, &most.name)),
-        most.place,
+        part(&most.place),
         general(most.heldout_drop_um, 2)
     ))
 }
 
 /// The measurement that tells an effect from its rivals.
 fn decide(effect: &FoundEffect) -> Option<String> {
-    let mut deciding = effect.rivals.iter().filter(|rival| rival.separate_by.decides());
+    let mut deciding = effect
+        .rivals
+        .iter()
+        .filter(|rival| rival.separate_by.decides());
     let first = deciding.next()?;
     let by = first.separate_by.to_string();
     let rivals: Vec<String> = std::iter::once(first)
@@ -170,7 +191,7 @@ fn missing(check: &Check) -> Vec<String> {
     check
         .missing
         .iter()
-        .map(|gap| format!("Provide {}, for {}.", gap.what, gap.brings))
+        .map(|gap| format!("Add {}: it would bring {}.", gap.what, gap.brings))
         .collect()
 }
 

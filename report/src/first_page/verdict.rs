@@ -7,6 +7,7 @@ use tau::trust::{Status, Verdict};
 
 use crate::discovery::findings;
 use crate::discovery::words::capital;
+use crate::elements::prose;
 use crate::number::general;
 
 /// Of a study: that on the best fit, and what the search adds.
@@ -22,13 +23,21 @@ pub(super) fn of_study(study: &Study) -> Markup {
         .map(|sentence| sentence.trim().to_owned())
         .collect();
     let found = study.discovery.as_ref();
+    let is_explained = verdict.status == Status::Inconsistent
+        && found.is_some_and(|found| found.status == discovery::Status::Explained);
     html! {
         div class={ "verdict " (verdict.status.name()) } role="group" aria-label="Verdict" {
-            p.status { (capital(verdict.status.name())) }
-            p.meaning { (meaning(verdict)) }
+            p.status { (capital(verdict.status.name())) @if is_explained { ", and explained" } }
+            p.meaning {
+                @if is_explained {
+                    "More is left than the stated noise and tolerances allow, as long as the model lacks what was found."
+                } @else {
+                    (meaning(verdict))
+                }
+            }
             p {
                 b { (variant.name) } @if study.variants.len() > 1 { ", the variant that comes nearest to the noise" } ": "
-                (why.join(" "))
+                (prose(&why.join(" ")))
             }
             @if let Some(found) = found { p { (findings::verdict(found)) } }
             @let others = others(study, &variant.name);
@@ -74,7 +83,11 @@ fn others(study: &Study, best: &str) -> Vec<String> {
         .filter_map(|variant| {
             let fit = variant.fit.as_ref()?;
             let ratio = general(fit.residual_over_noise, 2);
-            Some(format!("{} {} ({ratio} times the noise)", variant.name, fit.status.name()))
+            Some(format!(
+                "{} {} ({ratio} times the noise)",
+                variant.name,
+                fit.status.name()
+            ))
         })
         .collect()
 }

@@ -31,7 +31,7 @@ dominant-baseline:central;stroke:var(--paper,#fff);stroke-width:3.5;stroke-linej
 /// Radius of a pin.
 const PIN: f64 = 9.5;
 /// Place of the axes on the paper.
-const CORNER: [f64; 2] = [40.0, SIZE[1] - 44.0];
+const CORNER: [f64; 2] = [62.0, SIZE[1] - 52.0];
 
 /// The drawing, and what a caption has to say.
 pub(crate) struct Drawing {
@@ -124,7 +124,14 @@ fn names(scene: &Scene<'_>, view: &View) -> Markup {
     let mut found: Vec<Name> = Vec::new();
     for rail in &layout.tracks {
         let ends = [rail.line_m.first(), rail.line_m.last()];
-        let ends: Vec<Point> = ends.into_iter().flatten().copied().collect();
+        let mut ends: Vec<Point> = ends.into_iter().flatten().copied().collect();
+        // The end that is farther from the arm has more room.
+        let [tx, ty] = view.project(layout.tcp_m);
+        let distance = |point: &Point| {
+            let [x, y] = view.project(*point);
+            (x - tx).hypot(y - ty)
+        };
+        ends.sort_by(|a, b| distance(b).total_cmp(&distance(a)));
         found.extend(paper.place("part", &format!("track {}", rail.name), &ends));
     }
     let tool = [layout.tcp_m];
@@ -158,7 +165,7 @@ fn pins(scene: &Scene<'_>, view: &View, paper: &mut Paper<'_>) -> Markup {
                     0
                 }
             };
-            (number, at, 2.0 * (PIN + 1.0) * before as f64)
+            (number, at, 2.6 * PIN * before as f64)
         })
         .collect();
     let up = 2.0 * PIN;
@@ -186,10 +193,7 @@ fn axes(scene: &Scene<'_>, view: &View) -> Markup {
     }
     let corner = |point: Point| {
         let [x, y] = view.project([0, 1, 2].map(|k| view.centre[k] + point[k]));
-        [
-            x - 0.5 * SIZE[0] + CORNER[0],
-            y - 0.5 * SIZE[1] + CORNER[1],
-        ]
+        [x - 0.5 * SIZE[0] + CORNER[0], y - 0.5 * SIZE[1] + CORNER[1]]
     };
     html! {
         g.axes {

@@ -60,7 +60,12 @@ impl<'a> Paper<'a> {
     }
 
     /// Puts a name beside one of some points, the first that leaves room, or else where it covers least.
-    pub(super) fn place(&mut self, class: &'static str, text: &str, points: &[Point]) -> Option<Name> {
+    pub(super) fn place(
+        &mut self,
+        class: &'static str,
+        text: &str,
+        points: &[Point],
+    ) -> Option<Name> {
         let names = points.iter().flat_map(|&at| {
             let sides = [
                 ([9.0, -9.0], Align::Start),
@@ -83,7 +88,8 @@ impl<'a> Paper<'a> {
             (self.covered(frame), frame, name)
         });
         // The first of those that cover least.
-        let (_, frame, name) = scored.reduce(|best, next| if next.0 < best.0 { next } else { best })?;
+        let (_, frame, name) =
+            scored.reduce(|best, next| if next.0 < best.0 { next } else { best })?;
         self.taken.push(frame);
         Some(name)
     }
@@ -102,7 +108,8 @@ impl<'a> Paper<'a> {
 
     /// Area of what a frame would cover, and of what is off the paper.
     fn covered(&self, frame: Frame) -> f64 {
-        let area = |[left, top, right, bottom]: Frame| (right - left).max(0.0) * (bottom - top).max(0.0);
+        let area =
+            |[left, top, right, bottom]: Frame| (right - left).max(0.0) * (bottom - top).max(0.0);
         let common = |other: &Frame| {
             area([
                 frame[0].max(other[0]),
@@ -110,7 +117,6 @@ impl<'a> Paper<'a> {
                 frame[2].min(other[2]),
                 frame[3].min(other[3]),
             ])
-
         };
         let inside = common(&[4.0, 4.0, SIZE[0] - 4.0, SIZE[1] - 4.0]);
         self.taken.iter().map(common).sum::<f64>() + area(frame) - inside
@@ -131,7 +137,8 @@ mod tests {
             paper.place("part", text, &[[0.5; 3]]).unwrap();
             let [left, top, right, bottom] = *paper.taken.last().unwrap();
             for other in before {
-                let apart = right <= other[0] || left >= other[2] || bottom <= other[1] || top >= other[3];
+                let apart =
+                    right <= other[0] || left >= other[2] || bottom <= other[1] || top >= other[3];
                 assert!(apart, "{text}");
             }
         }

@@ -53,9 +53,7 @@ impl<'a> Scene<'a> {
         let lengths = || errors.poses.iter().map(|error| 1e-6 * error.length_um());
         let largest = crate::number::largest(lengths());
         let typical = rms(lengths().filter(|length| length.is_finite()));
-        let factor = round_down(
-            (TYPICAL * diagonal / typical).min(LONGEST * diagonal / largest),
-        );
+        let factor = round_down((TYPICAL * diagonal / typical).min(LONGEST * diagonal / largest));
         let worst = errors
             .poses
             .iter()
@@ -233,7 +231,10 @@ mod tests {
     #[test]
     fn factors_are_round_and_not_above() {
         for (value, expected) in [(1.0, 1.0), (4.9, 2.0), (730.0, 500.0), (0.06, 0.05)] {
-            assert!((round_down(value) / expected - 1.0).abs() < 1e-12, "{value}");
+            assert!(
+                (round_down(value) / expected - 1.0).abs() < 1e-12,
+                "{value}"
+            );
         }
         assert!(round_down(0.0).is_nan() && round_down(f64::INFINITY).is_nan());
     }
@@ -245,7 +246,11 @@ mod tests {
             .collect();
         let weight = |point: &Point| if *point == poses[777] { 9.0 } else { point[0] };
         let kept = thinned(&poses, |point| *point, weight);
-        assert!(kept.len() <= MOST && kept.len() > MOST / 4, "{}", kept.len());
+        assert!(
+            kept.len() <= MOST && kept.len() > MOST / 4,
+            "{}",
+            kept.len()
+        );
         assert!(kept.contains(&&poses[777]));
         // No corner is left empty: every item has one that stays nearby.
         for pose in poses.iter().step_by(97) {

@@ -77,9 +77,8 @@ impl View {
         let [_, _, towards] = unit.axes();
         let deep = extent(towards);
         let middle = [across, upwards, deep].map(|(low, high)| 0.5 * (low + high));
-        let centre = [0, 1, 2].map(|k| {
-            right[k] * middle[0] + up[k] * middle[1] + towards[k] * middle[2]
-        });
+        let centre =
+            [0, 1, 2].map(|k| right[k] * middle[0] + up[k] * middle[1] + towards[k] * middle[2]);
         Self {
             centre,
             scale: if scale.is_finite() { scale } else { 1.0 },
@@ -88,15 +87,19 @@ impl View {
     }
 
     /// From the side on which parts with names stand furthest apart on paper: of all views from all round, the one that
-    /// makes the smallest distance between two of them largest.
+    /// makes the smallest distance between two of them largest. Sides near an axis of the frame are left out: grids of poses
+    /// and two of the axes would be seen end on.
     pub(super) fn clearest(named: &[Point], points: &[Point]) -> Self {
         /// Seen from so far above (rad).
         const ELEVATION: f64 = 0.44;
         const SIDES: u32 = 48;
-        let views = (0..SIDES).map(|side| {
-            let azimuth = std::f64::consts::TAU * (f64::from(side) + 0.5) / f64::from(SIDES);
-            Self::fitted(azimuth, ELEVATION, points)
-        });
+        /// Least angle to an axis (rad).
+        const OBLIQUE: f64 = 0.26;
+        let sides = (0..SIDES)
+            .map(|side| std::f64::consts::TAU * (f64::from(side) + 0.5) / f64::from(SIDES));
+        let views = sides
+            .filter(|azimuth| (2.0 * azimuth).sin().abs() >= (2.0 * OBLIQUE).sin())
+            .map(|azimuth| Self::fitted(azimuth, ELEVATION, points));
         let apart = |view: &Self| {
             let places: Vec<[f64; 2]> = named.iter().map(|&point| view.project(point)).collect();
             let pairs = places.iter().enumerate().flat_map(|(index, a)| {
@@ -107,7 +110,11 @@ impl View {
             pairs.fold(f64::INFINITY, f64::min)
         };
         views
-            .max_by(|a, b| apart(a).total_cmp(&apart(b)).then(b.azimuth.total_cmp(&a.azimuth)))
+            .max_by(|a, b| {
+                apart(a)
+                    .total_cmp(&apart(b))
+                    .then(b.azimuth.total_cmp(&a.azimuth))
+            })
             .unwrap_or_else(|| Self::fitted(-1.0, ELEVATION, points))
     }
 }
@@ -189,9 +196,18 @@ mod tests {
 
     #[test]
     fn the_clearest_side_is_that_on_which_nothing_hides_anything() {
-        // Two posts along y: seen along y one stands before the other, seen along x they are furthest apart.
+        // Two posts along y on a round base, which keeps the scale: seen along y one post hides the other.
         let posts = [[0.0, -1.0, 0.0], [0.0, 1.0, 0.0]];
-        let view = View::clearest(&posts, &[posts[0], posts[1], [0.0, 0.0, 0.5]]);
-        assert!(view.azimuth.cos().abs() > 0.99, "{view:?}");
+        let points: Vec<Point> = (0..360_u32)
+            .map(|degrees| {
+                let (sine, cosine) = f64::from(degrees).to_radians().sin_cos();
+                [cosine, sine, 0.0]
+            })
+            .collect();
+        let view = View::clearest(&posts, &points);
+        assert!(view.azimuth.cos().abs() > 0.9, "{view:?}");
+        let [one, other] = posts.map(|post| view.project(post));
+        let apart = (one[0] - other[0]).hypot(one[1] - other[1]);
+        assert!(apart > 0.9 * (SIZE[0] - 2.0 * MARGIN[0]), "{apart}");
     }
 }

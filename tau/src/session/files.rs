@@ -105,7 +105,9 @@ impl Files {
         };
         let (mut sets, mut robot): (Vec<Input>, Option<Input>) = match &self.folder {
             Some(folder) => (
-                SETS.iter().filter_map(|name| of(&folder.join(name))).collect(),
+                SETS.iter()
+                    .filter_map(|name| of(&folder.join(name)))
+                    .collect(),
                 of(&folder.join(ROBOT)),
             ),
             None => {
@@ -116,7 +118,9 @@ impl Files {
                 ];
                 let texts = SETS.iter().zip(texts);
                 (
-                    texts.map(|(name, text)| Input::new(name, text.as_bytes())).collect(),
+                    texts
+                        .map(|(name, text)| Input::new(name, text.as_bytes()))
+                        .collect(),
                     Some(Input::new(ROBOT, prototype::ROBOT.as_bytes())),
                 )
             }
