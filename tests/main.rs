@@ -21,6 +21,7 @@ mod evidence;
 mod generated_discovery;
 mod hand_written;
 mod kinematics;
+mod layout;
 mod reference;
 mod robot_files;
 mod sensitivity;
