@@ -37,7 +37,7 @@ fn table_of_the_readme_is_what_the_study_prints() {
     let robot = tau::Robot::from(&tau_generated::gantry_tau::ROBOT);
     let session = tau::Session::open_with_robot(robot, tau::Files::prototype()).unwrap();
     let study = tau::study::run(&session, &mut |_| {}).unwrap();
-    let printed = tau_report::terminal::study(&study);
+    let printed = tau_report::terminal::study(&study, 100);
     let table = &blocks(&read("README.md"), "text")[0];
     assert!(
         printed.contains(table.as_str()),

@@ -3,6 +3,7 @@
 mod assembly;
 mod bad_input;
 mod blocks;
+mod browser;
 mod calibration;
 mod cli;
 mod codegen;
@@ -20,6 +21,7 @@ mod evidence;
 mod generated_discovery;
 mod hand_written;
 mod kinematics;
+mod layout;
 mod reference;
 mod robot_files;
 mod sensitivity;

@@ -119,7 +119,7 @@ fn outliers_are_listed_and_left_out() {
             .weighing
             .outliers
             .iter()
-            .all(|outlier| outlier.is_left_out())
+            .all(tau::weighing::Outlier::is_left_out)
     );
     assert_eq!(found.poses, folder.tcp_poses.len() - listed.len());
 

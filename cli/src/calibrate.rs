@@ -86,7 +86,8 @@ pub(super) fn run(
     }
     statistics["cost"] = json!(found.cost);
     let mut summary = format!("{robot}, {variant}, {}\n\n", folder.name);
-    summary += &report::terminal::variant(&result, is_held_out, console.width);
+    let architecture = session.robot().architecture();
+    summary += &report::terminal::variant(&result, is_held_out, architecture, console.width);
     if let Some(fitted) = &comparison {
         let closure = study::result(&fitted.closure_fit, folder, validation)?;
         summary += &report::errors_in_variables::terminal(fitted, &result, &closure);

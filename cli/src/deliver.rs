@@ -22,6 +22,8 @@ pub(super) struct Outcome {
     pub(super) remarks: Vec<String>,
     /// Files to write, with their content.
     pub(super) files: Vec<(PathBuf, String)>,
+    /// Files to remove once the others are written.
+    pub(super) stale: Vec<PathBuf>,
     /// Results for programs, and where they go.
     pub(super) json: Option<(Value, Target)>,
     /// Verdict on a result that is not consistent: stands in the summary, and on standard error where that is not shown.
@@ -64,6 +66,14 @@ impl Outcome {
         }
         report::write_files(&self.files)
             .map_err(|error| InputError::whole("output", format!("cannot write {error}")))?;
+        for path in &self.stale {
+            fs::remove_file(path).map_err(|error| {
+                InputError::whole(
+                    path.display().to_string(),
+                    format!("cannot remove: {error}"),
+                )
+            })?;
+        }
         if !console.quiet {
             for remark in &self.remarks {
                 let note = report::terminal::sentence(&format!("note: {remark}"), console.width);
@@ -85,10 +95,19 @@ impl Outcome {
 
 /// Says which files are written.
 pub(super) fn written<'a>(paths: impl IntoIterator<Item = &'a Path>) -> String {
+    listed("Written", paths)
+}
+
+/// Says which files of an earlier run are removed.
+pub(super) fn removed<'a>(paths: impl IntoIterator<Item = &'a Path>) -> String {
+    listed("Removed, since they are of an earlier study", paths)
+}
+
+fn listed<'a>(heading: &str, paths: impl IntoIterator<Item = &'a Path>) -> String {
     let lines = paths
         .into_iter()
         .map(|path| format!("  {}\n", path.display()));
-    format!("\nWritten\n{}", lines.collect::<Vec<_>>().concat())
+    format!("\n{heading}\n{}", lines.collect::<Vec<_>>().concat())
 }
 
 /// An error of the file system, which names its path.

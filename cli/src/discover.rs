@@ -2,9 +2,10 @@
 
 use tau::discovery::{Discovery, Options, Outcome as Found};
 use tau::input_error::InputError;
+use tau::kinematics::Layout;
 use tau::measurements::Split;
 use tau::robot_file::RobotFile;
-use tau::{Robot, Session};
+use tau::{Robot, Session, study};
 use tau_codegen::CompiledRobot;
 use tau_codegen::emit;
 use tau_codegen::language;
@@ -60,20 +61,28 @@ pub(super) fn run(
     let (found, compiled) = (found?, compiled?);
     spinner.show("writing what was found");
     let discovery = &found.discovery;
-    let setting = report::Setting {
-        poses: poses.counts,
-        has_cart_poses: !folder.cart_poses.is_empty(),
-        noise: (file.noise.position_m, file.noise.rotation_rad),
-    };
-    let (code, (calibrated, page)) = rayon::join(
+    let (code, stated) = rayon::join(
         || generated(compiled, discovery),
         || {
-            let calibrated = state(&session, &found, arguments.refit);
+            let (calibrated, layout) = state(&session, &found, arguments.refit)?;
+            let setting = report::Setting {
+                poses: poses.counts,
+                has_cart_poses: !folder.cart_poses.is_empty(),
+                noise: (file.noise.position_m, file.noise.rotation_rad),
+                architecture: robot.architecture(),
+                layout,
+                measured_m: folder
+                    .tcp_poses
+                    .iter()
+                    .map(|pose| pose.position_m)
+                    .collect(),
+                record: session.record(&stamp()),
+            };
             let page = report::html::discovery_page(discovery, &setting, &robot.name, &folder.name);
-            (calibrated, page)
+            Ok::<_, Failure>((calibrated, page))
         },
     );
-    let calibrated = calibrated?;
+    let (calibrated, page) = stated?;
     drop(spinner);
 
     let contents = [
@@ -96,8 +105,12 @@ pub(super) fn run(
     })
 }
 
-/// The robot file of what was found, fitted to the poses that are asked for.
-fn state(session: &Session, found: &Found, refit: Refit) -> Result<RobotFile, Failure> {
+/// The robot file of what was found, fitted to the poses that are asked for, and the machine that it describes.
+fn state(
+    session: &Session,
+    found: &Found,
+    refit: Refit,
+) -> Result<(RobotFile, Option<Layout>), Failure> {
     let refitted;
     let (found, session) = match refit {
         Refit::Calibration => (found, session.clone()),
@@ -108,7 +121,8 @@ fn state(session: &Session, found: &Found, refit: Refit) -> Result<RobotFile, Fa
     };
     let calibrated = session.state_found(found)?;
     // Its covariance holds the noise that was found already.
-    Ok(session.calibrated_file(&calibrated, &found.poses, 1.0, &stamp()))
+    let file = session.calibrated_file(&calibrated, &found.poses, 1.0, &stamp());
+    Ok((file, study::layout(&calibrated, session.folder())))
 }
 
 /// Name of the variant to start from.

@@ -18,7 +18,11 @@ pub(super) fn run(
     let variant = arguments.variant.name.as_str();
     let found = session.sensitivity(&session.machine(variant)?, arguments.step)?;
     Ok(Outcome {
-        summary: report::terminal::sensitivity(&found, console.width),
+        summary: report::terminal::sensitivity(
+            &found,
+            session.robot().architecture(),
+            console.width,
+        ),
         remarks: session.remarks_for(variant)?,
         json: target.map(|target| (report::json::sensitivity(&found), target)),
         ..Outcome::default()

@@ -1,13 +1,16 @@
 //! `tau study`.
 
+use std::path::PathBuf;
+
 use tau::study;
 use tau::trust::Status;
 use tau_report as report;
 use tau_robot::input_error::both;
 
-use super::deliver::{Outcome, Target, check_folder, written};
+use super::deliver::{Outcome, Target, check_folder, removed, written};
 use super::kept::Kept;
 use super::progress::{Bar, Spinner};
+use super::stamp::stamp;
 use super::{Console, Failure, arguments, resolve, trust};
 
 pub(super) fn run(arguments: &arguments::Study, console: &Console<'_>) -> Result<Outcome, Failure> {
@@ -34,11 +37,16 @@ pub(super) fn run(arguments: &arguments::Study, console: &Console<'_>) -> Result
         study::search(&mut results, &session, &mut |doing| spinner.show(doing));
     }
 
-    let files = report::study_files(out, &results);
-    let paths = written(files.iter().map(|(path, _)| path.as_path()));
+    let files = report::study_files(out, &results, &session.record(&stamp()));
+    let mut paths = written(files.iter().map(|(path, _)| path.as_path()));
+    let stale = report::stale_figures(out, &files);
+    if !stale.is_empty() {
+        paths += &removed(stale.iter().map(PathBuf::as_path));
+    }
     let outcome = Outcome {
         summary: report::terminal::study(&results, console.width) + &paths,
         files,
+        stale,
         json: target.map(|target| (report::json::study(&results), target)),
         ..Outcome::default()
     };

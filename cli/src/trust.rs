@@ -12,6 +12,7 @@ impl Outcome {
     pub(super) fn judged(mut self, verdict: &Verdict, force: bool) -> Self {
         if verdict.status == Status::Absurd && !force {
             self.files.clear();
+            self.stale.clear();
             self.json = self
                 .json
                 .filter(|(_, target)| *target == Target::StandardOutput);

@@ -21,6 +21,15 @@ pub(super) fn figure(figures: &[Figure], file_name: &str) -> Markup {
     }
 }
 
+/// A sentence, what stands between backticks as code.
+pub(super) fn prose(text: &str) -> Markup {
+    html! {
+        @for (index, part) in text.split('`').enumerate() {
+            @if index % 2 == 1 { code { (part) } } @else { (part) }
+        }
+    }
+}
+
 /// A table with its headings in one or two rows.
 pub(super) fn table(table: &Table, class: &str) -> Markup {
     let grouped = table.columns.iter().any(|column| !column.group.is_empty());

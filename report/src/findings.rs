@@ -3,6 +3,7 @@
 use tau::assumptions::TrackLinearity;
 use tau::evaluation::VariantResult;
 use tau::measurements::PoseCounts;
+use tau::robot::Architecture;
 use tau::sensitivity::{Sensitivity, Turn};
 use tau::study::results::Study;
 use tau::trust::Verdict;
@@ -46,12 +47,14 @@ pub(super) fn best(study: &Study) -> Option<&VariantResult> {
 }
 
 /// Selection of poses, with its reason: set 2 decides on the range, or without it the robot file.
-pub(super) fn poses(poses: PoseCounts, has_cart_poses: bool) -> String {
+pub(super) fn poses(poses: PoseCounts, has_cart_poses: bool, of: Architecture) -> String {
     let dropped = poses.total.saturating_sub(poses.in_range);
     let range = if has_cart_poses {
         "the range that the cart measurements (set 2) cover"
-    } else {
+    } else if of.carts > 0 {
         "[range] of the robot file, which decides where there is no set 2"
+    } else {
+        "[range] of the robot file"
     };
     let selection = match dropped {
         0 => format!("All {} measured poses take part", poses.total),
@@ -83,6 +86,18 @@ pub(super) fn has_cart_poses(study: &Study) -> bool {
     tracks.any(|track| !track.points.is_empty())
 }
 
+/// True if a variant has one link in place of each cluster.
+pub(super) fn has_reduced(study: &Study) -> bool {
+    let mut links = study.variants.iter().flat_map(|variant| &variant.links);
+    links.any(|link| link.plate_joint_m.is_none())
+}
+
+/// True if a variant has tracks that follow their measured points.
+pub(super) fn has_piecewise(study: &Study) -> bool {
+    let mut links = study.variants.iter().flat_map(|variant| &variant.links);
+    links.any(|link| link.track_rotation_rad.is_some())
+}
+
 /// True if the validation poses took no part in calibration.
 pub(super) fn held_out(poses: PoseCounts) -> bool {
     poses.calibration + poses.validation <= poses.in_range
@@ -101,6 +116,14 @@ pub(super) fn noise((position, rotation): (f64, f64)) -> String {
 pub(super) fn comparison(study: &Study) -> Option<String> {
     let best = best(study)?;
     let first = study.variants.first()?;
+    if study.variants.len() == 1 {
+        return Some(format!(
+            "The position error of {} is {} µm in the mean and {} µm at most.",
+            best.name,
+            general(best.position_um.mean, 3),
+            general(best.position_um.max, 3)
+        ));
+    }
     let decimals = shared_decimals(
         study
             .variants
@@ -139,35 +162,6 @@ pub(super) fn comparison(study: &Study) -> Option<String> {
     ))
 }
 
-/// Mean and largest position error of every variant.
-pub(super) fn errors(study: &Study) -> Option<String> {
-    let decimals = shared_decimals(
-        study
-            .variants
-            .iter()
-            .flat_map(|variant| [variant.position_um.mean, variant.position_um.max]),
-    );
-    let errors: Vec<_> = study
-        .variants
-        .iter()
-        .map(|variant| {
-            let position = variant.position_um;
-            format!(
-                "{} {} and {}",
-                variant.name,
-                fixed(position.mean, decimals),
-                fixed(position.max, decimals)
-            )
-        })
-        .collect();
-    (!errors.is_empty()).then(|| {
-        format!(
-            "Mean and largest position error at the validation poses, in µm: {}.",
-            errors.join(", ")
-        )
-    })
-}
-
 /// Results of the checks of the assumptions, one sentence each.
 pub(super) fn assumptions(study: &Study) -> Vec<String> {
     let mut sentences = Vec::new();
@@ -183,7 +177,7 @@ pub(super) fn assumptions(study: &Study) -> Vec<String> {
         });
         let top = a.max(b).max(c);
         let ratio = top / (1e3 * study.noise.1);
-        let meaning = if !ratio.is_finite() {
+        let meaning = if !ratio.is_finite() || !has_reduced(study) {
             String::new()
         } else if ratio > 5.0 {
             format!(
@@ -200,6 +194,9 @@ pub(super) fn assumptions(study: &Study) -> Vec<String> {
             general(b, 2),
             general(c, 2)
         ));
+    }
+    if study.architecture.carts == 0 {
+        return sentences;
     }
     let linearity = || {
         found

@@ -5,8 +5,11 @@ use tau::assumptions::{
 };
 use tau::calibration::{Combination, LinkResult, LinkSigma, ParameterEstimate};
 use tau::evaluation::{PoseError, Summary, VariantResult};
+use tau::kinematics::{Layout, Rail, Rod};
 use tau::measurements::PoseCounts;
+use tau::robot::Architecture;
 use tau::sensitivity::{LinkSensitivity, ParameterSensitivity, Sensitivity, Turn};
+use tau::session::{Input, Record, Stamp};
 use tau::study::results::Study;
 
 const LINKS: [&str; 6] = ["l1", "l2a", "l2b", "l3a", "l3b", "l3c"];
@@ -45,6 +48,11 @@ pub(super) fn study() -> Study {
     ];
     Study {
         robot: "GantryTau".to_owned(),
+        architecture: Architecture {
+            carts: 3,
+            driven_lengths: 0,
+            is_gantry_tau: true,
+        },
         folder: "data/prototype".to_owned(),
         poses: PoseCounts {
             total: 176,
@@ -60,10 +68,67 @@ pub(super) fn study() -> Study {
         check: None,
         sensitivity: Some(sensitivity(&mut numbers)),
         discovery: None,
+        layout: Some(layout()),
         remarks: vec![
             "55 of 176 poses leave the range of set 2 and are dropped.".to_owned(),
             "Column load_n is missing: effects of load cannot be seen.".to_owned(),
         ],
+    }
+}
+
+/// Origin of made-up numbers.
+pub(super) fn record() -> Record {
+    Record {
+        stamp: Stamp {
+            program: "tau 0.0.0".to_owned(),
+            date: "2026-01-02".to_owned(),
+        },
+        split: "alternate".to_owned(),
+        inputs: vec![Input::new("tcp_poses.csv", b"")],
+    }
+}
+
+/// Three tracks along x with one, two and three links to a plate.
+pub(super) fn layout() -> Layout {
+    let tcp = [-1.3, -4.2, 0.0];
+    let carts = [[-1.3, -5.2, 1.0], [-1.3, -3.2, 1.0], [-1.3, -5.2, -0.8]];
+    let link = |index: usize, name: &&str| {
+        let track = [0, 1, 1, 2, 2, 2][index];
+        let aside = 0.06 * index as f64;
+        let [x, y, z] = carts[track];
+        Rod {
+            name: (*name).to_owned(),
+            cluster: CLUSTERS[track].to_owned(),
+            track: Some(track),
+            driven_by: None,
+            ends_m: [
+                [x + aside, y, z],
+                [tcp[0] + aside, tcp[1], tcp[2] + 0.5 * aside],
+            ],
+        }
+    };
+    let links: Vec<Rod> = LINKS
+        .iter()
+        .enumerate()
+        .map(|(index, name)| link(index, name))
+        .collect();
+    let tracks = TRACKS.iter().enumerate().map(|(track, name)| {
+        let [x, y, z] = carts[track];
+        let own = links.iter().filter(|rod| rod.track == Some(track));
+        Rail {
+            name: (*name).to_owned(),
+            line_m: vec![[x - 0.7, y, z], [x + 0.7, y, z]],
+            cart_m: [x, y, z],
+            joints_m: own.map(|rod| rod.ends_m[0]).collect(),
+        }
+    });
+    Layout {
+        variant: "Full".to_owned(),
+        tcp_m: tcp,
+        tracks: tracks.collect(),
+        plate_m: links.iter().step_by(2).map(|rod| rod.ends_m[1]).collect(),
+        base_m: vec![],
+        links,
     }
 }
 

@@ -9,12 +9,16 @@ mod elements;
 pub mod errors_in_variables;
 pub mod figures;
 mod findings;
+mod first_page;
 #[cfg(test)]
 mod fixture;
 pub mod html;
 pub mod json;
+mod machine;
 mod number;
 mod screen;
+mod sections;
+mod stale;
 mod tables;
 pub mod terminal;
 #[cfg(test)]
@@ -24,4 +28,5 @@ mod write;
 
 pub use discovery::method::Setting;
 pub use figures::Figure;
+pub use stale::stale_figures;
 pub use write::{finish_writing, folder_of, study_files, write_files, write_study};

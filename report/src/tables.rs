@@ -3,8 +3,10 @@
 use tau::assumptions::{OrientationPoint, PathDeviation};
 use tau::calibration::{Combination, LinkResult, ParameterEstimate};
 use tau::evaluation::VariantResult;
+use tau::robot::Architecture;
 use tau::sensitivity::{ParameterSensitivity, Sensitivity, Turn};
 use tau::study::results::Study;
+use tau::trust::{FileFit, Verdict};
 
 use super::findings;
 use super::number::{
@@ -95,7 +97,11 @@ pub(super) fn errors(study: &Study) -> Table {
         })
         .collect();
     Table {
-        title: "Table I. Errors at the validation poses".to_owned(),
+        title: numbered(
+            "Table I",
+            "Errors at the validation poses",
+            study.architecture,
+        ),
         columns: columns(&[
             ("", &["Variant"]),
             ("Position error (µm)", &["mean", "max", "rms"]),
@@ -138,8 +144,17 @@ impl Digits {
     }
 }
 
+/// The title of a table, with its number in the paper for the paper's robot.
+fn numbered(number: &str, title: &str, of: Architecture) -> String {
+    if of.is_gantry_tau {
+        format!("{number}. {title}")
+    } else {
+        title.to_owned()
+    }
+}
+
 /// Table II for one variant: the calibrated geometry of each link or cluster.
-pub(super) fn geometry(variant: &VariantResult) -> Table {
+pub(super) fn geometry(variant: &VariantResult, of: Architecture) -> Table {
     let links = &variant.links;
     let any = |present: fn(&LinkResult) -> bool| links.iter().any(present);
     let plate = any(|link| link.plate_joint_m.is_some());
@@ -152,8 +167,14 @@ pub(super) fn geometry(variant: &VariantResult) -> Table {
     if plate {
         groups.push(("Plate joint P (m)", &["x", "y", "z"]));
     }
-    groups.push(("Track offset C⁰ (m)", &["x", "y", "z"]));
+    let joint = if of.carts > 0 {
+        "Track offset C⁰ (m)"
+    } else {
+        "Base joint C (m)"
+    };
+    groups.push((joint, &["x", "y", "z"]));
     match (direction, rotation) {
+        (false, false) => {}
         (true, true) => {
             groups.push(("", &["Track"]));
             groups.push(("Direction v or rotation (rad)", &["x", "y", "z"]));
@@ -189,14 +210,20 @@ pub(super) fn geometry(variant: &VariantResult) -> Table {
                 let linear = link.track_direction.is_some();
                 row.push(text(if linear { "linear" } else { "piecewise" }));
             }
-            let track = link.track_direction.or(link.track_rotation_rad);
-            row.extend(tracks.three(track, sigma.track));
+            if direction || rotation {
+                let track = link.track_direction.or(link.track_rotation_rad);
+                row.extend(tracks.three(track, sigma.track));
+            }
             row.push(Cell::Number(scientific(link.cost_m4, 3)));
             row
         })
         .collect();
     Table {
-        title: format!("Table II. Calibrated geometry, {}", variant.name),
+        title: numbered(
+            "Table II",
+            &format!("Calibrated geometry, {}", variant.name),
+            of,
+        ),
         columns: columns(&groups),
         rows,
     }
@@ -211,7 +238,7 @@ pub(super) fn turn(turn: Turn) -> &'static str {
 }
 
 /// Table III: position, orientation and cost, one table each.
-pub(super) fn sensitivity(sensitivity: &Sensitivity) -> Vec<Table> {
+pub(super) fn sensitivity(sensitivity: &Sensitivity, of: Architecture) -> Vec<Table> {
     type Quantity = fn(&ParameterSensitivity) -> f64;
     let quantities: [(&str, Quantity); 3] = [
         (
@@ -276,12 +303,64 @@ pub(super) fn sensitivity(sensitivity: &Sensitivity) -> Vec<Table> {
                 })
                 .collect();
             Table {
-                title: format!("Table III. Sensitivity: {quantity}"),
+                title: numbered("Table III", &format!("Sensitivity: {quantity}"), of),
                 columns: headings.clone(),
                 rows,
             }
         })
         .collect()
+}
+
+/// Residuals by file against the noise.
+pub(super) fn by_file(fit: &Verdict) -> Option<Table> {
+    let row = |file: &FileFit| {
+        let (factor, unit) = match file.unit {
+            "m" => (1e6, "µm"),
+            _ => (1e6, "µrad"),
+        };
+        vec![
+            text(file.file),
+            text(file.kind),
+            Cell::Number(file.rows.to_string()),
+            Cell::Number(general(factor * file.rms, 3)),
+            Cell::Number(general(factor * file.expected_rms, 3)),
+            text(unit),
+            number(file.rms / file.expected_rms, 2),
+        ]
+    };
+    let rows: Vec<_> = fit.by_file.iter().map(row).collect();
+    (!rows.is_empty()).then(|| Table {
+        title: "Residuals by file, against what the stated noise would show".to_owned(),
+        columns: columns(&[
+            ("", &["File", "Residuals", "Number"]),
+            ("Root mean square", &["found", "expected", "unit", "ratio"]),
+        ]),
+        rows,
+    })
+}
+
+/// The poses that are met worst.
+pub(super) fn worst(fit: &Verdict) -> Option<Table> {
+    let rows: Vec<_> = (fit.worst.iter())
+        .map(|pose| vec![text(&pose.pose.to_string()), number(pose.sigmas, 1)])
+        .collect();
+    (!rows.is_empty()).then(|| Table {
+        title: "Poses met worst".to_owned(),
+        columns: columns(&[("", &["Pose", "residuals / noise"])]),
+        rows,
+    })
+}
+
+/// The parameters furthest from nominal.
+pub(super) fn pulls(fit: &Verdict) -> Option<Table> {
+    let rows: Vec<_> = (fit.pulls.iter())
+        .map(|pull| vec![text(&pull.parameter), number(pull.tolerances, 2)])
+        .collect();
+    (!rows.is_empty()).then(|| Table {
+        title: "Parameters furthest from nominal".to_owned(),
+        columns: columns(&[("", &["Parameter", "change / tolerance"])]),
+        rows,
+    })
 }
 
 /// End of the solver for each variant.

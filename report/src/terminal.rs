@@ -2,6 +2,7 @@
 
 use tau::discovery::Discovery;
 use tau::evaluation::{self, Evaluation, PoseError, Summary, VariantResult};
+use tau::robot::Architecture;
 use tau::sensitivity::Sensitivity;
 use tau::session::Basis;
 use tau::study::results::Study;
@@ -24,7 +25,11 @@ pub fn study(study: &Study, width: usize) -> String {
     screen.line(&format!("{}, {}", study.robot, study.folder));
     screen.gap();
     let has_cart_poses = findings::has_cart_poses(study);
-    screen.say(&findings::poses(study.poses, has_cart_poses));
+    screen.say(&findings::poses(
+        study.poses,
+        has_cart_poses,
+        study.architecture,
+    ));
     screen.say(&findings::noise(study.noise));
     for remark in &study.remarks {
         screen.say(remark);
@@ -37,11 +42,11 @@ pub fn study(study: &Study, width: usize) -> String {
     trust::of_study(&mut screen, study);
     screen.gap();
     for variant in &study.variants {
-        geometry(&mut screen, variant);
+        geometry(&mut screen, variant, study.architecture);
         screen.gap();
     }
     if let Some(found) = &study.sensitivity {
-        sensitivities(&mut screen, found);
+        sensitivities(&mut screen, found, study.architecture);
         screen.gap();
     }
     screen.line("Assumptions");
@@ -124,7 +129,12 @@ fn discovered(screen: &mut Screen, found: &Discovery) {
 /// One variant: its row of Table I in words, Table II, and what the data determine.
 ///
 /// Unless the poses of its errors are held out, they are the calibration's own.
-pub fn variant(result: &VariantResult, is_held_out: bool, width: usize) -> String {
+pub fn variant(
+    result: &VariantResult,
+    is_held_out: bool,
+    of: Architecture,
+    width: usize,
+) -> String {
     let basis = if is_held_out {
         Basis::HeldOut
     } else {
@@ -151,15 +161,15 @@ pub fn variant(result: &VariantResult, is_held_out: bool, width: usize) -> Strin
         trust::line(&mut screen, fit);
     }
     screen.gap();
-    geometry(&mut screen, result);
+    geometry(&mut screen, result, of);
     screen.gap();
     determined(&mut screen, result);
     screen.into_text()
 }
 
 /// Table II, and the meaning of what stands in brackets.
-fn geometry(screen: &mut Screen, result: &VariantResult) {
-    screen.table(&tables::geometry(result));
+fn geometry(screen: &mut Screen, result: &VariantResult, of: Architecture) {
+    screen.table(&tables::geometry(result, of));
     screen.say(&findings::brackets(result));
 }
 
@@ -256,14 +266,14 @@ fn position_and_orientation(
 }
 
 /// Table III, with what it was computed for and how well its two ways agree.
-pub fn sensitivity(sensitivity: &Sensitivity, width: usize) -> String {
+pub fn sensitivity(sensitivity: &Sensitivity, of: Architecture, width: usize) -> String {
     let mut screen = Screen::new(width);
-    sensitivities(&mut screen, sensitivity);
+    sensitivities(&mut screen, sensitivity, of);
     screen.into_text()
 }
 
-fn sensitivities(screen: &mut Screen, sensitivity: &Sensitivity) {
-    for table in tables::sensitivity(sensitivity) {
+fn sensitivities(screen: &mut Screen, sensitivity: &Sensitivity, of: Architecture) {
+    for table in tables::sensitivity(sensitivity, of) {
         screen.table(&table);
         screen.gap();
     }

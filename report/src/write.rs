@@ -8,11 +8,13 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use serde_json::Value;
+use tau::session::Record;
 use tau::study::results::Study;
 
-use super::{figures, html, json};
+use super::stale::{self, MANIFEST};
+use super::{figures, first_page, html, json};
 
-/// Writes `report.html`, `study.json` and the figures into a folder, which is made if it is not there, and
+/// Writes `report.html`, `study.json`, the figures and a list of them all into a folder, which is made if it is not there, and
 /// returns the paths written.
 ///
 /// Everything is rendered before anything is written, and written under temporary names before anything
@@ -21,27 +23,31 @@ use super::{figures, html, json};
 /// # Errors
 ///
 /// An error of the file system, with its path.
-pub fn write_study(folder: &Path, study: &Study) -> io::Result<Vec<PathBuf>> {
-    let files = study_files(folder, study);
+pub fn write_study(folder: &Path, study: &Study, record: &Record) -> io::Result<Vec<PathBuf>> {
+    let files = study_files(folder, study, record);
     write_files(&files)?;
     Ok(files.into_iter().map(|(path, _)| path).collect())
 }
 
 /// Files of [`write_study`]: paths and contents.
-pub fn study_files(folder: &Path, study: &Study) -> Vec<(PathBuf, String)> {
+pub fn study_files(folder: &Path, study: &Study, record: &Record) -> Vec<(PathBuf, String)> {
     let figures = figures::all(study);
-    let mut files = vec![
-        ("report.html", html::page(study, &figures)),
-        ("study.json", json::document(timeless(json::study(study)))),
-    ];
-    files.extend(
-        figures
-            .iter()
-            .map(|figure| (figure.file_name.as_str(), figure.svg.clone())),
-    );
+    let page = html::page(study, &figures, record);
+    let machine = first_page::drawing(study).map(|drawing| drawing.svg);
+    let named = figures
+        .iter()
+        .map(|figure| (figure.file_name.as_str(), figure.svg.as_str()));
+    let drawn: Vec<(&str, &str)> = (machine.iter().map(|svg| ("machine.svg", svg.as_str())))
+        .chain(named)
+        .collect();
+    let results = json::document(timeless(json::study(study)));
+    let mut files = vec![("report.html", page.as_str()), ("study.json", &results)];
+    files.extend(drawn);
+    let manifest = stale::manifest(&files);
+    files.push((MANIFEST, &manifest));
     files
         .into_iter()
-        .map(|(name, content)| (folder.join(name), content))
+        .map(|(name, content)| (folder.join(name), content.to_owned()))
         .collect()
 }
 
@@ -177,7 +183,12 @@ mod tests {
     fn writes_all_files_and_leaves_nothing_else() {
         let folder = tempfile::tempdir().unwrap();
         let study = crate::fixture::study();
-        let written = write_study(&folder.path().join("new/deep"), &study).unwrap();
+        let written = write_study(
+            &folder.path().join("new/deep"),
+            &study,
+            &crate::fixture::record(),
+        )
+        .unwrap();
         assert!(
             written
                 .iter()
@@ -210,7 +221,12 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let target = folder.path().join("study.json");
         fs::write(&target, "old").unwrap();
-        write_study(folder.path(), &crate::fixture::study()).unwrap();
+        write_study(
+            folder.path(),
+            &crate::fixture::study(),
+            &crate::fixture::record(),
+        )
+        .unwrap();
         assert!(fs::read_to_string(target).unwrap().starts_with('{'));
     }
 
@@ -241,7 +257,8 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("file");
         fs::write(&file, "").unwrap();
-        let error = write_study(&file, &crate::fixture::study()).unwrap_err();
+        let error =
+            write_study(&file, &crate::fixture::study(), &crate::fixture::record()).unwrap_err();
         assert!(error.to_string().contains("file"), "{error}");
     }
 }

@@ -88,7 +88,33 @@ pub struct Instance {
     pub inputs: Vec<Input>,
 }
 
+/// The drives of a robot, by which its parts are called.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Architecture {
+    /// Number of carts on tracks.
+    pub carts: usize,
+    /// Number of links of driven length.
+    pub driven_lengths: usize,
+    /// True for that of Dressler, Brogårdh and Robertsson (ICRA 2010): three carts that carry one, two and three links.
+    pub is_gantry_tau: bool,
+}
+
 impl Robot {
+    /// The drives.
+    pub fn architecture(&self) -> Architecture {
+        let mut on_tracks: Vec<usize> = (0..self.tracks.len())
+            .map(|track| self.links_of_track(track).len())
+            .collect();
+        on_tracks.sort_unstable();
+        let driven = self.links.iter().filter(|link| link.actuated_by.is_some());
+        let driven_lengths = driven.count();
+        Architecture {
+            carts: self.tracks.len(),
+            driven_lengths,
+            is_gantry_tau: on_tracks == [1, 2, 3] && self.links.len() == 6 && driven_lengths == 0,
+        }
+    }
+
     /// A robot from its description, compiled at run time: its functions are interpreted.
     ///
     /// They give the same numbers, bit for bit, as the code that `tau_model!` or `tau generate` makes of

@@ -261,7 +261,7 @@ impl<'a> Session<'a> {
         };
         let set1 = planner.tcp_poses(&simulation.poses, &mut Random::new(seed, "poses"));
         let (set1, states1) = self.reached(set1);
-        let (set1, states1) = self.read_again(set1, states1);
+        let (set1, states1) = self.read_again(&set1, states1);
         if set1.stops.len() < 2 {
             let message = "fewer than two poses are within reach";
             return Err(InputError::whole("poses", message)
@@ -361,7 +361,7 @@ impl<'a> Session<'a> {
     }
 
     /// Each stop of set 1 as often as it is read, one reading after the other.
-    fn read_again(&self, stops: Stops, states: Vec<State>) -> (Stops, Vec<State>) {
+    fn read_again(&self, stops: &Stops, states: Vec<State>) -> (Stops, Vec<State>) {
         let readings = self.simulation.readings.max(1);
         let read = |k: usize, stop: &Stop| {
             let mut stop = stop.clone();
@@ -374,7 +374,7 @@ impl<'a> Session<'a> {
             .unzip();
         let stops = Stops {
             stops: stops_again,
-            ..stops
+            ..*stops
         };
         (stops, states)
     }

@@ -35,9 +35,9 @@ pub mod input_error {
 /// Forward and inverse kinematics and statics of any variant.
 pub mod kinematics {
     pub use tau_kinematics::{
-        AssemblyMode, Closures, Error, Forces, InverseOptions, LARGEST_MISMATCH_M, Machine,
-        Missing, POSE_COLUMNS, Path, Pose, Reached, Sample, Segment, Statics, Surroundings,
-        track_axes, xyz, xyz_angles, zyz,
+        AssemblyMode, Closures, Error, Forces, InverseOptions, LARGEST_MISMATCH_M, Layout, Machine,
+        Missing, POSE_COLUMNS, Path, Pose, Rail, Reached, Rod, Sample, Segment, Statics,
+        Surroundings, track_axes, xyz, xyz_angles, zyz,
     };
 }
 

@@ -21,6 +21,9 @@ use crate::trust::reach::Reach;
 use crate::trust::verdict::mistakes;
 use crate::uncertainty::Uncertainty;
 
+/// Lacked by effects of carts where there are none: nothing that could be measured would bring them into sight.
+const NO_CART: &str = "a cart: the machine has none";
+
 /// A column's range.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Range {
@@ -387,7 +390,7 @@ fn lacks(effect: &Effect, model: &Model, file: &RobotFile, folder: &Folder) -> V
     let poses = &folder.tcp_poses;
     let is_on_cart = !matches!(effect.subject, Subject::Link | Subject::Tcp);
     if is_on_cart && model.tracks.is_empty() {
-        lacks.insert("a cart: the machine has none");
+        lacks.insert(NO_CART);
     }
     for quantity in effect.quantities() {
         let missing = match quantity {
@@ -452,14 +455,16 @@ fn missing(robot: &Robot, folder: &Folder, effects: &[Sight]) -> Vec<Gap> {
                     .to_owned(),
         });
     }
-    let lacking: BTreeSet<&'static str> = effects
-        .iter()
+    let within_reach = || {
+        let effects = effects.iter();
+        effects.filter(|effect| !effect.lacks.contains(&NO_CART))
+    };
+    let lacking: BTreeSet<&'static str> = within_reach()
         .flat_map(|effect| effect.lacks.iter().copied())
         .filter(|what| what.starts_with("column") || what.starts_with('['))
         .collect();
     for what in lacking {
-        let names: Vec<&str> = effects
-            .iter()
+        let names: Vec<&str> = within_reach()
             .filter(|effect| effect.lacks.contains(&what))
             .map(|effect| effect.name.as_str())
             .collect();

@@ -442,7 +442,6 @@ impl Robust {
 
     /// Repeated readings among the kept poses, and the variance of a reading of a visit with so many, over the stated one;
     /// none without any.
-    #[expect(clippy::type_complexity, reason = "a result and what follows from it")]
     fn repeats(
         mut self,
         samples: &[Sample],

@@ -64,7 +64,9 @@ impl ByVisit {
         for group in groups.values() {
             let of = |&sample: &usize| residuals.rows(sample * each, each);
             let mut mean = DVector::zeros(each);
-            group.iter().for_each(|sample| mean += of(sample));
+            for sample in group {
+                mean += of(sample);
+            }
             mean /= group.len() as f64;
             let apart = group
                 .iter()

@@ -292,13 +292,38 @@ fn serial(found: &Discovery) -> Option<String> {
     ))
 }
 
+/// True if a track follows its points because of this structure.
+fn is_of(track: &Place, structure: &Unnamed) -> bool {
+    structure.place == *track
+        && structure.against.readable == Readable::Command
+        && bend(structure.direction).is_some()
+}
+
+/// Structure without a name that is in no model, apart from what tracks take up that follow their points.
+pub(crate) fn apart(found: &Discovery) -> impl Iterator<Item = &Unnamed> {
+    found.unnamed.iter().filter(|structure| {
+        let mut tracks = found.piecewise_tracks.iter();
+        !tracks.any(|track| is_of(&track.place, structure))
+    })
+}
+
+/// The entries of [`unnamed`], in a few words.
+pub(crate) fn unnamed_in_short(found: &Discovery) -> Vec<String> {
+    let tracks = (found.piecewise_tracks.iter()).map(|track| {
+        format!(
+            "Without a name: track {} does not run straight",
+            track.place
+        )
+    });
+    let others = apart(found).map(|structure| {
+        let (part, moves) = (part(&structure.place), movement(structure.direction));
+        format!("Without a name: {part} {moves}")
+    });
+    tracks.chain(others).collect()
+}
+
 /// Unnamed structure, one entry for each track that follows its points and for everything else.
 pub(crate) fn unnamed(found: &Discovery) -> Vec<String> {
-    let is_of = |track: &Place, structure: &&Unnamed| {
-        structure.place == *track
-            && structure.against.readable == Readable::Command
-            && bend(structure.direction).is_some()
-    };
     let tracks = found.piecewise_tracks.iter().map(|track| {
         let bends: Vec<String> = found
             .unnamed
@@ -322,11 +347,7 @@ pub(crate) fn unnamed(found: &Discovery) -> Vec<String> {
             probability(track.p_value),
         )
     });
-    let others = found.unnamed.iter().filter(|structure| {
-        let mut tracks = found.piecewise_tracks.iter();
-        !tracks.any(|track| is_of(&track.place, structure))
-    });
-    let others = others.map(|structure| {
+    let others = apart(found).map(|structure| {
         format!(
             "{} {} {}. No effect of the catalogue explains it, and it is not in the model.",
             capital(&part(&structure.place)),

@@ -2,7 +2,10 @@
 
 use maud::{Markup, html};
 use tau::discovery::Discovery;
+use tau::kinematics::Layout;
 use tau::measurements::PoseCounts;
+use tau::robot::Architecture;
+use tau::session::Record;
 use tau::study::results::Study;
 
 use super::words;
@@ -10,7 +13,7 @@ use crate::findings;
 use crate::number::general;
 
 /// The input of a search, by which the reader judges its result.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub struct Setting {
     /// Numbers of poses by the part that they took.
     pub poses: PoseCounts,
@@ -18,14 +21,28 @@ pub struct Setting {
     pub has_cart_poses: bool,
     /// Stated noise: position (m) and rotation (rad), one standard deviation per axis.
     pub noise: (f64, f64),
+    /// Drives of the robot.
+    pub architecture: Architecture,
+    /// The machine in space, where it is known.
+    pub layout: Option<Layout>,
+    /// Positions of all measured poses (m).
+    pub measured_m: Vec<[f64; 3]>,
+    /// Origin of the figures.
+    pub record: Record,
 }
 
-impl From<&Study> for Setting {
-    fn from(study: &Study) -> Self {
+impl Setting {
+    /// That of a study.
+    pub fn of(study: &Study, record: &Record) -> Self {
+        let measured = study.assumptions.orientation.iter();
         Self {
             poses: study.poses,
             has_cart_poses: findings::has_cart_poses(study),
             noise: study.noise,
+            architecture: study.architecture,
+            layout: study.layout.clone(),
+            measured_m: measured.map(|point| point.position_m).collect(),
+            record: record.clone(),
         }
     }
 }
@@ -35,18 +52,24 @@ pub(crate) fn obtained(found: &Discovery, setting: &Setting) -> Markup {
     let base = &found.base;
     html! {
         p {
-            (findings::poses(setting.poses, setting.has_cart_poses)) " " (findings::noise(setting.noise))
+            (findings::poses(setting.poses, setting.has_cart_poses, setting.architecture)) " " (findings::noise(setting.noise))
             " Poses that calibrate take part in the search; those that validate take part in nothing and show the error \
              at the tool."
         }
         ol.steps {
             li {
                 b { "Fit. " }
-                (words::variant(&found.model, base)) " is fitted to all sets that there are at once: set 1 through the closure of its links, \
-                 sets 2 and 3 through the motion of the carts, with the frames of the tracker and the places of the \
-                 targets unknown and the tolerances of the robot file as priors. Table I of a study fits set 1 alone, so \
-                 that the error of " (base) " there is another one (here " (general(found.validation.before.mean_um, 3))
-                " µm in the mean). Outliers are left out first."
+                @if setting.architecture.carts > 0 {
+                    (words::variant(&found.model, base)) " is fitted to all sets that there are at once: set 1 through the closure of its links, \
+                     sets 2 and 3 through the motion of the carts, with the frames of the tracker and the places of the \
+                     targets unknown and the tolerances of the robot file as priors. A study's table of errors fits set 1 \
+                     alone, so that the error of " (base) " there is another one (here "
+                    (general(found.validation.before.mean_um, 3)) " µm in the mean). "
+                } @else {
+                    (words::variant(&found.model, base)) " is fitted to the poses through the closure of its links, with the \
+                     tolerances of the robot file as priors. "
+                }
+                "Outliers are left out first."
             }
             li {
                 b { "Weigh. " }

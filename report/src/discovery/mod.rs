@@ -57,7 +57,7 @@ fn chance(p_value: f64) -> String {
 }
 
 /// Names in a sentence.
-fn listed(names: &[impl AsRef<str>]) -> String {
+pub(super) fn listed(names: &[impl AsRef<str>]) -> String {
     let names: Vec<&str> = names.iter().map(AsRef::as_ref).collect();
     match names.as_slice() {
         [] => String::new(),

@@ -7,51 +7,31 @@ use super::method::{self, Setting};
 use super::{at, findings, tables};
 use crate::elements::{figure, table};
 use crate::figures::Figure;
-use crate::number::general;
 
 /// A part of the evidence.
 pub(crate) struct Part {
     pub(crate) id: &'static str,
     pub(crate) title: &'static str,
     pub(crate) body: Markup,
+    /// True for what is looked up rather than read.
+    pub(crate) is_appendix: bool,
 }
 
-/// The figures that matter most.
-pub(crate) fn keys(found: &Discovery) -> Markup {
-    let um = |value: f64| general(value, 3) + " µm";
-    html! {
-        dl.keys {
-            div { dt { "Errors found" } dd { (count(found)) } }
-            div { dt { "Mean error before" } dd { (um(found.validation.before.mean_um)) } }
-            div { dt { "Mean error after" } dd { (um(found.validation.after.mean_um)) } }
-            div { dt { "Stated noise alone" } dd { (um(found.noise_floor_um)) } }
+impl Part {
+    fn new(id: &'static str, title: &'static str, body: Markup) -> Self {
+        Self {
+            id,
+            title,
+            body,
+            is_appendix: false,
         }
     }
-}
 
-/// Number of errors found, with and without a name.
-fn count(found: &Discovery) -> String {
-    let unnamed = findings::unnamed(found).len();
-    match (found.effects.len(), unnamed) {
-        (0, 0) => "none".to_owned(),
-        (named, 0) => named.to_string(),
-        (0, unnamed) => format!("{unnamed} without a name"),
-        (named, unnamed) => format!("{named} and {unnamed} without a name"),
-    }
-}
-
-/// The verdict, what was found in a few words, and what that brings: for a summary.
-pub(crate) fn summary(found: &Discovery) -> Markup {
-    let names: Vec<String> = found
-        .effects
-        .iter()
-        .map(|effect| findings::headline(&found.model, effect))
-        .chain(findings::unnamed(found))
-        .collect();
-    html! {
-        p { (findings::verdict(found)) }
-        @if !names.is_empty() { ol { @for name in &names { li { (name) } } } }
-        p { (findings::gap(found)) }
+    fn appendix(id: &'static str, title: &'static str, body: Markup) -> Self {
+        Self {
+            is_appendix: true,
+            ..Self::new(id, title, body)
+        }
     }
 }
 
@@ -102,44 +82,36 @@ pub(crate) fn sentences(found: &Discovery) -> Markup {
 
 /// The evidence, in the order in which it convinces.
 pub(crate) fn evidence(found: &Discovery, setting: &Setting, figures: &[Figure]) -> Vec<Part> {
-    let mut parts = vec![Part {
-        id: "gap",
-        title: "How the error shrinks",
-        body: gap(found, figures),
-    }];
+    let mut parts = vec![Part::new(
+        "gap",
+        "How the error shrinks",
+        gap(found, figures),
+    )];
     if !found.effects.is_empty() {
-        parts.push(Part {
-            id: "effects",
-            title: "What the residuals show of each effect",
-            body: effects(found, figures),
-        });
+        parts.push(Part::new(
+            "effects",
+            "What the residuals show of each effect",
+            effects(found, figures),
+        ));
     }
     parts.extend([
-        Part {
-            id: "obtained",
-            title: "How the figures of the search were obtained",
-            body: method::obtained(found, setting),
-        },
-        Part {
-            id: "where",
-            title: "Where model and measurement disagree",
-            body: disagreement(found, figures),
-        },
-        Part {
-            id: "considered",
-            title: "What was considered",
-            body: candidates(found),
-        },
-        Part {
-            id: "sight",
-            title: "What could be found",
-            body: sight(found),
-        },
-        Part {
-            id: "model",
-            title: "The description with what was found",
-            body: html! { pre { code { (found.model_text) } } },
-        },
+        Part::new(
+            "where",
+            "Where model and measurement disagree",
+            disagreement(found, figures),
+        ),
+        Part::appendix(
+            "obtained",
+            "How the figures of the search were obtained",
+            method::obtained(found, setting),
+        ),
+        Part::appendix("considered", "What was considered", candidates(found)),
+        Part::appendix("sight", "What could be found", sight(found)),
+        Part::appendix(
+            "model",
+            "The description with what was found",
+            html! { pre { code { (found.model_text) } } },
+        ),
     ]);
     parts
 }

@@ -6,6 +6,7 @@ use tau::discovery::results::{
     UsedEffect, Validation, Wave, Whiteness,
 };
 use tau::measurements::PoseCounts;
+use tau::robot::Architecture;
 use tau_codegen::language::check_text;
 
 use super::method::Setting;
@@ -204,6 +205,14 @@ fn setting() -> Setting {
         },
         has_cart_poses: false,
         noise: (1e-5, 4e-5),
+        architecture: Architecture {
+            carts: 2,
+            driven_lengths: 0,
+            is_gantry_tau: false,
+        },
+        layout: Some(crate::fixture::layout()),
+        measured_m: vec![[-1.3, -4.2, 0.1]],
+        record: crate::fixture::record(),
     }
 }
 
@@ -463,15 +472,15 @@ fn poses_that_were_searched_are_not_said_to_be_kept_apart() {
 fn the_page_is_well_formed_and_escapes_what_it_is_given() {
     let found = found();
     let page = html::discovery_page(&found, &setting(), "<Robot>", "a & b");
-    let page = page.replacen("<!DOCTYPE html>", "", 1);
-    let (_, body) = page.split_once("<body>").expect("a body");
-    let body = format!("<body>{}", body.replace("</html>", ""));
-    let document = Document::parse(&body).unwrap();
-    let headings: Vec<_> = document
-        .descendants()
-        .filter(|node| node.has_tag_name("h2"))
-        .collect();
-    assert_eq!(headings.len(), 7);
+    let page = crate::tests::parse_html(&page);
+    let document = Document::parse(&page).unwrap();
+    let count = |name: &str| {
+        let nodes = document.descendants();
+        let named =
+            nodes.filter(|node| node.has_tag_name(name) && node.attribute("class").is_none());
+        named.count()
+    };
+    assert_eq!((count("section"), count("details")), (4, 4));
     assert_eq!(figures::discovery(&found).len(), 4);
     for figure in figures::discovery(&found) {
         Document::parse(&figure.svg).unwrap();
@@ -512,7 +521,8 @@ fn many_look_alikes_are_counted() {
 fn files_of_a_study_are_the_same_whatever_time_it_took() {
     let mut study = crate::fixture::study();
     study.discovery = Some(found());
-    let before = study_files("out".as_ref(), &study);
+    let record = crate::fixture::record();
+    let before = study_files("out".as_ref(), &study, &record);
     study.discovery.as_mut().unwrap().seconds += 1.0;
-    assert_eq!(study_files("out".as_ref(), &study), before);
+    assert_eq!(study_files("out".as_ref(), &study, &record), before);
 }

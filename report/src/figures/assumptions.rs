@@ -6,7 +6,7 @@ use tau::study::results::Study;
 use super::axis::Axis;
 use super::chart::{self, Grid, Show, series};
 use super::{Figure, angle_unit, length_unit};
-use crate::findings::spacing_mm;
+use crate::findings::{has_reduced, spacing_mm};
 use crate::number::{general, largest};
 
 const ANGLES: [&str; 3] = ["ωx", "ωy", "ωz"];
@@ -33,7 +33,7 @@ pub fn orientation_grid(study: &Study) -> Option<Figure> {
         row_gap: 14.0,
         row_height: 106.0,
     };
-    let svg = chart::draw(title, &subtitle, grid.height(), |sheet| {
+    let drawn = chart::draw(title, &subtitle, grid.height(), |sheet| {
         for (row, angle) in ANGLES.iter().enumerate() {
             let values = points.iter().map(|point| factor * point.deviation_rad[row]);
             let y = Axis::symmetric(&format!("{angle} ({unit})"), values, 4.0);
@@ -56,11 +56,23 @@ pub fn orientation_grid(study: &Study) -> Option<Figure> {
         file_name: "figure_4_orientation.svg".to_owned(),
         number: Some(4),
         title: title.to_owned(),
-        caption: "Each point is a measured pose of set 1; the rows are the components of the rotation vector \
-                  in the measurement frame, the columns the coordinates of the TCP. A plate of constant orientation, which the reduced arm assumes, \
-                  would leave only noise. A trend shows that the links of a cluster are not a parallelogram."
-            .to_owned(),
-        svg,
+        caption: format!(
+            "Each point is a measured pose{}; the rows are the components of the rotation vector in the measurement \
+             frame, the columns the coordinates of the TCP.{}{}",
+            if study.architecture.carts > 0 {
+                " of set 1"
+            } else {
+                ""
+            },
+            if has_reduced(study) {
+                " A plate of constant orientation, which the reduced arm assumes, would leave only noise. A trend shows \
+                 that the links of a cluster are not a parallelogram."
+            } else {
+                ""
+            },
+            drawn.note
+        ),
+        svg: drawn.svg,
     })
 }
 
@@ -123,7 +135,7 @@ fn linearity(
         .iter()
         .map(|track| format!("track {}", track.track))
         .collect();
-    let svg = chart::draw(title, subtitle, grid.height(), |sheet| {
+    let drawn = chart::draw(title, subtitle, grid.height(), |sheet| {
         let legend: Vec<_> = names
             .iter()
             .enumerate()
@@ -157,8 +169,8 @@ fn linearity(
         file_name: file_name.to_owned(),
         number: Some(number),
         title: title.to_owned(),
-        caption: caption.to_owned(),
-        svg,
+        caption: caption.to_owned() + drawn.note,
+        svg: drawn.svg,
     })
 }
 
@@ -188,7 +200,7 @@ pub fn set_comparison(study: &Study) -> Option<Figure> {
     };
     let all = directions.iter().flat_map(|(_, value)| points().map(value));
     let (factor, unit) = length_unit(largest(all));
-    let svg = chart::draw(title, subtitle, grid.height(), |sheet| {
+    let drawn = chart::draw(title, subtitle, grid.height(), |sheet| {
         let count = (9.0 / tracks.len() as f64).max(2.0);
         let x = Axis::linear("command q (m)", points().map(|point| point.q_m), count);
         // One scale for all directions, so that their sizes can be compared.
@@ -222,10 +234,11 @@ pub fn set_comparison(study: &Study) -> Option<Figure> {
         caption: format!(
             "Set 3 is carried into the frame of set 2 by the rigid transform that fits best. Differences beyond the \
              noise mean that a cart's place depends on more than its own command (approach direction, other carts, \
-             load, temperature), or that its error changes between the points of set 2{}.",
+             load, temperature), or that its error changes between the points of set 2{}.{}",
             spacing_mm(&study.assumptions.linearity)
-                .map_or_else(String::new, |gap| format!(", {} mm apart", general(gap, 2)))
+                .map_or_else(String::new, |gap| format!(", {} mm apart", general(gap, 2))),
+            drawn.note
         ),
-        svg,
+        svg: drawn.svg,
     })
 }

@@ -1,7 +1,7 @@
 //! Mean and largest errors as bars, a row each.
 
 use super::axis::Axis;
-use super::chart::{self, ACCENT, Anchor, PALE, Rect, STRONG, Show, WIDTH};
+use super::chart::{self, ACCENT, Anchor, Drawn, PALE, Rect, STRONG, Show, WIDTH};
 use super::length_unit;
 use crate::number::{fixed, largest, shared_decimals};
 
@@ -14,7 +14,7 @@ pub(super) fn draw(
     (title, subtitle): (&str, &str),
     rows: &[(String, [f64; 2])],
     noise_um: Option<f64>,
-) -> String {
+) -> Drawn {
     let values = || rows.iter().flat_map(|(_, errors)| *errors);
     let (factor, unit) = length_unit(largest(values()));
     let decimals = shared_decimals(values().map(|value| factor * value));

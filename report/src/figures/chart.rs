@@ -3,6 +3,8 @@
 //! Lengths are in units of 1/96 inch, so that a figure of [`WIDTH`] fills the text width of an A4 page
 //! and a type size of 11 prints as 8 points.
 
+use std::cell::Cell;
+
 use plotters::coord::cartesian::Cartesian2d;
 use plotters::coord::types::RangedCoordf64;
 use plotters::coord::{CoordTranslate, Shift};
@@ -10,6 +12,9 @@ use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use super::axis::Axis;
+use super::cells;
+pub(super) use super::palette::{ACCENT, INK, Marker, PALE, STRONG, Style, series};
+use super::palette::{FRAME, GRID, PAPER, SOFT_INK};
 use crate::number::printable;
 
 /// Width of every figure.
@@ -18,69 +23,6 @@ pub(super) const WIDTH: f64 = 680.0;
 const SCALE: f64 = 4.0;
 /// The backend divides the size of a font by this.
 const FONT_FACTOR: f64 = 1.24;
-
-pub(super) const INK: RGBColor = RGBColor(0x22, 0x26, 0x2b);
-const SOFT_INK: RGBColor = RGBColor(0x55, 0x5c, 0x66);
-const GRID: RGBColor = RGBColor(0xe3, 0xe6, 0xea);
-const FRAME: RGBColor = RGBColor(0x8a, 0x91, 0x9a);
-
-/// Shape of a mark, so that series stay apart without colour.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Marker {
-    Disc,
-    Square,
-    Triangle,
-    Diamond,
-    Ring,
-    Cross,
-}
-
-/// Style of a series.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Style {
-    pub(super) color: RGBColor,
-    pub(super) marker: Marker,
-}
-
-/// Colours by Okabe and Ito, told apart by all common kinds of colour vision.
-const SERIES: [Style; 6] = [
-    Style {
-        color: RGBColor(0x00, 0x72, 0xb2),
-        marker: Marker::Disc,
-    },
-    Style {
-        color: RGBColor(0xd5, 0x5e, 0x00),
-        marker: Marker::Square,
-    },
-    Style {
-        color: RGBColor(0x00, 0x9e, 0x73),
-        marker: Marker::Triangle,
-    },
-    Style {
-        color: RGBColor(0xb0, 0x5a, 0x8a),
-        marker: Marker::Diamond,
-    },
-    Style {
-        color: RGBColor(0xe6, 0x9f, 0x00),
-        marker: Marker::Ring,
-    },
-    Style {
-        color: RGBColor(0x22, 0x26, 0x2b),
-        marker: Marker::Cross,
-    },
-];
-
-/// Style of the series of this index; they repeat after the sixth.
-pub(super) fn series(index: usize) -> Style {
-    SERIES[index % SERIES.len()]
-}
-
-/// Fill of the bar that matters.
-pub(super) const STRONG: RGBColor = RGBColor(0x00, 0x5a, 0x8f);
-/// Fill of the bar behind it, lighter in grey too.
-pub(super) const PALE: RGBColor = RGBColor(0x5b, 0x9b, 0xc8);
-/// Colour of what should catch the eye.
-pub(super) const ACCENT: RGBColor = RGBColor(0xc0, 0x4a, 0x00);
 
 /// A rectangle: left, top, width, height.
 #[derive(Debug, Clone, Copy)]
@@ -134,9 +76,19 @@ pub(super) enum Anchor {
 
 type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 
+/// A drawn figure.
+pub(super) struct Drawn {
+    /// The SVG document.
+    pub(super) svg: String,
+    /// A sentence for the caption, with a space before it, where marks gave way to shaded cells.
+    pub(super) note: &'static str,
+}
+
 /// A sheet to draw on. Drawing into memory cannot fail, so results of the backend are dropped.
 pub(super) struct Sheet<'a> {
     area: Area<'a>,
+    /// True once marks have given way to cells.
+    has_cells: Cell<bool>,
 }
 
 fn pixel(length: f64) -> i32 {
@@ -154,18 +106,27 @@ pub(super) fn draw(
     subtitle: &str,
     height: f64,
     content: impl FnOnce(&Sheet),
-) -> String {
+) -> Drawn {
     let mut buffer = String::new();
     let size = (pixel(WIDTH).unsigned_abs(), pixel(height).unsigned_abs());
     let sheet = Sheet {
         area: SVGBackend::with_string(&mut buffer, size).into_drawing_area(),
+        has_cells: Cell::new(false),
     };
     sheet.write(title, (6.0, 18.0), Anchor::Left, 15.0, INK, true);
     sheet.write(subtitle, (6.0, 37.0), Anchor::Left, 12.0, SOFT_INK, false);
     content(&sheet);
     let _ = sheet.area.present();
+    let note = if sheet.has_cells.get() {
+        cells::NOTE
+    } else {
+        ""
+    };
     drop(sheet);
-    document(&buffer, title, subtitle, height)
+    Drawn {
+        svg: document(&buffer, title, subtitle, height),
+        note,
+    }
 }
 
 /// Replaces the backend's root element by one with title and description, scaled to its natural size,
@@ -187,7 +148,7 @@ fn document(drawn: &str, title: &str, subtitle: &str, height: f64) -> String {
             "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {} {}\" width=\"{}\" height=\"{}\" ",
             "role=\"img\" font-family=\"Helvetica, Arial, sans-serif\" stroke-linejoin=\"round\">\n",
             "<title>{}</title>\n<desc>{}</desc>\n",
-            "<rect width=\"100%\" height=\"100%\" fill=\"#FFFFFF\"/>\n{}</svg>\n"
+            "<rect width=\"100%\" height=\"100%\" fill=\"{}\"/>\n{}</svg>\n"
         ),
         pixel(WIDTH),
         pixel(height),
@@ -195,6 +156,7 @@ fn document(drawn: &str, title: &str, subtitle: &str, height: f64) -> String {
         height,
         escape(title),
         escape(subtitle),
+        format_args!("#{:02X}{:02X}{:02X}", PAPER.0, PAPER.1, PAPER.2),
         body
     );
     printable(&document)
@@ -440,17 +402,28 @@ impl Panel<'_, '_> {
             .write(text, at, Anchor::Right, 11.0, SOFT_INK, false);
     }
 
-    /// A mark at each point.
+    /// A mark at each point; cells that are shaded by the number of points in them, where marks would cover each other.
     pub(super) fn marks(
         &self,
         points: impl IntoIterator<Item = (f64, f64)>,
         style: Style,
         radius: f64,
     ) {
-        for (x, y) in points {
-            if x.is_finite() && y.is_finite() {
-                self.sheet.mark(self.at(x, y), style, radius);
+        let points: Vec<(i32, i32)> = points
+            .into_iter()
+            .filter(|(x, y)| x.is_finite() && y.is_finite())
+            .map(|(x, y)| self.at(x, y))
+            .collect();
+        if cells::are_needed(points.len(), radius, self.place.width * self.place.height) {
+            self.sheet.has_cells.set(true);
+            for bar in cells::shaded(&points, pixel(2.0 * radius)) {
+                let fill = style.color.mix(bar.shade).filled();
+                let _ = self.sheet.area.draw(&Rectangle::new(bar.corners, fill));
             }
+            return;
+        }
+        for point in points {
+            self.sheet.mark(point, style, radius);
         }
     }
 
@@ -467,7 +440,8 @@ impl Panel<'_, '_> {
             .map(|(x, y)| self.at(x, y))
             .collect();
         if points.len() > 1 {
-            self.sheet.path(points, color, width);
+            self.sheet
+                .path(cells::outlined(&points, pixel(0.5)), color, width);
         }
     }
 

@@ -27,7 +27,7 @@ pub fn gap_by_step(found: &Discovery) -> Option<Figure> {
     let subtitle = "Mean and largest error at the validation poses; the line marks the mean of the stated noise alone";
     let errors = steps.iter().map(|step| [step.gap.mean_um, step.gap.max_um]);
     let rows: Vec<_> = tables::labels(found).into_iter().zip(errors).collect();
-    let svg = bars::draw((title, subtitle), &rows, Some(found.noise_floor_um));
+    let drawn = bars::draw((title, subtitle), &rows, Some(found.noise_floor_um));
     Some(Figure {
         file_name: "discovery_gap_by_step.svg".to_owned(),
         number: None,
@@ -40,7 +40,7 @@ pub fn gap_by_step(found: &Discovery) -> Option<Figure> {
                 "the poses that were searched"
             }
         ),
-        svg,
+        svg: drawn.svg,
     })
 }
 
@@ -60,7 +60,7 @@ pub fn unnamed_structure(found: &Discovery) -> Option<Figure> {
         row_gap: 66.0,
         row_height: 120.0,
     };
-    let svg = chart::draw(title, subtitle, grid.height(), |sheet| {
+    let drawn = chart::draw(title, subtitle, grid.height(), |sheet| {
         for (row, structure) in found.unnamed.iter().enumerate() {
             let points = || structure.curve.iter().map(|[x, y]| (*x, 1e6 * y));
             let against = labelled(&structure.against);
@@ -78,7 +78,8 @@ pub fn unnamed_structure(found: &Discovery) -> Option<Figure> {
         title: title.to_owned(),
         caption: "What no effect of the catalogue explains. A function of several quantities scatters about a curve of \
                   one."
-            .to_owned(),
-        svg,
+            .to_owned()
+            + drawn.note,
+        svg: drawn.svg,
     })
 }

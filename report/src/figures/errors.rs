@@ -6,7 +6,7 @@ use tau::study::results::Study;
 use super::axis::Axis;
 use super::chart::{self, ACCENT, Grid, PALE, STRONG, Show, series};
 use super::{Figure, bars, length_unit};
-use crate::findings::held_out;
+use crate::findings::{has_reduced, held_out};
 use crate::number::{fixed, largest, shared_decimals};
 
 /// Table I as bars: mean and largest position error of each variant.
@@ -29,16 +29,38 @@ pub fn error_by_variant(study: &Study) -> Option<Figure> {
     let rows = variants
         .iter()
         .map(|variant| (variant.name.clone(), errors(variant)));
-    let svg = bars::draw((title, &subtitle), &rows.collect::<Vec<_>>(), None);
+    let drawn = bars::draw((title, &subtitle), &rows.collect::<Vec<_>>(), None);
     Some(Figure {
         file_name: "position_error_by_variant.svg".to_owned(),
         number: None,
         title: title.to_owned(),
-        caption: "The figures of Table I. The error of a pose is the distance between the TCP position that the \
+        caption: "The figures of the table. The error of a pose is the distance between the TCP position that the \
                   calibrated model predicts from the commands and the measured one."
             .to_owned(),
-        svg,
+        svg: drawn.svg,
     })
+}
+
+/// Bars beside each other that a panel has room for.
+const BARS: usize = 240;
+
+/// Number of poses in turn that share a bar, so that the longest of some series fits.
+fn group_size(lengths: impl Iterator<Item = usize>) -> usize {
+    lengths.max().unwrap_or(0).div_ceil(BARS).max(1)
+}
+
+/// Middle of the pose numbers of a group.
+fn centre(group: &[PoseError]) -> f64 {
+    let ends =
+        [group.first(), group.last()].map(|pose| pose.map_or(0.0, |pose| f64::from(pose.pose)));
+    0.5 * (ends[0] + ends[1])
+}
+
+/// Distance between the numbers of neighbouring poses, in the mean.
+fn step(variant: &VariantResult) -> f64 {
+    let ends = [variant.pose_errors.first(), variant.pose_errors.last()];
+    let [first, last] = ends.map(|pose| pose.map_or(0.0, |pose| f64::from(pose.pose)));
+    (last - first) / variant.pose_errors.len().max(2) as f64
 }
 
 /// Position error of each validation pose, one panel a variant.
@@ -52,7 +74,14 @@ pub fn error_by_pose(study: &Study) -> Option<Figure> {
         return None;
     }
     let title = "Position error by pose";
-    let subtitle = "Each bar is a validation pose; the line marks the mean";
+    let size = group_size(variants.iter().map(|variant| variant.pose_errors.len()));
+    let subtitle = if size == 1 {
+        "Each bar is a validation pose; the line marks the mean".to_owned()
+    } else {
+        format!(
+            "Each bar is {size} validation poses in turn: their mean (dark) and largest error (pale); the line marks the mean"
+        )
+    };
     let errors = || variants.iter().flat_map(|variant| &variant.pose_errors);
     let (factor, unit) = length_unit(largest(errors().map(PoseError::length_um)));
     let grid = Grid {
@@ -63,7 +92,7 @@ pub fn error_by_pose(study: &Study) -> Option<Figure> {
         row_gap: 28.0,
         row_height: 70.0,
     };
-    let svg = chart::draw(title, subtitle, grid.height(), |sheet| {
+    let drawn = chart::draw(title, &subtitle, grid.height(), |sheet| {
         let x = Axis::linear(
             "pose number in the file",
             errors().map(|error| f64::from(error.pose)),
@@ -72,7 +101,8 @@ pub fn error_by_pose(study: &Study) -> Option<Figure> {
         let lengths = errors().map(|error| factor * error.length_um());
         let y = Axis::from_zero(&format!("error ({unit})"), lengths, 3.0);
         // Bars fill their share of the panel, at most a third of a pose number apart from touching.
-        let half = (0.3 * (x.range.1 - x.range.0) / variants[0].pose_errors.len() as f64).min(0.8);
+        let bars = variants[0].pose_errors.len().div_ceil(size);
+        let half = (0.3 * (x.range.1 - x.range.0) / bars as f64).min(0.8 * size as f64);
         let means = variants
             .iter()
             .map(|variant| factor * variant.position_um.mean);
@@ -88,15 +118,17 @@ pub fn error_by_pose(study: &Study) -> Option<Figure> {
                 .iter()
                 .max_by(|a, b| a.length_um().total_cmp(&b.length_um()))
                 .filter(|worst| worst.length_um().is_finite());
-            for error in &variant.pose_errors {
-                let at = f64::from(error.pose);
-                let is_worst = worst.is_some_and(|worst| worst.pose == error.pose);
-                let color = if is_worst { ACCENT } else { STRONG };
-                panel.bar(
-                    (at - half, 0.0),
-                    (at + half, factor * error.length_um()),
-                    color,
-                );
+            for group in variant.pose_errors.chunks(size) {
+                let lengths = || group.iter().map(|error| factor * error.length_um());
+                let at = centre(group);
+                let has_worst = worst.is_some_and(|worst| group.contains(worst));
+                let [above, mean] = [if size == 1 { STRONG } else { PALE }, STRONG];
+                let above = if has_worst { ACCENT } else { above };
+                panel.bar((at - half, 0.0), (at + half, largest(lengths())), above);
+                if size > 1 {
+                    let of_group = lengths().sum::<f64>() / group.len() as f64;
+                    panel.bar((at - half, 0.0), (at + half, of_group), mean);
+                }
             }
             let mean = factor * variant.position_um.mean;
             let line = [(x.range.0, mean), (x.range.1, mean)];
@@ -119,10 +151,16 @@ pub fn error_by_pose(study: &Study) -> Option<Figure> {
         file_name: "position_error_by_pose.svg".to_owned(),
         number: None,
         title: title.to_owned(),
-        caption: "All panels share one scale. The largest error of each variant is drawn in orange. Errors that \
-                  come back at neighbouring poses point to something that the model lacks rather than to noise."
-            .to_owned(),
-        svg,
+        caption: format!(
+            "All panels share one scale. {} each variant is drawn in orange. Errors that come back at neighbouring \
+             poses point to something that the model lacks rather than to noise.",
+            if size == 1 {
+                "The largest error of"
+            } else {
+                "The bar that holds the largest error of"
+            }
+        ),
+        svg: drawn.svg,
     })
 }
 
@@ -154,8 +192,14 @@ pub fn orientation_errors(study: &Study) -> Option<Figure> {
     // As in Table I.
     let (factor, unit) = (1e3, "mrad");
     let title = "Orientation errors at the validation poses";
-    let subtitle =
-        "Rotation vector from the measured to the predicted plate, for the variants with all links";
+    let size = group_size(variants.iter().map(|variant| variant.pose_errors.len()));
+    let subtitle = if size == 1 {
+        "Rotation vector from the measured to the predicted plate".to_owned()
+    } else {
+        format!(
+            "Rotation vector from the measured to the predicted plate: mean and range of {size} poses in turn"
+        )
+    };
     let grid = Grid {
         rows: 3,
         columns: 1,
@@ -164,7 +208,7 @@ pub fn orientation_errors(study: &Study) -> Option<Figure> {
         row_gap: 14.0,
         row_height: 106.0,
     };
-    let svg = chart::draw(title, subtitle, grid.height(), |sheet| {
+    let drawn = chart::draw(title, &subtitle, grid.height(), |sheet| {
         let legend: Vec<_> = variants
             .iter()
             .enumerate()
@@ -189,11 +233,26 @@ pub fn orientation_errors(study: &Study) -> Option<Figure> {
                 },
             );
             for (index, variant) in variants.iter().enumerate() {
-                let marks = variant.pose_errors.iter().filter_map(|error| {
-                    let angles = error.orientation_rad?;
-                    Some((f64::from(error.pose), factor * angles[row]))
-                });
-                panel.marks(marks, series(index), 2.8);
+                for group in variant.pose_errors.chunks(size) {
+                    let values: Vec<f64> = (group.iter())
+                        .filter_map(|error| Some(factor * error.orientation_rad?[row]))
+                        .filter(|value| value.is_finite())
+                        .collect();
+                    if values.is_empty() {
+                        continue;
+                    }
+                    // Groups of several variants stand side by side.
+                    let aside = (index as f64 + 0.5) / variants.len() as f64 - 0.5;
+                    let at = centre(group) + 0.8 * aside * (size - 1) as f64 * step(variant);
+                    let low = values.iter().copied().fold(f64::INFINITY, f64::min);
+                    let high = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+                    let mean = values.iter().sum::<f64>() / values.len() as f64;
+                    if size > 1 {
+                        panel.line([(at, low), (at, high)], series(index).color, 0.9);
+                    }
+                    let radius = if size == 1 { 2.8 } else { 1.6 };
+                    panel.marks([(at, mean)], series(index), radius);
+                }
             }
         }
     });
@@ -201,9 +260,15 @@ pub fn orientation_errors(study: &Study) -> Option<Figure> {
         file_name: "figure_8_orientation_errors.svg".to_owned(),
         number: Some(8),
         title: title.to_owned(),
-        caption: "A reduced arm predicts no orientation and is not drawn. The largest magnitudes stand in Table I. \
-                  Errors that keep their sign over many poses are the model's, not the noise's."
-            .to_owned(),
-        svg,
+        caption: format!(
+            "{}The largest magnitudes stand in the table above. Errors that keep their sign over many poses are the \
+             model's, not the noise's.",
+            if has_reduced(study) {
+                "A reduced arm predicts no orientation and is not drawn. "
+            } else {
+                ""
+            }
+        ),
+        svg: drawn.svg,
     })
 }

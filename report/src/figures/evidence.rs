@@ -59,7 +59,7 @@ fn residuals(index: usize, evidence: &Evidence) -> Option<Figure> {
         row_gap: 66.0,
         row_height: 112.0,
     };
-    let svg = chart::draw(&title, subtitle, grid.height(), |sheet| {
+    let drawn = chart::draw(&title, subtitle, grid.height(), |sheet| {
         for (row, pattern) in patterns.iter().enumerate() {
             let factor = covariate_factor(pattern);
             let points = || pattern.points.iter();
@@ -103,11 +103,12 @@ fn residuals(index: usize, evidence: &Evidence) -> Option<Figure> {
         file_name: format!("discovery_residuals_{}.svg", index + 1),
         number: None,
         caption: format!(
-            "Left: without {effect} in the model, fitted anew. Right: with it.{}",
-            two_values(evidence)
+            "Left: without {effect} in the model, fitted anew. Right: with it.{}{}",
+            two_values(evidence),
+            drawn.note
         ),
         title,
-        svg,
+        svg: drawn.svg,
     })
 }
 
@@ -178,7 +179,7 @@ fn spectrum(index: usize, effect: &FoundEffect, spectrum: &Spectrum) -> Option<F
     if !(low > 0.0 && high > low) {
         return None;
     }
-    let svg = chart::draw(&title, subtitle, place.top + place.height + 44.0, |sheet| {
+    let drawn = chart::draw(&title, subtitle, place.top + place.height + 44.0, |sheet| {
         sheet.box_legend(
             &[
                 ("without it", STRONG),
@@ -222,7 +223,7 @@ fn spectrum(index: usize, effect: &FoundEffect, spectrum: &Spectrum) -> Option<F
             spectrum.parameter
         ),
         title,
-        svg,
+        svg: drawn.svg,
     })
 }
 

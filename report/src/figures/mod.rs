@@ -6,10 +6,12 @@
 mod assumptions;
 mod axis;
 mod bars;
+mod cells;
 mod chart;
 mod discovery;
 mod errors;
 mod evidence;
+mod palette;
 mod sensitivity;
 
 use tau::study::results::Study;
@@ -19,6 +21,7 @@ pub(super) use axis::typographic;
 pub use discovery::{discovery, gap_by_step, unnamed_structure};
 pub use errors::{error_by_pose, error_by_variant, orientation_errors};
 pub use evidence::evidence;
+pub(super) use palette::dark_style;
 pub use sensitivity::{orientation_sensitivity, position_sensitivity};
 
 /// A drawing with what the reader needs to understand it.
@@ -26,7 +29,7 @@ pub use sensitivity::{orientation_sensitivity, position_sensitivity};
 pub struct Figure {
     /// Name of the file it is written to.
     pub file_name: String,
-    /// Its number in the paper, if it has one there.
+    /// Its number in the paper, if it has one there and the robot is the paper's.
     pub number: Option<u32>,
     /// Title, in a few words.
     pub title: String,
@@ -52,6 +55,10 @@ pub fn all(study: &Study) -> Vec<Figure> {
     .into_iter()
     .flatten()
     .chain(study.discovery.iter().flat_map(discovery))
+    .map(|figure| Figure {
+        number: figure.number.filter(|_| study.architecture.is_gantry_tau),
+        ..figure
+    })
     .collect()
 }
 

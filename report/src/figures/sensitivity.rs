@@ -1,5 +1,6 @@
 //! Sensitivity of the pose to each parameter: Figures 9 and 10.
 
+use tau::robot::Architecture;
 use tau::sensitivity::{ParameterSensitivity, Sensitivity};
 use tau::study::results::Study;
 
@@ -15,7 +16,7 @@ pub fn position_sensitivity(study: &Study) -> Option<Figure> {
     let values: fn(&ParameterSensitivity) -> &[f64] = |parameter| &parameter.by_pose_um;
     let (factor, unit) = length_unit(largest_of(sensitivity, values));
     draw(
-        sensitivity,
+        (sensitivity, study.architecture),
         "figure_9_sensitivity_position.svg",
         9,
         "Sensitivity of the position",
@@ -30,7 +31,7 @@ pub fn orientation_sensitivity(study: &Study) -> Option<Figure> {
     let values: fn(&ParameterSensitivity) -> &[f64] = |parameter| &parameter.by_pose_rad;
     let (factor, unit) = angle_unit(largest_of(sensitivity, values));
     draw(
-        sensitivity,
+        (sensitivity, study.architecture),
         "figure_10_sensitivity_orientation.svg",
         10,
         "Sensitivity of the orientation",
@@ -53,7 +54,7 @@ fn short(parameter: &str) -> String {
 }
 
 fn draw(
-    sensitivity: &Sensitivity,
+    (sensitivity, architecture): (&Sensitivity, Architecture),
     file_name: &str,
     number: u32,
     title: &str,
@@ -82,7 +83,7 @@ fn draw(
         row_gap: 48.0,
         row_height: 150.0,
     };
-    let svg = chart::draw(title, &subtitle, grid.height(), |sheet| {
+    let drawn = chart::draw(title, &subtitle, grid.height(), |sheet| {
         let all = links.iter().flat_map(|link| &link.parameters);
         let y = Axis::from_zero(
             quantity,
@@ -134,11 +135,17 @@ fn draw(
         title: title.to_owned(),
         caption: format!(
             "Variant {}; one panel a link, all on one scale. L is the length, Px, Py, Pz the plate joint, Cx, Cy, \
-             Cz the track offset (each +{step} m), O1, O2, O3 the direction of a linear track or the rotation of a \
-             piecewise one (+{step}, in rad for the rotation). Table III sums these effects over the poses, with \
-             steps both ways.",
-            sensitivity.variant
+             Cz {}. The tables of sensitivity sum these effects over the poses, with steps both ways.",
+            sensitivity.variant,
+            if architecture.carts > 0 {
+                format!(
+                    "the track offset (each +{step} m), O1, O2, O3 the direction of a linear track or the rotation of a \
+                     piecewise one (+{step}, in rad for the rotation)"
+                )
+            } else {
+                format!("the joint on the base (each +{step} m)")
+            }
         ),
-        svg,
+        svg: drawn.svg,
     })
 }

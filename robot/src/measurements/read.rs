@@ -152,10 +152,13 @@ impl Folder {
                 &mut remarks,
             ))
         } else {
-            remarks.push(format!(
-                "{CART_POSES} (set 2) is missing: piecewise tracks can't be calibrated, and the \
-                 measured range of the commands is not known"
-            ));
+            // Without tracks there are no carts to measure.
+            if shape.tracks > 0 {
+                remarks.push(format!(
+                    "{CART_POSES} (set 2) is missing: piecewise tracks can't be calibrated, and the \
+                     measured range of the commands is not known"
+                ));
+            }
             Vec::new()
         };
         let cart_positions = if let Some(text) = texts.cart_positions {
@@ -166,10 +169,12 @@ impl Folder {
                 &mut remarks,
             ))
         } else {
-            remarks.push(format!(
-                "{CART_POSITIONS} (set 3) is missing: the motion of the carts can't be compared \
-                 between set 2 and the TCP poses"
-            ));
+            if shape.tracks > 0 {
+                remarks.push(format!(
+                    "{CART_POSITIONS} (set 3) is missing: the motion of the carts can't be compared \
+                     between set 2 and the TCP poses"
+                ));
+            }
             Vec::new()
         };
         errors.finish()?;

@@ -1,7 +1,9 @@
 //! Sources of measurements and parameters.
 
+use std::fs;
 use std::path::{Path, PathBuf};
 
+use sha2::{Digest, Sha256};
 use tau_robot::input_error::both;
 use tau_robot::measurements::{Folder, Shape, Texts};
 use tau_robot::robot_file::RobotFile;
@@ -89,6 +91,65 @@ impl Files {
     }
 }
 
+/// A file that a session has read.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Input {
+    /// Its name, without the folder.
+    pub name: String,
+    /// SHA-256 of its bytes (FIPS 180-4), as `sha256sum` shows it.
+    pub sha256: String,
+}
+
+impl Input {
+    /// A file of a name with its bytes.
+    pub fn new(name: &str, bytes: &[u8]) -> Self {
+        let sha256 = Sha256::digest(bytes);
+        Self {
+            name: name.to_owned(),
+            sha256: (sha256.iter()).fold(String::new(), |text, byte| text + &format!("{byte:02x}")),
+        }
+    }
+}
+
+impl Files {
+    /// The files that [`Self::read`] reads, those that are there.
+    pub fn inputs(&self) -> Vec<Input> {
+        const SETS: [&str; 3] = ["tcp_poses.csv", "cart_poses.csv", "cart_positions.csv"];
+        const ROBOT: &str = "robot.toml";
+        let of = |path: &Path| {
+            let name = path.file_name()?.to_str()?;
+            Some(Input::new(name, &fs::read(path).ok()?))
+        };
+        let (mut sets, mut robot): (Vec<Input>, Option<Input>) = match &self.folder {
+            Some(folder) => (
+                SETS.iter()
+                    .filter_map(|name| of(&folder.join(name)))
+                    .collect(),
+                of(&folder.join(ROBOT)),
+            ),
+            None => {
+                let texts = [
+                    prototype::TCP_POSES,
+                    prototype::CART_POSES,
+                    prototype::CART_POSITIONS,
+                ];
+                let texts = SETS.iter().zip(texts);
+                (
+                    texts
+                        .map(|(name, text)| Input::new(name, text.as_bytes()))
+                        .collect(),
+                    Some(Input::new(ROBOT, prototype::ROBOT.as_bytes())),
+                )
+            }
+        };
+        if let Some(path) = &self.robot_file {
+            robot = of(path);
+        }
+        sets.extend(robot);
+        sets
+    }
+}
+
 impl<P: AsRef<Path> + ?Sized> From<&P> for Files {
     /// A measurement folder with its `robot.toml`.
     fn from(folder: &P) -> Self {
@@ -106,5 +167,40 @@ impl From<PathBuf> for Files {
             folder: Some(folder),
             robot_file: None,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn checksums_are_those_of_the_standard() {
+        // The examples of FIPS 180-4.
+        let of = |text: &str| Input::new("file", text.as_bytes()).sha256;
+        assert_eq!(
+            of("abc"),
+            "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
+        );
+        assert_eq!(
+            of(""),
+            "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855"
+        );
+    }
+
+    #[test]
+    fn the_files_of_a_folder_that_are_there_are_listed() {
+        let folder = tempfile::tempdir().unwrap();
+        fs::write(folder.path().join("tcp_poses.csv"), "abc").unwrap();
+        fs::write(folder.path().join("other.toml"), "abc").unwrap();
+        fs::write(folder.path().join("robot.toml"), "").unwrap();
+        let names = |files: &Files| -> Vec<String> {
+            files.inputs().into_iter().map(|input| input.name).collect()
+        };
+        let files = Files::from(folder.path());
+        assert_eq!(names(&files), ["tcp_poses.csv", "robot.toml"]);
+        let other = files.robot_file(folder.path().join("other.toml"));
+        assert_eq!(names(&other), ["tcp_poses.csv", "other.toml"]);
+        assert_eq!(names(&Files::prototype()).len(), 4);
     }
 }

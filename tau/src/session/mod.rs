@@ -26,9 +26,9 @@ use tau_runtime::DeclaredRobot;
 pub use calibrated::Calibrated;
 #[cfg(feature = "discovery")]
 pub use discovery::Catalogues;
-pub use files::Files;
+pub use files::{Files, Input};
 pub use key::{ParameterKey, VariantKey};
-pub use provenance::{Basis, Stamp};
+pub use provenance::{Basis, Record, Stamp};
 
 /// Stands in for a declared robot where the description is compiled at run time, so that variants and parameters
 /// go by name: see [`Session::open_with_robot`].
@@ -65,6 +65,7 @@ pub struct Session<R = Described> {
     folder: Folder,
     split: Split,
     treatment: Treatment,
+    inputs: Vec<Input>,
     declared: PhantomData<fn() -> R>,
 }
 
@@ -102,7 +103,10 @@ impl Session<Described> {
 impl<R> Session<R> {
     fn read(robot: Robot, files: &Files) -> Result<Self, InputError> {
         let (folder, robot_file) = files.read(&robot)?;
-        Ok(Self::new(robot, folder, robot_file))
+        Ok(Self {
+            inputs: files.inputs(),
+            ..Self::new(robot, folder, robot_file)
+        })
     }
 
     fn new(robot: Robot, folder: Folder, robot_file: RobotFile) -> Self {
@@ -112,6 +116,7 @@ impl<R> Session<R> {
             folder,
             split: Split::default(),
             treatment: Treatment::default(),
+            inputs: vec![],
             declared: PhantomData,
         }
     }
@@ -307,6 +312,7 @@ impl<R> Clone for Session<R> {
             robot: self.robot.clone(),
             robot_file: self.robot_file.clone(),
             folder: self.folder.clone(),
+            inputs: self.inputs.clone(),
             ..*self
         }
     }

@@ -8,7 +8,7 @@ use tau_robot::robot::Variant;
 use tau_robot::robot_file::{Provenance, RobotFile};
 use tau_robot::{InputError, Robot};
 
-use super::Session;
+use super::{Input, Session};
 
 /// The program that writes a file, and the day.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -17,6 +17,17 @@ pub struct Stamp {
     pub program: String,
     /// Day, `YYYY-MM-DD` in UTC.
     pub date: String,
+}
+
+/// Origin of an answer: the program, the day, the split of the poses, and the files that were read.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Record {
+    /// The program and the day.
+    pub stamp: Stamp,
+    /// The split, as `--split` takes it.
+    pub split: String,
+    /// The files, the description first; empty for measurements that were in no file.
+    pub inputs: Vec<Input>,
 }
 
 /// Relation of evaluated poses to the calibration of a robot file.
@@ -91,6 +102,20 @@ impl<R> Session<R> {
                 ..record
             }),
             ..calibration.file.clone()
+        }
+    }
+
+    /// The origin of what this session computes.
+    pub fn record(&self, stamp: &Stamp) -> Record {
+        let Robot {
+            name, description, ..
+        } = &self.robot;
+        let text = Input::new(&format!("description of {name}"), description.as_bytes());
+        let inputs = std::iter::once(text).chain(self.inputs.iter().cloned());
+        Record {
+            stamp: stamp.clone(),
+            split: self.split.to_string(),
+            inputs: inputs.collect(),
         }
     }
 

@@ -9,6 +9,7 @@ use tau_estimation::evaluation::{VariantResult, evaluate_knowing};
 use tau_estimation::sensitivity;
 use tau_estimation::trust::{self, of_calibration_knowing};
 use tau_estimation::uncertainty::Uncertainty;
+use tau_kinematics::{Layout, Pose};
 use tau_robot::effects::CATALOGUE;
 use tau_robot::measurements::{Folder, Poses};
 use tau_robot::robot::{Arm, Robot, TrackShape, Variant};
@@ -57,6 +58,7 @@ pub fn run<R>(
     next("checking assumptions");
     let assumptions = assumptions::check(robot, file, folder);
     let mut results = Vec::new();
+    let mut layouts = Vec::new();
     let mut full = None;
     for variant in variants {
         next(&format!("calibrating {}", variant.name));
@@ -75,6 +77,7 @@ pub fn run<R>(
         found.fit = Some(fit);
         found.validation_outliers = session.validation_outliers(&calibration)?;
         results.push(found);
+        layouts.extend(layout(&calibration, folder));
         if variant.arm == Arm::Full {
             full = Some(calibration);
         }
@@ -96,8 +99,9 @@ pub fn run<R>(
         done: steps,
         steps,
     });
-    Ok(Study {
+    let mut study = Study {
         robot: robot.name.clone(),
+        architecture: robot.architecture(),
         folder: folder.name.clone(),
         poses: counts,
         noise: (file.noise.position_m, file.noise.rotation_rad),
@@ -106,8 +110,29 @@ pub fn run<R>(
         check: Some(check),
         sensitivity,
         discovery: None,
+        layout: None,
         remarks,
-    })
+    };
+    let drawn = study.fit().map(|(variant, _)| variant.name.clone());
+    let mut layouts = layouts.into_iter();
+    study.layout = layouts.find(|layout| Some(&layout.variant) == drawn.as_ref());
+    Ok(study)
+}
+
+/// The machine of a calibration at the reference pose that it found, its tracks as far as the measured commands reach.
+pub fn layout(calibration: &Calibration, folder: &Folder) -> Option<Layout> {
+    let reference = calibration.file.reference.as_ref()?;
+    let machine = &calibration.machine;
+    let ranges: Vec<(f64, f64)> = (0..machine.robot.commands)
+        .map(|command| {
+            let commands = folder.tcp_poses.iter().map(|pose| pose.commands_m[command]);
+            commands.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), q| {
+                (low.min(q), high.max(q))
+            })
+        })
+        .collect();
+    let pose = Pose::from_zyz(reference.position_m, reference.orientation_rad);
+    Some(machine.layout(&pose, &reference.commands_m, &ranges))
 }
 
 /// Adds to a study what the variant of [`base`] lacks; why there is no search, or why it failed, is

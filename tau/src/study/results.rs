@@ -5,13 +5,17 @@ use tau_estimation::assumptions::Assumptions;
 use tau_estimation::evaluation::VariantResult;
 use tau_estimation::sensitivity::Sensitivity;
 use tau_estimation::trust::{Check, Status, Verdict};
+use tau_kinematics::Layout;
 use tau_robot::measurements::PoseCounts;
+use tau_robot::robot::Architecture;
 
 /// Everything `tau study` reports.
 #[derive(Debug, Clone)]
 pub struct Study {
     /// Name of the robot.
     pub robot: String,
+    /// Its drives.
+    pub architecture: Architecture,
     /// Source of the measurements, as the user named it.
     pub folder: String,
     /// Numbers of poses in each part.
@@ -28,6 +32,8 @@ pub struct Study {
     pub sensitivity: Option<Sensitivity>,
     /// The effects that the base of discovery lacks, where the search succeeded.
     pub discovery: Option<Discovery>,
+    /// The machine in space, as the variant of [`Study::fit`] has it at the reference pose that its calibration found.
+    pub layout: Option<Layout>,
     /// Remarks for the reader: poses dropped, columns missing, and so on.
     pub remarks: Vec<String>,
 }

@@ -1,0 +1,256 @@
+//! The arm in space: where its joints stand at a pose, and along which lines its carts run.
+//!
+//! Dimensions alone: effects displace joints by micrometres, which nobody sees in a drawing.
+
+use nalgebra::{Matrix3, SymmetricEigen, Vector3};
+use tau_robot::robot::{Instance, Owner, TrackShape};
+
+use super::{Machine, Pose, xyz};
+
+/// Points of a line across the commands of a piecewise track.
+const PATH_POINTS: usize = 33;
+
+/// The joints of a machine at one pose, in the measurement frame (m).
+#[derive(Debug, Clone, PartialEq)]
+pub struct Layout {
+    /// Name of the variant.
+    pub variant: String,
+    /// The TCP.
+    pub tcp_m: [f64; 3],
+    /// Tracks in order of declaration, with their carts.
+    pub tracks: Vec<Rail>,
+    /// Links, or one in place of each cluster where the arm is reduced.
+    pub links: Vec<Rod>,
+    /// Outline of the plate: its joints seen along the direction in which they spread least, those inside left out.
+    /// Empty where the arm is reduced.
+    pub plate_m: Vec<[f64; 3]>,
+    /// The same of the joints on the fixed base, where there are any.
+    pub base_m: Vec<[f64; 3]>,
+}
+
+/// A track, and the cart on it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Rail {
+    /// Name of the track.
+    pub name: String,
+    /// The line of the cart's reference point, the mean of its joints, from the lowest command to the highest.
+    pub line_m: Vec<[f64; 3]>,
+    /// The reference point.
+    pub cart_m: [f64; 3],
+    /// Outline of the cart: its joints, as those of the plate.
+    pub joints_m: Vec<[f64; 3]>,
+}
+
+/// A link.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Rod {
+    /// Name of the link, or of the cluster.
+    pub name: String,
+    /// Name of its cluster.
+    pub cluster: String,
+    /// Index of its track; `None` on the fixed base.
+    pub track: Option<usize>,
+    /// Index of the command that drives its length, where one does.
+    pub driven_by: Option<usize>,
+    /// The joint on the cart or the base, and the joint on the plate.
+    pub ends_m: [[f64; 3]; 2],
+}
+
+/// A joint on a cart or the base, and how it moves.
+struct Joint<'a> {
+    machine: &'a Machine,
+    track: Option<usize>,
+    offset: Vector3<f64>,
+    direction: Vector3<f64>,
+    rotation: Vector3<f64>,
+}
+
+impl Joint<'_> {
+    fn at(&self, command: f64) -> Vector3<f64> {
+        let Some(track) = self.track else {
+            return self.offset;
+        };
+        let Machine {
+            variant,
+            surroundings,
+            ..
+        } = self.machine;
+        let shape = variant.tracks.get(track).map(|model| model.shape);
+        let path = surroundings.paths.get(track).and_then(Option::as_ref);
+        match (shape, path) {
+            (Some(TrackShape::Piecewise), Some(path)) => {
+                self.offset + xyz(self.rotation.into()) * path.at(command)
+            }
+            _ => self.offset + self.direction * command,
+        }
+    }
+}
+
+impl Machine {
+    /// The joints at a pose and its commands (m); `ranges_m` are the lowest and highest of each command, between which
+    /// tracks are drawn.
+    pub fn layout(&self, pose: &Pose, commands_m: &[f64], ranges_m: &[(f64, f64)]) -> Layout {
+        let command = |track: Option<usize>| track.and_then(|track| commands_m.get(track)).copied();
+        let mut links = Vec::new();
+        let mut joints = Vec::new();
+        for closure in self.closure_instances() {
+            let (link, cluster) = match self.variant.arm {
+                tau_robot::robot::Arm::Full => {
+                    let link = &self.robot.links[closure.of];
+                    (Some(link), link.cluster)
+                }
+                tau_robot::robot::Arm::Reduced => (None, closure.of),
+            };
+            let cluster = &self.robot.clusters[cluster];
+            let joint = Joint {
+                machine: self,
+                track: cluster.track,
+                offset: self.dimension(closure, "track_offset"),
+                direction: self.dimension(closure, "track_direction"),
+                rotation: self.dimension(closure, "track_rotation"),
+            };
+            let plate = pose.position + pose.rotation * self.dimension(closure, "plate_joint");
+            let start = joint.at(command(cluster.track).unwrap_or(0.0));
+            links.push(Rod {
+                name: self.closure_name(closure).to_owned(),
+                cluster: cluster.name.clone(),
+                track: cluster.track,
+                driven_by: link.and_then(|link| link.actuated_by),
+                ends_m: [start.into(), plate.into()],
+            });
+            joints.push(joint);
+        }
+        let tracks = (self.robot.tracks.iter().enumerate())
+            .filter_map(|(track, name)| {
+                let own: Vec<&Joint<'_>> = (joints.iter())
+                    .filter(|joint| joint.track == Some(track))
+                    .collect();
+                let reference = |command: f64| {
+                    let sum: Vector3<f64> = own.iter().map(|joint| joint.at(command)).sum();
+                    sum / own.len() as f64
+                };
+                if own.is_empty() {
+                    return None;
+                }
+                let now = command(Some(track))?;
+                let (low, high) = ranges_m.get(track).copied().unwrap_or((now, now));
+                let at = |step: usize| low + (high - low) * step as f64 / (PATH_POINTS - 1) as f64;
+                let is_straight = self.variant.tracks[track].shape != TrackShape::Piecewise;
+                let steps: Vec<usize> = if is_straight {
+                    vec![0, PATH_POINTS - 1]
+                } else {
+                    (0..PATH_POINTS).collect()
+                };
+                Some(Rail {
+                    name: name.clone(),
+                    line_m: (steps.into_iter())
+                        .map(|step| reference(at(step)).into())
+                        .collect(),
+                    cart_m: reference(now).into(),
+                    joints_m: outline(own.iter().map(|joint| joint.at(now))),
+                })
+            })
+            .collect();
+        let ends = |end: usize, keep: &dyn Fn(&Rod) -> bool| {
+            let rods = links.iter().filter(|rod| keep(rod));
+            outline(rods.map(|rod| Vector3::from(rod.ends_m[end])))
+        };
+        let is_full = self.variant.arm == tau_robot::robot::Arm::Full;
+        Layout {
+            variant: self.variant.name.clone(),
+            tcp_m: pose.position_m(),
+            plate_m: ends(1, &|_| is_full),
+            base_m: ends(0, &|rod| rod.track.is_none()),
+            tracks,
+            links,
+        }
+    }
+
+    /// A vector that a closure depends on; zero where the variant does not have it.
+    fn dimension(&self, closure: &Instance, quantity: &str) -> Vector3<f64> {
+        let component = |k: usize| {
+            let mut indices = closure.parameters.iter().copied();
+            let found = indices.find(|&index| {
+                let parameter = &self.variant.parameters[index];
+                let is_dimension = matches!(
+                    parameter.owner,
+                    Owner::Link(of) | Owner::Cluster(of) if of == closure.of
+                ) || matches!(parameter.owner, Owner::Track(_));
+                is_dimension && parameter.quantity == quantity && parameter.component == Some(k)
+            });
+            found.map_or(0.0, |index| self.values[index])
+        };
+        Vector3::new(component(0), component(1), component(2))
+    }
+}
+
+/// The convex hull of points, seen along the direction in which they spread least, in turn. One or two points are all
+/// of it.
+fn outline(points: impl Iterator<Item = Vector3<f64>>) -> Vec<[f64; 3]> {
+    let points: Vec<Vector3<f64>> = points.collect();
+    if points.len() < 3 {
+        return points.into_iter().map(Into::into).collect();
+    }
+    let mean = points.iter().sum::<Vector3<f64>>() / points.len() as f64;
+    let spread: Matrix3<f64> = (points.iter())
+        .map(|point| (point - mean) * (point - mean).transpose())
+        .sum();
+    let eigen = SymmetricEigen::new(spread);
+    let least = eigen.eigenvalues.imin();
+    let [u, v] = [(least + 1) % 3, (least + 2) % 3]
+        .map(|column| eigen.eigenvectors.column(column).into_owned());
+    let mut flat: Vec<(f64, f64, Vector3<f64>)> = (points.iter())
+        .map(|point| ((point - mean).dot(&u), (point - mean).dot(&v), *point))
+        .collect();
+    flat.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
+    // Andrew's monotone chain: the lower half from the left, the upper half back.
+    let half = |points: &mut dyn Iterator<Item = (f64, f64, Vector3<f64>)>| {
+        let mut chain: Vec<(f64, f64, Vector3<f64>)> = Vec::new();
+        for next in points {
+            while let [.., a, b] = chain.as_slice() {
+                let turn = (b.0 - a.0) * (next.1 - a.1) - (b.1 - a.1) * (next.0 - a.0);
+                if turn > 0.0 {
+                    break;
+                }
+                chain.pop();
+            }
+            chain.push(next);
+        }
+        chain.pop();
+        chain
+    };
+    let mut hull = half(&mut flat.iter().copied());
+    hull.extend(half(&mut flat.iter().rev().copied()));
+    hull.into_iter().map(|(_, _, point)| point.into()).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_outline_goes_round_and_leaves_out_what_is_inside() {
+        let corners = [(0.0, 0.0), (2.0, 0.0), (2.0, 1.0), (0.0, 1.0)];
+        let inside = (0.9, 0.6);
+        // In a plane that is tilted, in no order.
+        let lift = |(x, y): (f64, f64)| Vector3::new(x, y, 0.3 * x - 0.2 * y);
+        let order = [2, 4, 0, 3, 1].map(|k| if k == 4 { inside } else { corners[k] });
+        let hull = outline(order.into_iter().map(lift));
+        assert_eq!(hull.len(), 4);
+        let length: f64 = (0..4)
+            .map(|k| (Vector3::from(hull[k]) - Vector3::from(hull[(k + 1) % 4])).norm())
+            .sum();
+        let side = |a: usize, b: usize| (lift(corners[a]) - lift(corners[b])).norm();
+        let expected = side(0, 1) + side(1, 2) + side(2, 3) + side(3, 0);
+        assert!((length - expected).abs() < 1e-12, "{length} {expected}");
+    }
+
+    #[test]
+    fn two_joints_are_a_line() {
+        let points = [Vector3::x(), Vector3::y()];
+        assert_eq!(
+            outline(points.into_iter()),
+            [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
+        );
+    }
+}

@@ -1,0 +1,130 @@
+//! The error at the tool before and after, as numbers and bars.
+
+use maud::{Markup, html};
+use tau::discovery::Discovery;
+use tau::study::results::Study;
+
+use crate::discovery::findings::is_base;
+use crate::findings::{best, held_out};
+use crate::number::{fixed, general, largest, shared_decimals};
+
+/// Variants of a study that are shown, at most.
+const SHOWN: usize = 6;
+
+/// A row: its name, mean and largest error (µm), and its kind, by which it is coloured.
+struct Row {
+    name: String,
+    errors_um: [f64; 2],
+    kind: &'static str,
+}
+
+/// Before and after the search, or the variants where there was none.
+pub(super) fn of_study(study: &Study) -> Markup {
+    if let Some(found) = &study.discovery {
+        return of_discovery(found, study.poses.validation);
+    }
+    let best = best(study).map(|variant| variant.name.as_str());
+    let mut variants: Vec<_> = study.variants.iter().collect();
+    if variants.len() > SHOWN {
+        variants.truncate(SHOWN - 1);
+        let is_there = variants
+            .iter()
+            .any(|variant| Some(variant.name.as_str()) == best);
+        variants.extend(super::super::findings::best(study).filter(|_| !is_there));
+    }
+    let rows: Vec<Row> = variants
+        .into_iter()
+        .filter(|variant| variant.position_um.mean.is_finite())
+        .map(|variant| Row {
+            name: variant.name.clone(),
+            errors_um: [variant.position_um.mean, variant.position_um.max],
+            kind: if Some(variant.name.as_str()) == best {
+                "after"
+            } else {
+                "before"
+            },
+        })
+        .collect();
+    bars(&rows, held_out(study.poses), study.poses.validation)
+}
+
+/// Before and after the search, and what the noise alone would leave.
+pub(super) fn of_discovery(found: &Discovery, poses: usize) -> Markup {
+    let (before, after) = (found.validation.before, found.validation.after);
+    let mut rows = vec![Row {
+        name: if is_base(found) {
+            found.base.clone()
+        } else {
+            format!("{}, before", found.base)
+        },
+        errors_um: [before.mean_um, before.max_um],
+        kind: "before",
+    }];
+    if !is_base(found) {
+        rows.push(Row {
+            name: "with what was found".to_owned(),
+            errors_um: [after.mean_um, after.max_um],
+            kind: "after",
+        });
+    }
+    rows.push(Row {
+        name: "stated noise alone".to_owned(),
+        errors_um: [found.noise_floor_um, f64::NAN],
+        kind: "noise",
+    });
+    bars(&rows, found.validation.held_out, poses)
+}
+
+fn bars(rows: &[Row], held_out: bool, poses: usize) -> Markup {
+    let all = || rows.iter().flat_map(|row| row.errors_um);
+    let (factor, unit) = if largest(all()) < 1e4 {
+        (1.0, "µm")
+    } else {
+        (1e-3, "mm")
+    };
+    let decimals = shared_decimals(rows.iter().map(|row| factor * row.errors_um[0])).min(3);
+    let longest = largest(rows.iter().map(|row| row.errors_um[0]));
+    let has_largest = rows.iter().any(|row| row.errors_um[1].is_finite());
+    let cell = |value: f64| {
+        if value.is_finite() {
+            fixed(factor * value, decimals)
+        } else {
+            "–".to_owned()
+        }
+    };
+    html! {
+        @if !rows.is_empty() {
+            table.gap {
+                caption {
+                    "Position error at the tool (" (unit) "), at "
+                    @if poses > 0 { (poses) " " }
+                    @if held_out { "poses that took no part" } @else { "poses that also took part" }
+                }
+                thead { tr {
+                    th scope="col" { "Model" }
+                    th.number scope="col" { "mean" }
+                    @if has_largest { th.number scope="col" { "largest" } }
+                } }
+                tbody {
+                    @for row in rows {
+                        tr {
+                            th scope="row" {
+                                (row.name)
+                                @let share = 100.0 * row.errors_um[0] / longest;
+                                span.bar.(row.kind) style={ "width:" (fixed(if share.is_finite() { share } else { 0.0 }, 1)) "%" } {}
+                            }
+                            td.number { (cell(row.errors_um[0])) }
+                            @if has_largest { td.number { (cell(row.errors_um[1])) } }
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Change of the mean error that an effect brings.
+pub(super) fn change(drop_um: f64) -> String {
+    let sign = if drop_um < 0.0 { "+" } else { "−" };
+    format!("{sign}{} µm", general(drop_um.abs(), 2))
+}

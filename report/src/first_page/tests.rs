@@ -1,0 +1,103 @@
+//! The first page: its sentences follow from verdict, search and check.
+
+use tau::trust::{Check, Gap, Mistake, PoseFit, Status, Verdict};
+
+use super::{next, of_study};
+use crate::fixture;
+
+fn verdict(status: Status, ratio: f64) -> Verdict {
+    Verdict {
+        status,
+        chi2: 300.0 * ratio * ratio,
+        dof: 300.0,
+        residual_over_noise: ratio,
+        by_file: vec![],
+        worst: vec![PoseFit {
+            pose: 17,
+            sigmas: 4.0,
+        }],
+        pulls: vec![],
+        why: vec!["Residuals are what `they` are.".to_owned()],
+        mistakes: vec![],
+        reach: None,
+        outliers: vec![],
+        repeats: None,
+        loss: None,
+    }
+}
+
+fn study(status: Status, ratio: f64) -> tau::study::results::Study {
+    let mut study = fixture::study();
+    study.variants[2].fit = Some(verdict(status, ratio));
+    study
+}
+
+#[test]
+fn a_consistent_fit_needs_no_more_than_to_be_used() {
+    let study = study(Status::Consistent, 1.0);
+    let steps = next::of_study(&study);
+    assert_eq!(steps.len(), 1, "{steps:?}");
+    assert!(steps[0].contains("tau calibrate FOLDER --variant Full"));
+    let page = of_study(&study, &fixture::record()).into_string();
+    assert!(page.contains("verdict consistent") && page.contains("<code>they</code>"));
+}
+
+#[test]
+fn an_inconsistent_fit_asks_for_a_search_and_wider_deviations() {
+    let steps = next::of_study(&study(Status::Inconsistent, 4.0));
+    assert!(
+        steps[0].contains("tau discover") && steps[0].contains("Pose 17"),
+        "{steps:?}"
+    );
+    assert!(steps[1].contains("4.0 times"), "{steps:?}");
+}
+
+#[test]
+fn an_absurd_one_asks_for_the_mend_and_nothing_else() {
+    let mut study = study(Status::Absurd, 90.0);
+    study.variants[2]
+        .fit
+        .as_mut()
+        .unwrap()
+        .mistakes
+        .push(Mistake {
+            kind: "axes",
+            file: "tcp_poses.csv",
+            what: "the z axis is mirrored".to_owned(),
+            mend: "change the sign of `z_m`".to_owned(),
+            is_absurd: true,
+        });
+    study.check = Some(Check {
+        files: vec![],
+        variants: vec![],
+        effects: vec![],
+        missing: vec![Gap {
+            what: "cart_poses.csv",
+            brings: "the shape of each track".to_owned(),
+        }],
+        mistakes: vec![],
+    });
+    let steps = next::of_study(&study);
+    assert_eq!(steps.len(), 2, "{steps:?}");
+    assert!(steps[0].contains("mirrored") && steps[0].contains("change the sign"));
+    study.variants[2].fit = Some(verdict(Status::Consistent, 1.0));
+    let steps = next::of_study(&study);
+    assert!(
+        steps[0].contains("cart_poses.csv") && steps[0].contains("shape"),
+        "{steps:?}"
+    );
+}
+
+#[test]
+fn the_page_says_where_it_comes_from() {
+    let page = of_study(&study(Status::Consistent, 1.0), &fixture::record()).into_string();
+    let record = fixture::record();
+    for expected in [
+        &record.stamp.date,
+        &record.stamp.program,
+        &record.split,
+        &record.inputs[0].sha256,
+    ] {
+        assert!(page.contains(expected.as_str()), "{expected}");
+    }
+}

@@ -1,0 +1,93 @@
+//! The verdict in large type, and what it means.
+
+use maud::{Markup, html};
+use tau::discovery::{self, Discovery};
+use tau::study::results::Study;
+use tau::trust::{Status, Verdict};
+
+use crate::discovery::findings;
+use crate::discovery::words::capital;
+use crate::elements::prose;
+use crate::number::general;
+
+/// Of a study: that on the best fit, and what the search adds.
+pub(super) fn of_study(study: &Study) -> Markup {
+    let Some((variant, verdict)) = study.fit() else {
+        return html! {
+            @if let Some(found) = &study.discovery { (of_discovery(found)) }
+        };
+    };
+    let why: Vec<String> = verdict
+        .why
+        .iter()
+        .map(|sentence| sentence.trim().to_owned())
+        .collect();
+    let found = study.discovery.as_ref();
+    let is_explained = verdict.status == Status::Inconsistent
+        && found.is_some_and(|found| found.status == discovery::Status::Explained);
+    html! {
+        div class={ "verdict " (verdict.status.name()) } role="group" aria-label="Verdict" {
+            p.status { (capital(verdict.status.name())) @if is_explained { ", and explained" } }
+            p.meaning {
+                @if is_explained {
+                    "More is left than the stated noise and tolerances allow, as long as the model lacks what was found."
+                } @else {
+                    (meaning(verdict))
+                }
+            }
+            p {
+                b { (variant.name) } @if study.variants.len() > 1 { ", the variant that comes nearest to the noise" } ": "
+                (prose(&why.join(" ")))
+            }
+            @if let Some(found) = found { p { (findings::verdict(found)) } }
+            @let others = others(study, &variant.name);
+            @if !others.is_empty() { p.aside { "The others: " (others.join(", ")) "." } }
+        }
+    }
+}
+
+/// Of a search.
+pub(super) fn of_discovery(found: &Discovery) -> Markup {
+    let (class, status) = match found.status {
+        discovery::Status::NothingMissing => ("consistent", "Nothing is missing"),
+        discovery::Status::Explained => ("consistent", "Explained"),
+        discovery::Status::PartlyExplained => ("inconsistent", "Partly explained"),
+        discovery::Status::UnnamedStructure => ("inconsistent", "Not explained"),
+    };
+    html! {
+        div class={ "verdict " (class) } role="group" aria-label="Verdict" {
+            p.status { (status) }
+            p { (findings::verdict(found)) }
+            p { (findings::gap(found)) }
+        }
+    }
+}
+
+fn meaning(verdict: &Verdict) -> &'static str {
+    match verdict.status {
+        Status::Consistent => {
+            "Measurements, stated noise and tolerances go together: figures and their standard deviations can be used."
+        }
+        Status::Inconsistent => {
+            "More is left than the stated noise and tolerances allow: figures can be used, their standard deviations only \
+             widened."
+        }
+        Status::Absurd => "The input holds a mistake: these figures mean nothing. Mend it first.",
+    }
+}
+
+/// The other variants, a word each.
+fn others(study: &Study, best: &str) -> Vec<String> {
+    let others = study.variants.iter().filter(|variant| variant.name != best);
+    others
+        .filter_map(|variant| {
+            let fit = variant.fit.as_ref()?;
+            let ratio = general(fit.residual_over_noise, 2);
+            Some(format!(
+                "{} {} ({ratio} times the noise)",
+                variant.name,
+                fit.status.name()
+            ))
+        })
+        .collect()
+}

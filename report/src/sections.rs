@@ -1,0 +1,316 @@
+//! Sections of the report on a study, from Table I to the last parameter.
+
+use maud::{Markup, PreEscaped, html};
+use tau::evaluation::VariantResult;
+use tau::session::Record;
+use tau::study::results::Study;
+
+use super::discovery::method::Setting;
+use super::discovery::section;
+use super::elements::{figure, number_markup, table};
+use super::figures::Figure;
+use super::findings;
+use super::html::Section;
+use super::number::general;
+use super::tables;
+
+/// Correlations listed for each variant.
+const CORRELATIONS: usize = 10;
+
+/// The evidence, and the appendices.
+pub(super) fn of_study(
+    study: &Study,
+    figures: &[Figure],
+    record: &Record,
+) -> (Vec<Section>, Vec<Section>) {
+    let mut evidence = vec![Section::new(
+        "errors",
+        "Errors at the validation poses",
+        errors(study, figures),
+    )];
+    evidence.extend(study.fit().map(|(variant, _)| {
+        Section::new(
+            "residuals",
+            "Residuals against the noise",
+            residuals(variant),
+        )
+    }));
+    evidence.push(lacking(study, figures, record));
+    let mut appendices = vec![
+        Section::new("method", "How the figures were obtained", method(study)),
+        Section::new(
+            "assumptions",
+            "What the models assume",
+            assumptions(study, figures),
+        ),
+        Section::new("geometry", "Calibrated geometry", geometry(study)),
+    ];
+    if study.sensitivity.is_some() {
+        appendices.push(Section::new(
+            "sensitivity",
+            "Sensitivity",
+            sensitivity(study, figures),
+        ));
+    }
+    appendices.extend([
+        Section::new("determined", "What the data determine", determined(study)),
+        Section::new("parameters", "All parameters", parameters(study)),
+    ]);
+    (evidence, appendices)
+}
+
+fn errors(study: &Study, figures: &[Figure]) -> Markup {
+    html! {
+        p { (findings::poses(study.poses, findings::has_cart_poses(study), study.architecture)) " " (findings::noise(study.noise)) }
+        @if study.variants.is_empty() {
+            p { "No variant was calibrated." }
+        } @else {
+            p {
+                "Each calibrated model predicts the pose of the plate from the commands of a validation pose; the error \
+                 is predicted minus measured. Position errors are lengths of the three-dimensional difference."
+                @if findings::has_reduced(study) { " A reduced arm predicts no orientation." }
+                @if study.architecture.is_gantry_tau {
+                    " Tables I to III and the numbered figures follow those of Dressler, Brogårdh and Robertsson, A Kinematic \
+                     Error Model for a Parallel Gantry-Tau Manipulator (ICRA 2010)."
+                }
+            }
+            @if let Some(comparison) = findings::comparison(study) { p { (comparison) } }
+            (table(&tables::errors(study), "wide"))
+            (figure(figures, "position_error_by_variant.svg"))
+            (figure(figures, "position_error_by_pose.svg"))
+            (figure(figures, "figure_8_orientation_errors.svg"))
+        }
+        @if !study.remarks.is_empty() {
+            aside.remarks {
+                h3 { "Remarks" }
+                ul { @for remark in &study.remarks { li { (remark) } } }
+            }
+        }
+    }
+}
+
+/// The numbers behind the verdict.
+fn residuals(variant: &VariantResult) -> Markup {
+    let Some(fit) = &variant.fit else {
+        return html! {};
+    };
+    html! {
+        p {
+            "The fit of " (variant.name) " behind the verdict: χ² is the sum of the squared residuals in units of the stated \
+             noise, " (general(fit.chi2, 4)) " where " (general(fit.dof, 4)) " is expected, so that residuals are "
+            (general(fit.residual_over_noise, 3)) " times what the noise explains."
+            @if fit.widening() > 1.0 {
+                " Standard deviations in this report are those of the stated noise; if the misfit is noise, they are "
+                (general(fit.widening(), 3)) " times as large."
+            }
+        }
+        @if let Some(files) = tables::by_file(fit) { (table(&files, "")) }
+        div.columns {
+            @if let Some(worst) = tables::worst(fit) { (table(&worst, "compact")) }
+            @if let Some(pulls) = tables::pulls(fit) { (table(&pulls, "compact")) }
+        }
+    }
+}
+
+fn lacking(study: &Study, figures: &[Figure], record: &Record) -> Section {
+    let setting = Setting::of(study, record);
+    let parts = study.discovery.as_ref().map_or_else(Vec::new, |found| {
+        section::evidence(found, &setting, figures)
+    });
+    let id = |part: &section::Part| format!("discovery-{}", part.id);
+    let body = html! {
+        @if let Some(found) = &study.discovery {
+            (section::sentences(found))
+            @for part in &parts {
+                @if part.is_appendix {
+                    details {
+                        summary { h3.part { (part.title) } }
+                        div.folded id=(id(part)) { (part.body) }
+                    }
+                } @else {
+                    h3.part id=(id(part)) { (part.title) }
+                    (part.body)
+                }
+            }
+        } @else {
+            p {
+                "Nothing is known of what the models lack: either it was not searched for, because of " code { "--no-discover" }
+                ", or the search failed, and a remark says why."
+            }
+        }
+    };
+    Section {
+        parts: parts.iter().map(|part| (id(part), part.title)).collect(),
+        ..Section::new("discovery", "What the model lacks", body)
+    }
+}
+
+fn method(study: &Study) -> Markup {
+    let has_carts = study.architecture.carts > 0;
+    let has_driven = study.architecture.driven_lengths > 0;
+    html! {
+        p {
+            @if has_carts {
+                "Every link has a fixed length between a joint on its cart and a joint on the plate. "
+            } @else {
+                "Every link reaches from a joint on the fixed base to a joint on the plate. "
+            }
+            "With the plate at position " var { "T" } " and rotation " var { "R" } " (ZYZ Euler angles " (ANGLES) "), the plate joint "
+            var { "P" } " in TCP coordinates and "
+            @if has_carts { "the cart joint " var { "C" } "(" var { "q" } ") at the command " var { "q" } }
+            @else { "the base joint " var { "C" } }
+            ", its residual is"
+        }
+        p.equation {
+            @if has_driven {
+                var { "r" } " = (" var { "L" } " + " var { "q" } ")" sup { "2" }
+            } @else {
+                var { "r" } " = " var { "L" } sup { "2" }
+            }
+            " − ‖" var { "T" } " + " var { "R P" } " − " var { "C" } @if has_carts { "(" var { "q" } ")" } "‖" sup { "2" }
+        }
+        p {
+            @if has_driven {
+                "The command " var { "q" } " of a driven link is what its length exceeds " var { "L" } " by"
+                @if has_carts { "; it is left out of the others. " } @else { ". " }
+            }
+            @if findings::has_reduced(study) {
+                "A reduced arm replaces the links of a cluster by one and carries the plate joint in the joint on the other \
+                 side: "
+                span.formula {
+                    var { "r" } " = " var { "L" } sup { "2" } " − ‖" var { "T" } " − " var { "C" } @if has_carts { "(" var { "q" } ")" } "‖" sup { "2" }
+                }
+                ". "
+            }
+            @if has_carts {
+                "A linear track moves the joint by "
+                span.formula { var { "C" } "(" var { "q" } ") = " var { "C" } sup { "0" } " + " var { "q v" } }
+                " with a free direction " var { "v" } ", whose length holds the scale of the actuator."
+                @if findings::has_piecewise(study) {
+                    " A piecewise track interpolates between the cart poses of set 2, carried into the frame of set 1 by a rigid \
+                     transform that is calibrated."
+                }
+            }
+        }
+        p {
+            "Each link" @if findings::has_reduced(study) { " (each cluster, where the arm is reduced)" }
+            " is calibrated by minimising the sum, over the calibration \
+             poses, of " span.formula { "(" var { "r" } " / σ" sub { var { "r" } } ")" sup { "2" } } ", plus the sum, over the parameters, of "
+            span.formula { "((value − nominal) / tolerance)" sup { "2" } }
+            ". The weights follow from the stated noise of position and rotation, carried into each residual at the nominal values: "
+            span.formula {
+                "σ" sub { var { "r" } } sup { "2" } " = σ" sub { var { "T" } } sup { "2" } " ‖∂" var { "r" } "/∂" var { "T" } "‖" sup { "2" }
+                " + σ" sub { var { "R" } } sup { "2" } " ‖∂" var { "r" } "/∂" var { "ω" } "‖" sup { "2" }
+            }
+            ". Nominal values and tolerances (one standard deviation) are those of the robot file."
+        }
+        p {
+            "Of the poses in range, in the order of the file, the split decides which calibrate and which validate: here "
+            (study.poses.calibration) " and " (study.poses.validation)
+            ". Standard deviations and correlations come from the inverse of the normal matrix of \
+             data and priors at the optimum."
+        }
+        @if !study.variants.is_empty() { (table(&tables::solver(study), "")) }
+    }
+}
+
+const ANGLES: PreEscaped<&str> = PreEscaped("<var>α</var>, <var>β</var>, <var>γ</var>");
+
+fn assumptions(study: &Study, figures: &[Figure]) -> Markup {
+    let has_carts = study.architecture.carts > 0;
+    html! {
+        @for sentence in findings::assumptions(study) { p { (sentence) } }
+        @for found in tables::assumptions(study) { (table(&found, "")) }
+        @if study.assumptions.orientation.is_empty() {
+            p { "No orientation was measured." }
+        }
+        (figure(figures, "figure_4_orientation.svg"))
+        @if has_carts && study.assumptions.linearity.is_empty() {
+            p { "Without cart poses (set 2) the linearity of the tracks cannot be checked." }
+        }
+        (figure(figures, "figure_5_linearity_parallel.svg"))
+        (figure(figures, "figure_6_linearity_orthogonal.svg"))
+        @if has_carts && study.assumptions.sets.is_empty() {
+            p { "Without cart positions at random poses (set 3) and cart poses (set 2) the two cannot be compared." }
+        }
+        (figure(figures, "set_comparison.svg"))
+    }
+}
+
+fn geometry(study: &Study) -> Markup {
+    html! {
+        p {
+            "Lengths and coordinates in the measurement frame of set 1 at " var { "q" } " = 0; the plate joint in TCP coordinates. \
+             The cost is the sum of squared residuals " var { "r" } " over the calibration poses, without weights or priors."
+        }
+        @for variant in &study.variants { (table(&tables::geometry(variant, study.architecture), "wide compact")) }
+    }
+}
+
+fn sensitivity(study: &Study, figures: &[Figure]) -> Markup {
+    let Some(found) = &study.sensitivity else {
+        return html! { p { "No variant with all links was calibrated, so there is no sensitivity to show." } };
+    };
+    html! {
+        p {
+            "Each parameter of each link of " (found.variant) " is changed by ±" (number_markup(&general(found.step, 1)))
+            " in its SI unit, and the pose predicted anew at " (found.poses) " validation poses. The tables hold sums over the poses \
+             and both signs. Implicit differentiation of the residuals gives the same within "
+            (number_markup(&general(100.0 * found.disagreement, 2))) " %. C is "
+            @if study.architecture.carts > 0 {
+                "the track offset; O the direction of a linear track or the rotation of a piecewise one."
+            } @else {
+                "the joint on the base."
+            }
+        }
+        @if let Some(remark) = findings::turn(found) { p { (remark) } }
+        @for quantity in tables::sensitivity(found, study.architecture) { (table(&quantity, "wide compact even")) }
+        (figure(figures, "figure_9_sensitivity_position.svg"))
+        (figure(figures, "figure_10_sensitivity_orientation.svg"))
+    }
+}
+
+fn determined(study: &Study) -> Markup {
+    let undetermined: Vec<_> = study
+        .variants
+        .iter()
+        .filter_map(tables::undetermined)
+        .collect();
+    let correlations: Vec<_> = study
+        .variants
+        .iter()
+        .filter_map(|variant| tables::correlations(variant, CORRELATIONS))
+        .collect();
+    html! {
+        ul { @for variant in &study.variants { li { (findings::undetermined(variant)) } } }
+        @if !undetermined.is_empty() {
+            h3 { "Combinations that only the prior determines" }
+            p {
+                "Shares are in units of the tolerances; the ratio compares the standard deviation from the data alone with that \
+                 of the prior. Single values of these parameters must not be read as measured: the pose depends on them only \
+                 through other combinations."
+            }
+            @for found in &undetermined { (table(found, "wide compact long")) }
+        }
+        @if !correlations.is_empty() {
+            h3 { "Largest correlations" }
+            div.columns { @for found in &correlations { (table(found, "compact")) } }
+        }
+    }
+}
+
+fn parameters(study: &Study) -> Markup {
+    let shown = |variant: &&VariantResult| !variant.parameters.is_empty();
+    html! {
+        p {
+            "Values to the second digit of their standard deviation. A σ of one tolerance means that the data add nothing to \
+             the prior; a change of more than three tolerances that nominal value and measurement disagree."
+            @if findings::has_piecewise(study) {
+                " Rotations of piecewise tracks are given against the registered path, nominally zero."
+            }
+        }
+        @for variant in study.variants.iter().filter(shown) {
+            (table(&tables::parameters(variant), "wide compact long"))
+        }
+    }
+}
