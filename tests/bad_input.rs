@@ -558,6 +558,22 @@ fn robot_files() {
     answers.robot("range in millimetres", "[-0.65, 0.70]", "[-650, 700]");
     answers.robot("range backwards", "[-0.65, 0.70]", "[0.70, -0.65]");
     answers.robot("noise of zero", "1.0e-5", "0.0");
+    answers.robot("noise of a metre", "1.0e-5", "1.0");
+    answers.robot("noise of an atom", "1.0e-5", "1.0e-13");
+    answers.robot(
+        "tolerance of an atom",
+        "2.04, tol = 3.0e-4",
+        "2.04, tol = 1e-300",
+    );
+    for (case, gravity) in [
+        ("gravity upwards", "9.81"),
+        ("gravity in other units", "-981.0"),
+    ] {
+        let payload = format!(
+            "[payload]\nmass_kg = 39.0\ncentre_m = [0.0, 0.0, 0.0]\ngravity_m_s2 = [0.0, 0.0, {gravity}]\n\n[range]"
+        );
+        answers.robot(case, "[range]", &payload);
+    }
     answers.robot(
         "another robot's links",
         "robot = \"Pair\"",

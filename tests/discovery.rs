@@ -162,7 +162,7 @@ fn a_machine_with_a_reduced_arm_lacks_nothing() {
     let found = outcome.discovery;
     assert!(found.effects.is_empty(), "{:?}", names(&found));
     assert_eq!(found.considered[0].name, "full_arm");
-    assert!(found.considered[0].p_value > 0.005);
+    assert!(found.considered[0].p_value.value() > 0.005);
 }
 
 /// If nothing is hidden, points that carry noise get no name, nor do carts that turn as they go; and the

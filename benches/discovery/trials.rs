@@ -216,7 +216,7 @@ impl Laboratory {
                 .considered
                 .iter()
                 .find(|score| score.name == own.name && score.place.to_string() == own.place);
-            own.p_value = score.map(|score| score.p_value);
+            own.p_value = score.map(|score| score.p_value.value());
         }
         let mut found = Found::of(&discovery);
         if !matches!(case.section, Section::Nulls | Section::Withheld) {
@@ -422,7 +422,7 @@ impl Found {
                 .map(|effect| Named {
                     name: effect.name.clone(),
                     place: effect.place.to_string(),
-                    p_value: effect.p_value,
+                    p_value: effect.p_value.value(),
                     chi2_drop: effect.chi2_drop,
                     period_m: effect.parameters.get("period").map(|period| period.value),
                     rivals: effect

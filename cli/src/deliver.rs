@@ -76,8 +76,7 @@ impl Outcome {
         }
         if !console.quiet {
             for remark in &self.remarks {
-                let note = report::terminal::sentence(&format!("note: {remark}"), console.width);
-                console.complain(&note.trim_end());
+                console.remark(remark);
             }
         }
         let is_silent = console.quiet || matches!(json, Some((_, Target::StandardOutput)));

@@ -108,11 +108,8 @@ struct Terminals {
 
 /// Characters in a line: of the terminal, or as many as are well read in a file.
 fn width(terminals: Terminals) -> usize {
-    let size = if terminals.out {
-        terminal_size::terminal_size()
-    } else {
-        None
-    };
+    let is_shown = terminals.out || terminals.err;
+    let size = is_shown.then(terminal_size::terminal_size).flatten();
     size.map_or(READABLE, |(width, _)| usize::from(width.0))
 }
 
@@ -213,6 +210,17 @@ impl Console<'_> {
 
     fn complain(&mut self, message: &dyn fmt::Display) {
         let _ = writeln!(self.err, "{message}");
+    }
+
+    /// Prints a remark on standard error: in lines of its width where that is a terminal, as one line for programs.
+    fn remark(&mut self, remark: &str) {
+        let note = format!("note: {remark}");
+        if self.terminals.err {
+            let note = report::terminal::sentence(&note, self.width);
+            self.complain(&note.trim_end());
+        } else {
+            self.complain(&note);
+        }
     }
 
     /// Prints on standard output.

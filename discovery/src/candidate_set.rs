@@ -10,7 +10,6 @@ use std::sync::{Arc, OnceLock};
 use nalgebra::DMatrix;
 use tau_codegen::language::Model;
 use tau_estimation::joint::fit::Fit;
-use tau_estimation::numerics::distribution::f_survival;
 use tau_estimation::numerics::parallel;
 use tau_estimation::numerics::projection::{Subspace, orthonormal};
 use tau_estimation::samples::Sample;
@@ -21,6 +20,7 @@ use super::candidates::{self, Candidate, Entry};
 use super::constants::Constants;
 use super::generic::Family;
 use super::linear_model::{Freed, LinearModel};
+use super::p_value::PValue;
 use super::probes::Probes;
 use super::response::{Displacements, Responses};
 use super::scan::{Band, Scores, lengths};
@@ -70,7 +70,7 @@ pub(super) struct Score {
     pub(super) candidate: usize,
     pub(super) statistic: f64,
     /// By the F form; over the whole search where there is one.
-    pub(super) p_value: f64,
+    pub(super) p_value: PValue,
     /// Its distribution where the candidate does nothing.
     pub(super) null: Null,
     /// Best value of the searched parameter.
@@ -510,8 +510,8 @@ enum Scored {
 }
 
 /// A statistic scaled so that its tail is that of χ² were the noise known, and its p-value by the F form.
-pub(super) fn f_form(statistic: f64, rank: f64, total: f64, degrees: f64) -> (f64, f64) {
+pub(super) fn f_form(statistic: f64, rank: f64, total: f64, degrees: f64) -> (f64, PValue) {
     let rest = (total - statistic).max(1e-12) / (degrees - rank).max(1.0);
     let f = statistic / rank / rest;
-    (rank * f, f_survival(f, rank, (degrees - rank).max(1.0)))
+    (rank * f, PValue::of_f(f, rank, (degrees - rank).max(1.0)))
 }

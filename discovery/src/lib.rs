@@ -20,6 +20,7 @@ mod formula;
 mod generic;
 mod linear_model;
 mod misfit;
+mod p_value;
 mod probes;
 mod response;
 pub mod results;
@@ -51,6 +52,7 @@ use tau_robot::robot::{Arm, Robot, Variant};
 use tau_robot::robot_file::RobotFile;
 
 pub use constants::Constants;
+pub use p_value::PValue;
 pub use results::{Discovery, Status};
 pub use tau_estimation::calibration::Error;
 pub use text::DISCOVERED;

@@ -3,12 +3,12 @@
 use nalgebra::{DMatrix, DVector};
 use tau_estimation::joint::Component;
 use tau_estimation::joint::fit::Fit;
-use tau_estimation::numerics::distribution::chi2_survival;
 use tau_estimation::samples::Sample;
 use tau_robot::robot::Arm;
 use tau_robot::robot_file::Noise;
 use tau_runtime::{Owner, ResidualKind};
 
+use super::p_value::PValue;
 use super::results::{Micro, Misfit, NoiseScale};
 
 const MICRO: f64 = 1e6;
@@ -91,7 +91,7 @@ fn misfit(
         excess_rms: (rms * rms - expected * expected).max(0.0).sqrt(),
         unit,
         degrees,
-        p_value: chi2_survival(sum, degrees),
+        p_value: PValue::of_chi2(sum, degrees),
     }
 }
 
@@ -154,7 +154,7 @@ fn closures(fit: &Fit) -> Vec<Misfit> {
                 excess_rms: (rms * rms - expected_rms * expected_rms).max(0.0).sqrt(),
                 unit: Micro::Metre,
                 degrees: poses,
-                p_value: chi2_survival(chi2, poses),
+                p_value: PValue::of_chi2(chi2, poses),
             }
         })
         .collect()

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use crate::p_value::PValue;
 use serde::{Serialize, Serializer};
 pub use tau_codegen::language::Model;
 pub use tau_codegen::language::model::{Readable, Target};
@@ -153,7 +154,8 @@ pub struct Misfit {
     /// Degrees of freedom.
     pub degrees: f64,
     /// Chance of so much misfit from the stated noise alone.
-    pub p_value: f64,
+    #[serde(flatten)]
+    pub p_value: PValue,
 }
 
 /// Estimated noise of a group of residuals.
@@ -177,7 +179,8 @@ pub struct FoundEffect {
     /// Parameters, SI.
     pub parameters: BTreeMap<String, Estimate>,
     /// Chance of such a score beside all that was found, anywhere in the candidate's search, without an effect.
-    pub p_value: f64,
+    #[serde(flatten)]
+    pub p_value: PValue,
     /// Fall of χ².
     pub chi2_drop: f64,
     /// Fall of the mean position error on the validation poses (µm).
@@ -224,7 +227,8 @@ pub struct PiecewiseTrack {
     /// Name of the track.
     pub place: Place,
     /// Chance that points which are free to move take up so much on a straight track.
-    pub p_value: f64,
+    #[serde(flatten)]
+    pub p_value: PValue,
     /// Fall of χ².
     pub chi2_drop: f64,
     /// Fall of the mean position error on the validation poses (µm).
@@ -270,7 +274,8 @@ pub struct Considered {
     /// Its place.
     pub place: Place,
     /// Of its score beside the base.
-    pub p_value: f64,
+    #[serde(flatten)]
+    pub p_value: PValue,
     /// Its verdict.
     pub verdict: Verdict,
 }

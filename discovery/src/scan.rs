@@ -5,13 +5,13 @@ use std::sync::{Arc, OnceLock};
 
 use nalgebra::{DMatrix, DVector};
 use tau_codegen::language::Model;
-use tau_estimation::numerics::distribution::chi2_survival;
 use tau_estimation::numerics::parallel;
 use tau_estimation::numerics::projection::orthonormal;
 use tau_estimation::samples::Sample;
 use tau_kinematics::Surroundings;
 
 use super::candidates::Candidate;
+use super::p_value::PValue;
 use super::probes::Probes;
 use super::response::{Displacements, Responses};
 
@@ -248,16 +248,14 @@ pub(super) fn lobe(range_m: f64) -> f64 {
 /// Chance that the highest statistic of a whole scan exceeds `statistic` without an effect: the bound
 /// by upcrossings (Davies 1987; Gross and Vitells 2010) with their number at a low level counted in
 /// null scans.
-pub(super) fn global_p(statistic: f64, rank: f64, upcrossings: f64) -> f64 {
+pub(super) fn global_p(statistic: f64, rank: f64, upcrossings: f64) -> PValue {
     let level = rank;
     let beyond = if statistic > level {
-        upcrossings
-            * (statistic / level).powf(0.5 * (rank - 1.0))
-            * (-0.5 * (statistic - level)).exp()
+        upcrossings.ln() + 0.5 * (rank - 1.0) * (statistic / level).ln() - 0.5 * (statistic - level)
     } else {
-        1.0
+        0.0
     };
-    (chi2_survival(statistic, rank) + beyond).min(1.0)
+    PValue::of_chi2(statistic, rank).or(PValue::exp(beyond))
 }
 
 /// Mean number of times that null scans cross the level `rank` upwards.
@@ -352,7 +350,7 @@ mod tests {
             global_p(highest, 2.0, upcrossings)
         });
         // Of 500 scans 50 are expected, give or take 7, less what peaks between the points.
-        let low = chances.filter(|&chance| chance < 0.1).count();
+        let low = chances.filter(|&chance| chance.value() < 0.1).count();
         assert!((20..=72).contains(&low), "{low} of 500");
     }
 }

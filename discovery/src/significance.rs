@@ -71,7 +71,7 @@ impl Significance {
     fn threshold_at(&self, level: f64, Null { rank, crossings }: Null) -> f64 {
         match crossings {
             Some(crossings) => bisect(rank, 10.0 * rank + 20.0, |statistic| {
-                global_p(statistic, rank, crossings) - level
+                global_p(statistic, rank, crossings).value() - level
             }),
             None => rank * f_quantile_above(level, rank, (self.degrees - rank).max(1.0)),
         }

@@ -15,6 +15,7 @@ use tau_robot::robot::{Owner, Robot};
 
 use super::candidate_set::f_form;
 use super::constants::Constants;
+use super::p_value::PValue;
 use super::results::{
     Considered, Derived, Discovery, FoundEffect, Gap, Misfit, Place, Status, Step, UsedEffect,
     Verdict,
@@ -101,7 +102,7 @@ fn free_name(model: &Model, wanted: &str) -> String {
 /// Test of a full arm: do the links of a cluster differ, where the base takes them for one?
 pub(super) struct FullArm {
     is_significant: bool,
-    p_value: f64,
+    p_value: PValue,
     chi2_drop: f64,
 }
 
@@ -117,7 +118,7 @@ impl FullArm {
         let total = full.residuals.norm_squared() + statistic;
         let (_, p_value) = f_form(statistic, rank, total, full.degrees() + rank);
         Some(Self {
-            is_significant: p_value <= constants.level * constants.further,
+            is_significant: p_value.value() <= constants.level * constants.further,
             p_value,
             chi2_drop: statistic,
         })

@@ -112,12 +112,15 @@ fn cell_markup(cell: &Cell) -> Markup {
     }
 }
 
-/// A number with a typographic minus sign and powers of ten.
+/// A number with a typographic minus sign and powers of ten, its standard deviation apart.
 pub(super) fn number_markup(number: &str) -> Markup {
     let minus = |text: &str| text.replace('-', "\u{2212}");
     match number.split_once('e') {
         Some((mantissa, exponent)) => html! { (minus(mantissa)) "·10" sup { (minus(exponent)) } },
         None if number == "inf" => html! { "∞" },
-        None => html! { (minus(number)) },
+        None => match number.split_once('(') {
+            Some((value, sigma)) => html! { (minus(value)) span.sigma { "(" (sigma) } },
+            None => html! { (minus(number)) },
+        },
     }
 }

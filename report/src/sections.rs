@@ -243,7 +243,10 @@ fn geometry(study: &Study) -> Markup {
             "Lengths and coordinates in the measurement frame of set 1 at " var { "q" } " = 0; the plate joint in TCP coordinates. \
              The cost is the sum of squared residuals " var { "r" } " over the calibration poses, without weights or priors."
         }
-        @for variant in &study.variants { (table(&tables::geometry(variant, study.architecture), "wide compact")) }
+        @for variant in &study.variants {
+            (table(&tables::geometry(variant, study.architecture), "wide compact"))
+            p { (findings::brackets(variant)) }
+        }
     }
 }
 

@@ -370,6 +370,7 @@ pub fn utf8(name: &str, bytes: Vec<u8>) -> Result<String, InputError> {
             valid..valid + '\u{fffd}'.len_utf8(),
             format!("found byte 0x{:02x}, which is not UTF-8 text", bytes[valid]),
         )
+        .help("save the file as UTF-8")
     })
 }
 

@@ -98,7 +98,7 @@ impl CandidateSet {
         let highest = scanned.bands.iter().map(|(_, scores)| scores.highest());
         let highest = highest.fold(0.0, f64::max);
         let height = LEAST_SHOWN * highest;
-        let peaks = if p_value(highest / LEAST_SHOWN) > self.constants.level {
+        let peaks = if p_value(highest / LEAST_SHOWN).value() > self.constants.level {
             // Nothing between the points of the grid could be significant, not even alone.
             let of_band = |(band, scores): &(&Band, &Scores)| -> Vec<(f64, f64)> {
                 let at = |k: usize| (band.grid[k], scores.statistics[k]);

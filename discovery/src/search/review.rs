@@ -5,6 +5,7 @@ use std::collections::BTreeSet;
 
 use super::super::candidate_set::{Score, f_form};
 use super::super::linear_model::LinearModel;
+use super::super::p_value::PValue;
 use super::super::results::Separation;
 use super::super::separation::{Signal, separate_by};
 use super::Search;
@@ -19,7 +20,7 @@ const HARMONICS: std::ops::RangeInclusive<u32> = 2..=4;
 /// Results on an effect of the final model.
 pub(crate) struct Found {
     /// Chance of its score anywhere in its own search, beside all others.
-    pub(crate) p_value: f64,
+    pub(crate) p_value: PValue,
     pub(crate) chi2_drop: f64,
     /// Other values of the searched parameter that fit as well.
     pub(crate) aliases: Vec<f64>,
@@ -155,7 +156,7 @@ impl Search<'_> {
     /// True if a score is significant among all candidates.
     pub(crate) fn is_significant(&self, score: &Score) -> bool {
         let is_named = self.bench.candidates[score.candidate].is_named();
-        score.p_value <= self.bench.significance.level(is_named)
+        score.p_value.value() <= self.bench.significance.level(is_named)
     }
 
     /// Significant structure that the model leaves where its effects act: there are few candidates, so less is
@@ -183,9 +184,9 @@ impl Search<'_> {
             let of_family = level / families.len() as f64;
             let families = families
                 .into_iter()
-                .map(|score| (score.candidate, None, score.p_value / of_family));
-            let harmonics =
-                harmonics.map(|(family, value, p_value)| (family, Some(value), p_value / level));
+                .map(|score| (score.candidate, None, score.p_value.value() / of_family));
+            let harmonics = harmonics
+                .map(|(family, value, p_value)| (family, Some(value), p_value.value() / level));
             let most = families
                 .chain(harmonics)
                 .filter(|(.., share)| *share <= 1.0)
@@ -206,7 +207,7 @@ impl Search<'_> {
         view: &LinearModel,
         member: usize,
         acts_on: &BTreeSet<usize>,
-    ) -> Option<(usize, f64, f64)> {
+    ) -> Option<(usize, f64, PValue)> {
         let described = &self.bench.candidates[self.state.members[member].candidate];
         let (place, _) = described.search?;
         let period = self.state.values_of(&self.context(), member)[place];

@@ -17,6 +17,7 @@ use nalgebra::Vector3;
 use super::super::candidate_set::f_form;
 use super::super::candidates::{self, Entry};
 use super::super::linear_model::LinearModel;
+use super::super::p_value::PValue;
 use super::super::probes::TARGETS_OF_CART;
 use super::super::results::{
     Considered, Discovery, Motion, PiecewiseTrack, Place, Quantity, Step, Unnamed, Verdict,
@@ -56,7 +57,7 @@ pub(in super::super) struct Found {
 pub(in super::super) struct TrackTest {
     track: usize,
     place: String,
-    p_value: f64,
+    p_value: PValue,
     statistic: f64,
     /// Cost of the points in the score of a model.
     cost: f64,
@@ -271,7 +272,7 @@ fn of_track(search: &Search<'_>, track: usize, knots: &[f64]) -> TrackTest {
     );
     let verdict = if is_wanted {
         Verdict::NotConfirmed
-    } else if p_value > bench.significance.level(true) {
+    } else if p_value.value() > bench.significance.level(true) {
         Verdict::NotSignificant
     } else {
         Verdict::NotTheBest

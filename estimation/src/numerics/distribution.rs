@@ -1,6 +1,11 @@
 //! Probabilities of test statistics.
 
 use statrs::distribution::{ChiSquared, ContinuousCDF, FisherSnedecor};
+use statrs::function::beta::ln_beta;
+use statrs::function::gamma::ln_gamma;
+
+/// Probabilities below this one are computed by their logarithms.
+const LEAST: f64 = 1e-280;
 
 /// P(χ² > t) with `degrees` degrees of freedom.
 pub fn chi2_survival(t: f64, degrees: f64) -> f64 {
@@ -8,6 +13,18 @@ pub fn chi2_survival(t: f64, degrees: f64) -> f64 {
         return 1.0;
     }
     ChiSquared::new(degrees).map_or(1.0, |chi2| chi2.sf(t))
+}
+
+/// log₁₀ P(χ² > t), also where the probability itself is below the smallest number.
+pub fn log10_chi2_survival(t: f64, degrees: f64) -> f64 {
+    let probability = chi2_survival(t, degrees);
+    if probability > LEAST {
+        return probability.log10();
+    }
+    // Legendre's continued fraction of the incomplete gamma function (DLMF 8.9.2).
+    let (a, x) = (0.5 * degrees, 0.5 * t);
+    let fraction = continued_fraction(x + 1.0 - a, |k| (k * (a - k), x + 1.0 - a + 2.0 * k));
+    (a * x.ln() - x - ln_gamma(a) - fraction.ln()) / std::f64::consts::LN_10
 }
 
 /// The value that χ² exceeds with a probability.
@@ -23,6 +40,54 @@ pub fn f_survival(f: f64, numerator: f64, denominator: f64) -> f64 {
         return 1.0;
     }
     FisherSnedecor::new(numerator, denominator).map_or(1.0, |distribution| distribution.sf(f))
+}
+
+/// log₁₀ P(F > f), also where the probability itself is below the smallest number.
+pub fn log10_f_survival(f: f64, numerator: f64, denominator: f64) -> f64 {
+    let probability = f_survival(f, numerator, denominator);
+    if probability > LEAST {
+        return probability.log10();
+    }
+    // Continued fraction of the incomplete beta function (DLMF 8.17.22), at 1 / (1 + f·numerator/denominator).
+    let (a, b) = (0.5 * denominator, 0.5 * numerator);
+    let odds = f * numerator / denominator;
+    let x = 1.0 / (1.0 + odds);
+    let fraction = continued_fraction(1.0, |j| {
+        let m = (0.5 * j).floor();
+        let coefficient = if j % 2.0 == 0.0 {
+            m * (b - m) / ((a + 2.0 * m - 1.0) * (a + 2.0 * m))
+        } else {
+            -(a + m) * (a + b + m) / ((a + 2.0 * m) * (a + 2.0 * m + 1.0))
+        };
+        (coefficient * x, 1.0)
+    });
+    let beyond = b * (odds.ln() - odds.ln_1p()) - a * odds.ln_1p();
+    (beyond - a.ln() - ln_beta(a, b) - fraction.ln()) / std::f64::consts::LN_10
+}
+
+/// b₀ + a₁/(b₁ + a₂/(b₂ + …)) by Lentz's method in Thompson's and Barnett's form (Press et al., Numerical Recipes,
+/// section 5.2), from (aₖ, bₖ) by k.
+fn continued_fraction(first: f64, terms: impl Fn(f64) -> (f64, f64)) -> f64 {
+    const TERMS: u32 = 10_000;
+    let kept = |value: f64| {
+        if value == 0.0 {
+            f64::MIN_POSITIVE
+        } else {
+            value
+        }
+    };
+    let mut value = kept(first);
+    let (mut c, mut d) = (value, 0.0);
+    for k in 1..=TERMS {
+        let (a, b) = terms(f64::from(k));
+        d = kept(b + a * d).recip();
+        c = kept(b + a / c);
+        value *= c * d;
+        if (c * d - 1.0).abs() < f64::EPSILON {
+            break;
+        }
+    }
+    value
 }
 
 /// The value that F exceeds with a probability.
@@ -116,6 +181,32 @@ mod tests {
             assert!((found - lambda).abs() < 1e-4, "{degrees}: {found}");
         }
         assert!((detectable_noncentrality(1.0, 0.001, 0.8) - 17.07).abs() < 0.01);
+    }
+
+    /// As mpmath 1.4 has them with 40 digits.
+    #[test]
+    fn tails_have_an_order_of_magnitude_where_they_have_no_number() {
+        for (t, degrees, expected) in [
+            (10.0, 3.0, -1.731_278_485_153_9),
+            (1500.0, 1.0, -327.407_256_044_166),
+            (2000.0, 3.0, -432.741_809_859_32),
+            (5000.0, 400.0, -782.105_994_594_226),
+        ] {
+            let found = log10_chi2_survival(t, degrees);
+            assert!((found - expected).abs() < 1e-9, "{t} {degrees}: {found}");
+        }
+        for (f, numerator, denominator, expected) in [
+            (3.5, 3.0, 20.0, -1.462_267_723_593_47),
+            (400.0, 40.0, 2000.0, -915.216_485_711_722),
+            (1e5, 3.0, 900.0, -1_134.502_081_297_01),
+            (1e6, 1.0, 500.0, -826.759_426_132_909),
+        ] {
+            let found = log10_f_survival(f, numerator, denominator);
+            assert!(
+                (found - expected).abs() < 1e-8,
+                "{f} {numerator} {denominator}: {found}"
+            );
+        }
     }
 
     #[test]

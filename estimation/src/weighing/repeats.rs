@@ -11,7 +11,7 @@ use std::collections::BTreeMap;
 use nalgebra::{DVector, Matrix3, Vector3};
 use tau_kinematics::nearest_rotation;
 
-use crate::numerics::distribution::{bisect, f_survival};
+use crate::numerics::distribution::{bisect, f_survival, log10_f_survival};
 use crate::samples::Sample;
 
 /// What repeated readings tell.
@@ -37,6 +37,8 @@ pub struct Repeats {
     pub lack_of_fit_degrees: (f64, f64),
     /// Chance of so large a statistic where the model lacks nothing and the machine repeats.
     pub p_value: f64,
+    /// Its decimal logarithm, also where it is below the smallest number.
+    pub log10_p_value: f64,
     /// Standard deviation of what readings of a visit share, over the stated noise.
     pub shared_over_noise: f64,
     /// What is left between visits, over what the fit takes it to be.
@@ -146,6 +148,7 @@ impl ByVisit {
             lack_of_fit,
             lack_of_fit_degrees: (plain_degrees, within_degrees),
             p_value: f_survival(lack_of_fit, plain_degrees, within_degrees),
+            log10_p_value: log10_f_survival(lack_of_fit, plain_degrees, within_degrees),
             shared_over_noise: shared.sqrt(),
             excess: left.sqrt(),
         }

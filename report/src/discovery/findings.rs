@@ -134,7 +134,7 @@ pub(crate) fn effect(model: &Model, effect: &FoundEffect) -> Vec<String> {
     ));
     sentences.push(format!(
         "By formula, noise alone would give so strong a signal with probability {}.",
-        probability(effect.p_value)
+        probability(effect.p_value.value())
     ));
     sentences
 }
@@ -344,7 +344,7 @@ pub(crate) fn unnamed(found: &Discovery) -> Vec<String> {
             track.place,
             if change < 0.0 { "raises" } else { "lowers" },
             general(change.abs(), 2),
-            probability(track.p_value),
+            probability(track.p_value.value()),
         )
     });
     let others = apart(found).map(|structure| {

@@ -117,7 +117,7 @@ pub(crate) fn effects(found: &Discovery) -> Option<Table> {
                     Cell::Number(size.value),
                     Cell::Number(size.sigma),
                     text(&size.unit),
-                    once(chance(effect.p_value)),
+                    once(chance(effect.p_value.value())),
                     once(general(effect.chi2_drop, 3)),
                     once(general(effect.heldout_drop_um, 2)),
                 ]
@@ -155,13 +155,13 @@ pub(crate) fn misfit(found: &Discovery) -> Option<Table> {
                 text(&misfit.coordinate),
                 Cell::Number(general(misfit.rms, 3)),
                 Cell::Number(general(misfit.expected_rms, 3)),
-                if misfit.p_value <= EXCESS {
+                if misfit.p_value.value() <= EXCESS {
                     Cell::Number(general(misfit.excess_rms, 2))
                 } else {
                     Cell::Empty
                 },
                 Cell::Text(misfit.unit.to_string()),
-                Cell::Number(chance(misfit.p_value)),
+                Cell::Number(chance(misfit.p_value.value())),
             ]
         })
         .collect();
@@ -301,24 +301,24 @@ pub(crate) fn detectable(found: &Discovery) -> Option<Table> {
 /// Every named candidate and what became of it.
 pub(crate) fn considered(found: &Discovery) -> Option<Table> {
     let mut considered: Vec<_> = found.considered.iter().collect();
-    considered.sort_by(|a, b| a.p_value.total_cmp(&b.p_value));
+    considered.sort_by(|a, b| a.p_value.log10().total_cmp(&b.p_value.log10()));
     // With a larger p-value than one that is not significant, a candidate was not significant by itself either.
     let too_weak = considered
         .iter()
         .find(|candidate| candidate.verdict == Verdict::NotSignificant)
-        .map_or(f64::INFINITY, |candidate| candidate.p_value);
+        .map_or(f64::INFINITY, |candidate| candidate.p_value.value());
     let rows: Vec<Vec<Cell>> = considered
         .into_iter()
         .map(|candidate| {
             let verdict = match candidate.verdict {
-                Verdict::Found if candidate.p_value > too_weak => {
+                Verdict::Found if candidate.p_value.value() > too_weak => {
                     "found once others were in the model".to_owned()
                 }
                 verdict => verdict.to_string(),
             };
             vec![
                 text(&at(&candidate.name, &candidate.place)),
-                Cell::Number(chance(candidate.p_value)),
+                Cell::Number(chance(candidate.p_value.value())),
                 Cell::Text(verdict),
             ]
         })

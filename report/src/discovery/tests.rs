@@ -1,4 +1,5 @@
 use roxmltree::Document;
+use tau::discovery::PValue;
 use tau::discovery::results::{
     Ambiguous, Bin, Derived, Dimension, Discovery, Estimate, Evidence, FoundEffect, Gap, LeftOut,
     Micro, Motion, NoiseScale, Pattern, PiecewiseTrack, Place, Quantity, Readable, Reason, Rival,
@@ -125,7 +126,7 @@ fn found() -> Discovery {
             name: "backlash".to_owned(),
             place: cart("one"),
             parameters: [("gap".to_owned(), estimate)].into(),
-            p_value: 0.0,
+            p_value: PValue::of_chi2(5000.0, 1.0),
             chi2_drop: 812.0,
             heldout_drop_um: 75.0,
             rivals: vec![Rival {
@@ -318,7 +319,7 @@ fn a_track_that_follows_its_points_is_an_error_of_the_machine() {
     found.unnamed[0].direction = Motion::Target(Target::Horizontal, 0);
     found.piecewise_tracks = vec![PiecewiseTrack {
         place: cart("two"),
-        p_value: 0.0,
+        p_value: PValue::of_chi2(5000.0, 1.0),
         chi2_drop: 90.0,
         heldout_drop_um: 10.0,
     }];

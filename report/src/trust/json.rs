@@ -65,6 +65,7 @@ fn repeats(repeats: &Repeats) -> Value {
             "f": repeats.lack_of_fit,
             "dof": [between, within],
             "p_value": repeats.p_value,
+            "log10_p_value": repeats.log10_p_value,
         },
         "shared_over_noise": repeats.shared_over_noise,
     })

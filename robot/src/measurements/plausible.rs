@@ -197,13 +197,14 @@ pub fn distinct_keys<const N: usize>(
         }
         let first = *first_rows.entry(numbers).or_insert(row);
         if first != row {
-            mistakes.push(
+            mistakes.push_with_help(
                 table.place(row, key[0].index),
                 format!(
                     "{} is given twice, first on line {}",
                     describe(numbers.map(Option::unwrap_or_default)),
                     table.line(first)
                 ),
+                "give each row a number of its own; readings of one pose are known by their commands",
             );
         }
     }

@@ -128,12 +128,13 @@ impl<'a> Table<'a> {
         };
         for (index, name) in self.names().enumerate().filter(|(_, name)| is_known(name)) {
             if let Some(first) = self.column(name).filter(|&first| first < index) {
-                mistakes.push(
+                mistakes.push_with_help(
                     self.header[index].clone(),
                     format!(
                         "column `{name}` is given twice, first as column {}",
                         first + 1
                     ),
+                    "remove one of them",
                 );
             }
         }

@@ -204,9 +204,10 @@ pub(super) fn complete(
         }
         let key = keys_of(root, "links").find(|key| key.get_ref().as_ref() == link.name);
         match key {
-            Some(key) => mistakes.push(
+            Some(key) => mistakes.push_with_help(
                 key.span(),
                 format!("link `{}` lacks {}", link.name, quoted(missing)),
+                "a length is given as `{ value = 2.0, tol = 3e-4 }`, the others as `{ value = [0.1, 0.2, 0.3], tol = 3e-4 }`",
             ),
             None => mistakes.push(
                 key_place(root, "links"),

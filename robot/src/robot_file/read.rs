@@ -88,11 +88,13 @@ impl<'a> Document<'a> {
         let start = |error: &toml::de::Error| error.span().map_or(0, |span| span.start);
         if let Some(error) = errors.into_iter().min_by_key(start) {
             let place = error.span().unwrap_or(0..0);
-            let message = match error.message() {
-                "duplicate key" => format!("key `{}` is given twice", &source.text[place.clone()]),
-                message => message.to_owned(),
-            };
-            return Err(InputError::at(source, place, message));
+            return Err(if error.message() == "duplicate key" {
+                let message = format!("key `{}` is given twice", &source.text[place.clone()]);
+                InputError::at(source, place, message).help("remove one of them")
+            } else {
+                InputError::at(source, place, error.message())
+                    .help("the file is TOML: `[section]` and `key = value` on lines of their own")
+            });
         }
         let file = document.file(root.get_ref());
         if let Some(robot) = robot {
@@ -458,7 +460,7 @@ impl<'a> Document<'a> {
         } else {
             "more than 0".to_owned()
         };
-        let message = format!("found a {what} of {number}, expected {expected}");
+        let message = format!("found a {what} of {number:?}, expected {expected}");
         self.mistakes.push(value.span(), message);
         None
     }
