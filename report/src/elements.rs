@@ -10,7 +10,7 @@ pub(super) fn figure(figures: &[Figure], file_name: &str) -> Markup {
     let found = figures.iter().find(|figure| figure.file_name == file_name);
     html! {
         @if let Some(found) = found {
-            figure {
+            figure aria-label=(found.title) {
                 div.scroll tabindex="0" role="region" aria-label=(found.title) { (PreEscaped(&found.svg)) }
                 figcaption {
                     @if let Some(number) = found.number { b { "Figure " (number) ". " } }
