@@ -1,5 +1,7 @@
 //! Coverage of 95 % intervals on virtual machines: how often the truth lies within 1.96 stated standard deviations.
 
+mod support;
+
 use std::collections::BTreeMap;
 
 use clap::Parser;
@@ -11,8 +13,6 @@ use tau_robot::measurements::{Poses, Split};
 use tau_robot::robot::{Owner, Parameter, Robot};
 use tau_robot::robot_file::RobotFile;
 
-const DELTA: &str = include_str!("../tests/robots/linear_delta.tau");
-const HEXAPOD: &str = include_str!("../tests/robots/stewart.tau");
 /// Half the width of a 95 % interval, in standard deviations.
 const HALF_WIDTH: f64 = 1.96;
 
@@ -104,25 +104,6 @@ fn cases() -> Vec<Case> {
     ]
 }
 
-/// Robots by name, with their robot files.
-fn robots() -> Vec<(&'static str, Robot, RobotFile)> {
-    let of = |name: &'static str, text: &str| {
-        let robot = Robot::from_text(text).unwrap();
-        let noise = "[noise]\nposition_m = 1e-5\nrotation_rad = 4e-5\n";
-        let file = format!("robot = \"{}\"\n{noise}", robot.name);
-        let file = RobotFile::parse_for(&file, "robot.toml", &robot).unwrap();
-        let file = file.completed(&robot);
-        (name, robot, file)
-    };
-    let gantry = Robot::from(&tau_generated::gantry_tau::ROBOT);
-    let file = tau_robot::prototype::robot_file().unwrap();
-    vec![
-        ("gantry", gantry, file),
-        of("delta", DELTA),
-        of("hexapod", HEXAPOD),
-    ]
-}
-
 /// The true value of a parameter, and its kind.
 fn truth(machine: &Machine, parameter: &Parameter) -> Option<(&'static str, f64)> {
     let Owner::Link(link) = parameter.owner else {
@@ -171,7 +152,7 @@ fn main() {
         "| robot | case | coverage by kind, as stated → widened | consistent | outliers listed per folder (none, missed) |"
     );
     println!("| --- | --- | --- | --- | --- |");
-    for (name, robot, file) in robots() {
+    for (name, robot, file) in support::robots() {
         if !name.contains(&arguments.robot) {
             continue;
         }

@@ -1,5 +1,7 @@
 //! Counts of verdicts on virtual machines: mistakes that are named rightly, and clean folders that are consistent.
 
+mod support;
+
 use clap::Parser;
 use nalgebra::Matrix3;
 use tau::simulation::{Simulation, simulate};
@@ -10,9 +12,6 @@ use tau_kinematics::{Pose, zyz};
 use tau_robot::measurements::{Folder, Poses, Split};
 use tau_robot::robot::Robot;
 use tau_robot::robot_file::{LinkValues, RobotFile, Value};
-
-const DELTA: &str = include_str!("../tests/robots/linear_delta.tau");
-const HEXAPOD: &str = include_str!("../tests/robots/stewart.tau");
 
 /// Verdicts on virtual machines of which the truth is known.
 #[derive(Debug, Parser)]
@@ -26,25 +25,6 @@ struct Arguments {
     /// An argument that `cargo bench` adds.
     #[arg(long, hide = true)]
     bench: bool,
-}
-
-/// Robots by name, with their robot files.
-fn robots() -> Vec<(&'static str, Robot, RobotFile)> {
-    let gantry = Robot::from(&tau_generated::gantry_tau::ROBOT);
-    let file = tau_robot::prototype::robot_file().unwrap();
-    let of = |name: &'static str, text: &str| {
-        let robot = Robot::from_text(text).unwrap();
-        let noise = "[noise]\nposition_m = 1e-5\nrotation_rad = 4e-5\n";
-        let file = format!("robot = \"{}\"\n{noise}", robot.name);
-        let file = RobotFile::parse_for(&file, "robot.toml", &robot).unwrap();
-        let file = file.completed(&robot);
-        (name, robot, file)
-    };
-    vec![
-        ("gantry", gantry, file),
-        of("delta", DELTA),
-        of("hexapod", HEXAPOD),
-    ]
 }
 
 fn simulated(robot: &Robot, file: &RobotFile, seed: u64) -> Folder {
@@ -193,7 +173,7 @@ fn is_named(robot: &Robot, clean: (&Folder, &RobotFile), wrong: &Wrong) -> (bool
 fn main() {
     let arguments = Arguments::parse();
     println!("| robot | mistake | named rightly |\n| --- | --- | --- |");
-    for (name, robot, file) in robots() {
+    for (name, robot, file) in support::robots() {
         for wrong in &WRONG {
             let is_right = |seed: &u64| {
                 let folder = simulated(&robot, &file, 7000 + seed);
@@ -212,7 +192,7 @@ fn main() {
     }
     println!("\n| robot | clean folders | consistent | inconsistent | absurd | mean χ²/dof |");
     println!("| --- | --- | --- | --- | --- | --- |");
-    for (name, robot, file) in robots() {
+    for (name, robot, file) in support::robots() {
         let (mut calibrated, mut predicted) = (Counts::default(), Counts::default());
         for seed in 0..arguments.clean {
             let folder = simulated(&robot, &file, 9000 + seed);

@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::Path;
 
-use crate::support::{DATA, listing, tau_in};
+use crate::support::{DATA, DESCRIPTION, listing, tau_in};
 
 /// Everything below a folder.
 fn tree(folder: &Path) -> Vec<String> {
@@ -264,4 +264,46 @@ fn inputs_are_not_replaced() {
     insta::assert_snapshot!(answers(folder.path(), &lines));
     let kept = fs::read(folder.path().join("robot.toml")).unwrap();
     assert_eq!(kept, fs::read(Path::new(DATA).join("robot.toml")).unwrap());
+}
+
+#[test]
+fn what_is_not_finite_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let text = fs::read_to_string(DESCRIPTION).unwrap();
+    let own = "variant Odd = Full + odd(two); }\n\
+               effect odd on cart { param size: length = 10 um tol 1 mm; along += size * sqrt((q + 0.2 m) / (1 m)); }";
+    let text = format!("{}{own}", text.trim_end().strip_suffix('}').unwrap());
+    fs::write(folder.path().join("odd.tau"), text).unwrap();
+    let csv = fs::read_to_string(format!("{DATA}/tcp_poses.csv")).unwrap();
+    // The first pose that calibrates at which the root of a negative number is asked for.
+    let column = |name: &str| {
+        csv.lines()
+            .next()
+            .unwrap()
+            .split(',')
+            .position(|own| own == name)
+    };
+    let (pose, q2) = (column("pose").unwrap(), column("q2_m").unwrap());
+    let rows: Vec<Vec<&str>> = csv
+        .lines()
+        .skip(1)
+        .map(|line| line.split(',').collect())
+        .collect();
+    let is_out = |row: &&Vec<&str>| row[q2].parse::<f64>().unwrap() < -0.2;
+    let poses: Vec<&str> = rows.iter().filter(is_out).map(|row| row[pose]).collect();
+    for line in [
+        "tau calibrate DATA --model DIR/odd.tau --variant Odd --out DIR/out",
+        "tau discover DATA --model DIR/odd.tau --base Odd --out DIR/out",
+        "tau kinematics forward --model DIR/odd.tau --robot DATA/robot.toml --variant Odd --commands 0,-0.5,0",
+    ] {
+        let ran = tau_in(folder.path(), line);
+        assert_eq!(ran.code, 1, "{line}");
+        let expected = "in `odd(two)`: `along += size * sqrt((q + 0.2 m) / (1 m))`";
+        assert!(ran.err.contains(expected), "{line}: {}", ran.err);
+        let (_, named) = ran.err.split_once("pose ").unwrap();
+        let named = named.split(':').next().unwrap();
+        let is_given = line.contains("--commands") && named == "1";
+        assert!(is_given || poses.contains(&named), "{line}: {}", ran.err);
+        assert_eq!(listing(folder.path()), ["odd.tau"]);
+    }
 }

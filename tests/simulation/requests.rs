@@ -300,8 +300,8 @@ fn whatever_is_written_is_read_again() {
         track_points: 3,
         cart_poses: 4,
         temperature_c: 59.0,
-        noise_position_m: Some(1.0),
-        noise_rotation_rad: Some(1.0),
+        noise_position_m: Some(0.1),
+        noise_rotation_rad: Some(0.1),
         noise_scale: [1e-3; 3],
         ..Request::default()
     };

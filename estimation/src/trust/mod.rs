@@ -12,6 +12,7 @@ mod hypothesis;
 mod judged;
 mod mistake;
 pub(crate) mod numbering;
+mod prediction;
 mod reach;
 mod recognise;
 mod roots;
@@ -21,10 +22,11 @@ mod words;
 
 pub use check::{Check, Checked, FileFacts, Gap, Range, Sight, check};
 pub use mistake::Mistake;
+pub use prediction::{of_prediction, outliers_of_validation};
 pub use reach::Reach;
 pub use verdict::{
     FileFit, PoseFit, Pull, Status, Verdict, mistakes, of_calibration, of_calibration_knowing,
-    of_prediction, outliers_of_validation, refuse,
+    refuse,
 };
 
 /// Chance that a test calls consistent input inconsistent, the same as that at which errors in variables begin to

@@ -26,7 +26,9 @@ const ODDS: f64 = 1e3;
 /// Poses for a first look at all hypotheses, and for a closer one at the best of them.
 const FEW_POSES: usize = 12;
 const POSES: usize = 60;
-/// Iterations of the first look: enough for places of tracks that are known to centimetres.
+/// Iterations of the first look, which only ranks, and of a second: enough for places of tracks that are known to
+/// centimetres.
+const FIRST_ITERATIONS: usize = 1;
 const FEW_ITERATIONS: usize = 4;
 /// Iterations of a whole descent.
 pub(crate) const ITERATIONS: usize = 40;
@@ -168,7 +170,7 @@ pub(crate) fn mistakes(case: &Case<'_>) -> Result<Vec<Mistake>, Error> {
         let noise = given.and_then(|given| noise(&thinned, &given));
         return Ok(noise.into_iter().collect());
     }
-    let mut all = closer(&thinned, &candidates(&thinned));
+    let mut all = closer(&thinned, &candidates(&thinned), ITERATIONS);
     all.extend(dimensions(&thinned, given.as_ref()));
     let scale = |all: &[Tried]| {
         let ratios = all.iter().chain(&given).map(|t| t.misfit.ratio().powi(2));
@@ -213,7 +215,7 @@ fn prior(case: &Case<'_>, hypothesis: Option<&Hypothesis>) -> f64 {
     2.0 * (count.max(1) as f64).ln()
 }
 
-/// The best of all hypotheses at a first look.
+/// The best of all hypotheses at a few poses, as far as they fit those better than the case as given does.
 fn candidates(case: &Case<'_>) -> Vec<Hypothesis> {
     let few = case.thinned(FEW_POSES);
     let mut all = commands(&few);
@@ -221,23 +223,25 @@ fn candidates(case: &Case<'_>) -> Vec<Hypothesis> {
     all.extend(hypothesis::axes());
     all.extend(hypothesis::angles());
     all.push(Hypothesis::Millimetres);
-    let mut looked: Vec<Tried> = parallel::map(&all, |hypothesis| {
-        tried(&few, Some(hypothesis), FEW_ITERATIONS)
-    })
-    .into_iter()
-    .flatten()
-    .collect();
-    looked.sort_by(|a, b| a.total.total_cmp(&b.total));
-    let best = looked.into_iter().take(CLOSER);
+    let mut ranked = closer(&few, &all, FIRST_ITERATIONS);
+    ranked.sort_by(|a, b| a.total.total_cmp(&b.total));
+    let best: Vec<Hypothesis> = (ranked.into_iter().take(CLOSER))
+        .filter_map(|tried| tried.hypothesis)
+        .collect();
+    let as_given = tried(&few, None, FEW_ITERATIONS).map_or(f64::INFINITY, |given| given.total);
+    let better = closer(&few, &best, FEW_ITERATIONS).into_iter();
     // Room for tolerances is paid for by evidence, which few poses don't settle.
-    best.filter_map(|tried| tried.hypothesis)
+    better
+        .filter(|tried| tried.total < as_given)
+        .filter_map(|tried| tried.hypothesis)
         .chain(hypothesis::small_tolerances())
         .collect()
 }
 
-fn closer(case: &Case<'_>, hypotheses: &[Hypothesis]) -> Vec<Tried> {
+/// Fits under hypotheses, those that have one.
+fn closer(case: &Case<'_>, hypotheses: &[Hypothesis], iterations: usize) -> Vec<Tried> {
     parallel::map(hypotheses, |hypothesis| {
-        tried(case, Some(hypothesis), ITERATIONS)
+        tried(case, Some(hypothesis), iterations)
     })
     .into_iter()
     .flatten()
@@ -408,7 +412,11 @@ fn transpositions(count: usize) -> Vec<Vec<usize>> {
 fn dimensions(case: &Case<'_>, given: Option<&Tried>) -> Vec<Tried> {
     let mut starts: Vec<(usize, f64)> = Vec::new();
     if let Some(given) = given {
-        let mut worst: Vec<&Deviation> = given.deviations.iter().collect();
+        // Set free, a parameter lets χ² fall by the square of this deviation.
+        let falls = |d: &&Deviation| (d.deleted / given.misfit.ratio().max(1.0)).powi(2);
+        let mut worst: Vec<&Deviation> = (given.deviations.iter())
+            .filter(|deviation| falls(deviation) > 2.0 * ODDS.ln())
+            .collect();
         worst.sort_by(|a, b| b.deleted.abs().total_cmp(&a.deleted.abs()));
         let worst = worst.into_iter().take(DIMENSIONS);
         starts.extend(worst.map(|d| (d.parameter, given.values[d.parameter])));
@@ -416,7 +424,7 @@ fn dimensions(case: &Case<'_>, given: Option<&Tried>) -> Vec<Tried> {
     starts.extend(far_off(case).unwrap_or_default());
     let of = |(parameter, start)| Hypothesis::Dimension { parameter, start };
     let hypotheses: Vec<Hypothesis> = starts.into_iter().map(of).collect();
-    closer(case, &hypotheses)
+    closer(case, &hypotheses, ITERATIONS)
 }
 
 /// Parameters of closures that miss by far, with values at which they would not, best first.
@@ -518,7 +526,7 @@ fn noise(case: &Case<'_>, given: &Tried) -> Option<Mistake> {
         (LEVEL..1.0 - LEVEL).contains(&chance)
     };
     let is_gross = !(CAUTIOUS.recip()..CAUTIOUS).contains(&ratio);
-    let mut all = closer(case, &hypothesis::noise());
+    let mut all = closer(case, &hypothesis::noise(), ITERATIONS);
     all.retain(|tried| {
         tried.is_plausible() && off(tried) < limit && (is_gross || is_by_chance(tried))
     });

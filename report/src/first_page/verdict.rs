@@ -8,7 +8,7 @@ use tau::trust::{Status, Verdict};
 use crate::discovery::findings;
 use crate::discovery::words::capital;
 use crate::elements::prose;
-use crate::number::general;
+use crate::trust;
 
 /// Of a study: that on the best fit, and what the search adds.
 pub(super) fn of_study(study: &Study) -> Markup {
@@ -40,7 +40,7 @@ pub(super) fn of_study(study: &Study) -> Markup {
                 (prose(&why.join(" ")))
             }
             @if let Some(found) = found { p { (findings::verdict(found)) } }
-            @let others = others(study, &variant.name);
+            @let others = trust::others(study, &variant.name);
             @if !others.is_empty() { p.aside { "The others: " (others.join(", ")) "." } }
         }
     }
@@ -74,20 +74,4 @@ fn meaning(verdict: &Verdict) -> &'static str {
         }
         Status::Absurd => "The input holds a mistake: these figures mean nothing. Mend it first.",
     }
-}
-
-/// The other variants, a word each.
-fn others(study: &Study, best: &str) -> Vec<String> {
-    let others = study.variants.iter().filter(|variant| variant.name != best);
-    others
-        .filter_map(|variant| {
-            let fit = variant.fit.as_ref()?;
-            let ratio = general(fit.residual_over_noise, 2);
-            Some(format!(
-                "{} {} ({ratio} times the noise)",
-                variant.name,
-                fit.status.name()
-            ))
-        })
-        .collect()
 }

@@ -26,21 +26,7 @@ pub(crate) fn of_study(screen: &mut Screen, study: &Study) {
     let Some((best, verdict)) = study.fit() else {
         return;
     };
-    let others = study
-        .variants
-        .iter()
-        .filter(|variant| variant.name != best.name);
-    let others: Vec<String> = others
-        .filter_map(|variant| {
-            let fit = variant.fit.as_ref()?;
-            let ratio = general(fit.residual_over_noise, 2);
-            Some(format!(
-                "{} {} ({ratio} times the noise)",
-                variant.name,
-                fit.status.name()
-            ))
-        })
-        .collect();
+    let others = super::others(study, &best.name);
     screen.say(&format!("Verdict on {}: {}", best.name, verdict.line()));
     if !others.is_empty() && verdict.status != Status::Absurd {
         screen.say(&format!("The others: {}.", others.join(", ")));

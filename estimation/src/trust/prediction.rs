@@ -1,0 +1,198 @@
+//! The verdict on predictions: of poses that took no part in a calibration, with its parameters.
+
+use nalgebra::DMatrix;
+use tau_kinematics::Machine;
+use tau_robot::measurements::{Division, Folder};
+use tau_robot::robot_file::RobotFile;
+
+use crate::calibration::{Calibration, Error};
+use crate::joint::descent::Descent;
+use crate::numerics::projection::inverse_factor;
+use crate::samples::Sample;
+use crate::trust::hypothesis::spread;
+use crate::trust::judged::{Judged, Misfit};
+use crate::trust::recognise::{self, ITERATIONS};
+use crate::trust::verdict::{MOST_POSES, Pull, Status, Verdict, case, measured, mistakes, shorten};
+use crate::weighing::{Outlier, Treatment, Weighing, weigh};
+
+/// The verdict on the prediction of the poses that validate, with the parameters of a robot file.
+///
+/// Where the file states standard deviations, they are those of parameters that were calibrated, correlated as the poses
+/// that calibrate and the tolerances make them; else the tolerances are. Residuals are judged against the noise and
+/// against what such parameters may do to them. Outliers among the poses are listed, and left out unless they are kept.
+///
+/// # Errors
+/// Data that the variant takes are missing.
+pub fn of_prediction(
+    machine: &Machine,
+    file: &RobotFile,
+    folder: &Folder,
+    division: &Division,
+    treatment: Treatment,
+) -> Result<Verdict, Error> {
+    let (robot, variant) = (&machine.robot, &machine.variant);
+    let of = |poses: &[usize]| case(robot, variant, file, folder, poses).thinned(MOST_POSES);
+    let all = of(&division.validation);
+    let samples = recognise::samples(&all);
+    let noise = all.file.noise;
+    let known = if stated_sigmas(file) == 0 {
+        None
+    } else {
+        let before = of(&division.calibration);
+        let (prepared, samples) = (before.prepared()?, recognise::samples(&before));
+        let inflation = if Sample::units(&samples) < samples.len() {
+            weigh(&prepared, &machine.values, &samples, noise, treatment)?.inflation
+        } else {
+            vec![1.0; samples.len()]
+        };
+        let values = &machine.values;
+        let known = Judged::new(&prepared, values, &samples, noise, (&inflation, 0))?;
+        Some(known)
+    };
+    let weighing = match &known {
+        None => weigh(
+            &all.prepared()?,
+            &machine.values,
+            &samples,
+            noise,
+            treatment,
+        )?,
+        Some(known) => {
+            let judged = recognise::judged(&all, &all.prepared()?, &machine.values, 0)?;
+            let sums = judged.sums_under(known, samples.len());
+            Weighing::of_predicted(&sums, &samples, treatment)
+        }
+    };
+    let kept: Vec<usize> = (0..samples.len())
+        .filter(|&index| weighing.judged[index])
+        .collect();
+    let case = all.of_poses(&kept);
+    let prepared = case.prepared()?;
+    let mut verdict = if let Some(known) = known {
+        let judged = recognise::judged(&case, &prepared, &machine.values, 0)?;
+        let mut verdict = measured(&case, &judged, vec![]);
+        verdict.know(&weighing);
+        let misfit = predicted(judged, known);
+        verdict.chi2 = misfit.chi2;
+        verdict.dof = misfit.dof;
+        verdict.residual_over_noise = misfit.ratio();
+        verdict.judge(variant, None);
+        verdict
+    } else {
+        let judged = recognise::judged(&case, &prepared, &machine.values, ITERATIONS)?;
+        let deviations = judged.deviations();
+        let mut pulls: Vec<Pull> = (deviations.iter())
+            .map(|deviation| Pull {
+                parameter: variant.parameters[deviation.parameter].name.clone(),
+                tolerances: deviation.tolerances,
+            })
+            .collect();
+        shorten(&mut pulls);
+        let mut verdict = measured(&case, &judged, pulls);
+        verdict.know(&weighing);
+        verdict.judge(
+            variant,
+            recognise::beyond_tolerance(&deviations, verdict.residual_over_noise),
+        );
+        verdict
+    };
+    if verdict.status > Status::Consistent || verdict.residual_over_noise < 1.0 / 3.0 {
+        let thinned = spread(division.validation.len(), MOST_POSES);
+        let poses: Vec<usize> = (kept.iter())
+            .map(|&index| division.validation[thinned[index]])
+            .collect();
+        verdict.blame(mistakes(robot, variant, file, folder, &poses)?);
+    }
+    verdict.conclude(&case);
+    verdict.tell(&weighing);
+    Ok(verdict)
+}
+
+/// Outliers among the poses that validate, as a calibration on those that calibrate predicts them. None are looked for
+/// among more poses than a verdict looks at.
+///
+/// # Errors
+/// Data that the variant takes are missing.
+pub fn outliers_of_validation(
+    calibration: &Calibration,
+    file: &RobotFile,
+    folder: &Folder,
+    division: &Division,
+) -> Result<Vec<Outlier>, Error> {
+    if division.validation.len() > MOST_POSES {
+        return Ok(vec![]);
+    }
+    let machine = &calibration.machine;
+    let (robot, variant) = (&machine.robot, &machine.variant);
+    let at = |poses: &[usize]| -> Result<(Judged, Vec<Sample>), Error> {
+        let case = case(robot, variant, file, folder, poses).thinned(MOST_POSES);
+        let judged = recognise::judged(&case, &case.prepared()?, &machine.values, 0)?;
+        Ok((judged, recognise::samples(&case)))
+    };
+    let weighing = &calibration.weighing;
+    let (known, _) = at(&weighing
+        .taking_part(&division.calibration)
+        .collect::<Vec<_>>())?;
+    let (judged, samples) = at(&division.validation)?;
+    let sums = judged.sums_under(&known, samples.len());
+    Ok(Weighing::of_predicted(&sums, &samples, Treatment::default()).outliers)
+}
+
+/// Number of standard deviations that a robot file states.
+fn stated_sigmas(file: &RobotFile) -> usize {
+    let sections = [&file.links, &file.clusters, &file.tracks];
+    let of_links = sections
+        .into_iter()
+        .flat_map(|section| section.values())
+        .flat_map(|values| {
+            [
+                &values.length,
+                &values.plate_joint,
+                &values.track_offset,
+                &values.track_direction,
+                &values.track_rotation,
+            ]
+        });
+    let stated = of_links.flatten().filter_map(|value| value.sigma.as_ref());
+    stated.map(Vec::len).sum()
+}
+
+/// χ² of residuals at known values under the noise and what the uncertainty of the values does to them:
+/// `rᵀ(1 + J·C·Jᵀ)⁻¹r = rᵀr − gᵀ(JᵀJ + C⁻¹)⁻¹g` with `g = Jᵀr`, in units of the noise.
+fn predicted(judged: Judged, known: Judged) -> Misfit {
+    let misfit = judged.misfit();
+    let (own, known) = (judged.into_descent(), known.into_descent());
+    let rows = own.joint.rows.len();
+    let data = |descent: Descent| {
+        let rows = descent.joint.rows.len();
+        let residuals = descent.residuals.clone();
+        let jacobian = descent.normal.into_jacobian().dense();
+        (
+            jacobian.rows(0, rows).into_owned(),
+            residuals.rows(0, rows).into_owned(),
+            jacobian,
+        )
+    };
+    let (jacobian, residuals, _) = data(own);
+    let (.., information) = data(known);
+    let information: DMatrix<f64> = information.tr_mul(&information);
+    let chi2 = residuals.norm_squared();
+    let gradient = jacobian.tr_mul(&residuals);
+    let scale = information
+        .diagonal()
+        .map(|d| if d > 0.0 { d.sqrt().recip() } else { 1.0 });
+    let gram = jacobian.tr_mul(&jacobian) + information;
+    let scaled = DMatrix::from_fn(gram.nrows(), gram.ncols(), |i, j| {
+        gram[(i, j)] * scale[i] * scale[j]
+    });
+    let explained = inverse_factor(scaled).map_or(0.0, |factor| {
+        factor
+            .tr_mul(&gradient.component_mul(&scale))
+            .norm_squared()
+    });
+    Misfit {
+        chi2: (chi2 - explained).max(0.0),
+        dof: rows as f64,
+        rows: misfit.rows,
+    }
+}
