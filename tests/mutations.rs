@@ -1,7 +1,7 @@
 //! Broken input of all kinds, made from a seed, through the whole command line: it never panics, leaves nothing
 //! half-written, and says where the mistake is and what would mend it.
 //!
-//! `MUTATIONS=2000` looks further, `MUTATIONS=1732..1733` at one case.
+//! `MUTATIONS=20000` looks further, `MUTATIONS=1732..1733` at one case.
 
 use std::ffi::OsString;
 use std::fs;
@@ -15,7 +15,7 @@ use rayon::prelude::*;
 use crate::support::{DATA, DESCRIPTION, ROBOTS, Random, listing};
 
 /// Cases without `MUTATIONS`.
-const CASES: usize = 240;
+const CASES: usize = 2000;
 
 /// Files of a valid folder, small enough to be calibrated in no time.
 fn valid() -> Vec<(&'static str, String)> {
@@ -125,8 +125,7 @@ const ODD: [&str; 26] = [
 
 impl Random {
     fn below(&mut self, count: usize) -> usize {
-        let share = 0.5 * (self.uniform() + 1.0);
-        ((share * count as f64) as usize).min(count.saturating_sub(1))
+        usize::try_from(self.next() % count.max(1) as u64).unwrap()
     }
 
     fn of<'a, T: ?Sized>(&mut self, items: &[&'a T]) -> &'a T {
@@ -156,13 +155,19 @@ fn broken_table(text: &str, random: &mut Random) -> String {
     let row = 1 + random.below(rows.len() - 1);
     let column = random.below(rows[0].len());
     match random.below(9) {
-        0 => rows[row][column] = random.of(&ODD).to_owned(),
-        1 => rows[0][column] = random.of(&ODD).to_owned(),
+        0 => rows[row][column] = random.of(&ODD).into(),
+        1 => rows[0][column] = random.of(&ODD).into(),
         2 => rows[0][column].push('x'),
-        3 => rows.iter_mut().for_each(|row| drop(row.remove(column))),
+        3 => {
+            for row in &mut rows {
+                row.remove(column);
+            }
+        }
         4 => {
             let other = random.below(rows[0].len());
-            rows.iter_mut().for_each(|row| row.swap(column, other));
+            for row in &mut rows {
+                row.swap(column, other);
+            }
         }
         5 => {
             let factor = [1e3, 1e-3, -1.0, 180.0 / std::f64::consts::PI][random.below(4)];
@@ -191,11 +196,14 @@ fn broken_text(text: &str, random: &mut Random) -> String {
     let at = words[random.below(words.len())];
     let other = words[random.below(words.len())];
     match random.below(8) {
-        0 => tokens[at] = random.of(&ODD).to_owned(),
+        0 => tokens[at] = random.of(&ODD).into(),
         1 => drop(tokens.remove(random.below(tokens.len()))),
         2 => tokens[at].push('x'),
         3 => tokens.swap(at, other),
-        4 => tokens[at] = tokens[other].clone(),
+        4 => {
+            let copy = tokens[other].clone();
+            tokens[at] = copy;
+        }
         5 => {
             let numbers: Vec<usize> = words
                 .iter()
@@ -275,8 +283,8 @@ fn broken_line(line: &str, random: &mut Random) -> Vec<String> {
     let at = random.below(words.len());
     match random.below(6) {
         0 => drop(words.remove(at)),
-        1 => words[at] = random.of(&VALUES).to_owned(),
-        2 => words[at] = random.of(&OPTIONS).to_owned(),
+        1 => words[at] = random.of(&VALUES).into(),
+        2 => words[at] = random.of(&OPTIONS).into(),
         3 => words.extend([
             random.of(&OPTIONS).to_owned(),
             random.of(&VALUES).to_owned(),
@@ -315,7 +323,10 @@ fn answer_to(case: usize, valid: &[(&str, String)]) -> Result<f64, String> {
             if text.lines().count() < 2 {
                 break;
             }
-            *bytes = match (random.below(6), name.ends_with(".csv")) {
+            *bytes = match (
+                random.below(6),
+                text.starts_with("pose,") || text.starts_with("cart,"),
+            ) {
                 (0, _) => broken_bytes(&text, &mut random),
                 (1..=4, true) => broken_table(&text, &mut random).into_bytes(),
                 _ => broken_text(&text, &mut random).into_bytes(),
@@ -357,13 +368,11 @@ fn run(folder: &Path, words: &[String]) -> Result<f64, String> {
         return fail(&format!("left behind: {after:?}"));
     }
     match code {
-        0 => Ok(seconds),
         1 | 2 if err.trim().is_empty() => fail("it failed without a word"),
-        1 => Ok(seconds),
         2 if before != after => fail(&format!("bad input, but written: {after:?}")),
         2 if !names_a_place(&err, words) => fail("no place"),
         2 if !names_a_remedy(&err) => fail("no remedy"),
-        2 => Ok(seconds),
+        0..=2 => Ok(seconds),
         other => fail(&format!("exit code {other}")),
     }
 }

@@ -204,7 +204,9 @@ impl<'a> Session<'a> {
         };
         let Some(pose) = build::home(&nominal, &reference) else {
             let message = "the arm can't be assembled near `[reference]`, or not at commands zero, so that the links hold the plate";
-            return Err(InputError::whole("robot.toml", message));
+            return Err(InputError::whole("robot.toml", message).help(
+                "compare lengths, joints and the reference with the drawing: in metres, and of the assembly that was built",
+            ));
         };
         let home = Commanded {
             pose,

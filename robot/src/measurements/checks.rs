@@ -69,13 +69,13 @@ impl Folder {
                 continue;
             }
             for pose in beyond.into_iter().filter(|pose| blamed.insert(pose.pose)) {
-                errors.add(InputError::whole(
-                    self.tcp_poses_name(),
-                    format!(
-                        "pose {} is out of reach: {}",
-                        pose.pose,
-                        reach.describe(pose)
-                    ),
+                let message = format!(
+                    "pose {} is out of reach: {}",
+                    pose.pose,
+                    reach.describe(pose)
+                );
+                errors.add(InputError::whole(self.tcp_poses_name(), message).help(
+                    "compare its commands and position with the record of the measurement, or remove its row",
                 ));
             }
         }

@@ -544,8 +544,9 @@ impl<'a> Document<'a> {
     ) -> Option<&'t Spanned<DeValue<'i>>> {
         let value = table.get(key);
         if value.is_none() {
+            let help = format!("add `{key} = …` to this section");
             self.mistakes
-                .push(place.clone(), format!("key `{key}` is missing"));
+                .push_with_help(place.clone(), format!("key `{key}` is missing"), help);
         }
         value
     }
