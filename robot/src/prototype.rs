@@ -23,9 +23,10 @@ pub const SHAPE: Shape = Shape {
 /// None with the data that ship.
 pub fn folder() -> Result<Folder, InputError> {
     let texts = Texts {
-        tcp_poses: TCP_POSES,
+        tcp_poses: Some(TCP_POSES),
         cart_poses: Some(CART_POSES),
         cart_positions: Some(CART_POSITIONS),
+        ..Texts::default()
     };
     Folder::from_texts(NAME, texts, SHAPE)
 }

@@ -226,11 +226,7 @@ fn reworded(text: &'static str) -> impl Strategy<Value = String> {
 }
 
 fn read_all(text: &str) -> Result<Folder, InputError> {
-    let texts = Texts {
-        tcp_poses: text,
-        cart_poses: Some(text),
-        cart_positions: Some(text),
-    };
+    let texts = Texts::of(|_| Some(text));
     Folder::from_texts("folder", texts, SHAPE)
 }
 
