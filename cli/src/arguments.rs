@@ -340,7 +340,12 @@ pub(super) struct SimulatedPlan {
     pub(super) poses: usize,
     /// What is measured at these poses, some of poses, positions, heights, distances, ball-bar, readings; targets,
     /// surfaces, balls and noise are those of robot.toml
-    #[arg(long, value_name = "KINDS", default_value = "poses", value_delimiter = ',')]
+    #[arg(
+        long,
+        value_name = "KINDS",
+        default_value = "poses",
+        value_delimiter = ','
+    )]
     pub(super) measure: Vec<String>,
     /// Number of readings at each of them
     #[arg(long, value_name = "N", default_value_t = 1)]

@@ -1,6 +1,7 @@
 //! `tau calibrate`.
 
 use serde_json::json;
+use tau::Session;
 use tau::calibration::Calibration;
 use tau::study;
 use tau::trust::Status;
@@ -36,6 +37,9 @@ pub(super) fn run(
         outputs,
     )?;
     let session = session.outliers(resolve::treatment(&arguments.outliers));
+    if session.has_unknown_poses() {
+        return unknown_poses(arguments, &session, target, console);
+    }
     let poses = session.poses()?;
     let variant = arguments.variant.name.as_str();
     let (robot, folder) = (&session.robot().name, session.folder());
@@ -103,6 +107,43 @@ pub(super) fn run(
     ];
     let paths = FILES.into_iter().map(|name| out.join(name));
     let files: Vec<_> = paths.zip(contents).collect();
+    summary += &written(files.iter().map(|(path, _)| path.as_path()));
+    let outcome = Outcome {
+        summary,
+        remarks: session.remarks_for(variant)?,
+        files,
+        json: target.map(|target| (statistics, target)),
+        ..Outcome::default()
+    };
+    Ok(outcome.judged(&verdict, arguments.force.force))
+}
+
+/// The same where poses are unknown.
+fn unknown_poses(
+    arguments: &arguments::Calibrate,
+    session: &Session,
+    target: Option<Target>,
+    console: &Console<'_>,
+) -> Result<Outcome, Failure> {
+    let variant = arguments.variant.name.as_str();
+    let found = session.calibrate_unknown_poses(variant)?;
+    let verdict = found.verdict();
+    let (robot, folder) = (&session.robot().name, &session.folder().name);
+    let mut statistics = report::unknown_poses::json(&found);
+    statistics["variant"] = json!(variant);
+    statistics["robot"] = json!(robot);
+    statistics["folder"] = json!(folder);
+    let contents = [
+        session.file_of_unknown_poses(&found, &stamp()).to_toml(),
+        parameters(&found.calibration, verdict.widening())?,
+        covariance(&found.calibration)?,
+        undetermined(&found.calibration)?,
+        report::json::document(statistics.clone()),
+    ];
+    let paths = FILES.into_iter().map(|name| arguments.out.join(name));
+    let files: Vec<_> = paths.zip(contents).collect();
+    let mut summary = format!("{robot}, {variant}, {folder}\n\n");
+    summary += &report::unknown_poses::terminal(&found, console.width);
     summary += &written(files.iter().map(|(path, _)| path.as_path()));
     let outcome = Outcome {
         summary,

@@ -396,13 +396,16 @@ impl<'a> Session<'a> {
         for (mut stop, errors) in planned.stops.into_iter().zip(errors) {
             let with_errors = |commands: &[f64], sign: f64| -> Vec<f64> {
                 let pairs = commands.iter().zip(&errors);
-                pairs.map(|(command, error)| command + sign * error).collect()
+                pairs
+                    .map(|(command, error)| command + sign * error)
+                    .collect()
             };
             let state = if is_redundant {
                 let target = stop.commanded.pose.position_m;
                 let reached = stop.commanded.near(&self.machine, target);
                 reached.and_then(|reached| {
-                    let state = (self.machine).solve(&reached.commands_m, &stop.conditions, reached.pose);
+                    let state =
+                        (self.machine).solve(&reached.commands_m, &stop.conditions, reached.pose);
                     stop.commanded.commands_m = with_errors(&reached.commands_m, -1.0);
                     state
                 })

@@ -68,7 +68,13 @@ pub struct Objects {
 impl Objects {
     /// Drawn from the tolerances of a robot file, or exactly as it says. Without any, the TCP itself, the plane z = 0
     /// and a ball beside the middle of the workspace.
-    pub(super) fn draw(file: &RobotFile, exact: bool, centre: Vector3<f64>, reach_m: f64, seed: u64) -> Self {
+    pub(super) fn draw(
+        file: &RobotFile,
+        exact: bool,
+        centre: Vector3<f64>,
+        reach_m: f64,
+        seed: u64,
+    ) -> Self {
         let mut random = Random::new(seed, "objects");
         let mut place = |value: &Value| {
             let off = if exact { 0.0 } else { value.tol };
@@ -76,7 +82,8 @@ impl Objects {
             stated + random.normals() * off
         };
         let measuring = &file.measuring;
-        let of = |values: &BTreeMap<String, Value>, place: &mut dyn FnMut(&Value) -> Vector3<f64>| {
+        let of = |values: &BTreeMap<String, Value>,
+                  place: &mut dyn FnMut(&Value) -> Vector3<f64>| {
             let each = values.iter();
             each.map(|(name, value)| (name.clone(), place(value)))
                 .collect::<BTreeMap<_, _>>()
@@ -158,8 +165,16 @@ impl Gauges<'_> {
             PlateKind::Reading => vec![],
         };
         let nothing = String::new();
-        let names = if names.is_empty() { vec![&nothing] } else { names };
-        let readings = if kind == PlateKind::Reading { 1 } else { self.readings };
+        let names = if names.is_empty() {
+            vec![&nothing]
+        } else {
+            names
+        };
+        let readings = if kind == PlateKind::Reading {
+            1
+        } else {
+            self.readings
+        };
         let first = measured.rows.len();
         for (index, (stop, state)) in stops.iter().zip(states).enumerate() {
             for _ in 0..readings {
@@ -256,7 +271,9 @@ impl Gauges<'_> {
 
     fn gross(&self, rows: usize, random: &mut Random) -> Vec<usize> {
         let expected = (self.noise.outliers * rows as f64 + 0.5).floor();
-        let count = (0..rows).take_while(|&k| (k as f64) + 1.0 <= expected).count();
+        let count = (0..rows)
+            .take_while(|&k| (k as f64) + 1.0 <= expected)
+            .count();
         random.sample(count, rows)
     }
 }
@@ -267,14 +284,22 @@ pub(super) fn usual(stated_m: f64) -> f64 {
 }
 
 /// Errors of the drives at each stop (m or rad): what they truly are is what was commanded plus these.
-pub(super) fn drive_errors(file: &RobotFile, commands: usize, scale: f64, stops: usize, seed: u64) -> Vec<Vec<f64>> {
+pub(super) fn drive_errors(
+    file: &RobotFile,
+    commands: usize,
+    scale: f64,
+    stops: usize,
+    seed: u64,
+) -> Vec<Vec<f64>> {
     let mut random = Random::new(seed, "drives");
     let sigma = |command: usize| match file.noise_of_drive(command) {
         None => 0.0,
         Some(StatedNoise::Known(sigma)) => sigma,
         Some(StatedNoise::Estimate) => usual(file.noise.position_m),
     };
-    let sigmas: Vec<f64> = (0..commands).map(|command| scale * sigma(command)).collect();
+    let sigmas: Vec<f64> = (0..commands)
+        .map(|command| scale * sigma(command))
+        .collect();
     (0..stops)
         .map(|_| sigmas.iter().map(|sigma| sigma * random.normal()).collect())
         .collect()
@@ -283,10 +308,16 @@ pub(super) fn drive_errors(file: &RobotFile, commands: usize, scale: f64, stops:
 /// Text of a file of rows.
 pub(super) fn rows_text(kind: PlateKind, rows: &[&PlateRow]) -> String {
     let commands = rows.first().map_or(0, |row| row.commands_m.len());
-    let mut header = vec!["pose".to_owned(), "time_s".to_owned(), "temperature_c".to_owned()];
+    let mut header = vec![
+        "pose".to_owned(),
+        "time_s".to_owned(),
+        "temperature_c".to_owned(),
+    ];
     header.extend((1..=commands).map(|n| format!("q{n}_m")));
     header.extend((1..=commands).map(|n| format!("dir{n}")));
-    let object = kind.object().filter(|_| rows.iter().any(|row| row.of.is_some()));
+    let object = kind
+        .object()
+        .filter(|_| rows.iter().any(|row| row.of.is_some()));
     header.extend(object.map(|(column, _)| column.to_owned()));
     header.extend(kind.columns().iter().map(|&column| column.to_owned()));
     let mut text = header.join(",") + "\n";

@@ -10,8 +10,8 @@ use tau_robot::robot::Robot;
 use tau_robot::robot_file::{Payload, RobotFile};
 
 use super::{
-    Approach, Build, Effect, Measure, Noise, Poses, SimulatedFolder, Simulation, Tails, Temperature,
-    TrackPoints, simulate,
+    Approach, Build, Effect, Measure, Noise, Poses, SimulatedFolder, Simulation, Tails,
+    Temperature, TrackPoints, simulate,
 };
 
 /// Noise that a robot file may state at most (m or rad).

@@ -176,7 +176,11 @@ impl Prepared {
         (folder, registration): (Option<&Folder>, Option<Registration>),
         poses: &[usize],
     ) -> Result<Self, InputError> {
-        let mean_rotation = folder.and_then(|folder| mean_rotation(folder, poses));
+        // Where no rotation was measured, the plate turns about that at its reference.
+        let measured = folder.and_then(|folder| mean_rotation(folder, poses));
+        let stated = file.reference.as_ref();
+        let stated = stated.map(|reference| zyz(reference.orientation_rad));
+        let mean_rotation = measured.or(stated.filter(|_| folder.is_some()));
         let sources = nominal::Sources {
             robot,
             variant,

@@ -84,7 +84,8 @@ pub(crate) fn deviations(table: &Table<'_>, column: &Column, mistakes: &mut Mist
                 table.text(row, column.index),
                 table.name(column.index)
             );
-            let help = (*value > LARGEST_NOISE).then(|| "are these millimetres: divide by 1000".to_owned());
+            let help = (*value > LARGEST_NOISE)
+                .then(|| "are these millimetres: divide by 1000".to_owned());
             mistakes.add(table.place(row, column.index), message, help);
         }
     }

@@ -9,9 +9,7 @@ use super::set::{
     read_directions, vector,
 };
 use super::table::Column;
-use super::{
-    CartPose, CartPosition, DISTANCES, Folder, PlateKind, TcpPose, plausible, read_plate,
-};
+use super::{CartPose, CartPosition, DISTANCES, Folder, PlateKind, TcpPose, plausible, read_plate};
 use tau_model_dsl::nearest;
 
 use crate::fingerprint::fingerprint;
@@ -79,8 +77,16 @@ pub struct Texts<'a> {
 impl<'a> Texts<'a> {
     /// From what gives the text of a file by its name.
     pub fn of(text: impl Fn(&str) -> Option<&'a str>) -> Self {
-        let [tcp_poses, cart_poses, cart_positions, tcp_positions, heights, ball_bar, readings, distances] =
-            FILES.map(text);
+        let [
+            tcp_poses,
+            cart_poses,
+            cart_positions,
+            tcp_positions,
+            heights,
+            ball_bar,
+            readings,
+            distances,
+        ] = FILES.map(text);
         Self {
             tcp_poses,
             cart_poses,
@@ -119,7 +125,10 @@ impl<'a> Texts<'a> {
     /// True if nothing is measured of the plate.
     fn lack_the_plate(&self) -> bool {
         let of_kinds = PlateKind::ALL.into_iter();
-        self.tcp_poses.is_none() && of_kinds.map(|kind| self.of_kind(kind)).all(|text| text.is_none())
+        self.tcp_poses.is_none()
+            && of_kinds
+                .map(|kind| self.of_kind(kind))
+                .all(|text| text.is_none())
     }
 
     /// Fingerprint of the measurements, the robot file apart.
@@ -207,12 +216,7 @@ impl Folder {
         let mut errors = Errors::default();
         let mut remarks = Vec::new();
         let tcp_poses = texts.tcp_poses.map_or(vec![], |text| {
-            errors.keep(read_tcp_poses(
-                &path(TCP_POSES),
-                text,
-                shape,
-                &mut remarks,
-            ))
+            errors.keep(read_tcp_poses(&path(TCP_POSES), text, shape, &mut remarks))
         });
         let cart_poses = if let Some(text) = texts.cart_poses {
             errors.keep(read_cart_poses(
@@ -251,7 +255,13 @@ impl Folder {
         for kind in PlateKind::ALL {
             if let Some(text) = texts.of_kind(kind) {
                 let name = path(kind.file());
-                let rows = errors.keep(read_plate::read_rows(kind, &name, text, shape, &mut remarks));
+                let rows = errors.keep(read_plate::read_rows(
+                    kind,
+                    &name,
+                    text,
+                    shape,
+                    &mut remarks,
+                ));
                 files.push(read_plate::ReadRows { name, text, rows });
             }
         }
@@ -322,7 +332,9 @@ fn misspelt(folder: &Path) -> Vec<String> {
     let names = other_names(folder).into_iter().filter(is_table);
     let meant = names.filter_map(|name| Some((nearest(&name, FILES)?, name)));
     meant
-        .map(|(meant, name)| format!("{name} is not read: a file of measurements is called `{meant}`"))
+        .map(|(meant, name)| {
+            format!("{name} is not read: a file of measurements is called `{meant}`")
+        })
         .collect()
 }
 

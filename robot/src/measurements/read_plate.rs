@@ -87,8 +87,15 @@ pub(super) fn read_rows(
         for row in 0..table.rows() {
             if given.iter().all(|column| column.values[row].is_nan()) {
                 let place = table.place(row, given[0].index);
-                let message = format!("the row measures nothing: {} is empty", quoted(kind.columns().iter().copied()));
-                mistakes.push_with_help(place, message, "what the drives alone say belongs in `readings.csv`");
+                let message = format!(
+                    "the row measures nothing: {} is empty",
+                    quoted(kind.columns().iter().copied())
+                );
+                mistakes.push_with_help(
+                    place,
+                    message,
+                    "what the drives alone say belongs in `readings.csv`",
+                );
             }
         }
     }
@@ -153,7 +160,10 @@ fn measured_columns(kind: PlateKind, table: &Table<'_>, mistakes: &mut Mistakes<
     };
     let help = match other {
         Some(other) => format!("these are columns of `{other}`"),
-        None => format!("expected `pose`, the commands and {}", quoted(expected.iter().copied())),
+        None => format!(
+            "expected `pose`, the commands and {}",
+            quoted(expected.iter().copied())
+        ),
     };
     let message = format!(
         "the columns fit no measurement: found none of {}",
@@ -170,7 +180,12 @@ pub(super) fn read_distances(
 ) -> Result<Vec<Placed<Distance>>, InputError> {
     let sigma = sigma_name("distance_m");
     let names = ["pose_a", "pose_b", "distance_m"];
-    let set = Set::open(Source::new(name, text), names, &[], std::slice::from_ref(&sigma))?;
+    let set = Set::open(
+        Source::new(name, text),
+        names,
+        &[],
+        std::slice::from_ref(&sigma),
+    )?;
     let Set {
         table,
         mut mistakes,
@@ -189,7 +204,10 @@ pub(super) fn read_distances(
     }
     for row in 0..table.rows() {
         if a.values[row].is_some() && a.values[row] == b.values[row] {
-            let message = format!("found pose {} twice, expected two poses", table.text(row, a.index));
+            let message = format!(
+                "found pose {} twice, expected two poses",
+                table.text(row, a.index)
+            );
             mistakes.push(table.place(row, b.index), message);
         }
     }
@@ -216,13 +234,19 @@ pub(super) struct ReadRows<'a> {
 }
 
 /// Checks that rows of one pose stand at the same commands, in whichever files.
-pub(super) fn same_commands(tcp_poses: &[TcpPose], files: &[ReadRows<'_>]) -> Result<(), InputError> {
+pub(super) fn same_commands(
+    tcp_poses: &[TcpPose],
+    files: &[ReadRows<'_>],
+) -> Result<(), InputError> {
     let of_poses = tcp_poses.iter().map(|pose| pose.commands_m.as_slice());
     let of_rows = files.iter().flat_map(|file| &file.rows);
     let all = of_poses.chain(of_rows.map(|(row, _)| row.commands_m.as_slice()));
     let mut ranges: Vec<(f64, f64)> = vec![];
     for commands in all {
-        ranges.resize(commands.len().max(ranges.len()), (f64::INFINITY, f64::NEG_INFINITY));
+        ranges.resize(
+            commands.len().max(ranges.len()),
+            (f64::INFINITY, f64::NEG_INFINITY),
+        );
         for ((low, high), q) in ranges.iter_mut().zip(commands) {
             (*low, *high) = (low.min(*q), high.max(*q));
         }

@@ -102,6 +102,16 @@ impl Folder {
 }
 
 impl Split {
+    /// Divides things, given by index, that were measured at some commands, one of each: those at the same commands go to
+    /// the same side.
+    pub fn divide_readings<'a>(
+        self,
+        indices: &[usize],
+        commands_m: impl Iterator<Item = &'a [f64]>,
+    ) -> Division {
+        self.divide(indices, &visits(commands_m))
+    }
+
     /// Divides poses, given by index; `visits` holds the number of the visit of each, from 0 in order.
     fn divide(self, poses: &[usize], visits: &[usize]) -> Division {
         let by = |calibrates: &dyn Fn(usize) -> bool| {

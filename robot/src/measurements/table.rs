@@ -253,7 +253,11 @@ impl<'a> Table<'a> {
             let unit = found.rsplit_once('_').filter(|(own, _)| *own == stem);
             if unit.is_some_and(|(_, unit)| ["mm", "cm", "um", "in"].contains(&unit)) {
                 let message = format!("found column `{found}`, expected `{name}`");
-                mistakes.push_with_help(self.header[index].clone(), message, unit_advice(name, found));
+                mistakes.push_with_help(
+                    self.header[index].clone(),
+                    message,
+                    unit_advice(name, found),
+                );
             }
         }
     }

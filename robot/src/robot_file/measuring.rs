@@ -89,7 +89,9 @@ impl RobotFile {
 
 impl Document<'_> {
     pub(super) fn measuring(&mut self, root: &DeTable<'_>) -> Measuring {
-        let noise = root.get("noise").and_then(|value| value.get_ref().as_table());
+        let noise = root
+            .get("noise")
+            .and_then(|value| value.get_ref().as_table());
         let mut found = Measuring::default();
         for (section, key) in sections() {
             let Some(value) = noise.and_then(|noise| noise.get(section)) else {
@@ -166,7 +168,8 @@ impl Document<'_> {
             if text == ESTIMATE {
                 return Some(StatedNoise::Estimate);
             }
-            let message = format!("found \"{text}\", expected a standard deviation or \"{ESTIMATE}\"");
+            let message =
+                format!("found \"{text}\", expected a standard deviation or \"{ESTIMATE}\"");
             self.mistakes.push(value.span(), message);
             return None;
         }

@@ -176,7 +176,10 @@ impl<'a> Document<'a> {
             return none;
         };
         let of_files = noise_sections();
-        self.known_keys(table, &[&["position_m", "rotation_rad"], &of_files[..]].concat());
+        self.known_keys(
+            table,
+            &[&["position_m", "rotation_rad"], &of_files[..]].concat(),
+        );
         // Who states the noise of other files may have no tracker.
         let is_optional = of_files.iter().any(|section| table.contains_key(*section));
         let mut deviation = |key: &str| {

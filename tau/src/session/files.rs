@@ -122,7 +122,8 @@ impl Files {
         };
         let (mut sets, mut robot): (Vec<Input>, Option<Input>) = match &self.folder {
             Some(folder) => (
-                FILES.iter()
+                FILES
+                    .iter()
                     .filter_map(|name| of(&folder.join(name)))
                     .collect(),
                 of(&folder.join(ROBOT)),
