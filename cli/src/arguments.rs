@@ -107,7 +107,8 @@ impl Study {
 /// Calibrate one variant
 ///
 /// Fits the parameters of a variant to the calibration poses, with the tolerances of robot.toml as
-/// priors, and writes into a folder:
+/// priors. Where the folder holds positions, heights, distances, a ball bar or readings of the drives
+/// alone, all of them are fitted at once, the true pose of each being unknown. Writes into a folder:
 ///
 ///   robot.toml        calibrated values, to be used with --robot
 ///   parameters.csv    nominal value, tolerance, calibrated value and sigma of each parameter
@@ -133,6 +134,9 @@ pub(super) struct Calibrate {
     /// with the ordinary fit of set 1
     #[arg(long)]
     pub(super) errors_in_variables: bool,
+    /// Fit the scale of the whole machine even where no measurement determines it
+    #[arg(long)]
+    pub(super) free_scale: bool,
     #[command(flatten)]
     pub(super) outliers: Outliers,
     /// Folder for the files

@@ -2,7 +2,7 @@
 
 use serde_json::json;
 use tau::Session;
-use tau::calibration::Calibration;
+use tau::calibration::{Calibration, Options};
 use tau::study;
 use tau::trust::Status;
 use tau_report as report;
@@ -126,7 +126,11 @@ fn unknown_poses(
     console: &Console<'_>,
 ) -> Result<Outcome, Failure> {
     let variant = arguments.variant.name.as_str();
-    let found = session.calibrate_unknown_poses(variant)?;
+    let options = Options {
+        free_scale: arguments.free_scale,
+        ..session.options()
+    };
+    let found = session.calibrate_unknown_poses(variant, &options)?;
     let verdict = found.verdict();
     let (robot, folder) = (&session.robot().name, &session.folder().name);
     let mut statistics = report::unknown_poses::json(&found);

@@ -1,7 +1,7 @@
 //! Calibrations from poses that are unknown, in words and as JSON.
 
 use serde_json::{Value, json};
-use tau::unknown_poses::{Rank, UnknownPoses};
+use tau::unknown_poses::{Rank, RowDivision, UnknownPoses};
 
 use crate::number::general;
 use crate::screen::Screen;
@@ -117,17 +117,27 @@ fn length(value: f64, unit: &str) -> String {
 }
 
 /// What nothing determines, and how it was fixed.
-pub(crate) fn gauge(screen: &mut Screen, rank: &Rank) {
-    if !rank.open.is_empty() {
+fn gauge(screen: &mut Screen, rank: &Rank) {
+    if !rank.open.is_empty() || rank.has_mirror_image {
         screen.gap();
-        screen.line("Left open by these measurements, and held where the tolerances put it");
+        open(screen, rank, "");
     }
+}
+
+pub(crate) fn open(screen: &mut Screen, rank: &Rank, indent: &str) {
+    if !rank.open.is_empty() {
+        screen.say_within(
+            indent,
+            "left open by these measurements, and held where the tolerances put it:",
+        );
+    }
+    let inner = format!("{indent}  ");
     for open in &rank.open {
-        screen.say_within("  ", &open.words);
+        screen.say_within(&inner, &open.words);
     }
     if rank.has_mirror_image {
         screen.say_within(
-            "  ",
+            indent,
             "a mirror image of the machine would fit as well: the reference says which it is",
         );
     }
@@ -139,6 +149,16 @@ pub fn gauge_json(rank: &Rank) -> Value {
         |open| json!({ "what": open.words, "scale": open.is_scale, "fixed_by": "tolerances" }),
     );
     json!({ "open": open.collect::<Vec<_>>(), "mirror_image": rank.has_mirror_image })
+}
+
+/// Numbers of poses and distances that calibrate and are held out.
+pub fn division_json(division: &RowDivision) -> Value {
+    json!({
+        "total": division.calibration.union(&division.validation).count(),
+        "calibration": division.calibration.len(),
+        "validation": division.validation.difference(&division.calibration).count(),
+        "distances": division.distances.len(),
+    })
 }
 
 /// The same as JSON.

@@ -45,6 +45,9 @@ pub struct Options {
     pub solver: tau_solver::Options,
     /// Treatment of outliers; by default they are left out.
     pub treatment: Treatment,
+    /// True if a scale of the whole machine that no measurement determines is fitted all the same, where poses are
+    /// unknown.
+    pub free_scale: bool,
 }
 
 /// A combination of parameters that the data do not determine.

@@ -29,6 +29,8 @@ pub struct Freedom {
 struct Motion {
     words: String,
     is_scale: bool,
+    /// True of a parameter alone, which is open only together with motions.
+    is_parameter: bool,
     change: DVector<f64>,
 }
 
@@ -43,6 +45,8 @@ pub(super) struct Shared<'a> {
     pub(super) values: &'a [f64],
 }
 
+/// Quantities that motions change by themselves.
+const DIMENSIONS: [&str; 4] = ["length", "plate_joint", "track_offset", "track_direction"];
 const AXES: [&str; 3] = ["x", "y", "z"];
 
 impl Shared<'_> {
@@ -110,6 +114,7 @@ impl Shared<'_> {
             motions.push(Motion {
                 words: format!("position of the machine along {name}"),
                 is_scale: false,
+                is_parameter: false,
                 change: self.change(&Rule {
                     in_space: &|_| unit,
                     direction: &still,
@@ -123,6 +128,7 @@ impl Shared<'_> {
             motions.push(Motion {
                 words: format!("rotation of the machine about {name}"),
                 is_scale: false,
+                is_parameter: false,
                 change: self.change(&Rule {
                     in_space: &|point| unit.cross(&point),
                     direction: &|way| unit.cross(&way),
@@ -136,6 +142,7 @@ impl Shared<'_> {
             motions.push(Motion {
                 words: format!("position of the TCP on the plate along its {name}"),
                 is_scale: false,
+                is_parameter: false,
                 change: self.change(&Rule {
                     in_space: &still,
                     direction: &still,
@@ -149,6 +156,7 @@ impl Shared<'_> {
             motions.push(Motion {
                 words: format!("orientation of the TCP on the plate about its {name}"),
                 is_scale: false,
+                is_parameter: false,
                 change: self.change(&Rule {
                     in_space: &still,
                     direction: &still,
@@ -160,6 +168,7 @@ impl Shared<'_> {
         motions.push(Motion {
             words: "scale of the whole machine".to_owned(),
             is_scale: true,
+            is_parameter: false,
             change: self.change(&Rule {
                 in_space: &|point| point,
                 direction: &still,
@@ -170,6 +179,7 @@ impl Shared<'_> {
         motions.push(Motion {
             words: "common zero of all drives".to_owned(),
             is_scale: false,
+            is_parameter: false,
             change: self.change(&Rule {
                 in_space: &still,
                 direction: &still,
@@ -178,6 +188,20 @@ impl Shared<'_> {
             }),
         });
         motions.retain(|motion| motion.change.norm() > 0.0);
+        // What is no point, direction or length of the machine may make up for a motion: a scale of drives for its size.
+        for (place, &index) in self.used.iter().enumerate() {
+            let parameter = &self.machine.variant.parameters[index];
+            if !DIMENSIONS.contains(&parameter.quantity.as_str()) {
+                let mut change = DVector::zeros(self.values.len());
+                change[place] = 1.0;
+                motions.push(Motion {
+                    words: format!("`{}`", parameter.name),
+                    is_scale: false,
+                    is_parameter: true,
+                    change,
+                });
+            }
+        }
         motions
     }
 
@@ -217,7 +241,7 @@ impl Shared<'_> {
         let all = basis.clone();
         // A motion that is open by itself; what is left of it once others are taken must still be open.
         let mut used: Vec<&Motion> = vec![];
-        for motion in &motions {
+        for motion in motions.iter().filter(|motion| !motion.is_parameter) {
             let is_open = share(&all, &motion.change) > 1.0 - NAMED;
             if is_open && share(&basis, &motion.change) > INDEPENDENT {
                 take(
@@ -261,7 +285,7 @@ impl Shared<'_> {
                     let most = named[0].0;
                     named.retain(|(share, _)| *share > 0.1 * most);
                     let words: Vec<&str> = named.iter().map(|(_, m)| m.words.as_str()).collect();
-                    let is_scale = named[0].1.is_scale;
+                    let is_scale = named.iter().any(|(_, motion)| motion.is_scale);
                     take(&direction, words.join(" with "), is_scale, &mut basis);
                 }
             }

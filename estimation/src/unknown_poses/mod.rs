@@ -146,6 +146,8 @@ pub struct Rank {
     pub rows: usize,
     /// Unknowns of poses that they pay for.
     pub spent: usize,
+    /// Number of poses.
+    pub poses: usize,
     /// Number of shared unknowns.
     pub unknowns: usize,
     /// Combinations of these that the data know better than the tolerances.
@@ -165,6 +167,35 @@ impl Rank {
     /// True if every residual is needed to determine something, so that none can be told to be wrong.
     pub fn is_saturated(&self) -> bool {
         self.net_rows() <= self.determined
+    }
+
+    /// Number of poses, measured like these, from which on residuals are left to judge the fit by.
+    pub fn poses_needed(&self) -> usize {
+        let each = (self.net_rows() as f64 / self.poses.max(1) as f64).max(1e-9);
+        let factors = self.unknowns - self.open.len().min(self.unknowns);
+        #[allow(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "a small count"
+        )]
+        let needed = ((factors + 1) as f64 / each).ceil() as usize;
+        needed
+    }
+
+    /// Why a calibration would mean nothing, if so.
+    pub fn why_not(&self) -> Option<String> {
+        let (net, poses) = (self.net_rows(), self.poses);
+        if self.is_saturated() {
+            return Some(format!(
+                "{net} residuals of {poses} poses determine as many factors: the fit would repeat its input, and no wrong \
+                 measurement could be told"
+            ));
+        }
+        let scale = self.open.iter().find(|freedom| freedom.is_scale)?;
+        Some(format!(
+            "nothing determines the {}: a free scale makes a machine of any size fit, the smaller the better",
+            scale.words
+        ))
     }
 }
 
@@ -245,7 +276,7 @@ pub fn calibrate(
     fit.refuse_units()?;
     let reduced = fit.elimination(&fit.start).reduce();
     let rank = fit.rank(&reduced, &fit.machine);
-    fit.refuse_rank(&rank)?;
+    fit.refuse_rank(&rank, options.free_scale)?;
     let mut values = fit.start.clone();
     let mut iterations = 0;
     let mut rounds = 0;
@@ -511,6 +542,7 @@ impl<'a> Fit<'a> {
         Rank {
             rows: reduced.rows(),
             spent: reduced.spent,
+            poses: self.assembly.poses.len(),
             unknowns: scales.len(),
             determined: known.iter().filter(|value| **value > 1.0).count(),
             open: shared.freedoms(&reduced.triangle, &scales),
@@ -519,40 +551,22 @@ impl<'a> Fit<'a> {
     }
 
     /// Refuses as many factors as points, and a scale that nothing determines.
-    fn refuse_rank(&self, rank: &Rank) -> Result<(), Error> {
-        if rank.is_saturated() {
-            let poses = self.assembly.poses.len();
-            let each = (rank.net_rows() as f64 / poses as f64).max(1e-9);
-            let most = rank.unknowns - rank.open.len().min(rank.unknowns);
-            #[allow(
-                clippy::cast_possible_truncation,
-                clippy::cast_sign_loss,
-                reason = "a small count"
-            )]
-            let needed = ((most + 1) as f64 / each).ceil() as usize;
-            let message = format!(
-                "{} rows of {poses} poses determine as many as {} factors: the fit would repeat its input, and no wrong row \
-                 could be told",
-                rank.net_rows(),
-                rank.determined.min(rank.net_rows()),
-            );
-            let error = InputError::whole(&self.folder.name, message);
-            let help = format!(
-                "measure at least {needed} poses like these, or let more of them calibrate with `--split all`"
-            );
-            return Err(error.help(help).into());
-        }
-        if let Some(scale) = rank.open.iter().find(|freedom| freedom.is_scale) {
-            let has_none = self.priors.iter().all(|prior| prior.tolerance.is_none());
-            if has_none {
-                let message = format!("nothing determines the {}", scale.words);
-                let error = InputError::whole(&self.folder.name, message);
-                return Err(error
-                    .help("measure a distance, or state a tolerance of a length")
-                    .into());
-            }
-        }
-        Ok(())
+    fn refuse_rank(&self, rank: &Rank, free_scale: bool) -> Result<(), Error> {
+        let Some(why) = rank
+            .why_not()
+            .filter(|_| rank.is_saturated() || !free_scale)
+        else {
+            return Ok(());
+        };
+        let help = if rank.is_saturated() {
+            format!(
+                "measure at least {} poses like these, or let more of them calibrate with `--split all`",
+                rank.poses_needed()
+            )
+        } else {
+            "measure a distance; `--free-scale` fits it all the same, with the size of the tolerances".to_owned()
+        };
+        Err(InputError::whole(&self.folder.name, why).help(help).into())
     }
 
     /// Refuses lengths in millimetres that are plausible in themselves.

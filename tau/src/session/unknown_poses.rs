@@ -1,6 +1,6 @@
 //! Calibration of a session whose poses are unknown.
 
-use tau_estimation::calibration::Error;
+use tau_estimation::calibration::{Error, Options};
 use tau_estimation::unknown_poses::{self, RowDivision, UnknownPoses};
 use tau_robot::robot_file::{Provenance, RobotFile};
 
@@ -26,11 +26,12 @@ impl<R> Session<R> {
     pub fn calibrate_unknown_poses(
         &self,
         variant: impl VariantKey<R>,
+        options: &Options,
     ) -> Result<UnknownPoses, Error> {
         let variant = variant.variant_of(&self.robot)?;
         let (robot, file, folder) = (&self.robot, &self.robot_file, &self.folder);
         let division = self.row_division();
-        unknown_poses::calibrate(robot, variant, file, folder, &division, &self.options())
+        unknown_poses::calibrate(robot, variant, file, folder, &division, options)
     }
 
     /// The robot file of such a calibration, with the record of it.
