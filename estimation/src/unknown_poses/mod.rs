@@ -12,6 +12,8 @@ mod gauge;
 mod heldout;
 mod quantity;
 mod rows;
+#[cfg(test)]
+mod tests;
 mod verdict;
 
 use std::collections::BTreeSet;
