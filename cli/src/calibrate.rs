@@ -149,9 +149,15 @@ fn unknown_poses(
     let mut summary = format!("{robot}, {variant}, {folder}\n\n");
     summary += &report::unknown_poses::terminal(&found, console.width);
     summary += &written(files.iter().map(|(path, _)| path.as_path()));
+    let mut remarks = session.remarks_for(variant)?;
+    let folder = session.folder();
+    if !folder.cart_poses.is_empty() || !folder.cart_positions.is_empty() {
+        let message = "cart_poses.csv and cart_positions.csv take no part where poses of the plate are unknown";
+        remarks.push(message.to_owned());
+    }
     let outcome = Outcome {
         summary,
-        remarks: session.remarks_for(variant)?,
+        remarks,
         files,
         json: target.map(|target| (statistics, target)),
         ..Outcome::default()
