@@ -86,6 +86,7 @@ fn hexapod(poses: usize, noise_m: f64) -> (Robot, RobotFile, Folder, Vec<f64>) {
             angles_rad: seen.angles_rad(),
             conditions: Conditions::default(),
             directions: None,
+            sigmas: tau::measurements::PoseSigmas::default(),
         }
     });
     let folder = Folder {
@@ -238,6 +239,27 @@ fn readings_of_redundant_drives_calibrate_them_and_leave_frames_open() {
     let off = deviations(&found, &simulated.truth.machine);
     let rms = (off.iter().map(|z| z * z).sum::<f64>() / off.len() as f64).sqrt();
     assert!(rms < 1.5, "{rms}");
+}
+
+#[test]
+fn gross_readings_are_named_by_row_and_drive() {
+    let (robot, file) = robot("eight_legs", "[drives]\nnoise_m = 1e-5\n");
+    let mut simulated = simulated(
+        &robot,
+        &file,
+        "Full",
+        &[Measure::Rows(PlateKind::Reading)],
+        60,
+    );
+    simulated.folder.plate_rows[17].commands_m[4] += 5e-4;
+    let found = fit(&robot, "Full", &simulated.file, &simulated.folder);
+    let named: Vec<_> = found
+        .gross
+        .iter()
+        .map(|row| (row.place.line, row.place.drive))
+        .collect();
+    assert_eq!(named, [(simulated.folder.plate_rows[17].line, Some(4))]);
+    assert!(found.is_consistent(), "{}", found.residual_over_noise());
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! Calibrations from poses that are unknown, in words and as JSON.
 
 use serde_json::{Value, json};
-use tau::unknown_poses::{Rank, RowDivision, UnknownPoses};
+use tau::unknown_poses::{GrossRow, Rank, RowDivision, UnknownPoses};
 
 use crate::number::general;
 use crate::screen::Screen;
@@ -48,10 +48,11 @@ pub fn terminal(found: &UnknownPoses, width: usize) -> String {
         screen.say_within(
             "  ",
             &format!(
-                "{} line {}, pose {}: {} times its noise",
+                "{} line {}, pose {}{}: {} times its noise",
                 row.place.file,
                 row.place.line,
                 row.place.pose,
+                link(found, row).map_or_else(String::new, |link| format!(", drive of {link}")),
                 general(row.sigmas, 3)
             ),
         );
@@ -107,6 +108,13 @@ pub fn terminal(found: &UnknownPoses, width: usize) -> String {
     screen.gap();
     trust::terminal::line(&mut screen, &found.verdict());
     screen.into_text()
+}
+
+/// Name of the link whose drive read grossly.
+fn link(found: &UnknownPoses, row: &GrossRow) -> Option<String> {
+    let machine = &found.calibration.machine;
+    let closure = machine.closure_instances().nth(row.place.drive?)?;
+    Some(machine.closure_name(closure).to_owned())
 }
 
 fn length(value: f64, unit: &str) -> String {
@@ -190,6 +198,7 @@ pub fn json(found: &UnknownPoses) -> Value {
         })).collect::<Vec<_>>(),
         "gross_rows": found.gross.iter().map(|row| json!({
             "file": row.place.file, "line": row.place.line, "pose": row.place.pose, "sigmas": row.sigmas,
+            "link": link(found, row),
         })).collect::<Vec<_>>(),
         "held_out": found.held_out.as_ref().map(|own| json!({
             "poses": own.poses,

@@ -108,6 +108,7 @@ mod tests {
                 temperature_c: Some(20.002_979_0),
             },
             directions: Some(vec![1.0, 1.0, 1.0]),
+            sigmas: crate::measurements::PoseSigmas::default(),
         };
         assert_eq!(folder.tcp_poses[0], expected);
         assert_eq!(folder.cart_positions[1].track, 1);

@@ -495,6 +495,7 @@ impl<'a> Session<'a> {
                     angles_rad: zyz_angles(&seen.rotation),
                     conditions: recorded(conditions),
                     directions: Some(conditions.directions.clone()),
+                    sigmas: measurements::PoseSigmas::default(),
                 }
             })
             .collect()

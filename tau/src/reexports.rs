@@ -50,7 +50,7 @@ pub mod language {
 pub mod measurements {
     pub use tau_robot::measurements::{
         CartPose, CartPosition, Conditions, Distance, Division, Folder, PlateKind, PlateRow,
-        PoseCounts, Poses, Shape, Split, TcpPose, Texts,
+        PoseCounts, PoseSigmas, Poses, Shape, Split, TcpPose, Texts,
     };
 }
 

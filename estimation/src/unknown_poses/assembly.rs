@@ -190,6 +190,7 @@ impl<'a> Assembly<'a> {
                         file: TCP_POSES,
                         line: row + 2,
                         pose: pose.pose,
+                        drive: None,
                     },
                 };
                 add(pose.pose, reading);
@@ -307,6 +308,21 @@ impl<'a> Assembly<'a> {
         };
         let squares: f64 = (0..commands).map(|command| sigma(command).powi(2)).sum();
         (squares / commands as f64).sqrt()
+    }
+
+    /// True if each drive has noise and moves one link alone, so that a link that is off tells of it.
+    pub(super) fn tells_drives(&self, machine: &Machine) -> bool {
+        let robot = &machine.robot;
+        let by_length = robot.links.iter().filter_map(|link| link.actuated_by);
+        let by_track = robot
+            .links
+            .iter()
+            .filter_map(|link| robot.clusters[link.cluster].track);
+        let mut moved = vec![0; robot.commands];
+        by_length
+            .chain(by_track)
+            .for_each(|command| moved[command] += 1);
+        self.drive_sigmas(robot.commands).is_some() && moved.iter().all(|count| *count <= 1)
     }
 
     /// Noise of each command for the weights of closures, in units of that of their kind; `None` where drives are exact.
@@ -493,7 +509,7 @@ impl<'a> Assembly<'a> {
         used: &[usize],
         chosen: &Chosen<'_>,
     ) -> Result<Vec<Rows>, Error> {
-        let mut rows = vec![self.closures(machine, used)?];
+        let mut rows = vec![self.closures(machine, used, chosen)?];
         let shared = used.len();
         let of_rows = |kind: PlateKind| {
             let own = self.folder.rows_of(kind);
@@ -548,6 +564,7 @@ impl<'a> Assembly<'a> {
                     file: DISTANCES,
                     line: row.line,
                     pose: row.poses[0],
+                    drive: None,
                 };
                 if !chosen.takes(&place) {
                     continue;
@@ -616,6 +633,7 @@ impl<'a> Assembly<'a> {
                 file: TCP_POSES,
                 line: index + 2,
                 pose: measured.pose,
+                drive: None,
             };
             if !chosen.takes(&place) {
                 continue;
@@ -629,7 +647,17 @@ impl<'a> Assembly<'a> {
                 measured.angles_rad,
             )));
             // What no closure moves says nothing.
-            let weight = |axis: usize| if self.free.contains(&axis) { 1.0 } else { 0.0 };
+            let weight = |axis: usize| {
+                let stated = match measured.sigmas.position_m.get(axis) {
+                    Some(sigma) => self.relative(kind, *sigma),
+                    None => self.relative(kind + 1, measured.sigmas.rotation_rad),
+                };
+                if self.free.contains(&axis) {
+                    stated
+                } else {
+                    0.0
+                }
+            };
             rows.weights.extend((0..POSE_UNKNOWNS).map(weight));
             rows.places.push(place);
         }
@@ -637,7 +665,12 @@ impl<'a> Assembly<'a> {
     }
 
     /// The closures at every reading of the drives.
-    fn closures(&self, machine: &Machine, used: &[usize]) -> Result<Rows, Error> {
+    fn closures(
+        &self,
+        machine: &Machine,
+        used: &[usize],
+        chosen: &Chosen<'_>,
+    ) -> Result<Rows, Error> {
         let closures: Vec<(Instance, Instance)> =
             (machine.variant.instances_of(ResidualKind::Closure))
                 .filter_map(|closure| Some((closure.clone(), by_pose(machine, closure)?.clone())))
@@ -672,7 +705,15 @@ impl<'a> Assembly<'a> {
                 match &sigmas {
                     Some(sigmas) => {
                         rows.data.extend(factor(machine, &sample, &slopes, sigmas)?);
-                        rows.weights.extend(vec![1.0; count]);
+                        let weight = |link: usize| {
+                            let place = RowPlace {
+                                drive: Some(link),
+                                ..reading.place
+                            };
+                            let is_gross = chosen.left_out.contains(&place);
+                            if is_gross { 0.0 } else { 1.0 }
+                        };
+                        rows.weights.extend((0..count).map(weight));
                     }
                     None => rows
                         .weights
@@ -726,6 +767,7 @@ pub(super) fn place_of(row: &PlateRow) -> RowPlace {
         file: row.kind.file(),
         line: row.line,
         pose: row.pose,
+        drive: None,
     }
 }
 

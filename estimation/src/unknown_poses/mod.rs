@@ -29,7 +29,7 @@ use tau_solver::{Parameter, Problem, solve};
 use crate::calibration::{
     self, Calibration, Combination, Error, Fitted, Nominal, Prepared, combinations,
 };
-use crate::numerics::distribution::chi2_survival;
+use crate::numerics::distribution::{chi2_quantile_above, chi2_survival};
 use crate::numerics::triangle;
 use crate::problem::{self, POSE_UNKNOWNS};
 use crate::weighing::Loss;
@@ -539,8 +539,19 @@ impl<'a> Fit<'a> {
             objects: &self.assembly.objects,
             values: &self.start[..self.shared()],
         };
-        let kinds = &self.assembly.kinds;
-        let fixes_handedness = kinds.iter().any(|kind| kind.quantity == "position");
+        // All three coordinates of a point tell left from right.
+        let has_all = |rows: &Rows| {
+            let weights = rows.weights.chunks_exact(rows.kinds.len());
+            weights
+                .into_iter()
+                .any(|own| own[..3].iter().all(|weight| *weight > 0.0))
+        };
+        let of_positions = self
+            .blocks
+            .iter()
+            .skip(1)
+            .filter(|rows| rows.kinds.len() >= 3);
+        let fixes_handedness = of_positions.into_iter().any(has_all);
         Rank {
             rows: reduced.rows(),
             spent: reduced.spent,
@@ -686,49 +697,47 @@ impl<'a> Fit<'a> {
         largest
     }
 
-    /// Leaves out rows that are farther off than the largest of so many; true if there were any.
+    /// Leaves out rows that are farther off than the largest of so many; true if there were any. Readings of drives are
+    /// rows by themselves where each drive moves one link.
     fn leave_out_gross(&mut self, reduced: &Reduced, leverages: &[Vec<f64>]) -> bool {
-        let mut far: Vec<GrossRow> = vec![];
-        let mut count = 0;
-        for ((rows, residuals), leverages) in self
-            .blocks
-            .iter()
-            .zip(&reduced.residuals)
-            .zip(leverages)
-            .skip(1)
-        {
+        let mut all: Vec<GrossRow> = vec![];
+        let tells_drives = self.assembly.tells_drives(&self.machine);
+        let blocks = self.blocks.iter().zip(&reduced.residuals).zip(leverages);
+        for (index, ((rows, residuals), leverages)) in blocks.enumerate() {
+            if index == 0 && !tells_drives {
+                continue;
+            }
             let each = rows.kinds.len();
-            for (sample, place) in rows.places.iter().enumerate() {
-                let own = sample * each..(sample + 1) * each;
-                let sigmas = own.filter(|&k| rows.weights[k] > 0.0).map(|k| {
-                    let left = 1.0 - leverages[k];
-                    // What the fit follows anyway can't be told to be off.
-                    if left > 1.0 - ABSORBED {
-                        residuals[k].abs() / left.sqrt()
-                    } else {
-                        0.0
-                    }
-                });
-                let sigmas = sigmas.fold(0.0, f64::max);
-                count += 1;
-                far.push(GrossRow {
-                    place: *place,
-                    sigmas,
-                });
+            for (k, residual) in residuals.iter().enumerate() {
+                let left = 1.0 - leverages[k];
+                // What the fit follows anyway can't be told to be off.
+                if rows.weights[k] > 0.0 && left > 1.0 - ABSORBED {
+                    let drive = (index == 0).then_some(k % each);
+                    all.push(GrossRow {
+                        place: RowPlace {
+                            drive,
+                            ..rows.places[k / each]
+                        },
+                        sigmas: residual.abs() / left.sqrt(),
+                    });
+                }
             }
         }
-        let mut sorted: Vec<f64> = far.iter().map(|row| row.sigmas).collect();
+        let mut sorted: Vec<f64> = all.iter().map(|row| row.sigmas).collect();
         sorted.sort_by(f64::total_cmp);
         // Larger noise, or an effect that the model lacks, makes no gross rows: they are told at the scale of most.
         let median = sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
         let scale = (median / MEDIAN_OF_NORMAL).max(1.0);
+        let count = all.len();
         let level = GROSS_LEVEL / count.max(1) as f64;
-        let limit = scale * crate::numerics::distribution::chi2_quantile_above(level, 1.0).sqrt();
+        let limit = scale * chi2_quantile_above(level, 1.0).sqrt();
+        let mut far = all;
         far.retain(|row| row.sigmas > limit);
         far.sort_by(|a, b| b.sigmas.total_cmp(&a.sigmas));
-        // One gross row drags others along: only those nearly as far off as the worst go at once.
+        // One gross row drags others along: only those nearly as far off as the worst go at once, and of one pose the worst.
         let worst = far.first().map_or(0.0, |row| row.sigmas);
-        far.retain(|row| row.sigmas > 0.7 * worst);
+        let mut seen = BTreeSet::new();
+        far.retain(|row| row.sigmas > 0.7 * worst && seen.insert(row.place.pose));
         let total = count + self.gross.len();
         if far.is_empty()
             || (self.gross.len() + far.len()) as f64 > (MOST_GROSS * total as f64).max(1.0)

@@ -39,6 +39,8 @@ pub struct RowPlace {
     pub line: usize,
     /// Number of the pose, of two the first.
     pub pose: u32,
+    /// Index of the link, where the row is the reading of its drive.
+    pub drive: Option<usize>,
 }
 
 /// A family with its samples.

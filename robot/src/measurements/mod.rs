@@ -61,6 +61,24 @@ pub struct TcpPose {
     pub conditions: Conditions,
     /// Sign of the last move, one per command (±1), where the file has the columns.
     pub directions: Option<Vec<f64>>,
+    /// Noise of this row, where the file states it.
+    pub sigmas: PoseSigmas,
+}
+
+/// Noise of one measured pose, in place of that of all: one standard deviation per axis, where the row states it.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct PoseSigmas {
+    /// Of the coordinates of the position (m).
+    pub position_m: [Option<f64>; 3],
+    /// Of the rotation (rad).
+    pub rotation_rad: Option<f64>,
+}
+
+impl PoseSigmas {
+    /// True if any is stated.
+    pub fn are_stated(&self) -> bool {
+        self.rotation_rad.is_some() || self.position_m.iter().any(Option::is_some)
+    }
 }
 
 /// A measured pose of a cart's target, in the tracker frame of set 2. All carts are moved equally.

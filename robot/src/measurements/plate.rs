@@ -92,9 +92,11 @@ pub struct Distance {
 pub const DISTANCES: &str = "distances.csv";
 
 impl Folder {
-    /// True if the folder holds measurements beside those of whole poses, so that true poses are unknown.
+    /// True if the folder holds measurements beside those of whole poses, or poses with noise of their own, so that true
+    /// poses are unknown.
     pub fn has_partial_poses(&self) -> bool {
-        !self.plate_rows.is_empty() || !self.distances.is_empty()
+        let of_rows = self.tcp_poses.iter().any(|pose| pose.sigmas.are_stated());
+        of_rows || !self.plate_rows.is_empty() || !self.distances.is_empty()
     }
 
     /// Rows of each kind, as many as there are.

@@ -80,12 +80,12 @@ pub(crate) fn deviations(table: &Table<'_>, column: &Column, mistakes: &mut Mist
         let fine = value.is_nan() || (SMALLEST_DEVIATION..=LARGEST_NOISE).contains(value);
         if !fine {
             let message = format!(
-                "found {} in column `{}`, expected a standard deviation in metres above 0, at most {LARGEST_NOISE}",
+                "found {} in column `{}`, expected a standard deviation above 0 in SI units, at most {LARGEST_NOISE}",
                 table.text(row, column.index),
                 table.name(column.index)
             );
-            let help = (*value > LARGEST_NOISE)
-                .then(|| "are these millimetres: divide by 1000".to_owned());
+            let help =
+                (*value > LARGEST_NOISE).then(|| "are these millimetres, or degrees".to_owned());
             mistakes.add(table.place(row, column.index), message, help);
         }
     }

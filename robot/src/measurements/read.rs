@@ -9,7 +9,10 @@ use super::set::{
     read_directions, vector,
 };
 use super::table::Column;
-use super::{CartPose, CartPosition, DISTANCES, Folder, PlateKind, TcpPose, plausible, read_plate};
+use super::{
+    CartPose, CartPosition, DISTANCES, Folder, PlateKind, PoseSigmas, TcpPose, plausible,
+    read_plate,
+};
 use tau_model_dsl::nearest;
 
 use crate::fingerprint::fingerprint;
@@ -22,6 +25,9 @@ const CART_POSITIONS: &str = "cart_positions.csv";
 
 /// Optional columns of sets 2 and 3.
 const OPTIONAL: [&str; 3] = [TIME, TEMPERATURE, DIRECTION];
+
+/// Columns of the noise of a row of set 1.
+const SIGMAS: [&str; 4] = ["sigma_x_m", "sigma_y_m", "sigma_z_m", "sigma_rotation_rad"];
 
 /// Sizes of a robot that its measurements must fit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -364,13 +370,15 @@ fn read_tcp_poses(
     let directions: Vec<String> = (1..=shape.commands).map(|n| format!("dir{n}")).collect();
     let optional = [&[TIME.to_owned(), TEMPERATURE.to_owned()], &directions[..]].concat();
     let names = ["pose", x, y, z, alpha, beta, gamma];
-    let set = open(
+    let sigmas = SIGMAS.map(str::to_owned);
+    let known = [&optional[..], &sigmas].concat();
+    let set = Set::open(
         Source::new(name, text),
         names,
         &shape.command_names(),
-        &optional,
-        remarks,
+        &known,
     )?;
+    remark(&set, name, &optional, remarks);
     let Set {
         table,
         mut mistakes,
@@ -388,6 +396,17 @@ fn read_tcp_poses(
         .iter()
         .map(|name| read_directions(&table, name, &mut mistakes))
         .collect();
+
+    let sigmas = SIGMAS.map(|name| {
+        let index = table.column(name)?;
+        let column = table.numbers_or_empty(index, &mut mistakes);
+        plausible::deviations(&table, &column, &mut mistakes);
+        Some(column)
+    });
+    let sigma = |axis: usize, row: usize| {
+        let value = sigmas[axis].as_ref().map(|column| column.values[row]);
+        value.filter(|value| !value.is_nan())
+    };
 
     plausible::commands(&table, &commands, &mut mistakes);
     plausible::positions(&table, &position, &mut mistakes);
@@ -409,6 +428,10 @@ fn read_tcp_poses(
             directions: directions
                 .as_ref()
                 .map(|columns| columns.iter().map(|column| column.values[row]).collect()),
+            sigmas: PoseSigmas {
+                position_m: [0, 1, 2].map(|axis| sigma(axis, row)),
+                rotation_rad: sigma(3, row),
+            },
         })
         .collect())
 }
@@ -553,12 +576,22 @@ fn open<'a, const N: usize>(
     remarks: &mut Vec<String>,
 ) -> Result<Set<'a, N>, InputError> {
     let set = Set::open(source, names, commands, optional)?;
+    remark(&set, source.name, optional, remarks);
+    Ok(set)
+}
+
+/// Remarks on optional columns that are missing and on unknown ones.
+fn remark<const N: usize>(
+    set: &Set<'_, N>,
+    name: &str,
+    optional: &[String],
+    remarks: &mut Vec<String>,
+) {
     let absent = set.absent(optional).map(|columns| {
-        let file = file_name(source.name);
+        let file = file_name(name);
         format!("{file} has no {columns}: effects that need them can't be seen in this set")
     });
     remarks.extend(absent.into_iter().chain(set.unknown.clone()));
-    Ok(set)
 }
 
 impl Shape {

@@ -308,6 +308,7 @@ mod tests {
             angles_rad: [0.0; 3],
             conditions: Conditions::default(),
             directions: None,
+            sigmas: crate::measurements::PoseSigmas::default(),
         }
     }
 
