@@ -5,13 +5,15 @@ use std::sync::Arc;
 
 use nalgebra::{Cholesky, DMatrix, Vector3};
 use tau_kinematics::{Machine, Pose};
-use tau_robot::input_error::{InputError, quoted};
+use tau_robot::input_error::InputError;
 use tau_robot::measurements::{Conditions, DISTANCES, Folder, PlateKind, PlateRow};
 use tau_robot::robot::{Instance, ResidualKind};
-use tau_robot::robot_file::{RobotFile, StatedNoise, Value};
+use tau_robot::robot_file::{RobotFile, StatedNoise};
 use tau_runtime::ResidualFamily;
 
 use super::coupled::Coupled;
+use super::kinds::FIRST_GUESS_M;
+use super::objects::{Object, ObjectUnknown};
 use super::quantity::{Measured, Quantity, base};
 use super::rows::{Kind, RowPlace, Rows};
 use crate::calibration::error::Error;
@@ -20,36 +22,11 @@ use crate::samples::Sample;
 
 /// Closures hold to this share of the smallest noise where drives are exact, or of the drives' own: zero would leave
 /// nothing to be solved.
-const CLOSURE_SHARE: f64 = 0.01;
-/// First guess of a noise that is to be estimated (m).
-const FIRST_GUESS_M: f64 = 1e-4;
+pub(super) const CLOSURE_SHARE: f64 = 0.01;
 /// File of poses that are measured fully.
-const TCP_POSES: &str = "tcp_poses.csv";
+pub(super) const TCP_POSES: &str = "tcp_poses.csv";
 /// Name under which the residuals of links are told.
-const DRIVES: &str = "drives";
-
-/// Places of a target, a surface or a ball among the shared unknowns, behind the parameters of the variant.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Object {
-    /// Section of the robot file: `targets`, `surfaces` or `balls`.
-    pub section: &'static str,
-    /// Its name; empty for the only ball.
-    pub name: String,
-    /// Index of its first unknown behind the variant's.
-    pub(super) first: usize,
-    /// Unknowns: name, unit, start and prior (mean, standard deviation).
-    pub(super) unknowns: Vec<ObjectUnknown>,
-    /// Normal at no tilt, of surfaces.
-    pub(super) normal: Vector3<f64>,
-}
-
-#[derive(Debug, Clone, PartialEq)]
-pub(super) struct ObjectUnknown {
-    pub(super) name: String,
-    pub(super) unit: &'static str,
-    pub(super) start: f64,
-    pub(super) prior: Option<(f64, f64)>,
-}
+pub(super) const DRIVES: &str = "drives";
 
 /// What drives read at a pose.
 #[derive(Debug, Clone, PartialEq)]
@@ -110,10 +87,10 @@ impl Chosen<'_> {
 
 /// The measurements of a folder, with what they are taken of, and the poses.
 pub(super) struct Assembly<'a> {
-    folder: &'a Folder,
-    file: &'a RobotFile,
+    pub(super) folder: &'a Folder,
+    pub(super) file: &'a RobotFile,
     pub(super) poses: Vec<UnknownPose>,
-    index: BTreeMap<u32, usize>,
+    pub(super) index: BTreeMap<u32, usize>,
     pub(super) objects: Vec<Object>,
     pub(super) kinds: Vec<Kind>,
     /// Coordinates of a pose that are free.
@@ -209,141 +186,6 @@ impl<'a> Assembly<'a> {
         }
     }
 
-    fn kinds_of_noise(&self, machine: &Machine) -> Result<Vec<Kind>, Error> {
-        let folder = self.folder;
-        let mut kinds = vec![];
-        let unstated = |file: &str, key: &str| {
-            let message = format!("nothing states the noise of {file}");
-            InputError::whole("robot.toml", message).help(format!("add {key}, or \"estimate\""))
-        };
-        let length = |file: &'static str, quantity: &'static str, key: &str| {
-            let section = file.trim_end_matches(".csv");
-            let stated = self.file.noise_of(file);
-            let stated = stated
-                .ok_or_else(|| unstated(file, &format!("`[noise.{section}]` with `{key}`")))?;
-            let sigma = match stated {
-                StatedNoise::Known(sigma) => sigma,
-                StatedNoise::Estimate if self.file.noise.position_m.is_finite() => {
-                    self.file.noise.position_m
-                }
-                StatedNoise::Estimate => FIRST_GUESS_M,
-            };
-            Ok::<Kind, InputError>(Kind {
-                file,
-                quantity,
-                unit: "m",
-                stated: Some(stated),
-                sigma,
-            })
-        };
-        if !folder.tcp_poses.is_empty() {
-            let noise = self.file.noise;
-            if !(noise.position_m.is_finite() && noise.rotation_rad.is_finite()) {
-                let keys = "`position_m` and `rotation_rad` to `[noise]`";
-                return Err(unstated(TCP_POSES, keys).into());
-            }
-            for (quantity, unit, sigma) in [
-                ("position", "m", noise.position_m),
-                ("rotation", "rad", noise.rotation_rad),
-            ] {
-                kinds.push(Kind {
-                    file: TCP_POSES,
-                    quantity,
-                    unit,
-                    stated: Some(StatedNoise::Known(sigma)),
-                    sigma,
-                });
-            }
-        }
-        for (kind, quantity, key) in [
-            (PlateKind::Position, "position", "position_m"),
-            (PlateKind::Height, "height", "height_m"),
-            (PlateKind::BallBar, "distance", "distance_m"),
-        ] {
-            if folder.rows_of(kind).next().is_some() {
-                kinds.push(length(kind.file(), quantity, key)?);
-            }
-        }
-        if !folder.distances.is_empty() {
-            kinds.push(length(DISTANCES, "distance", "distance_m")?);
-        }
-        let drives: Vec<Option<StatedNoise>> = (0..machine.robot.commands)
-            .map(|command| self.file.noise_of_drive(command))
-            .collect();
-        let is_estimated = drives.contains(&Some(StatedNoise::Estimate));
-        let are_exact = drives.iter().all(Option::is_none);
-        if kinds.is_empty() && are_exact {
-            let message = "nothing states the noise of the drives, and nothing else was measured";
-            let error = InputError::whole("robot.toml", message);
-            return Err(error.help("add `[drives]` with `noise_m`").into());
-        }
-        // Closures of exact drives hold to a share of what lengths are measured to.
-        let least = |kinds: &[Kind]| {
-            let lengths = kinds.iter().filter(|kind| kind.unit == "m");
-            lengths.map(|kind| kind.sigma).fold(f64::INFINITY, f64::min)
-        };
-        let (stated, sigma) = if are_exact {
-            (None, CLOSURE_SHARE * least(&kinds))
-        } else if is_estimated {
-            (Some(StatedNoise::Estimate), FIRST_GUESS_M)
-        } else {
-            let usual = self.usual_drive(machine.robot.commands);
-            (Some(StatedNoise::Known(usual)), usual)
-        };
-        kinds.push(Kind {
-            file: DRIVES,
-            quantity: "closure",
-            unit: "m",
-            stated,
-            sigma,
-        });
-        Ok(kinds)
-    }
-
-    /// Root mean square of the stated noise of the drives (m).
-    fn usual_drive(&self, commands: usize) -> f64 {
-        let sigma = |command: usize| match self.file.noise_of_drive(command) {
-            Some(StatedNoise::Known(sigma)) => sigma,
-            _ => 0.0,
-        };
-        let squares: f64 = (0..commands).map(|command| sigma(command).powi(2)).sum();
-        (squares / commands as f64).sqrt()
-    }
-
-    /// True if each drive has noise and moves one link alone, so that a link that is off tells of it.
-    pub(super) fn tells_drives(&self, machine: &Machine) -> bool {
-        let robot = &machine.robot;
-        let by_length = robot.links.iter().filter_map(|link| link.actuated_by);
-        let by_track = robot
-            .links
-            .iter()
-            .filter_map(|link| robot.clusters[link.cluster].track);
-        let mut moved = vec![0; robot.commands];
-        by_length
-            .chain(by_track)
-            .for_each(|command| moved[command] += 1);
-        self.drive_sigmas(robot.commands).is_some() && moved.iter().all(|count| *count <= 1)
-    }
-
-    /// Noise of each command for the weights of closures, in units of that of their kind; `None` where drives are exact.
-    fn drive_sigmas(&self, commands: usize) -> Option<Vec<f64>> {
-        let each: Vec<Option<StatedNoise>> = (0..commands)
-            .map(|command| self.file.noise_of_drive(command))
-            .collect();
-        if each.iter().all(Option::is_none) {
-            return None;
-        }
-        let is_estimated = each.contains(&Some(StatedNoise::Estimate));
-        let usual = self.usual_drive(commands);
-        let sigmas = each.into_iter().map(|noise| match noise {
-            // Where one is to be estimated, all are taken for equal.
-            _ if is_estimated => 1.0,
-            Some(StatedNoise::Known(sigma)) => sigma / usual,
-            _ => 0.0,
-        });
-        Some(sigmas.collect())
-    }
-
     /// Puts poses where the machine stands at their commands, whatever was measured.
     pub(super) fn place_by_drives(&mut self, machine: &Machine) -> Result<(), Error> {
         for pose in &mut self.poses {
@@ -395,110 +237,6 @@ impl<'a> Assembly<'a> {
             before = Some((sample.commands_m.clone(), pose.base));
         }
         Ok(())
-    }
-
-    /// Targets, surfaces and balls of unknown place.
-    fn collect_objects(&mut self) -> Result<(), Error> {
-        let measuring = &self.file.measuring;
-        for kind in [PlateKind::Position, PlateKind::Height, PlateKind::BallBar] {
-            let Some((column, section)) = kind.object() else {
-                continue;
-            };
-            let names: BTreeSet<Option<&String>> = (self.folder.rows_of(kind))
-                .filter(|row| self.index.contains_key(&row.pose))
-                .map(|row| row.of.as_ref())
-                .collect();
-            for name in names {
-                let known: Vec<&str> = match kind {
-                    PlateKind::Position => measuring.targets.keys().map(String::as_str).collect(),
-                    PlateKind::Height => measuring.surfaces.keys().map(String::as_str).collect(),
-                    _ => measuring.balls.keys().map(String::as_str).collect(),
-                };
-                // Without a name: the TCP itself, the plane z = 0; but a ball is always somewhere.
-                let Some(name) = name
-                    .map(String::as_str)
-                    .or((kind == PlateKind::BallBar).then_some(""))
-                else {
-                    continue;
-                };
-                if !known.is_empty() && !known.contains(&name) {
-                    let message =
-                        format!("{column} `{name}` is in no `[{section}.NAME]` of the robot file");
-                    let help = format!("known are {}", quoted(known));
-                    return Err(InputError::whole(kind.file(), message).help(help).into());
-                }
-                let first = self.object_unknowns().count();
-                let object = self.object(kind, section, name, first);
-                self.objects.push(object);
-            }
-        }
-        Ok(())
-    }
-
-    fn object(&self, kind: PlateKind, section: &'static str, name: &str, first: usize) -> Object {
-        let measuring = &self.file.measuring;
-        let called = if name.is_empty() { "ball" } else { name };
-        let rows: Vec<(Vector3<f64>, f64)> = (self.folder.rows_of(kind))
-            .filter(|row| row.of.as_deref().unwrap_or("") == name)
-            .filter_map(|row| {
-                let pose = self.poses.get(*self.index.get(&row.pose)?)?;
-                Some((pose.base.position, row.values[0]?))
-            })
-            .collect();
-        let axes = ["x", "y", "z"];
-        let coordinate = |axis: usize, start: f64, value: Option<&Value>| ObjectUnknown {
-            name: format!("{called}.{}", axes[axis]),
-            unit: "m",
-            start: value.map_or(start, |value| value.value[axis]),
-            prior: value.map(|value| (value.value[axis], value.tol)),
-        };
-        let (unknowns, normal) = match kind {
-            PlateKind::Height => {
-                let stated = measuring.surfaces.get(name);
-                let normal = stated.map_or(Vector3::z(), |surface| {
-                    Vector3::from_column_slice(&surface.normal.value).normalize()
-                });
-                let tilt = |axis: &str| ObjectUnknown {
-                    name: format!("{called}.tilt.{axis}"),
-                    unit: "rad",
-                    start: 0.0,
-                    prior: stated.map(|surface| (0.0, surface.normal.tol)),
-                };
-                let count = rows.len().max(1) as f64;
-                let mean = rows
-                    .iter()
-                    .map(|(at, height)| normal.dot(at) - height)
-                    .sum::<f64>()
-                    / count;
-                let offset = ObjectUnknown {
-                    name: format!("{called}.offset"),
-                    unit: "m",
-                    start: stated.map_or(mean, |surface| surface.offset.value[0]),
-                    prior: stated.map(|surface| (surface.offset.value[0], surface.offset.tol)),
-                };
-                (vec![tilt("1"), tilt("2"), offset], normal)
-            }
-            PlateKind::BallBar => {
-                let stated = measuring.balls.get(name);
-                let start = centre_of(&rows);
-                let each = (0..3).map(|axis| coordinate(axis, start[axis], stated));
-                (each.collect(), Vector3::z())
-            }
-            _ => {
-                let stated = measuring.targets.get(name);
-                (
-                    (0..3).map(|axis| coordinate(axis, 0.0, stated)).collect(),
-                    Vector3::z(),
-                )
-            }
-        };
-        Object {
-            section,
-            name: name.to_owned(),
-            first,
-            unknowns,
-            normal,
-        }
     }
 
     /// The residuals of chosen rows about the poses' bases; `used` are the indices in the variant of its parameters
@@ -769,24 +507,4 @@ pub(super) fn place_of(row: &PlateRow) -> RowPlace {
         pose: row.pose,
         drive: None,
     }
-}
-
-/// Centre of the sphere whose distances from points are nearest to given ones, by the linear equations of differences of
-/// squares; the mean of the points where these do not say.
-fn centre_of(rows: &[(Vector3<f64>, f64)]) -> Vector3<f64> {
-    let count = rows.len().max(1) as f64;
-    let mean = rows.iter().map(|(at, _)| at).sum::<Vector3<f64>>() / count;
-    let squares =
-        |(at, distance): &(Vector3<f64>, f64)| (at - mean).norm_squared() - distance * distance;
-    let average = rows.iter().map(squares).sum::<f64>() / count;
-    let matrix = DMatrix::from_fn(rows.len(), 3, |row, axis| 2.0 * (rows[row].0 - mean)[axis]);
-    let right = nalgebra::DVector::from_fn(rows.len(), |row, _| squares(&rows[row]) - average);
-    let normal = matrix.tr_mul(&matrix);
-    let found = normal
-        .cholesky()
-        .map(|factor| factor.solve(&matrix.tr_mul(&right)));
-    let found = found.filter(|found| found.iter().all(|value| value.is_finite()));
-    found.map_or(mean, |found| {
-        mean + Vector3::new(found[0], found[1], found[2])
-    })
 }

@@ -4,7 +4,7 @@ use nalgebra::{DMatrix, DVector, Vector3};
 use tau_kinematics::Machine;
 use tau_robot::robot::Owner;
 
-use super::assembly::Object;
+use super::objects::Object;
 use super::quantity::across;
 
 /// A direction of which the data know less than this share of what they know best is open.

@@ -4,9 +4,9 @@ use std::collections::BTreeSet;
 
 use tau_kinematics::Machine;
 
-use super::Fit;
 use super::assembly::{Assembly, Chosen};
 use super::elimination::Elimination;
+use super::fit::Fit;
 use crate::calibration::Error;
 use crate::problem::POSE_UNKNOWNS;
 

@@ -4,7 +4,8 @@ use tau_robot::measurements::{Distance, Folder, PlateKind, PlateRow, Split};
 use tau_robot::prototype;
 use tau_robot::robot::Robot;
 
-use super::{Fit, RowDivision};
+use super::RowDivision;
+use super::fit::Fit;
 use crate::calibration::Options;
 
 /// Positions, heights and distances at some of the prototype's poses.

@@ -253,6 +253,11 @@ impl Poses {
             calibration: division.calibration.len(),
             validation: division.validation.len(),
         };
+        if folder.tcp_poses.is_empty() {
+            let message = "found no poses of the plate, which this command compares: `tcp_poses.csv` is missing";
+            return Err(InputError::whole(&folder.name, message)
+                .help("`tau check` and `tau calibrate` take other measurements of the plate"));
+        }
         if in_range.is_empty() {
             return Err(InputError::whole(
                 &folder.name,
