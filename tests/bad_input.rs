@@ -3,6 +3,7 @@
 //! Each case changes one thing of a valid folder or robot file, written to disk as a user would have
 //! it; the snapshots show the answers.
 
+mod measurements;
 mod properties;
 
 use std::fs;

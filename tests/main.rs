@@ -33,4 +33,5 @@ mod study;
 mod support;
 mod trust;
 mod uncertainty;
+mod unknown_poses;
 mod weighing;

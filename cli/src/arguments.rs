@@ -107,7 +107,8 @@ impl Study {
 /// Calibrate one variant
 ///
 /// Fits the parameters of a variant to the calibration poses, with the tolerances of robot.toml as
-/// priors, and writes into a folder:
+/// priors. Where the folder holds positions, heights, distances, a ball bar or readings of the drives
+/// alone, all of them are fitted at once, the true pose of each being unknown. Writes into a folder:
 ///
 ///   robot.toml        calibrated values, to be used with --robot
 ///   parameters.csv    nominal value, tolerance, calibrated value and sigma of each parameter
@@ -133,6 +134,9 @@ pub(super) struct Calibrate {
     /// with the ordinary fit of set 1
     #[arg(long)]
     pub(super) errors_in_variables: bool,
+    /// Fit the scale of the whole machine even where no measurement determines it
+    #[arg(long)]
+    pub(super) free_scale: bool,
     #[command(flatten)]
     pub(super) outliers: Outliers,
     /// Folder for the files
@@ -254,7 +258,8 @@ pub(super) enum Refit {
 Examples:
   tau simulate --out simulated --effect 'rack_pitch(two): sine=8e-5, period=0.0133'
   tau simulate --out simulated --effect 'backlash(one): gap=4e-5' --noise-scale 2,2,2 --seed 7
-  tau simulate --out simulated --robot mine.toml --model mine.tau --grid 5,5,4")]
+  tau simulate --out simulated --robot mine.toml --model mine.tau --grid 5,5,4
+  tau simulate --out simulated --robot mine.toml --model mine.tau --measure heights,distances --poses 40")]
 pub(super) struct Simulate {
     /// Folder for the measurements
     #[arg(long, value_name = "DIR")]
@@ -337,6 +342,15 @@ pub(super) struct SimulatedPlan {
     /// Number of TCP poses: those of the grid end there
     #[arg(long, value_name = "N", default_value_t = 176)]
     pub(super) poses: usize,
+    /// What is measured at these poses, some of poses, positions, heights, distances, ball-bar, readings; targets,
+    /// surfaces, balls and noise are those of robot.toml
+    #[arg(
+        long,
+        value_name = "KINDS",
+        default_value = "poses",
+        value_delimiter = ','
+    )]
+    pub(super) measure: Vec<String>,
     /// Number of readings at each of them
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub(super) readings: usize,

@@ -1,7 +1,8 @@
 //! `tau calibrate`.
 
 use serde_json::json;
-use tau::calibration::Calibration;
+use tau::Session;
+use tau::calibration::{Calibration, Options};
 use tau::study;
 use tau::trust::Status;
 use tau_report as report;
@@ -36,6 +37,9 @@ pub(super) fn run(
         outputs,
     )?;
     let session = session.outliers(resolve::treatment(&arguments.outliers));
+    if session.has_unknown_poses() {
+        return unknown_poses(arguments, &session, target, console);
+    }
     let poses = session.poses()?;
     let variant = arguments.variant.name.as_str();
     let (robot, folder) = (&session.robot().name, session.folder());
@@ -107,6 +111,53 @@ pub(super) fn run(
     let outcome = Outcome {
         summary,
         remarks: session.remarks_for(variant)?,
+        files,
+        json: target.map(|target| (statistics, target)),
+        ..Outcome::default()
+    };
+    Ok(outcome.judged(&verdict, arguments.force.force))
+}
+
+/// The same where poses are unknown.
+fn unknown_poses(
+    arguments: &arguments::Calibrate,
+    session: &Session,
+    target: Option<Target>,
+    console: &Console<'_>,
+) -> Result<Outcome, Failure> {
+    let variant = arguments.variant.name.as_str();
+    let options = Options {
+        free_scale: arguments.free_scale,
+        ..session.options()
+    };
+    let found = session.calibrate_unknown_poses(variant, &options)?;
+    let verdict = found.verdict();
+    let (robot, folder) = (&session.robot().name, &session.folder().name);
+    let mut statistics = report::unknown_poses::json(&found);
+    statistics["variant"] = json!(variant);
+    statistics["robot"] = json!(robot);
+    statistics["folder"] = json!(folder);
+    let contents = [
+        session.file_of_unknown_poses(&found, &stamp()).to_toml(),
+        parameters(&found.calibration, verdict.widening())?,
+        covariance(&found.calibration)?,
+        undetermined(&found.calibration)?,
+        report::json::document(statistics.clone()),
+    ];
+    let paths = FILES.into_iter().map(|name| arguments.out.join(name));
+    let files: Vec<_> = paths.zip(contents).collect();
+    let mut summary = format!("{robot}, {variant}, {folder}\n\n");
+    summary += &report::unknown_poses::terminal(&found, console.width);
+    summary += &written(files.iter().map(|(path, _)| path.as_path()));
+    let mut remarks = session.remarks_for(variant)?;
+    let folder = session.folder();
+    if !folder.cart_poses.is_empty() || !folder.cart_positions.is_empty() {
+        let message = "cart_poses.csv and cart_positions.csv take no part where poses of the plate are unknown";
+        remarks.push(message.to_owned());
+    }
+    let outcome = Outcome {
+        summary,
+        remarks,
         files,
         json: target.map(|target| (statistics, target)),
         ..Outcome::default()

@@ -15,7 +15,11 @@ pub(super) fn run(arguments: &arguments::Check, console: &Console<'_>) -> Result
         Target::resolve(&arguments.json, &Kept::from(&arguments.input)),
     )?;
     let found = session.check(variant)?;
-    let poses = session.poses()?;
+    let counts = if session.has_unknown_poses() {
+        None
+    } else {
+        Some(session.poses()?.counts)
+    };
     let (robot, folder) = (&session.robot().name, &session.folder().name);
     let failure = (!found.is_meaningful()).then(|| {
         let mistake = found.mistakes.iter().find(|mistake| mistake.is_absurd);
@@ -41,7 +45,10 @@ pub(super) fn run(arguments: &arguments::Check, console: &Console<'_>) -> Result
             let mut value = report::trust::json::check(&found);
             value["robot"] = json!(robot);
             value["folder"] = json!(folder);
-            value["poses"] = report::json::poses(poses.counts);
+            value["poses"] = counts.map_or_else(
+                || report::unknown_poses::division_json(&session.row_division()),
+                report::json::poses,
+            );
             (value, target)
         }),
         failure,

@@ -4,16 +4,9 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use tau::input_error::InputError;
+use tau_robot::measurements::FILES;
 
 use super::arguments;
-
-/// Files of a measurement folder.
-const FOLDER: [&str; 4] = [
-    "tcp_poses.csv",
-    "cart_poses.csv",
-    "cart_positions.csv",
-    "robot.toml",
-];
 
 /// The files that a command reads.
 pub(super) struct Kept(Vec<PathBuf>);
@@ -24,7 +17,8 @@ impl Kept {
         folder: Option<&PathBuf>,
         others: impl IntoIterator<Item = &'a PathBuf>,
     ) -> Self {
-        let of_folder = folder.map(|folder| FOLDER.map(|name| folder.join(name)));
+        let names = FILES.into_iter().chain(["robot.toml"]);
+        let of_folder = folder.map(|folder| names.map(|name| folder.join(name)));
         let files = of_folder.into_iter().flatten();
         let files = files.chain(others.into_iter().cloned());
         Self(

@@ -1,7 +1,7 @@
 //! `tau simulate`.
 
-use serde_json::json;
-use tau::simulation::Request;
+use serde_json::{Value, json};
+use tau::simulation::{Request, Summary};
 use tau_robot::input_error::both;
 
 use super::deliver::{Outcome, Target, check_folder};
@@ -16,6 +16,10 @@ pub(super) fn run(arguments: &arguments::Simulate) -> Result<Outcome, Failure> {
     let (target, ()) = both(Target::resolve(&arguments.json, &kept), check_folder(out))?;
     let made = request(arguments).run(&robot, out)?;
     let [poses, points, positions] = made.rows;
+    let others = made.others.iter();
+    let others: String = others
+        .map(|(file, rows)| format!(", {rows} rows of {file}"))
+        .collect();
     let effects: Vec<String> = made
         .effects
         .iter()
@@ -35,7 +39,7 @@ pub(super) fn run(arguments: &arguments::Simulate) -> Result<Outcome, Failure> {
     Ok(Outcome {
         summary: format!(
             "written: {}, with {poses} TCP poses ({} outliers), {points} cart poses, \
-             {positions} cart positions; {effects}\n",
+             {positions} cart positions{others}; {effects}\n",
             out.display(),
             made.outliers
         ),
@@ -43,7 +47,7 @@ pub(super) fn run(arguments: &arguments::Simulate) -> Result<Outcome, Failure> {
         json: target.map(|target| {
             let value = json!({
                 "folder": out,
-                "rows": { "tcp_poses": poses, "cart_poses": points, "cart_positions": positions },
+                "rows": rows(&made),
                 "effects": made.effects.iter()
                     .map(|(name, place)| json!({ "name": name, "place": place }))
                     .collect::<Vec<_>>(),
@@ -54,6 +58,16 @@ pub(super) fn run(arguments: &arguments::Simulate) -> Result<Outcome, Failure> {
         }),
         ..Outcome::default()
     })
+}
+
+/// Number of rows of each file, by its name without ending.
+fn rows(made: &Summary) -> Value {
+    let [poses, points, positions] = made.rows;
+    let mut rows = json!({ "tcp_poses": poses, "cart_poses": points, "cart_positions": positions });
+    for (file, count) in &made.others {
+        rows[file.trim_end_matches(".csv")] = json!(count);
+    }
+    rows
 }
 
 /// The arguments, as the simulation takes them.
@@ -77,6 +91,7 @@ pub(super) fn request(arguments: &arguments::Simulate) -> Request {
         grid: plan.grid.0,
         grid_step_m: plan.grid_step.map(|steps| steps.0),
         poses: Some(plan.poses),
+        measures: plan.measure.clone(),
         readings: plan.readings,
         random: plan.random,
         jitter: plan.jitter,

@@ -13,4 +13,5 @@ pub mod samples;
 pub mod sensitivity;
 pub mod trust;
 pub mod uncertainty;
+pub mod unknown_poses;
 pub mod weighing;

@@ -24,6 +24,7 @@ pub mod terminal;
 #[cfg(test)]
 mod tests;
 pub mod trust;
+pub mod unknown_poses;
 mod write;
 
 pub use discovery::method::Setting;

@@ -23,9 +23,10 @@ pub const SHAPE: Shape = Shape {
 /// None with the data that ship.
 pub fn folder() -> Result<Folder, InputError> {
     let texts = Texts {
-        tcp_poses: TCP_POSES,
+        tcp_poses: Some(TCP_POSES),
         cart_poses: Some(CART_POSES),
         cart_positions: Some(CART_POSITIONS),
+        ..Texts::default()
     };
     Folder::from_texts(NAME, texts, SHAPE)
 }
@@ -107,6 +108,7 @@ mod tests {
                 temperature_c: Some(20.002_979_0),
             },
             directions: Some(vec![1.0, 1.0, 1.0]),
+            sigmas: crate::measurements::PoseSigmas::default(),
         };
         assert_eq!(folder.tcp_poses[0], expected);
         assert_eq!(folder.cart_positions[1].track, 1);

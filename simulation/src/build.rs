@@ -326,7 +326,8 @@ impl Commanded {
         Some(here)
     }
 
-    fn near(&self, machine: &Machine, position_m: Vector3<f64>) -> Option<Self> {
+    /// Commands and orientation at a position (m) close by.
+    pub(super) fn near(&self, machine: &Machine, position_m: Vector3<f64>) -> Option<Self> {
         let mut here = Self {
             pose: Pose {
                 position_m,

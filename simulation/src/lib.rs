@@ -10,6 +10,7 @@ mod machine;
 mod noise;
 mod parse;
 mod plan;
+mod plate;
 mod random;
 mod request;
 mod write;
@@ -31,6 +32,7 @@ pub use effect::{
 pub use machine::{CartState, Machine, Pose, Rod, State};
 pub use noise::{Noise, Tails};
 pub use plan::{Approach, Poses, Temperature, TrackPoints};
+pub use plate::{Measure, Objects, Plane};
 pub use request::{Request, Summary};
 
 use build::Commanded;
@@ -61,6 +63,8 @@ pub struct Simulation {
     pub noise: Noise,
     /// Set 1.
     pub poses: Poses,
+    /// Kinds of measurement of the plate at the poses of set 1.
+    pub measures: Vec<Measure>,
     /// Number of readings at each pose of set 1, at least one.
     pub readings: usize,
     /// Set 2.
@@ -86,6 +90,7 @@ impl Simulation {
             effects: Vec::new(),
             noise: Noise::default(),
             poses: Poses::default(),
+            measures: vec![Measure::Poses],
             readings: 1,
             track_points: TrackPoints::default(),
             random_poses: 150,
@@ -126,6 +131,10 @@ pub struct Truth {
     pub set3: Mounting,
     /// Numbers of the TCP poses that are outliers.
     pub outliers: Vec<u32>,
+    /// File and line of other rows that are.
+    pub gross_rows: Vec<(&'static str, usize)>,
+    /// What measurements were taken of or from.
+    pub objects: Objects,
     /// Points that were out of reach and left out of sets 1 and 3.
     pub out_of_reach: usize,
 }
@@ -262,8 +271,31 @@ impl<'a> Session<'a> {
             temperature: simulation.temperature,
         };
         let set1 = planner.tcp_poses(&simulation.poses, &mut Random::new(seed, "poses"));
-        let (set1, states1) = self.reached(set1);
-        let (set1, states1) = self.read_again(&set1, states1);
+        let errors = plate::drive_errors(
+            &simulation.file,
+            self.nominal.commands,
+            simulation.noise.scale[0],
+            set1.stops.len(),
+            seed,
+        );
+        let (visited, true_states) = self.reached_by_drives(set1, errors);
+        let objects = plate::Objects::draw(
+            &simulation.file,
+            simulation.build == Build::Exact,
+            self.home.pose.position_m,
+            self.nominal.mean_length_m() / 3.0,
+            seed,
+        );
+        let gauges = plate::Gauges {
+            measures: &simulation.measures,
+            file: &simulation.file,
+            objects: &objects,
+            noise: &simulation.noise,
+            readings: simulation.readings.max(1),
+            seed,
+        };
+        let measured = gauges.measure(&visited.stops, &true_states);
+        let (set1, states1) = self.read_again(&visited, true_states);
         if set1.stops.len() < 2 {
             let message = "fewer than two poses are within reach";
             return Err(InputError::whole("poses", message)
@@ -290,7 +322,13 @@ impl<'a> Session<'a> {
 
         let mut noise = noise::Generator::new(&simulation.noise, seed);
         let outliers = noise::outliers(&simulation.noise, set1.stops.len(), seed);
-        let tcp_poses = self.tcp_poses(&set1.stops, &states1, &mut noise, &outliers);
+        let has_poses = simulation.measures.contains(&Measure::Poses);
+        let (set1_stops, outliers) = if has_poses {
+            (&set1.stops[..], outliers)
+        } else {
+            (&[][..], BTreeMap::new())
+        };
+        let tcp_poses = self.tcp_poses(set1_stops, &states1, &mut noise, &outliers);
         let cart_poses = if has_carts {
             self.cart_poses(&points, &mounting2, &mut noise)
         } else {
@@ -321,6 +359,8 @@ impl<'a> Session<'a> {
                 tcp_poses,
                 cart_poses,
                 cart_positions,
+                plate_rows: measured.rows,
+                distances: measured.distances,
                 fingerprint: String::new(),
                 remarks: Vec::new(),
             },
@@ -335,6 +375,8 @@ impl<'a> Session<'a> {
                 set2: mounting2,
                 set3: mounting3,
                 outliers: outliers.keys().map(|&index| number(index)).collect(),
+                gross_rows: measured.gross,
+                objects,
                 out_of_reach: set1.left_out + set3.left_out,
                 links: simulation
                     .robot
@@ -345,6 +387,44 @@ impl<'a> Session<'a> {
                 machine: self.machine,
             },
         })
+    }
+
+    /// The same where drives err: `errors` are those of each stop. Redundant drives can't be commanded at will: the
+    /// plate goes where it was meant to, and they follow and are read.
+    fn reached_by_drives(&self, planned: Stops, errors: Vec<Vec<f64>>) -> (Stops, Vec<State>) {
+        let is_redundant = self.nominal.is_redundant();
+        let mut left_out = planned.left_out;
+        let (mut stops, mut states) = (Vec::new(), Vec::new());
+        for (mut stop, errors) in planned.stops.into_iter().zip(errors) {
+            let with_errors = |commands: &[f64], sign: f64| -> Vec<f64> {
+                let pairs = commands.iter().zip(&errors);
+                pairs
+                    .map(|(command, error)| command + sign * error)
+                    .collect()
+            };
+            let state = if is_redundant {
+                let target = stop.commanded.pose.position_m;
+                let reached = stop.commanded.near(&self.machine, target);
+                reached.and_then(|reached| {
+                    let state =
+                        (self.machine).solve(&reached.commands_m, &stop.conditions, reached.pose);
+                    stop.commanded.commands_m = with_errors(&reached.commands_m, -1.0);
+                    state
+                })
+            } else {
+                let Commanded { pose, commands_m } = &stop.commanded;
+                let truly = with_errors(commands_m, 1.0);
+                self.machine.solve(&truly, &stop.conditions, *pose)
+            };
+            match state {
+                Some(state) => {
+                    stops.push(stop);
+                    states.push(state);
+                }
+                None => left_out += 1,
+            }
+        }
+        (Stops { stops, left_out }, states)
     }
 
     /// The stops at which the true machine closes, and its states there; the others are left out.
@@ -417,6 +497,7 @@ impl<'a> Session<'a> {
                     angles_rad: zyz_angles(&seen.rotation),
                     conditions: recorded(conditions),
                     directions: Some(conditions.directions.clone()),
+                    sigmas: measurements::PoseSigmas::default(),
                 }
             })
             .collect()

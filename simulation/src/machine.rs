@@ -100,6 +100,11 @@ pub(crate) fn track_frame(direction: Vector3<f64>) -> Matrix3<f64> {
 }
 
 impl Machine {
+    /// True if there are more rods than freedoms of the plate, so that they fit at matching commands only.
+    pub(crate) fn is_redundant(&self) -> bool {
+        self.rods.len() > 6
+    }
+
     fn rods_of(&self, track: usize) -> impl Iterator<Item = &Rod> {
         self.rods.iter().filter(move |rod| rod.track == Some(track))
     }

@@ -4,14 +4,14 @@ use std::fmt::Debug;
 use std::path::{Path, PathBuf};
 
 use tau_robot::input_error::{Errors, InputError};
-use tau_robot::measurements::plausible;
+use tau_robot::measurements::{DISTANCES, PlateKind, plausible};
 use tau_robot::prototype;
 use tau_robot::robot::Robot;
 use tau_robot::robot_file::{Payload, RobotFile};
 
 use super::{
-    Approach, Build, Effect, Noise, Poses, SimulatedFolder, Simulation, Tails, Temperature,
-    TrackPoints, simulate,
+    Approach, Build, Effect, Measure, Noise, Poses, SimulatedFolder, Simulation, Tails,
+    Temperature, TrackPoints, simulate,
 };
 
 /// Noise that a robot file may state at most (m or rad).
@@ -58,6 +58,8 @@ pub struct Request {
     pub grid_step_m: Option<[f64; 3]>,
     /// Number of TCP poses: those of the grid end there.
     pub poses: Option<usize>,
+    /// Kinds of measurement at these poses, by their names in [`Measure::ALL`].
+    pub measures: Vec<String>,
     /// Number of readings at each of them.
     pub readings: usize,
     /// True if the TCP poses are random instead of on the grid.
@@ -101,6 +103,7 @@ impl Default for Request {
             grid: [6, 6, 5],
             grid_step_m: None,
             poses: Some(176),
+            measures: vec!["poses".to_owned()],
             readings: 1,
             random: false,
             jitter: 0.0,
@@ -120,6 +123,8 @@ impl Default for Request {
 pub struct Summary {
     /// Number of rows of sets 1, 2 and 3.
     pub rows: [usize; 3],
+    /// Number of rows of other files of the plate, those that are there.
+    pub others: Vec<(&'static str, usize)>,
     /// Effects by name and place.
     pub effects: Vec<(String, String)>,
     /// Outliers among the TCP poses.
@@ -155,6 +160,10 @@ impl Request {
                 Err(error) => errors.add(error),
             }
         }
+        let measures: Vec<Measure> = (self.measures.iter())
+            .map(|text| errors.keep(text.parse().map(Some)))
+            .collect::<Option<_>>()
+            .unwrap_or_default();
         if let Some(name) = &self.variant
             && robot.variant(name).is_none()
         {
@@ -227,6 +236,7 @@ impl Request {
                     jitter: self.jitter,
                 }
             },
+            measures,
             readings: self.readings,
             track_points: TrackPoints {
                 count: self.track_points,
@@ -393,8 +403,13 @@ impl Summary {
                 folder.cart_poses.len(),
                 folder.cart_positions.len(),
             ],
+            others: (PlateKind::ALL.into_iter())
+                .map(|kind| (kind.file(), folder.rows_of(kind).count()))
+                .chain([(DISTANCES, folder.distances.len())])
+                .filter(|(_, rows)| *rows > 0)
+                .collect(),
             effects: truth.effects.clone(),
-            outliers: truth.outliers.len(),
+            outliers: truth.outliers.len() + truth.gross_rows.len(),
             out_of_reach: truth.out_of_reach,
         }
     }

@@ -9,11 +9,13 @@ use nalgebra::Vector3;
 use serde_json::{Map, Value, json};
 use tau_codegen::language::model::Place;
 use tau_robot::input_error::InputError;
-use tau_robot::measurements::{CartPose, CartPosition, Conditions, Folder, TcpPose, Texts};
+use tau_robot::measurements::{
+    CartPose, CartPosition, Conditions, DISTANCES, Folder, PlateKind, PlateRow, TcpPose, Texts,
+};
 use tau_robot::robot::Robot;
 use tau_robot::robot_file::RobotFile;
 
-use super::{Effect, SimulatedFolder, Truth, number, zyz_angles};
+use super::{Effect, SimulatedFolder, Truth, number, plate, zyz_angles};
 
 impl SimulatedFolder {
     /// Names and texts of the folder's files. Numbers are written so that they read back bit for bit;
@@ -23,8 +25,19 @@ impl SimulatedFolder {
         let mut files = vec![
             ("robot.toml", self.file.to_toml()),
             ("truth.json", self.truth.to_json()),
-            ("tcp_poses.csv", tcp_poses(&folder.tcp_poses)),
         ];
+        if !folder.tcp_poses.is_empty() {
+            files.push(("tcp_poses.csv", tcp_poses(&folder.tcp_poses)));
+        }
+        for kind in PlateKind::ALL {
+            let rows: Vec<&PlateRow> = folder.rows_of(kind).collect();
+            if !rows.is_empty() {
+                files.push((kind.file(), plate::rows_text(kind, &rows)));
+            }
+        }
+        if !folder.distances.is_empty() {
+            files.push((DISTANCES, plate::distances_text(&folder.distances)));
+        }
         if !folder.cart_poses.is_empty() {
             files.push(("cart_poses.csv", cart_poses(&folder.cart_poses)));
         }
@@ -46,11 +59,7 @@ impl SimulatedFolder {
                 .find(|(file, _)| *file == name)
                 .map(|(_, text)| text.as_str())
         };
-        let read = Texts {
-            tcp_poses: text("tcp_poses.csv").unwrap_or_default(),
-            cart_poses: text("cart_poses.csv"),
-            cart_positions: text("cart_positions.csv"),
-        };
+        let read = Texts::of(text);
         let file = folder.join("robot.toml").display().to_string();
         let file = RobotFile::parse_for(text("robot.toml").unwrap_or_default(), &file, robot);
         Folder::from_texts(&folder.display().to_string(), read, robot.into())
@@ -105,8 +114,8 @@ impl Drop for Partial {
 }
 
 impl Truth {
-    /// `{"effects": [{"name", "place", "parameters"}], "status": […], "outliers": […], "links": {…}, "tcp_poses": […]}`:
-    /// dimensions as built, with the names of the robot file, and where the TCP truly stood at the poses of set 1.
+    /// `{"effects": [{"name", "place", "parameters"}], "status": […], "outliers": […], "links": {…}, "tcp_poses": […],
+    /// "gross_rows": [{"file", "line"}], "targets", "surfaces", "balls"}`: dimensions as built, with the names of the robot file, and where the TCP truly stood at the poses of set 1.
     pub fn to_json(&self) -> String {
         let effects: Vec<Value> = self
             .effects
@@ -151,6 +160,20 @@ impl Truth {
             "outliers": self.outliers,
             "links": links,
             "tcp_poses": poses,
+            "gross_rows": (self.gross_rows.iter())
+                .map(|(file, line)| json!({ "file": file, "line": line }))
+                .collect::<Vec<_>>(),
+            "targets": (self.objects.targets.iter())
+                .map(|(name, place)| (name.clone(), json!({ "position_m": vector(place) })))
+                .collect::<Map<_, _>>(),
+            "surfaces": (self.objects.surfaces.iter())
+                .map(|(name, (normal, offset))| {
+                    (name.clone(), json!({ "normal": vector(normal), "offset_m": offset }))
+                })
+                .collect::<Map<_, _>>(),
+            "balls": (self.objects.balls.iter())
+                .map(|(name, place)| (name.clone(), json!({ "position_m": vector(place) })))
+                .collect::<Map<_, _>>(),
         });
         format!("{truth:#}\n")
     }

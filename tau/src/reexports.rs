@@ -49,16 +49,16 @@ pub mod language {
 /// Measurement folders: TCP poses (set 1), cart poses (set 2), cart positions (set 3).
 pub mod measurements {
     pub use tau_robot::measurements::{
-        CartPose, CartPosition, Conditions, Division, Folder, PoseCounts, Poses, Shape, Split,
-        TcpPose, Texts,
+        CartPose, CartPosition, Conditions, Distance, Division, Folder, PlateKind, PlateRow,
+        PoseCounts, PoseSigmas, Poses, Shape, Split, TcpPose, Texts,
     };
 }
 
 /// The instance of a robot: nominal or calibrated parameters with tolerances, noise and loads (`robot.toml`).
 pub mod robot_file {
     pub use tau_robot::robot_file::{
-        Covariance, LinkValues, MeasuredPath, Noise, Payload, Provenance, Reference, RobotFile,
-        Value,
+        Covariance, LinkValues, MeasuredPath, Measuring, Noise, Payload, Provenance, Reference,
+        RobotFile, StatedNoise, Surface, Value,
     };
 }
 
@@ -67,6 +67,14 @@ pub mod trust {
     pub use tau_estimation::trust::{
         Check, Checked, FileFacts, FileFit, Gap, Mistake, PoseFit, Pull, Range, Reach, Sight,
         Status, Verdict,
+    };
+}
+
+/// Calibration from any measurements: the true pose behind every sample is unknown.
+pub mod unknown_poses {
+    pub use tau_estimation::unknown_poses::{
+        Freedom, GrossRow, HeldOut, HeldOutKind, Kind, KindFit, Object, ObjectEstimate, Rank,
+        RowDivision, RowPlace, UnknownPoses, calibrate, rank,
     };
 }
 

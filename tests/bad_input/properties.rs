@@ -4,7 +4,8 @@ use proptest::prelude::*;
 use tau::input_error::InputError;
 use tau::measurements::{Folder, Split, Texts};
 use tau::robot_file::{
-    Covariance, LinkValues, MeasuredPath, Noise, Payload, Provenance, Reference, RobotFile, Value,
+    Covariance, LinkValues, MeasuredPath, Measuring, Noise, Payload, Provenance, Reference,
+    RobotFile, StatedNoise, Surface, Value,
 };
 
 use super::{CART_POSES, CART_POSITIONS, OnDisk, ROBOT, SHAPE, TCP_POSES, pair};
@@ -160,6 +161,7 @@ fn robot_file() -> impl Strategy<Value = RobotFile> {
                     }),
                     range_m,
                     reference,
+                    measuring: measuring(noise.0),
                     covariance: Some(Covariance {
                         parameters: vec!["a.b".to_owned(), robot_name],
                         factor: vec![vec![noise.0], vec![-noise.1, noise.1 / 3.0]],
@@ -225,12 +227,40 @@ fn reworded(text: &'static str) -> impl Strategy<Value = String> {
     })
 }
 
-fn read_all(text: &str) -> Result<Folder, InputError> {
-    let texts = Texts {
-        tcp_poses: text,
-        cart_poses: Some(text),
-        cart_positions: Some(text),
+/// Every section of measurements, with a noise.
+fn measuring(noise: f64) -> Measuring {
+    let place = Value {
+        value: vec![noise, -2.0, 0.5],
+        tol: noise,
+        sigma: None,
     };
+    let offset = Value {
+        value: vec![noise],
+        tol: noise,
+        sigma: Some(vec![noise]),
+    };
+    Measuring {
+        noise: [
+            ("heights".to_owned(), StatedNoise::Estimate),
+            ("distances".to_owned(), StatedNoise::Known(noise)),
+        ]
+        .into(),
+        drives: vec![StatedNoise::Known(noise), StatedNoise::Estimate],
+        targets: [("left corner".to_owned(), place.clone())].into(),
+        surfaces: [(
+            "bed".to_owned(),
+            Surface {
+                normal: place.clone(),
+                offset,
+            },
+        )]
+        .into(),
+        balls: [("ball".to_owned(), place)].into(),
+    }
+}
+
+fn read_all(text: &str) -> Result<Folder, InputError> {
+    let texts = Texts::of(|_| Some(text));
     Folder::from_texts("folder", texts, SHAPE)
 }
 

@@ -45,6 +45,9 @@ pub struct Options {
     pub solver: tau_solver::Options,
     /// Treatment of outliers; by default they are left out.
     pub treatment: Treatment,
+    /// True if a scale of the whole machine that no measurement determines is fitted all the same, where poses are
+    /// unknown.
+    pub free_scale: bool,
 }
 
 /// A combination of parameters that the data do not determine.
@@ -176,7 +179,11 @@ impl Prepared {
         (folder, registration): (Option<&Folder>, Option<Registration>),
         poses: &[usize],
     ) -> Result<Self, InputError> {
-        let mean_rotation = folder.and_then(|folder| mean_rotation(folder, poses));
+        // Where no rotation was measured, the plate turns about that at its reference.
+        let measured = folder.and_then(|folder| mean_rotation(folder, poses));
+        let stated = file.reference.as_ref();
+        let stated = stated.map(|reference| zyz(reference.orientation_rad));
+        let mean_rotation = measured.or(stated.filter(|_| folder.is_some()));
         let sources = nominal::Sources {
             robot,
             variant,

@@ -20,10 +20,9 @@ use crate::calibration::error::Error;
 use crate::calibration::nominal::Nominal;
 use crate::calibration::registration::MOUNTING_M;
 use crate::samples::Sample;
-use true_pose::TruePose;
 use whitened::WhitenedPose;
 
-pub(crate) use true_pose::POSE_UNKNOWNS;
+pub(crate) use true_pose::{POSE_UNKNOWNS, TruePose, left_jacobian};
 
 /// Groups of residuals that have a noise of their own.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -413,14 +412,18 @@ impl Part {
 }
 
 /// The closure by pose that belongs to one by parameters.
-fn by_pose<'a>(machine: &'a Machine, closure: &Instance) -> Option<&'a Instance> {
+pub(crate) fn by_pose<'a>(machine: &'a Machine, closure: &Instance) -> Option<&'a Instance> {
     machine
         .closure_instances()
         .find(|instance| instance.of == closure.of)
 }
 
 /// Derivatives of a closure by the translation and the rotation vector of a sample's pose.
-fn gradient(machine: &Machine, by_pose: &Instance, sample: &Sample) -> Result<[f64; 6], Error> {
+pub(crate) fn gradient(
+    machine: &Machine,
+    by_pose: &Instance,
+    sample: &Sample,
+) -> Result<[f64; 6], Error> {
     let view = sample.view();
     let linearized = machine.closure_by_pose(by_pose, &view);
     let (_, gradient) = linearized

@@ -16,7 +16,7 @@ pub(crate) const POSE_UNKNOWNS: usize = 6;
 ///
 /// A sample's data are all that the closures take, each once, then measured position and rotation (by
 /// rows).
-pub(super) struct TruePose {
+pub(crate) struct TruePose {
     closures: Vec<Closure>,
     inputs: Vec<Input>,
     /// Index of each shared parameter in the variant.
@@ -49,7 +49,7 @@ struct Part {
 impl TruePose {
     /// From the closures of a variant by parameters and by pose, in the same order, of a robot with so
     /// many commands.
-    pub(super) fn new(closures: &[(Instance, Instance)], commands: usize) -> Self {
+    pub(crate) fn new(closures: &[(Instance, Instance)], commands: usize) -> Self {
         let instances = || closures.iter().flat_map(|(one, other)| [one, other]);
         let mut inputs: Vec<Input> = instances()
             .flat_map(|instance| instance.inputs.iter().copied())
@@ -128,7 +128,7 @@ impl TruePose {
     }
 
     /// Index of each shared parameter in the variant.
-    pub(super) fn parameters(&self) -> &[usize] {
+    pub(crate) fn parameters(&self) -> &[usize] {
         &self.parameters
     }
 
@@ -136,7 +136,7 @@ impl TruePose {
     ///
     /// # Errors
     /// The missing column or value.
-    pub(super) fn fill(
+    pub(crate) fn fill(
         &self,
         surroundings: &Surroundings,
         sample: &Sample<'_>,
@@ -286,7 +286,7 @@ impl ResidualFamily for TruePose {
 
 /// The left Jacobian of SO(3): `exp(w + δ) = exp(J δ) exp(w)` to first order (J. Solà et al., "A micro
 /// Lie theory for state estimation in robotics", 2018, eq. 145).
-fn left_jacobian(w: Vector3<f64>) -> Matrix3<f64> {
+pub(crate) fn left_jacobian(w: Vector3<f64>) -> Matrix3<f64> {
     let square = w.norm_squared();
     let cross = w.cross_matrix();
     // The quotients cancel for small angles; their series are exact to rounding there.

@@ -70,6 +70,28 @@ impl Sample {
         }
     }
 
+    /// What drives read at a pose of the plate that is unknown, or known roughly.
+    pub(crate) fn of_drives(
+        number: u32,
+        commands_m: &[f64],
+        directions: Option<&[f64]>,
+        conditions: Conditions,
+        pose: Pose,
+    ) -> Self {
+        Self {
+            set: 1,
+            track: None,
+            number,
+            unit: 0,
+            commands_m: commands_m.to_vec(),
+            directions: directions.unwrap_or_default().to_vec(),
+            conditions,
+            pose,
+            plate: Some(pose),
+            forces: None,
+        }
+    }
+
     /// Samples of all sets: set 1 for the given poses (indices), then sets 2 and 3 where they are there
     /// and registered.
     pub fn all(robot: &Robot, folder: &Folder, poses: &[usize], frames: &Frames) -> Vec<Self> {
@@ -230,7 +252,11 @@ impl Sample {
     /// The error that something which a residual takes is missing.
     pub(crate) fn lacks(&self, missing: Missing) -> Error {
         let files = ["tcp_poses.csv", "cart_poses.csv", "cart_positions.csv"];
-        let file = files[usize::from(self.set.clamp(1, 3)) - 1];
+        self.lacks_in(files[usize::from(self.set.clamp(1, 3)) - 1], missing)
+    }
+
+    /// The same of a sample that a file is known of.
+    pub(crate) fn lacks_in(&self, file: &str, missing: Missing) -> Error {
         let what = format!("sample {}: {}", self.number, in_words(missing));
         InputError::whole(file, what).into()
     }

@@ -5,7 +5,9 @@ use std::collections::BTreeSet;
 use nalgebra::DMatrix;
 use tau_codegen::language::model::{Effect, Readable, Subject, Target};
 use tau_codegen::language::{self, Model};
-use tau_robot::measurements::{Conditions, Division, Folder, TcpPose, visits};
+use tau_robot::measurements::{
+    Conditions, DISTANCES, Division, Folder, PlateKind, PlateRow, TcpPose, visits,
+};
 use tau_robot::robot::{Robot, TrackShape, Variant};
 use tau_robot::robot_file::RobotFile;
 use tau_solver::Problem;
@@ -20,6 +22,7 @@ use crate::trust::mistake::Mistake;
 use crate::trust::reach::Reach;
 use crate::trust::verdict::mistakes;
 use crate::uncertainty::Uncertainty;
+use crate::unknown_poses::{self, Rank, RowDivision};
 
 /// Lacked by effects of carts where there are none: nothing that could be measured would bring them into sight.
 const NO_CART: &str = "a cart: the machine has none";
@@ -69,6 +72,8 @@ pub struct Checked {
     pub undetermined: Vec<Combination>,
     /// Knowledge of the position at the poses and elsewhere that a calibration would bring.
     pub reach: Option<Reach>,
+    /// What no residual sees, where poses are unknown.
+    pub gauge: Option<Rank>,
     /// Why a calibration would mean nothing, if so.
     pub why_not: Option<String>,
 }
@@ -118,7 +123,7 @@ impl Check {
 }
 
 /// Looks at the measurements of a robot: `variants` are those that are asked for, `catalogue` holds effects in the
-/// language.
+/// language. The poses of `division` calibrate, or, where poses are unknown, the rows of the other.
 ///
 /// # Errors
 /// A catalogue that can't be read; columns or values that all variants need are missing.
@@ -126,17 +131,18 @@ pub fn check(
     robot: &Robot,
     variants: &[&Variant],
     (file, folder): (&RobotFile, &Folder),
-    division: &Division,
+    (division, rows): (&Division, Option<&RowDivision>),
     catalogue: &str,
 ) -> Result<Check, Error> {
     let effects = sights(robot, file, folder, catalogue);
-    let first = variants.first().copied();
+    // Mistakes are recognised by poses that were measured.
+    let first = variants.first().copied().filter(|_| rows.is_none());
     let found = first.map(|variant| mistakes(robot, variant, file, folder, &division.calibration));
     Ok(Check {
         files: files(robot, folder),
         variants: variants
             .iter()
-            .map(|variant| checked(robot, variant, file, folder, &division.calibration))
+            .map(|variant| checked(robot, variant, file, folder, (&division.calibration, rows)))
             .collect(),
         missing: missing(robot, folder, &effects),
         effects,
@@ -271,6 +277,49 @@ fn files(robot: &Robot, folder: &Folder) -> Vec<FileFacts> {
             ),
         });
     }
+    let of_pose = |row: &PlateRow| row.commands_m.clone();
+    for kind in PlateKind::ALL {
+        let rows: Vec<&PlateRow> = folder.rows_of(kind).collect();
+        if rows.is_empty() {
+            continue;
+        }
+        let column = |k: usize| rows.iter().map(|row| row.commands_m[k]).collect();
+        let measured = (kind.columns().iter().enumerate()).filter_map(|(k, name)| {
+            let values = rows.iter().filter_map(|row| row.values[k]);
+            range((*name).to_owned(), values)
+        });
+        let commands_of_rows: Vec<Vec<f64>> = rows.iter().map(|row| of_pose(row)).collect();
+        files.push(FileFacts {
+            file: kind.file(),
+            kind: match kind {
+                PlateKind::Position => "positions of the TCP or of targets on the plate",
+                PlateKind::Height => "distances of the TCP from a plane",
+                PlateKind::BallBar => "distances of the TCP from a fixed ball",
+                PlateKind::Reading => "readings of the drives alone",
+            },
+            rows: rows.len(),
+            ranges: commands(&column).into_iter().chain(measured).collect(),
+            repeats: repeats(commands_of_rows.iter().map(Vec::as_slice)),
+            missing_numbers: missing_numbers(rows.iter().map(|row| row.pose)),
+            optional: optional(
+                &conditions(&mut rows.iter().map(|row| row.conditions)),
+                rows.iter().all(|row| row.directions.is_some()),
+                "dir1, dir2, …",
+            ),
+        });
+    }
+    if !folder.distances.is_empty() {
+        let values = folder.distances.iter().map(|row| row.distance_m);
+        files.push(FileFacts {
+            file: DISTANCES,
+            kind: "distances between positions of the TCP",
+            rows: folder.distances.len(),
+            ranges: range("distance_m".to_owned(), values).into_iter().collect(),
+            repeats: 0,
+            missing_numbers: 0,
+            optional: vec![],
+        });
+    }
     files
 }
 
@@ -279,7 +328,7 @@ fn checked(
     variant: &Variant,
     file: &RobotFile,
     folder: &Folder,
-    poses: &[usize],
+    (poses, rows): (&[usize], Option<&RowDivision>),
 ) -> Checked {
     let mut checked = Checked {
         variant: variant.name.clone(),
@@ -288,12 +337,35 @@ fn checked(
         rank: 0,
         undetermined: vec![],
         reach: None,
+        gauge: None,
         why_not: None,
     };
-    if let Err(error) = determine(&mut checked, robot, variant, file, folder, poses) {
+    let found = match rows {
+        Some(rows) => by_rows(&mut checked, robot, variant, file, folder, rows),
+        None => determine(&mut checked, robot, variant, file, folder, poses),
+    };
+    if let Err(error) = found {
         checked.why_not = Some(error.to_string());
     }
     checked
+}
+
+/// What rows of unknown poses determine.
+fn by_rows(
+    checked: &mut Checked,
+    robot: &Robot,
+    variant: &Variant,
+    file: &RobotFile,
+    folder: &Folder,
+    rows: &RowDivision,
+) -> Result<(), Error> {
+    let rank = unknown_poses::rank(robot, variant, file, folder, rows)?;
+    checked.rows = rank.rows;
+    checked.parameters = rank.unknowns;
+    checked.rank = rank.unknowns - rank.open.len().min(rank.unknowns);
+    checked.why_not = rank.why_not();
+    checked.gauge = Some(rank);
+    Ok(())
 }
 
 fn determine(

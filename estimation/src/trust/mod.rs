@@ -41,7 +41,7 @@ const ABSURD_TOLERANCES: f64 = 30.0;
 pub const LARGEST_MISFIT: f64 = 0.01;
 
 /// A number with so many digits, without an exponent where it needs none.
-fn general(value: f64, digits: usize) -> String {
+pub(crate) fn general(value: f64, digits: usize) -> String {
     if value == 0.0 || !value.is_finite() {
         return value.to_string();
     }

@@ -31,6 +31,16 @@ impl Loss {
         }
     }
 
+    /// The loss of the solver for residuals that stand for themselves.
+    pub(crate) fn of_single_residuals(self) -> tau_solver::Loss {
+        let threshold = self.tuned(1).threshold;
+        match self {
+            Self::Huber => tau_solver::Loss::Huber(threshold),
+            Self::Cauchy => tau_solver::Loss::Cauchy(threshold),
+            Self::Tukey => tau_solver::Loss::Tukey(threshold),
+        }
+    }
+
     /// The loss for poses of so many residuals, with the threshold that makes it as efficient as it should be.
     pub(crate) fn tuned(self, residuals: usize) -> Tuned {
         let of = |threshold: f64| Tuned {

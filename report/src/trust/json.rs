@@ -5,6 +5,8 @@ use tau::calibration::Combination;
 use tau::trust::{Check, Checked, FileFacts, Mistake, Reach, Verdict};
 use tau::weighing::{Loss, Outlier, Repeats};
 
+use crate::unknown_poses;
+
 /// `fit` of `calibrate`, `evaluate` and `study`.
 pub fn verdict(verdict: &Verdict) -> Value {
     let by_file = verdict.by_file.iter().map(|fit| {
@@ -128,7 +130,7 @@ fn file(file: &FileFacts) -> Value {
 }
 
 fn variant(checked: &Checked) -> Value {
-    json!({
+    let mut value = json!({
         "rows": checked.rows,
         "parameters": checked.parameters,
         "rank": checked.rank,
@@ -136,7 +138,12 @@ fn variant(checked: &Checked) -> Value {
         "reach": checked.reach.map(reach),
         "meaningful": checked.why_not.is_none(),
         "why_not": checked.why_not,
-    })
+    });
+    if let Some(rank) = &checked.gauge {
+        value["determined"] = json!(rank.determined);
+        value["gauge"] = unknown_poses::gauge_json(rank);
+    }
+    value
 }
 
 pub(crate) fn combination(combination: &Combination) -> Value {

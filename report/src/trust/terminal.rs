@@ -5,7 +5,7 @@ use tau::trust::{Check, Checked, FileFacts, Status, Verdict};
 
 use crate::number::general;
 use crate::screen::Screen;
-use crate::tables;
+use crate::{tables, unknown_poses};
 
 /// Combinations of a variant that are shown.
 const SHOWN: usize = 3;
@@ -119,11 +119,20 @@ fn variant(screen: &mut Screen, checked: &Checked) {
         rank,
         undetermined,
         reach,
+        gauge,
         why_not,
     } = checked;
     if let Some(why) = why_not {
         let sentence = format!("{variant}: a calibration would mean nothing. {why}");
         return screen.say_within("  ", &sentence);
+    }
+    if let Some(rank) = gauge {
+        let (spent, poses, determined) = (rank.spent, rank.poses, rank.determined);
+        let sentence = format!(
+            "{variant}: {rows} residuals, {spent} of them for {poses} poses; of {parameters} unknowns the data know {determined} combinations better than the tolerances"
+        );
+        screen.say_within("  ", &sentence);
+        return unknown_poses::open(screen, rank, "    ");
     }
     let open = parameters.saturating_sub(*rank);
     let gauge = match open {

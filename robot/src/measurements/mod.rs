@@ -1,14 +1,18 @@
-//! Measurement folders: TCP poses (set 1), cart poses (set 2), cart positions (set 3).
+//! Measurement folders: TCP poses (set 1), cart poses (set 2), cart positions (set 3), and what else is measured of
+//! the plate.
 
 mod checks;
+mod plate;
 pub mod plausible;
 mod read;
+mod read_plate;
 mod selection;
 pub mod set;
 pub mod table;
 mod visits;
 
-pub use read::{Shape, Texts};
+pub use plate::{DISTANCES, Distance, PlateKind, PlateRow};
+pub use read::{FILES, Shape, Texts};
 pub use selection::{Division, PoseCounts, Poses, Split};
 pub use visits::visits;
 
@@ -17,12 +21,16 @@ pub use visits::visits;
 pub struct Folder {
     /// The folder, as the user named it.
     pub name: String,
-    /// Set 1, `tcp_poses.csv`, in file order.
+    /// Set 1, `tcp_poses.csv`, in file order; empty where there is none.
     pub tcp_poses: Vec<TcpPose>,
     /// Set 2, `cart_poses.csv`, in file order; empty where there is none.
     pub cart_poses: Vec<CartPose>,
     /// Set 3, `cart_positions.csv`, in file order; empty where there is none.
     pub cart_positions: Vec<CartPosition>,
+    /// Measurements of the plate that tell less than its pose, file by file.
+    pub plate_rows: Vec<PlateRow>,
+    /// `distances.csv`, in file order.
+    pub distances: Vec<Distance>,
     /// [Fingerprint](crate::fingerprint::fingerprint) of the files' texts; empty for measurements that were in no file.
     pub fingerprint: String,
     /// Remarks of the reader: optional columns missing, unknown columns ignored, sets missing.
@@ -53,6 +61,24 @@ pub struct TcpPose {
     pub conditions: Conditions,
     /// Sign of the last move, one per command (±1), where the file has the columns.
     pub directions: Option<Vec<f64>>,
+    /// Noise of this row, where the file states it.
+    pub sigmas: PoseSigmas,
+}
+
+/// Noise of one measured pose, in place of that of all: one standard deviation per axis, where the row states it.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct PoseSigmas {
+    /// Of the coordinates of the position (m).
+    pub position_m: [Option<f64>; 3],
+    /// Of the rotation (rad).
+    pub rotation_rad: Option<f64>,
+}
+
+impl PoseSigmas {
+    /// True if any is stated.
+    pub fn are_stated(&self) -> bool {
+        self.rotation_rad.is_some() || self.position_m.iter().any(Option::is_some)
+    }
 }
 
 /// A measured pose of a cart's target, in the tracker frame of set 2. All carts are moved equally.

@@ -5,6 +5,7 @@ use std::f64::consts::TAU;
 
 use super::table::{Column, Table};
 use crate::input_error::Mistakes;
+use crate::robot_file::{LARGEST_NOISE, SMALLEST_DEVIATION};
 
 /// A workspace or a track farther across than this (m) has been given in millimetres.
 const WIDEST_M: f64 = 20.0;
@@ -34,27 +35,63 @@ pub fn positions(table: &Table<'_>, columns: &[Column; 3], mistakes: &mut Mistak
             .iter()
             .any(|column| Quantiles::of(&column.values).width() > WIDEST_M)
     {
-        millimetres(table, columns, mistakes);
+        millimetres(table, &columns.each_ref(), mistakes);
         return;
     }
-    strays(table, columns, mistakes);
+    strays(table, &columns.each_ref(), mistakes);
 }
 
 /// Commands are metres.
 pub fn commands(table: &Table<'_>, columns: &[Column], mistakes: &mut Mistakes<'_>) {
+    lengths(table, &columns.iter().collect::<Vec<_>>(), mistakes);
+}
+
+/// Lengths are metres; fields without a number are passed over.
+pub(crate) fn lengths(table: &Table<'_>, columns: &[&Column], mistakes: &mut Mistakes<'_>) {
     let is_wide = |column: &Column| {
         let magnitudes: Vec<f64> = column.values.iter().map(|value| value.abs()).collect();
         Quantiles::of(&column.values).width() > WIDEST_M
             || Quantiles::of(&magnitudes).median > LONGEST_M
     };
-    if columns.iter().any(is_wide) {
+    if columns.iter().any(|column| is_wide(column)) {
         millimetres(table, columns, mistakes);
         return;
     }
     strays(table, columns, mistakes);
 }
 
-fn millimetres(table: &Table<'_>, columns: &[Column], mistakes: &mut Mistakes<'_>) {
+/// Distances are above zero.
+pub(crate) fn positive(table: &Table<'_>, column: &Column, mistakes: &mut Mistakes<'_>) {
+    for (row, value) in column.values.iter().enumerate() {
+        if *value <= 0.0 {
+            let message = format!(
+                "found {} in column `{}`, expected a distance above 0",
+                table.text(row, column.index),
+                table.name(column.index)
+            );
+            mistakes.push(table.place(row, column.index), message);
+        }
+    }
+}
+
+/// Standard deviations of rows (m) are above zero, and small enough to say something.
+pub(crate) fn deviations(table: &Table<'_>, column: &Column, mistakes: &mut Mistakes<'_>) {
+    for (row, value) in column.values.iter().enumerate() {
+        let fine = value.is_nan() || (SMALLEST_DEVIATION..=LARGEST_NOISE).contains(value);
+        if !fine {
+            let message = format!(
+                "found {} in column `{}`, expected a standard deviation above 0 in SI units, at most {LARGEST_NOISE}",
+                table.text(row, column.index),
+                table.name(column.index)
+            );
+            let help =
+                (*value > LARGEST_NOISE).then(|| "are these millimetres, or degrees".to_owned());
+            mistakes.add(table.place(row, column.index), message, help);
+        }
+    }
+}
+
+fn millimetres(table: &Table<'_>, columns: &[&Column], mistakes: &mut Mistakes<'_>) {
     let largest = columns
         .iter()
         .flat_map(|column| {
@@ -80,7 +117,7 @@ fn millimetres(table: &Table<'_>, columns: &[Column], mistakes: &mut Mistakes<'_
 }
 
 /// Single values that lie impossibly far from the rest of their column.
-fn strays(table: &Table<'_>, columns: &[Column], mistakes: &mut Mistakes<'_>) {
+fn strays(table: &Table<'_>, columns: &[&Column], mistakes: &mut Mistakes<'_>) {
     for column in columns {
         let median = Quantiles::of(&column.values).median;
         for (row, value) in column.values.iter().enumerate() {

@@ -9,11 +9,14 @@ use super::set::{
     read_directions, vector,
 };
 use super::table::Column;
-use super::{CartPose, CartPosition, Folder, TcpPose, plausible};
+use super::{
+    CartPose, CartPosition, DISTANCES, Folder, PlateKind, PoseSigmas, TcpPose, plausible,
+    read_plate,
+};
 use tau_model_dsl::nearest;
 
 use crate::fingerprint::fingerprint;
-use crate::input_error::{self, Errors, InputError, Source};
+use crate::input_error::{self, Errors, InputError, Source, quoted};
 use crate::robot::Robot;
 
 const TCP_POSES: &str = "tcp_poses.csv";
@@ -22,6 +25,9 @@ const CART_POSITIONS: &str = "cart_positions.csv";
 
 /// Optional columns of sets 2 and 3.
 const OPTIONAL: [&str; 3] = [TIME, TEMPERATURE, DIRECTION];
+
+/// Columns of the noise of a row of set 1.
+const SIGMAS: [&str; 4] = ["sigma_x_m", "sigma_y_m", "sigma_z_m", "sigma_rotation_rad"];
 
 /// Sizes of a robot that its measurements must fit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -41,35 +47,107 @@ impl From<&Robot> for Shape {
     }
 }
 
-/// The texts of a measurement folder.
-#[derive(Debug, Clone, Copy)]
+/// Names of the files that a folder may hold, in the order of [`Texts`].
+pub const FILES: [&str; 8] = [
+    TCP_POSES,
+    CART_POSES,
+    CART_POSITIONS,
+    "tcp_positions.csv",
+    "heights.csv",
+    "ball_bar.csv",
+    "readings.csv",
+    DISTANCES,
+];
+
+/// The texts of a measurement folder, those that are there.
+#[derive(Debug, Clone, Copy, Default)]
 pub struct Texts<'a> {
     /// Set 1.
-    pub tcp_poses: &'a str,
+    pub tcp_poses: Option<&'a str>,
     /// Set 2.
     pub cart_poses: Option<&'a str>,
     /// Set 3.
     pub cart_positions: Option<&'a str>,
+    /// `tcp_positions.csv`.
+    pub tcp_positions: Option<&'a str>,
+    /// `heights.csv`.
+    pub heights: Option<&'a str>,
+    /// `ball_bar.csv`.
+    pub ball_bar: Option<&'a str>,
+    /// `readings.csv`.
+    pub readings: Option<&'a str>,
+    /// `distances.csv`.
+    pub distances: Option<&'a str>,
 }
 
-impl Texts<'_> {
+impl<'a> Texts<'a> {
+    /// From what gives the text of a file by its name.
+    pub fn of(text: impl Fn(&str) -> Option<&'a str>) -> Self {
+        let [
+            tcp_poses,
+            cart_poses,
+            cart_positions,
+            tcp_positions,
+            heights,
+            ball_bar,
+            readings,
+            distances,
+        ] = FILES.map(text);
+        Self {
+            tcp_poses,
+            cart_poses,
+            cart_positions,
+            tcp_positions,
+            heights,
+            ball_bar,
+            readings,
+            distances,
+        }
+    }
+
+    /// In the order of [`FILES`].
+    fn all(&self) -> [Option<&'a str>; 8] {
+        [
+            self.tcp_poses,
+            self.cart_poses,
+            self.cart_positions,
+            self.tcp_positions,
+            self.heights,
+            self.ball_bar,
+            self.readings,
+            self.distances,
+        ]
+    }
+
+    fn of_kind(&self, kind: PlateKind) -> Option<&'a str> {
+        match kind {
+            PlateKind::Position => self.tcp_positions,
+            PlateKind::Height => self.heights,
+            PlateKind::BallBar => self.ball_bar,
+            PlateKind::Reading => self.readings,
+        }
+    }
+
+    /// True if nothing is measured of the plate.
+    fn lack_the_plate(&self) -> bool {
+        let of_kinds = PlateKind::ALL.into_iter();
+        self.tcp_poses.is_none()
+            && of_kinds
+                .map(|kind| self.of_kind(kind))
+                .all(|text| text.is_none())
+    }
+
     /// Fingerprint of the measurements, the robot file apart.
     fn fingerprint(&self) -> String {
-        let files = [
-            (TCP_POSES, Some(self.tcp_poses)),
-            (CART_POSES, self.cart_poses),
-            (CART_POSITIONS, self.cart_positions),
-        ];
-        let present = files
-            .into_iter()
-            .filter_map(|(name, text)| Some((name, text?)));
+        let files = FILES.into_iter().zip(self.all());
+        let present = files.filter_map(|(name, text)| Some((name, text?)));
         fingerprint(present)
     }
 }
 
 impl Folder {
-    /// Reads a folder. Set 1 must be there; without sets 2 and 3 a remark says what they would have
-    /// been needed for.
+    /// Reads a folder. Something must be measured of the plate; without sets 2 and 3 a remark says what they would
+    /// have been needed for.
     ///
     /// # Errors
     /// All mistakes of all files: files missing or unreadable, text that is no table of numbers,
@@ -99,18 +177,22 @@ impl Folder {
             }
         }
         let mut errors = Errors::default();
-        let tcp_poses = errors.keep(read_text(&path.join(TCP_POSES)));
-        let cart_poses = errors.keep(read_text(&path.join(CART_POSES)));
-        let cart_positions = errors.keep(read_text(&path.join(CART_POSITIONS)));
+        let texts: Vec<(&str, Option<String>)> = (FILES.into_iter())
+            .map(|file| (file, errors.keep(read_text(&path.join(file)))))
+            .collect();
         errors.finish()?;
-        let texts = Texts {
-            tcp_poses: tcp_poses
-                .as_deref()
-                .ok_or_else(|| missing_tcp_poses(path))?,
-            cart_poses: cart_poses.as_deref(),
-            cart_positions: cart_positions.as_deref(),
-        };
-        Self::from_texts(&name, texts, shape)
+        let texts = Texts::of(|name| {
+            let text = texts.iter().find(|(file, _)| *file == name);
+            text.and_then(|(_, text)| text.as_deref())
+        });
+        if texts.lack_the_plate() {
+            return Err(missing_tcp_poses(path));
+        }
+        let folder = Self::from_texts(&name, texts, shape);
+        folder.map(|mut folder| {
+            folder.remarks.extend(misspelt(path));
+            folder
+        })
     }
 
     /// Counts time from the first measurement: from the origin of a calendar, what drifts would have drifted
@@ -119,6 +201,7 @@ impl Folder {
         let times: Vec<&mut f64> = (self.tcp_poses.iter_mut().map(|pose| &mut pose.conditions))
             .chain(self.cart_poses.iter_mut().map(|pose| &mut pose.conditions))
             .chain(self.cart_positions.iter_mut().map(|at| &mut at.conditions))
+            .chain(self.plate_rows.iter_mut().map(|row| &mut row.conditions))
             .filter_map(|conditions| conditions.time_s.as_mut())
             .collect();
         let first = times
@@ -138,12 +221,9 @@ impl Folder {
         let path = |file: &str| Path::new(name).join(file).display().to_string();
         let mut errors = Errors::default();
         let mut remarks = Vec::new();
-        let tcp_poses = errors.keep(read_tcp_poses(
-            &path(TCP_POSES),
-            texts.tcp_poses,
-            shape,
-            &mut remarks,
-        ));
+        let tcp_poses = texts.tcp_poses.map_or(vec![], |text| {
+            errors.keep(read_tcp_poses(&path(TCP_POSES), text, shape, &mut remarks))
+        });
         let cart_poses = if let Some(text) = texts.cart_poses {
             errors.keep(read_cart_poses(
                 &path(CART_POSES),
@@ -153,7 +233,7 @@ impl Folder {
             ))
         } else {
             // Without tracks there are no carts to measure.
-            if shape.tracks > 0 {
+            if shape.tracks > 0 && texts.tcp_poses.is_some() {
                 remarks.push(format!(
                     "{CART_POSES} (set 2) is missing: piecewise tracks can't be calibrated, and the \
                      measured range of the commands is not known"
@@ -169,7 +249,7 @@ impl Folder {
                 &mut remarks,
             ))
         } else {
-            if shape.tracks > 0 {
+            if shape.tracks > 0 && texts.tcp_poses.is_some() {
                 remarks.push(format!(
                     "{CART_POSITIONS} (set 3) is missing: the motion of the carts can't be compared \
                      between set 2 and the TCP poses"
@@ -177,12 +257,49 @@ impl Folder {
             }
             Vec::new()
         };
+        let mut files = Vec::new();
+        for kind in PlateKind::ALL {
+            if let Some(text) = texts.of_kind(kind) {
+                let name = path(kind.file());
+                let rows = errors.keep(read_plate::read_rows(
+                    kind,
+                    &name,
+                    text,
+                    shape,
+                    &mut remarks,
+                ));
+                files.push(read_plate::ReadRows { name, text, rows });
+            }
+        }
+        let distances = texts.distances.map_or(vec![], |text| {
+            errors.keep(read_plate::read_distances(
+                &path(DISTANCES),
+                text,
+                &mut remarks,
+            ))
+        });
         errors.finish()?;
+        read_plate::same_commands(&tcp_poses, &files)?;
+        let rows = files.iter().flat_map(|file| &file.rows);
+        let numbers = rows.map(|(row, _)| row.pose);
+        let known = numbers.chain(tcp_poses.iter().map(|pose| pose.pose));
+        let known = known.map(|pose| (pose, ())).collect();
+        read_plate::known_poses(
+            &path(DISTANCES),
+            texts.distances.unwrap_or_default(),
+            &distances,
+            &known,
+        )?;
         let mut folder = Self {
             name: name.to_owned(),
             tcp_poses,
             cart_poses,
             cart_positions,
+            plate_rows: (files.into_iter())
+                .flat_map(|file| file.rows)
+                .map(|(row, _)| row)
+                .collect(),
+            distances: distances.into_iter().map(|(row, _)| row).collect(),
             fingerprint: texts.fingerprint(),
             remarks,
         };
@@ -203,21 +320,42 @@ fn read_text(path: &Path) -> Result<Option<String>, InputError> {
     }
 }
 
-fn missing_tcp_poses(folder: &Path) -> InputError {
+/// Names of the files of a folder that are not those of measurements.
+fn other_names(folder: &Path) -> Vec<String> {
     let mut names: Vec<String> = fs::read_dir(folder)
         .into_iter()
         .flatten()
         .filter_map(|entry| entry.ok()?.file_name().into_string().ok())
-        .filter(|name| ![CART_POSES, CART_POSITIONS].contains(&name.as_str()))
+        .filter(|name| !FILES.contains(&name.as_str()))
         .collect();
     names.sort();
+    names
+}
+
+/// Remarks on files whose name is nearly that of measurements.
+fn misspelt(folder: &Path) -> Vec<String> {
+    let is_table = |name: &String| name.ends_with(".csv");
+    let names = other_names(folder).into_iter().filter(is_table);
+    let meant = names.filter_map(|name| Some((nearest(&name, FILES)?, name)));
+    meant
+        .map(|(meant, name)| {
+            format!("{name} is not read: a file of measurements is called `{meant}`")
+        })
+        .collect()
+}
+
+fn missing_tcp_poses(folder: &Path) -> InputError {
+    let names = other_names(folder);
     let error = InputError::whole(
         folder.join(TCP_POSES).display().to_string(),
         "the file does not exist, expected the TCP poses (set 1)",
     );
     match nearest(TCP_POSES, names.iter().map(String::as_str)) {
         Some(found) => error.help(format!("found `{found}`, rename it to `{TCP_POSES}`")),
-        None => error,
+        None => error.help(format!(
+            "or other measurements of the plate: {}",
+            quoted(PlateKind::ALL.map(PlateKind::file))
+        )),
     }
 }
 
@@ -232,13 +370,15 @@ fn read_tcp_poses(
     let directions: Vec<String> = (1..=shape.commands).map(|n| format!("dir{n}")).collect();
     let optional = [&[TIME.to_owned(), TEMPERATURE.to_owned()], &directions[..]].concat();
     let names = ["pose", x, y, z, alpha, beta, gamma];
-    let set = open(
+    let sigmas = SIGMAS.map(str::to_owned);
+    let known = [&optional[..], &sigmas].concat();
+    let set = Set::open(
         Source::new(name, text),
         names,
         &shape.command_names(),
-        &optional,
-        remarks,
+        &known,
     )?;
+    remark(&set, name, &optional, remarks);
     let Set {
         table,
         mut mistakes,
@@ -256,6 +396,17 @@ fn read_tcp_poses(
         .iter()
         .map(|name| read_directions(&table, name, &mut mistakes))
         .collect();
+
+    let sigmas = SIGMAS.map(|name| {
+        let index = table.column(name)?;
+        let column = table.numbers_or_empty(index, &mut mistakes);
+        plausible::deviations(&table, &column, &mut mistakes);
+        Some(column)
+    });
+    let sigma = |axis: usize, row: usize| {
+        let value = sigmas[axis].as_ref().map(|column| column.values[row]);
+        value.filter(|value| !value.is_nan())
+    };
 
     plausible::commands(&table, &commands, &mut mistakes);
     plausible::positions(&table, &position, &mut mistakes);
@@ -277,6 +428,10 @@ fn read_tcp_poses(
             directions: directions
                 .as_ref()
                 .map(|columns| columns.iter().map(|column| column.values[row]).collect()),
+            sigmas: PoseSigmas {
+                position_m: [0, 1, 2].map(|axis| sigma(axis, row)),
+                rotation_rad: sigma(3, row),
+            },
         })
         .collect())
 }
@@ -421,12 +576,22 @@ fn open<'a, const N: usize>(
     remarks: &mut Vec<String>,
 ) -> Result<Set<'a, N>, InputError> {
     let set = Set::open(source, names, commands, optional)?;
+    remark(&set, source.name, optional, remarks);
+    Ok(set)
+}
+
+/// Remarks on optional columns that are missing and on unknown ones.
+fn remark<const N: usize>(
+    set: &Set<'_, N>,
+    name: &str,
+    optional: &[String],
+    remarks: &mut Vec<String>,
+) {
     let absent = set.absent(optional).map(|columns| {
-        let file = file_name(source.name);
+        let file = file_name(name);
         format!("{file} has no {columns}: effects that need them can't be seen in this set")
     });
     remarks.extend(absent.into_iter().chain(set.unknown.clone()));
-    Ok(set)
 }
 
 impl Shape {

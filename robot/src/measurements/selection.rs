@@ -102,6 +102,16 @@ impl Folder {
 }
 
 impl Split {
+    /// Divides things, given by index, that were measured at some commands, one of each: those at the same commands go to
+    /// the same side.
+    pub fn divide_readings<'a>(
+        self,
+        indices: &[usize],
+        commands_m: impl Iterator<Item = &'a [f64]>,
+    ) -> Division {
+        self.divide(indices, &visits(commands_m))
+    }
+
     /// Divides poses, given by index; `visits` holds the number of the visit of each, from 0 in order.
     fn divide(self, poses: &[usize], visits: &[usize]) -> Division {
         let by = |calibrates: &dyn Fn(usize) -> bool| {
@@ -243,6 +253,11 @@ impl Poses {
             calibration: division.calibration.len(),
             validation: division.validation.len(),
         };
+        if folder.tcp_poses.is_empty() {
+            let message = "found no poses of the plate, which this command compares: `tcp_poses.csv` is missing";
+            return Err(InputError::whole(&folder.name, message)
+                .help("`tau check` and `tau calibrate` take other measurements of the plate"));
+        }
         if in_range.is_empty() {
             return Err(InputError::whole(
                 &folder.name,
@@ -298,6 +313,7 @@ mod tests {
             angles_rad: [0.0; 3],
             conditions: Conditions::default(),
             directions: None,
+            sigmas: crate::measurements::PoseSigmas::default(),
         }
     }
 

@@ -209,6 +209,11 @@ impl<'a> Table<'a> {
         self.fields[row * self.header.len() + column].clone()
     }
 
+    /// Place of the header.
+    pub(crate) fn header_place(&self) -> Range<usize> {
+        self.header_line.clone()
+    }
+
     /// Place of the name of a column.
     pub fn name_place(&self, column: usize) -> Range<usize> {
         self.header[column].clone()
@@ -227,6 +232,35 @@ impl<'a> Table<'a> {
             Err(_) => Err(not_a_number(text)),
         };
         self.parse_column(index, f64::NAN, mistakes, parse)
+    }
+
+    /// The same where fields may be empty, which become NaN.
+    pub(crate) fn numbers_or_empty(&self, index: usize, mistakes: &mut Mistakes<'_>) -> Column {
+        let parse = |text: &str| match text.parse::<f64>() {
+            _ if text.is_empty() => Ok(f64::NAN),
+            Ok(number) if number.is_finite() => Ok(number),
+            Ok(_) => Err((format!("found `{text}`, expected a finite number"), None)),
+            Err(_) => Err(not_a_number(text)),
+        };
+        self.parse_column(index, f64::NAN, mistakes, parse)
+    }
+
+    /// Reports a column that holds the quantity of an optional one in another unit.
+    pub(crate) fn in_another_unit(&self, name: &str, mistakes: &mut Mistakes<'_>) {
+        let Some((stem, _)) = name.rsplit_once('_') else {
+            return;
+        };
+        for (index, found) in self.names().enumerate() {
+            let unit = found.rsplit_once('_').filter(|(own, _)| *own == stem);
+            if unit.is_some_and(|(_, unit)| ["mm", "cm", "um", "in"].contains(&unit)) {
+                let message = format!("found column `{found}`, expected `{name}`");
+                mistakes.push_with_help(
+                    self.header[index].clone(),
+                    message,
+                    unit_advice(name, found),
+                );
+            }
+        }
     }
 
     /// Several columns of finite numbers.

@@ -4,6 +4,7 @@ mod check;
 mod covariance;
 mod described;
 pub mod keys;
+mod measuring;
 mod provenance;
 mod read;
 mod write;
@@ -15,15 +16,19 @@ use crate::robot::{Robot, Variant};
 pub use covariance::Covariance;
 pub use described::{PLACEHOLDER, USUAL_NOISE};
 use keys::effect_key;
+pub use measuring::{Measuring, StatedNoise, Surface};
 pub use provenance::{MeasuredPath, Provenance};
+pub(crate) use read::{LARGEST_NOISE, SMALLEST_DEVIATION};
 
 /// Contents of a `robot.toml`.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct RobotFile {
     /// Name of the robot in its description.
     pub robot: String,
-    /// Measurement noise.
+    /// Measurement noise of poses; not a number where the file states that of other files alone.
     pub noise: Noise,
+    /// Noise of other kinds of measurement, and what they are taken of or from.
+    pub measuring: Measuring,
     /// Plate, tool and half of the links, where stated.
     pub payload: Option<Payload>,
     /// Commands that the measurements cover, where stated: lowest and highest (m).

@@ -9,6 +9,7 @@ use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
 use super::keys::key_place;
+use super::measuring::noise_sections;
 use super::{LinkValues, Noise, PLACEHOLDER, Payload, Reference, RobotFile, Value, check};
 use crate::input_error::{self, InputError, Mistakes, Source, suggestion};
 use crate::measurements::plausible::LARGEST_ANGLE_RAD;
@@ -17,13 +18,13 @@ use crate::robot::Robot;
 /// A link or a track longer than this (m) has been given in millimetres.
 const LONGEST_M: f64 = 50.0;
 /// A point of the base farther from the measurement frame's origin than a laser tracker reaches (m).
-const FARTHEST_M: f64 = 100.0;
+pub(super) const FARTHEST_M: f64 = 100.0;
 /// A plate or a tool larger than this (m) has been given in millimetres.
 const LARGEST_PLATE_M: f64 = 10.0;
 /// Beyond this (m or rad) a measurement says nothing of a machine.
-const LARGEST_NOISE: f64 = 0.1;
+pub(crate) const LARGEST_NOISE: f64 = 0.1;
 /// A standard deviation below this (m or rad) is no longer told from none: a picometre.
-pub(super) const SMALLEST_DEVIATION: f64 = 1e-12;
+pub(crate) const SMALLEST_DEVIATION: f64 = 1e-12;
 /// The same of an effect's parameter, whose unit may be large.
 const SMALLEST_OF_EFFECT: f64 = 1e-30;
 /// No robot stands where things fall faster (m/s²).
@@ -65,9 +66,11 @@ pub(super) struct Document<'a> {
 
 /// Meaning of a value's components.
 #[derive(Clone, Copy)]
-enum Kind {
+pub(super) enum Kind {
     /// One number above zero, at most a length of a link.
     Length,
+    /// One coordinate (m).
+    Coordinate,
     /// Three coordinates, each at most this (m).
     Point(f64),
     /// Three numbers, not all zero.
@@ -122,6 +125,10 @@ impl<'a> Document<'a> {
                 "clusters",
                 "tracks",
                 "effects",
+                "drives",
+                "targets",
+                "surfaces",
+                "balls",
             ],
         );
         let robot = match self
@@ -138,6 +145,7 @@ impl<'a> Document<'a> {
         RobotFile {
             robot,
             noise: self.noise(root),
+            measuring: self.measuring(root),
             payload: self.payload(root),
             range_m: self.range(root),
             reference: self.reference(root),
@@ -169,8 +177,17 @@ impl<'a> Document<'a> {
         let Some(table) = self.table(value) else {
             return none;
         };
-        self.known_keys(table, &["position_m", "rotation_rad"]);
+        let of_files = noise_sections();
+        self.known_keys(
+            table,
+            &[&["position_m", "rotation_rad"], &of_files[..]].concat(),
+        );
+        // Who states the noise of other files may have no tracker.
+        let is_optional = of_files.iter().any(|section| table.contains_key(*section));
         let mut deviation = |key: &str| {
+            if is_optional && !table.contains_key(key) {
+                return f64::NAN;
+            }
             let Some(value) = self.required(table, key, &place) else {
                 return f64::NAN;
             };
@@ -280,7 +297,7 @@ impl<'a> Document<'a> {
     }
 
     /// The named tables of a section such as `[links.NAME]`.
-    fn section<T>(
+    pub(super) fn section<T>(
         &mut self,
         root: &DeTable<'_>,
         section: &str,
@@ -328,10 +345,10 @@ impl<'a> Document<'a> {
     }
 
     /// `{ value = …, tol = … }`, with `sigma = …` where it has been calibrated.
-    fn value(&mut self, value: &Spanned<DeValue<'_>>, kind: Kind) -> Option<Value> {
+    pub(super) fn value(&mut self, value: &Spanned<DeValue<'_>>, kind: Kind) -> Option<Value> {
         let place = value.span();
         let DeValue::Table(table) = value.get_ref() else {
-            let example = if matches!(kind, Kind::Length | Kind::Any) {
+            let example = if matches!(kind, Kind::Length | Kind::Coordinate | Kind::Any) {
                 "{ value = 2.0, tol = 3e-4 }"
             } else {
                 "{ value = [0.1, 0.2, 0.3], tol = 3e-4 }"
@@ -377,7 +394,7 @@ impl<'a> Document<'a> {
 
     fn components(&mut self, value: &Spanned<DeValue<'_>>, kind: Kind) -> Option<Vec<f64>> {
         let is_scalar = match kind {
-            Kind::Length => true,
+            Kind::Length | Kind::Coordinate => true,
             Kind::Any => !value.get_ref().is_array(),
             Kind::Point(_) | Kind::Direction | Kind::Angles => false,
         };
@@ -398,6 +415,7 @@ impl<'a> Document<'a> {
                 ),
             ),
             Kind::Length => self.metres(place, components, LONGEST_M),
+            Kind::Coordinate => self.metres(place, components, FARTHEST_M),
             Kind::Point(largest) => self.metres(place, components, largest),
             Kind::Direction if components.iter().all(|&component| component == 0.0) => {
                 self.mistakes

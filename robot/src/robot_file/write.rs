@@ -27,8 +27,15 @@ impl RobotFile {
             out,
             "\n[noise]  # of the measurement, one standard deviation per axis"
         )?;
-        writeln!(out, "position_m = {:?}", self.noise.position_m)?;
-        writeln!(out, "rotation_rad = {:?}", self.noise.rotation_rad)?;
+        for (key, noise) in [
+            ("position_m", self.noise.position_m),
+            ("rotation_rad", self.noise.rotation_rad),
+        ] {
+            if noise.is_finite() {
+                writeln!(out, "{key} = {noise:?}")?;
+            }
+        }
+        self.measuring.write(out)?;
         if let Some(payload) = &self.payload {
             writeln!(
                 out,
@@ -105,7 +112,7 @@ fn write_values(out: &mut String, values: &LinkValues) -> fmt::Result {
     Ok(())
 }
 
-fn inline(value: &Value) -> String {
+pub(super) fn inline(value: &Value) -> String {
     let sigma = value
         .sigma
         .as_ref()

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use sha2::{Digest, Sha256};
 use tau_robot::input_error::both;
-use tau_robot::measurements::{Folder, Shape, Texts};
+use tau_robot::measurements::{FILES, Folder, Shape, Texts};
 use tau_robot::robot_file::RobotFile;
 use tau_robot::{InputError, Robot, prototype};
 
@@ -61,9 +61,10 @@ impl Files {
             }
             None => {
                 let texts = Texts {
-                    tcp_poses: prototype::TCP_POSES,
+                    tcp_poses: Some(prototype::TCP_POSES),
                     cart_poses: Some(prototype::CART_POSES),
                     cart_positions: Some(prototype::CART_POSITIONS),
+                    ..Texts::default()
                 };
                 Folder::from_texts(prototype::NAME, texts, shape)
             }
@@ -114,7 +115,6 @@ impl Input {
 impl Files {
     /// The files that [`Self::read`] reads, those that are there.
     pub fn inputs(&self) -> Vec<Input> {
-        const SETS: [&str; 3] = ["tcp_poses.csv", "cart_poses.csv", "cart_positions.csv"];
         const ROBOT: &str = "robot.toml";
         let of = |path: &Path| {
             let name = path.file_name()?.to_str()?;
@@ -122,7 +122,8 @@ impl Files {
         };
         let (mut sets, mut robot): (Vec<Input>, Option<Input>) = match &self.folder {
             Some(folder) => (
-                SETS.iter()
+                FILES
+                    .iter()
                     .filter_map(|name| of(&folder.join(name)))
                     .collect(),
                 of(&folder.join(ROBOT)),
@@ -133,7 +134,7 @@ impl Files {
                     prototype::CART_POSES,
                     prototype::CART_POSITIONS,
                 ];
-                let texts = SETS.iter().zip(texts);
+                let texts = FILES.iter().zip(texts);
                 (
                     texts
                         .map(|(name, text)| Input::new(name, text.as_bytes()))

@@ -7,6 +7,7 @@ mod files;
 mod key;
 mod provenance;
 mod trust;
+mod unknown_poses;
 
 use std::fmt;
 use std::marker::PhantomData;

@@ -91,8 +91,14 @@ impl<R> Session<R> {
                     .into(),
             );
         }
-        let division = self.poses()?.division;
+        let rows = self.has_unknown_poses().then(|| self.row_division());
+        let division = if rows.is_some() {
+            Division::default()
+        } else {
+            self.poses()?.division
+        };
         let files = (&self.robot_file, &self.folder);
-        trust::check(&self.robot, &variants, files, &division, CATALOGUE)
+        let divisions = (&division, rows.as_ref());
+        trust::check(&self.robot, &variants, files, divisions, CATALOGUE)
     }
 }

@@ -53,7 +53,13 @@ pub fn run<R>(
     };
 
     next("checking the measurements");
-    let check = trust::check(robot, &variants, (file, folder), &division, CATALOGUE)?;
+    let check = trust::check(
+        robot,
+        &variants,
+        (file, folder),
+        (&division, None),
+        CATALOGUE,
+    )?;
     let mut mistakes = Some(check.mistakes.clone());
     next("checking assumptions");
     let assumptions = assumptions::check(robot, file, folder);

@@ -1,0 +1,305 @@
+//! Calibration from unknown poses: coverage of 95 % intervals over simulated folders, and growth with samples.
+//!
+//! ```sh
+//! cargo bench -p tau-benches --bench unknown_poses -- --folders 200
+//! cargo bench -p tau-benches --bench unknown_poses -- --growth
+//! ```
+
+use std::fmt::Write;
+use std::time::Instant;
+
+use clap::Parser;
+use tau::calibration::Options;
+use tau::measurements::{PlateKind, Split};
+use tau::simulation::{Build, Machine, Measure, Poses, Simulation, TrackPoints, simulate};
+use tau::unknown_poses::{RowDivision, UnknownPoses, calibrate};
+use tau_robot::robot::{Owner, Parameter, Robot};
+use tau_robot::robot_file::RobotFile;
+
+const DELTA: &str = include_str!("../tests/robots/linear_delta.tau");
+const HEXAPOD: &str = include_str!("../tests/robots/stewart.tau");
+/// Half the width of a 95 % interval, in standard deviations.
+const HALF_WIDTH: f64 = 1.96;
+/// Noise of lengths, and of drives that are not exact (m).
+const NOISE_M: f64 = 1e-5;
+
+/// Coverage and growth of calibrations from unknown poses.
+#[derive(Debug, Parser)]
+struct Arguments {
+    /// Folders of each case.
+    #[arg(long, default_value_t = 200)]
+    folders: u64,
+    /// Only cases whose name contains this.
+    #[arg(long, default_value = "")]
+    case: String,
+    /// Time and memory against the number of samples, in place of coverage.
+    #[arg(long)]
+    growth: bool,
+    /// An argument that `cargo bench` adds.
+    #[arg(long, hide = true)]
+    bench: bool,
+}
+
+/// A robot, its variant, and what is measured at how many poses.
+struct Case {
+    name: &'static str,
+    description: &'static str,
+    variant: &'static str,
+    measures: Vec<Measure>,
+    poses: usize,
+    /// More of the robot file.
+    more: &'static str,
+}
+
+fn cases() -> Vec<Case> {
+    let rows = Measure::Rows;
+    let case = |name, description, variant, measures, poses, more| Case {
+        name,
+        description,
+        variant,
+        measures,
+        poses,
+        more,
+    };
+    let drives = "[drives]\nnoise_m = 1e-5\n";
+    vec![
+        case(
+            "delta, positions",
+            DELTA,
+            "Nominal",
+            vec![rows(PlateKind::Position)],
+            30,
+            "",
+        ),
+        case(
+            "delta, positions, drives",
+            DELTA,
+            "Nominal",
+            vec![rows(PlateKind::Position)],
+            30,
+            drives,
+        ),
+        case(
+            "delta, heights",
+            DELTA,
+            "Nominal",
+            vec![rows(PlateKind::Height)],
+            40,
+            "",
+        ),
+        case(
+            "delta, heights, drives",
+            DELTA,
+            "Nominal",
+            vec![rows(PlateKind::Height)],
+            40,
+            drives,
+        ),
+        case(
+            "delta, distances",
+            DELTA,
+            "Nominal",
+            vec![Measure::Distances],
+            40,
+            "",
+        ),
+        case(
+            "delta, heights and distances",
+            DELTA,
+            "Nominal",
+            vec![rows(PlateKind::Height), Measure::Distances],
+            40,
+            "",
+        ),
+        case(
+            "hexapod, ball bar",
+            HEXAPOD,
+            "Full",
+            vec![rows(PlateKind::BallBar)],
+            60,
+            "",
+        ),
+        case(
+            "hexapod, positions",
+            HEXAPOD,
+            "Full",
+            vec![rows(PlateKind::Position)],
+            40,
+            "",
+        ),
+        case(
+            "hexapod, poses, drives",
+            HEXAPOD,
+            "Full",
+            vec![Measure::Poses],
+            40,
+            drives,
+        ),
+    ]
+}
+
+impl Case {
+    fn robot(&self) -> (Robot, RobotFile) {
+        let robot = Robot::from_text(self.description).unwrap();
+        let noise = format!("[noise]\nposition_m = {NOISE_M:e}\nrotation_rad = 4e-5\n");
+        let text = format!("robot = \"{}\"\n{noise}{}", robot.name, self.more);
+        let file = RobotFile::parse_for(&text, "robot.toml", &robot).unwrap();
+        let file = file.completed(&robot);
+        (robot, file)
+    }
+
+    fn simulation(&self, robot: &Robot, file: &RobotFile, poses: usize, seed: u64) -> Simulation {
+        Simulation {
+            variant: Some(self.variant.to_owned()),
+            build: Build::default(),
+            poses: Poses::Random { count: poses },
+            measures: self.measures.clone(),
+            track_points: TrackPoints {
+                count: 0,
+                ..TrackPoints::default()
+            },
+            random_poses: 0,
+            seed,
+            ..Simulation::new(robot.clone(), file.clone())
+        }
+    }
+
+    fn fit(
+        &self,
+        robot: &Robot,
+        file: &RobotFile,
+        poses: usize,
+        seed: u64,
+    ) -> Option<(UnknownPoses, Machine, f64)> {
+        let simulated = simulate(&self.simulation(robot, file, poses, seed)).unwrap();
+        let division = RowDivision::of(&simulated.folder, Split::All);
+        let variant = robot.variant(self.variant).unwrap();
+        let start = Instant::now();
+        let options = Options::default();
+        let found = calibrate(
+            robot,
+            variant,
+            &simulated.file,
+            &simulated.folder,
+            &division,
+            &options,
+        );
+        let seconds = start.elapsed().as_secs_f64();
+        match found {
+            Ok(found) => Some((found, simulated.truth.machine, seconds)),
+            Err(error) => {
+                println!("{} {seed}: {error}", self.name);
+                None
+            }
+        }
+    }
+}
+
+/// The true value of a parameter; `None` where the fit has it in another form.
+fn truth(parameter: &Parameter, robot: &Robot, machine: &Machine) -> Option<f64> {
+    let component = |vector: &[f64]| vector.get(parameter.component?).copied();
+    let rod = match parameter.owner {
+        Owner::Link(link) => &machine.rods[link],
+        Owner::Cluster(cluster) => &machine.rods[*robot.links_of_cluster(cluster).first()?],
+        _ => return None,
+    };
+    match parameter.quantity.as_str() {
+        "length" => Some(rod.length_m),
+        "plate_joint" => component(rod.plate_joint_m.as_slice()),
+        // Plate joints are folded into the offsets of a reduced arm; the plate is level.
+        "track_offset" => {
+            let folded = matches!(parameter.owner, Owner::Cluster(_));
+            let plate = if folded {
+                rod.plate_joint_m
+            } else {
+                rod.plate_joint_m * 0.0
+            };
+            component((rod.track_offset_m - plate).as_slice())
+        }
+        "track_direction" => component(rod.track_direction.as_slice()),
+        _ => None,
+    }
+}
+
+fn main() {
+    let arguments = Arguments::parse();
+    if arguments.growth {
+        growth();
+        return;
+    }
+    println!(
+        "| case | poses | parameters | coverage of 95 % | rms z | chi2/dof | ms a fit |\n| --- | --- | --- | --- | --- | --- | --- |"
+    );
+    for case in cases()
+        .iter()
+        .filter(|case| case.name.contains(&arguments.case))
+    {
+        let (robot, file) = case.robot();
+        let (mut within, mut count, mut squares) = (0_u32, 0_u32, 0.0);
+        let (mut chi2, mut dof, mut seconds, mut fits) = (0.0, 0.0, 0.0, 0.0);
+        for seed in 0..arguments.folders {
+            let Some((found, machine, took)) = case.fit(&robot, &file, case.poses, seed) else {
+                continue;
+            };
+            let fitted = &found.calibration;
+            let data: Vec<f64> = fitted
+                .used
+                .iter()
+                .enumerate()
+                .filter_map(|(place, &index)| {
+                    let parameter = &fitted.machine.variant.parameters[index];
+                    let own = &fitted.parameters[place];
+                    // Where the prior says more than the data, the drawing of the machine is tested and not the fit.
+                    let told = own.sigma < 0.2 * own.tolerance?;
+                    let truth = truth(parameter, &robot, &machine)?;
+                    told.then(|| (own.value - truth) / own.sigma)
+                })
+                .collect();
+            for z in data {
+                count += 1;
+                within += u32::from(z.abs() < HALF_WIDTH);
+                squares += z * z;
+            }
+            chi2 += found.chi2;
+            dof += found.dof;
+            seconds += took;
+            fits += 1.0;
+        }
+        let mut line = String::new();
+        let share = f64::from(within) / f64::from(count.max(1));
+        let rms = (squares / f64::from(count.max(1))).sqrt();
+        let _ = write!(
+            line,
+            "| {} | {} | {count} | {share:.3} | {rms:.3} | {:.3} | {:.1} |",
+            case.name,
+            case.poses,
+            chi2 / dof,
+            1e3 * seconds / fits
+        );
+        println!("{line}");
+    }
+}
+
+/// Peak memory of this process (MB), where the system tells.
+fn peak_mb() -> f64 {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let line = status.lines().find(|line| line.starts_with("VmHWM"));
+    let kilobytes = line.and_then(|line| line.split_whitespace().nth(1)?.parse::<f64>().ok());
+    kilobytes.unwrap_or(f64::NAN) / 1024.0
+}
+
+fn growth() {
+    println!("| samples | s a fit | us a sample | peak MB |\n| --- | --- | --- | --- |");
+    let cases = cases();
+    let case = &cases[1];
+    let (robot, file) = case.robot();
+    for samples in [1000, 3000, 10_000, 30_000, 100_000] {
+        if let Some((_, _, seconds)) = case.fit(&robot, &file, samples, 1) {
+            let each = 1e6 * seconds / f64::from(samples as u32);
+            println!(
+                "| {samples} | {seconds:.2} | {each:.1} | {:.0} |",
+                peak_mb()
+            );
+        }
+    }
+}

@@ -1,0 +1,510 @@
+//! From a folder to the unknowns of a calibration whose poses are unknown, and its residuals.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+
+use nalgebra::{Cholesky, DMatrix, Vector3};
+use tau_kinematics::{Machine, Pose};
+use tau_robot::input_error::InputError;
+use tau_robot::measurements::{Conditions, DISTANCES, Folder, PlateKind, PlateRow};
+use tau_robot::robot::{Instance, ResidualKind};
+use tau_robot::robot_file::{RobotFile, StatedNoise};
+use tau_runtime::ResidualFamily;
+
+use super::coupled::Coupled;
+use super::kinds::FIRST_GUESS_M;
+use super::objects::{Object, ObjectUnknown};
+use super::quantity::{Measured, Quantity, base};
+use super::rows::{Kind, RowPlace, Rows};
+use crate::calibration::error::Error;
+use crate::problem::{POSE_UNKNOWNS, TruePose, by_pose, gradient};
+use crate::samples::Sample;
+
+/// Closures hold to this share of the smallest noise where drives are exact, or of the drives' own: zero would leave
+/// nothing to be solved.
+pub(super) const CLOSURE_SHARE: f64 = 0.01;
+/// File of poses that are measured fully.
+pub(super) const TCP_POSES: &str = "tcp_poses.csv";
+/// Name under which the residuals of links are told.
+pub(super) const DRIVES: &str = "drives";
+
+/// What drives read at a pose.
+#[derive(Debug, Clone, PartialEq)]
+struct DriveReading {
+    commands_m: Vec<f64>,
+    directions: Option<Vec<f64>>,
+    conditions: Conditions,
+    place: RowPlace,
+}
+
+/// A pose of the plate that is unknown.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct UnknownPose {
+    pub(super) number: u32,
+    /// Where it is taken to be.
+    pub(super) base: Pose,
+    readings: Vec<DriveReading>,
+}
+
+impl UnknownPose {
+    /// Sample of one of its readings.
+    fn sample(&self, reading: &DriveReading) -> Sample {
+        Sample::of_drives(
+            self.number,
+            &reading.commands_m,
+            reading.directions.as_deref(),
+            reading.conditions,
+            self.base,
+        )
+    }
+
+    /// Sample of its first reading.
+    pub(super) fn first_sample(&self) -> Option<Sample> {
+        self.readings.first().map(|reading| self.sample(reading))
+    }
+}
+
+/// Rows that take part.
+pub(super) struct Chosen<'a> {
+    /// Numbers of the poses whose own rows do.
+    pub(super) poses: &'a BTreeSet<u32>,
+    /// Lines of `distances.csv` that do.
+    pub(super) distances: &'a BTreeSet<usize>,
+    /// Rows that are left out all the same.
+    pub(super) left_out: &'a BTreeSet<RowPlace>,
+}
+
+impl Chosen<'_> {
+    fn takes(&self, place: &RowPlace) -> bool {
+        let chosen = if place.file == DISTANCES {
+            self.distances.contains(&place.line)
+        } else {
+            self.poses.contains(&place.pose)
+        };
+        chosen && !self.left_out.contains(place)
+    }
+}
+
+/// The measurements of a folder, with what they are taken of, and the poses.
+pub(super) struct Assembly<'a> {
+    pub(super) folder: &'a Folder,
+    pub(super) file: &'a RobotFile,
+    pub(super) poses: Vec<UnknownPose>,
+    pub(super) index: BTreeMap<u32, usize>,
+    pub(super) objects: Vec<Object>,
+    pub(super) kinds: Vec<Kind>,
+    /// Coordinates of a pose that are free.
+    pub(super) free: &'static [usize],
+}
+
+impl<'a> Assembly<'a> {
+    /// Poses that chosen rows are of, where the nominal machine puts them, or where they were measured.
+    pub(super) fn new(
+        machine: &Machine,
+        file: &'a RobotFile,
+        folder: &'a Folder,
+        chosen: &Chosen<'_>,
+    ) -> Result<Self, Error> {
+        let mut assembly = Self {
+            folder,
+            file,
+            poses: vec![],
+            index: BTreeMap::new(),
+            objects: vec![],
+            kinds: vec![],
+            free: machine.pose_unknowns(),
+        };
+        assembly.collect_poses(chosen);
+        assembly.kinds = assembly.kinds_of_noise(machine)?;
+        assembly.place(machine)?;
+        assembly.collect_objects()?;
+        Ok(assembly)
+    }
+
+    /// Commands of every reading.
+    pub(super) fn commands(&self) -> impl Iterator<Item = &[f64]> {
+        let readings = self.poses.iter().flat_map(|pose| &pose.readings);
+        readings.map(|reading| reading.commands_m.as_slice())
+    }
+
+    /// Unknowns of the objects.
+    pub(super) fn object_unknowns(&self) -> impl Iterator<Item = &ObjectUnknown> {
+        self.objects.iter().flat_map(|object| &object.unknowns)
+    }
+
+    fn collect_poses(&mut self, chosen: &Chosen<'_>) {
+        let in_distances: BTreeSet<u32> = (self.folder.distances.iter())
+            .filter(|row| chosen.distances.contains(&row.line))
+            .flat_map(|row| row.poses)
+            .collect();
+        let takes = |pose: u32| chosen.poses.contains(&pose) || in_distances.contains(&pose);
+        let mut add = |number: u32, reading: DriveReading| {
+            let next = self.poses.len();
+            let index = *self.index.entry(number).or_insert(next);
+            if index == next {
+                self.poses.push(UnknownPose {
+                    number,
+                    base: Pose::from_zyz([0.0; 3], [0.0; 3]),
+                    readings: vec![],
+                });
+            }
+            let readings = &mut self.poses[index].readings;
+            // Drives that read the same were left where they were: that tells nothing twice.
+            if readings
+                .iter()
+                .all(|known| known.commands_m != reading.commands_m)
+            {
+                readings.push(reading);
+            }
+        };
+        for (row, pose) in self.folder.tcp_poses.iter().enumerate() {
+            if takes(pose.pose) {
+                let reading = DriveReading {
+                    commands_m: pose.commands_m.clone(),
+                    directions: pose.directions.clone(),
+                    conditions: pose.conditions,
+                    place: RowPlace {
+                        file: TCP_POSES,
+                        line: row + 2,
+                        pose: pose.pose,
+                        drive: None,
+                    },
+                };
+                add(pose.pose, reading);
+            }
+        }
+        for row in &self.folder.plate_rows {
+            if takes(row.pose) {
+                let reading = DriveReading {
+                    commands_m: row.commands_m.clone(),
+                    directions: row.directions.clone(),
+                    conditions: row.conditions,
+                    place: place_of(row),
+                };
+                add(row.pose, reading);
+            }
+        }
+    }
+
+    /// Puts poses where the machine stands at their commands, whatever was measured.
+    pub(super) fn place_by_drives(&mut self, machine: &Machine) -> Result<(), Error> {
+        for pose in &mut self.poses {
+            let Some(sample) = pose.first_sample() else {
+                continue;
+            };
+            let view = sample.view();
+            let reached = machine.forward_fitted(&view);
+            let reached = reached
+                .map_err(|error| Error::at_pose(pose.number, machine.explained(error, &view)))?;
+            pose.base = reached.pose;
+        }
+        Ok(())
+    }
+
+    /// Puts poses where they were measured, or where the machine stands at the commands.
+    fn place(&mut self, machine: &Machine) -> Result<(), Error> {
+        let measured: BTreeMap<u32, Pose> = (self.folder.tcp_poses.iter())
+            .map(|pose| (pose.pose, Pose::from_zyz(pose.position_m, pose.angles_rad)))
+            .collect();
+        let mut before: Option<(Vec<f64>, Pose)> = None;
+        for pose in &mut self.poses {
+            if let Some(&base) = measured.get(&pose.number) {
+                pose.base = base;
+                let commands = pose
+                    .readings
+                    .first()
+                    .map(|reading| reading.commands_m.clone());
+                before = commands.map(|commands| (commands, base));
+                continue;
+            }
+            let Some(sample) = pose.first_sample() else {
+                continue;
+            };
+            let view = sample.view();
+            let failed = |error| Error::at_pose(pose.number, machine.explained(error, &view));
+            let from_reference = || {
+                let known = machine.at_reference(&view)?;
+                let reached = machine.forward_along(&known.commands_m, &view.at(known.pose));
+                reached.or_else(|_| machine.forward_fitted(&view.at(known.pose)))
+            };
+            let reached = match &before {
+                Some((commands, near)) => (machine.forward_along(commands, &view.at(*near)))
+                    .or_else(|_| from_reference())
+                    .or_else(|_| machine.forward_fitted(&view.at(*near))),
+                None => from_reference(),
+            };
+            pose.base = reached.map_err(failed)?.pose;
+            before = Some((sample.commands_m.clone(), pose.base));
+        }
+        Ok(())
+    }
+
+    /// The residuals of chosen rows about the poses' bases; `used` are the indices in the variant of its parameters
+    /// among the shared unknowns, empty to be told them.
+    pub(super) fn rows(
+        &self,
+        machine: &Machine,
+        used: &[usize],
+        chosen: &Chosen<'_>,
+    ) -> Result<Vec<Rows>, Error> {
+        let mut rows = vec![self.closures(machine, used, chosen)?];
+        let shared = used.len();
+        let of_rows = |kind: PlateKind| {
+            let own = self.folder.rows_of(kind);
+            own.filter(|row| chosen.takes(&place_of(row)))
+        };
+        if let Some(kind) = self.kind(TCP_POSES) {
+            rows.extend(self.poses_measured(kind, chosen));
+        }
+        for kind in [PlateKind::Position, PlateKind::Height, PlateKind::BallBar] {
+            let Some(component) = self.kind(kind.file()) else {
+                continue;
+            };
+            let mut by_object: BTreeMap<&str, Vec<&PlateRow>> = BTreeMap::new();
+            for row in of_rows(kind) {
+                by_object
+                    .entry(row.of.as_deref().unwrap_or(""))
+                    .or_default()
+                    .push(row);
+            }
+            for (name, own) in by_object {
+                let object = self.object_of(kind, name);
+                let quantity = match (kind, object) {
+                    (PlateKind::Position, None) => Quantity::Tcp,
+                    (PlateKind::Position, Some(_)) => Quantity::Target,
+                    (PlateKind::Height, None) => Quantity::Height {
+                        normal: Vector3::z(),
+                        offset_m: 0.0,
+                    },
+                    (PlateKind::Height, Some(object)) => Quantity::HeightOver {
+                        normal: object.normal,
+                    },
+                    _ => Quantity::Ball,
+                };
+                let first = shared + object.map_or(0, |object| object.first);
+                let mut measured = Rows::new(
+                    kind.file(),
+                    Arc::new(Measured::new(quantity)),
+                    (first..first + quantity.shared()).collect(),
+                    vec![component; quantity.residuals()],
+                );
+                for row in own {
+                    self.measured(row, quantity, &mut measured);
+                }
+                rows.push(measured);
+            }
+        }
+        if let Some(kind) = self.kind(DISTANCES) {
+            let family = Arc::new(Measured::new(Quantity::Distance));
+            let mut measured = Rows::new(DISTANCES, family, vec![], vec![kind]);
+            for row in &self.folder.distances {
+                let place = RowPlace {
+                    file: DISTANCES,
+                    line: row.line,
+                    pose: row.poses[0],
+                    drive: None,
+                };
+                if !chosen.takes(&place) {
+                    continue;
+                }
+                for number in row.poses {
+                    let index = self.index[&number];
+                    measured
+                        .own
+                        .extend((0..3).map(|axis| POSE_UNKNOWNS * index + axis));
+                    measured.data.extend(self.poses[index].base.position_m());
+                }
+                measured.data.push(row.distance_m);
+                measured.weights.push(self.relative(kind, row.sigma_m));
+                measured.places.push(place);
+            }
+            rows.push(measured);
+        }
+        rows.retain(|rows| !rows.places.is_empty());
+        Ok(rows)
+    }
+
+    fn kind(&self, file: &str) -> Option<usize> {
+        self.kinds.iter().position(|kind| kind.file == file)
+    }
+
+    fn object_of(&self, kind: PlateKind, name: &str) -> Option<&Object> {
+        let section = kind.object()?.1;
+        let mut objects = self.objects.iter();
+        objects.find(|object| object.section == section && object.name == name)
+    }
+
+    /// Weight of a row in units of its kind's.
+    fn relative(&self, kind: usize, sigma_m: Option<f64>) -> f64 {
+        let of_kind = match self.kinds[kind].stated {
+            Some(StatedNoise::Known(sigma)) => sigma,
+            // The noise that is estimated is that of rows that state none; others keep their ratios to the first guess.
+            _ => FIRST_GUESS_M,
+        };
+        sigma_m.map_or(1.0, |sigma| of_kind / sigma)
+    }
+
+    fn measured(&self, row: &PlateRow, quantity: Quantity, to: &mut Rows) {
+        let index = self.index[&row.pose];
+        to.own
+            .extend((0..quantity.own()).map(|axis| POSE_UNKNOWNS * index + axis));
+        to.data.extend(base(&self.poses[index].base));
+        for axis in 0..quantity.residuals() {
+            let value = row.values[axis];
+            to.data.push(value.unwrap_or(0.0));
+            let weight = self.relative(to.kinds[axis], row.sigmas[axis]);
+            to.weights.push(if value.is_some() { weight } else { 0.0 });
+        }
+        to.places.push(place_of(row));
+    }
+
+    fn poses_measured(&self, kind: usize, chosen: &Chosen<'_>) -> Option<Rows> {
+        let kinds = vec![kind, kind, kind, kind + 1, kind + 1, kind + 1];
+        let mut rows = Rows::new(
+            TCP_POSES,
+            Arc::new(Measured::new(Quantity::Pose)),
+            vec![],
+            kinds,
+        );
+        for (index, measured) in self.folder.tcp_poses.iter().enumerate() {
+            let place = RowPlace {
+                file: TCP_POSES,
+                line: index + 2,
+                pose: measured.pose,
+                drive: None,
+            };
+            if !chosen.takes(&place) {
+                continue;
+            }
+            let pose = self.index[&measured.pose];
+            rows.own
+                .extend((0..POSE_UNKNOWNS).map(|axis| POSE_UNKNOWNS * pose + axis));
+            rows.data.extend(base(&self.poses[pose].base));
+            rows.data.extend(base(&Pose::from_zyz(
+                measured.position_m,
+                measured.angles_rad,
+            )));
+            // What no closure moves says nothing.
+            let weight = |axis: usize| {
+                let stated = match measured.sigmas.position_m.get(axis) {
+                    Some(sigma) => self.relative(kind, *sigma),
+                    None => self.relative(kind + 1, measured.sigmas.rotation_rad),
+                };
+                if self.free.contains(&axis) {
+                    stated
+                } else {
+                    0.0
+                }
+            };
+            rows.weights.extend((0..POSE_UNKNOWNS).map(weight));
+            rows.places.push(place);
+        }
+        (!rows.places.is_empty()).then_some(rows)
+    }
+
+    /// The closures at every reading of the drives.
+    fn closures(
+        &self,
+        machine: &Machine,
+        used: &[usize],
+        chosen: &Chosen<'_>,
+    ) -> Result<Rows, Error> {
+        let closures: Vec<(Instance, Instance)> =
+            (machine.variant.instances_of(ResidualKind::Closure))
+                .filter_map(|closure| Some((closure.clone(), by_pose(machine, closure)?.clone())))
+                .collect();
+        let count = closures.len();
+        let family = Arc::new(TruePose::new(&closures, machine.robot.commands));
+        let place = |index: &usize| used.binary_search(index).unwrap_or_default();
+        let parameters = if used.is_empty() {
+            family.parameters().to_vec()
+        } else {
+            family.parameters().iter().map(place).collect()
+        };
+        let sigmas = self.drive_sigmas(machine.robot.commands);
+        let outer: Arc<dyn ResidualFamily> = match sigmas {
+            Some(_) => Arc::new(Coupled::new(Arc::clone(&family) as Arc<dyn ResidualFamily>)),
+            None => Arc::clone(&family) as Arc<dyn ResidualFamily>,
+        };
+        let kind = self.kind(DRIVES).unwrap_or_default();
+        let mut rows = Rows::new("links", outer, parameters, vec![kind; count]);
+        for (index, pose) in self.poses.iter().enumerate() {
+            for reading in &pose.readings {
+                let sample = pose.sample(reading);
+                let filled = family.fill(&machine.surroundings, &sample.view(), &mut rows.data);
+                filled.map_err(|missing| sample.lacks_in(reading.place.file, missing))?;
+                rows.own
+                    .extend((0..POSE_UNKNOWNS).map(|axis| POSE_UNKNOWNS * index + axis));
+                let slopes = closures.iter().map(|(_, by_pose)| {
+                    let [x, y, z, ..] = gradient(machine, by_pose, &sample)?;
+                    Ok((x * x + y * y + z * z).sqrt())
+                });
+                let slopes = slopes.collect::<Result<Vec<f64>, Error>>()?;
+                match &sigmas {
+                    Some(sigmas) => {
+                        rows.data.extend(factor(machine, &sample, &slopes, sigmas)?);
+                        let weight = |link: usize| {
+                            let place = RowPlace {
+                                drive: Some(link),
+                                ..reading.place
+                            };
+                            let is_gross = chosen.left_out.contains(&place);
+                            if is_gross { 0.0 } else { 1.0 }
+                        };
+                        rows.weights.extend((0..count).map(weight));
+                    }
+                    None => rows
+                        .weights
+                        .extend(slopes.iter().map(|slope| slope.recip())),
+                }
+                rows.places.push(reading.place);
+            }
+        }
+        Ok(rows)
+    }
+}
+
+/// Inverse Cholesky factor, by rows, of the covariance that the noise of the drives gives the closures (m²) of a sample.
+fn factor(
+    machine: &Machine,
+    sample: &Sample,
+    slopes: &[f64],
+    sigmas: &[f64],
+) -> Result<Vec<f64>, Error> {
+    let view = sample.view();
+    let failed = |error| Error::at_pose(sample.number, machine.explained(error, &view));
+    let closures = machine.closures(&view).map_err(failed)?;
+    let count = slopes.len();
+    let by_drives = DMatrix::from_fn(count, sigmas.len(), |row, command| {
+        closures.jacobian[(row, POSE_UNKNOWNS + command)] * sigmas[command]
+    });
+    let mut covariance = &by_drives * by_drives.transpose();
+    // What no drive moves, and what links of one cart have apart, is exact.
+    let largest = covariance.diagonal().max();
+    for row in 0..count {
+        covariance[(row, row)] += CLOSURE_SHARE.powi(2) * largest;
+    }
+    let lower = Cholesky::new(covariance).map(|factor| factor.unpack());
+    let inverse =
+        lower.and_then(|lower| lower.solve_lower_triangular(&DMatrix::identity(count, count)));
+    let inverse = inverse.ok_or_else(|| {
+        let message = format!(
+            "pose {}: the closures do not depend on the drives",
+            sample.number
+        );
+        InputError::whole("readings.csv", message)
+    })?;
+    let scaled = DMatrix::from_fn(count, count, |row, column| {
+        inverse[(row, column)] / slopes[column]
+    });
+    Ok(scaled.transpose().as_slice().to_vec())
+}
+
+pub(super) fn place_of(row: &PlateRow) -> RowPlace {
+    RowPlace {
+        file: row.kind.file(),
+        line: row.line,
+        pose: row.pose,
+        drive: None,
+    }
+}

@@ -1,0 +1,216 @@
+//! From a fit to what it hands on.
+
+use nalgebra::{DMatrix, DVector};
+use tau_robot::robot_file::{RobotFile, Value};
+use tau_solver::Problem;
+
+use super::elimination::Reduced;
+use super::fit::Fit;
+use super::{ObjectEstimate, Rank, UnknownPoses, heldout, quantity};
+use crate::calibration::{self, Calibration, Combination, Error, Fitted, combinations};
+use crate::numerics::triangle;
+
+/// Tolerance (m or rad) that says nothing, of places that had none.
+const WIDE_M: f64 = 1e3;
+
+impl Fit<'_> {
+    pub(super) fn finish(
+        &self,
+        values: &[f64],
+        (reduced, leverages): (&Reduced, &[Vec<f64>]),
+        rank: Rank,
+        (solution, iterations): (&tau_solver::Solution, usize),
+    ) -> Result<UnknownPoses, Error> {
+        let shared = self.shared();
+        let covariance = self.covariance(&reduced.triangle);
+        let count = self.used.len();
+        let of_variant: Vec<Vec<f64>> = (0..count)
+            .map(|i| (0..count).map(|j| covariance[(i, j)]).collect())
+            .collect();
+        let kinds = self.kind_fits(reduced, leverages);
+        let machine = self.machine_at(values);
+        let fitted = Fitted {
+            values: machine.values.clone(),
+            used: self.used.clone(),
+            factor: triangle::lower(&of_variant),
+            covariance: of_variant,
+            undetermined: self.undetermined(&reduced.triangle, values)?,
+            cost: solution.cost,
+            iterations,
+            termination: solution.termination.to_string(),
+        };
+        let objects: Vec<ObjectEstimate> = (self.assembly.object_unknowns().enumerate())
+            .map(|(index, unknown)| ObjectEstimate {
+                name: unknown.name.clone(),
+                unit: unknown.unit,
+                value: values[count + index],
+                sigma: covariance[(count + index, count + index)].sqrt(),
+            })
+            .collect();
+        let poses = self.assembly.poses.len();
+        let mut calibration = Calibration {
+            poses,
+            ..calibration::finish(&self.prepared, self.file, &[], fitted)?
+        };
+        self.write_objects(&mut calibration.file, values, &covariance);
+        let held_out = heldout::HeldOut::of(&machine, self, &values[..shared])?;
+        Ok(UnknownPoses {
+            calibration,
+            objects,
+            chi2: kinds.iter().map(|kind| kind.squares).sum(),
+            dof: kinds.iter().map(|kind| kind.redundancy).sum(),
+            kinds,
+            rank,
+            gross: self.gross.clone(),
+            held_out,
+            poses,
+            loss: None,
+            commands_m: (0..self.machine.robot.commands)
+                .map(|k| range(self.assembly.commands().map(|commands| commands[k])))
+                .collect(),
+            position_m: (0..3)
+                .map(|axis| {
+                    range(
+                        self.assembly
+                            .poses
+                            .iter()
+                            .map(|pose| pose.base.position[axis]),
+                    )
+                })
+                .collect(),
+        })
+    }
+
+    /// Combinations that the data leave to the tolerances.
+    pub(super) fn undetermined(
+        &self,
+        triangle: &DMatrix<f64>,
+        values: &[f64],
+    ) -> Result<Vec<Combination>, Error> {
+        let family = Linear::new(triangle);
+        let shared = self.shared();
+        let block = tau_solver::Block::new("measurements", &family, (0..shared).collect(), &[]);
+        let problem = Problem {
+            parameters: self.shared_parameters(values),
+            blocks: vec![block],
+        };
+        let found = tau_solver::identifiability(&problem, &values[..shared]);
+        let found = found.map_err(|error| self.not_converged(error.to_string()))?;
+        Ok(combinations(&found, |index| {
+            problem.parameters[index].name.clone()
+        }))
+    }
+
+    /// Writes places found into the robot file.
+    pub(super) fn write_objects(
+        &self,
+        file: &mut RobotFile,
+        values: &[f64],
+        covariance: &DMatrix<f64>,
+    ) {
+        for object in &self.assembly.objects {
+            let at = self.used.len() + object.first;
+            let own: Vec<f64> = values[at..at + 3].to_vec();
+            let sigma: Vec<f64> = (at..at + 3).map(|k| covariance[(k, k)].sqrt()).collect();
+            let tol = |k: usize| object.unknowns[k].prior.map_or(WIDE_M, |prior| prior.1);
+            let name = if object.name.is_empty() {
+                "ball"
+            } else {
+                &object.name
+            };
+            let place = Value {
+                value: own.clone(),
+                tol: tol(0),
+                sigma: Some(sigma.clone()),
+            };
+            match object.section {
+                "targets" => {
+                    file.measuring.targets.insert(name.to_owned(), place);
+                }
+                "balls" if !object.name.is_empty() => {
+                    file.measuring.balls.insert(name.to_owned(), place);
+                }
+                "surfaces" => {
+                    let [u, v] = quantity::across(&object.normal);
+                    let normal = (object.normal + u * own[0] + v * own[1]).normalize();
+                    let surface = tau_robot::robot_file::Surface {
+                        normal: Value {
+                            value: normal.as_slice().to_vec(),
+                            tol: tol(0),
+                            sigma: None,
+                        },
+                        offset: Value {
+                            value: vec![own[2]],
+                            tol: tol(2),
+                            sigma: Some(vec![sigma[2]]),
+                        },
+                    };
+                    file.measuring.surfaces.insert(name.to_owned(), surface);
+                }
+                _ => {}
+            }
+        }
+    }
+}
+
+/// Lowest and highest of some values.
+fn range(values: impl Iterator<Item = f64>) -> [f64; 2] {
+    values.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], value| {
+        [low.min(value), high.max(value)]
+    })
+}
+
+/// Linear residuals `R·x` of the shared unknowns, for what asks for derivatives alone.
+struct Linear {
+    triangle: DMatrix<f64>,
+    row_starts: Vec<u32>,
+    columns: Vec<u32>,
+}
+
+impl Linear {
+    fn new(triangle: &DMatrix<f64>) -> Self {
+        let number = |n: usize| u32::try_from(n).unwrap_or(u32::MAX);
+        let (rows, width) = triangle.shape();
+        Self {
+            triangle: triangle.clone(),
+            row_starts: (0..=rows).map(|row| number(row * width)).collect(),
+            columns: (0..rows).flat_map(|_| (0..width).map(number)).collect(),
+        }
+    }
+}
+
+impl tau_runtime::ResidualFamily for Linear {
+    fn shape(&self) -> tau_runtime::Shape {
+        tau_runtime::Shape {
+            data: 0,
+            prepared: 0,
+            parameters: self.triangle.ncols(),
+            residuals: self.triangle.nrows(),
+        }
+    }
+
+    fn pattern(&self) -> tau_runtime::Pattern<'_> {
+        tau_runtime::Pattern {
+            row_starts: &self.row_starts,
+            columns: &self.columns,
+        }
+    }
+
+    fn prepare(&self, _: &[f64], _: &mut [f64]) {}
+
+    fn value(&self, _: &[f64], parameters: &[f64], residuals: &mut [f64]) {
+        let product = &self.triangle * DVector::from_column_slice(parameters);
+        residuals.copy_from_slice(product.as_slice());
+    }
+
+    fn linearize(
+        &self,
+        data: &[f64],
+        parameters: &[f64],
+        residuals: &mut [f64],
+        jacobian: &mut [f64],
+    ) {
+        self.value(data, parameters, residuals);
+        jacobian.copy_from_slice(self.triangle.transpose().as_slice());
+    }
+}

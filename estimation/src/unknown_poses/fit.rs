@@ -1,0 +1,318 @@
+//! A calibration on its way: unknowns, residuals, and what they say of each other.
+
+use std::collections::BTreeSet;
+
+use nalgebra::{DMatrix, DVector, Vector3};
+use tau_kinematics::Machine;
+use tau_robot::input_error::InputError;
+use tau_robot::measurements::Folder;
+use tau_robot::robot::{Robot, Variant};
+use tau_robot::robot_file::RobotFile;
+use tau_solver::{Parameter, Problem};
+
+use super::assembly::{Assembly, Chosen};
+use super::elimination::{self, Elimination, Reduced};
+use super::gauge::{Shared, scaled};
+use super::refusals::refuse_tracker_effects;
+use super::rows::{RowPlace, Rows};
+use super::{GrossRow, KindFit, Rank, RowDivision};
+use crate::calibration::{self, Error, Nominal, Prepared};
+use crate::problem::{self, POSE_UNKNOWNS};
+
+/// A calibration on its way.
+pub(super) struct Fit<'a> {
+    pub(super) folder: &'a Folder,
+    pub(super) file: &'a RobotFile,
+    pub(super) division: &'a RowDivision,
+    pub(super) prepared: Prepared,
+    /// The variant at the values of the last round.
+    pub(super) machine: Machine,
+    /// Indices in the variant of its parameters among the shared unknowns.
+    pub(super) used: Vec<usize>,
+    pub(super) priors: Vec<Nominal>,
+    pub(super) assembly: Assembly<'a>,
+    pub(super) blocks: Vec<Rows>,
+    /// Shared unknowns, then those of the poses.
+    pub(super) start: Vec<f64>,
+    pub(super) left_out: BTreeSet<RowPlace>,
+    pub(super) gross: Vec<GrossRow>,
+}
+
+impl<'a> Fit<'a> {
+    pub(super) fn new(
+        robot: &Robot,
+        variant: &Variant,
+        file: &'a RobotFile,
+        folder: &'a Folder,
+        division: &'a RowDivision,
+    ) -> Result<Self, Error> {
+        refuse_tracker_effects(variant, folder)?;
+        let all: Vec<usize> = (0..folder.tcp_poses.len()).collect();
+        let prepared = Prepared::new(robot, variant, file, Some(folder), &all)?;
+        let machine = prepared.machine.clone();
+        let left_out = BTreeSet::new();
+        let chosen = Chosen {
+            poses: &division.calibration,
+            distances: &division.distances,
+            left_out: &left_out,
+        };
+        let assembly = Assembly::new(&machine, file, folder, &chosen)?;
+        if assembly.poses.is_empty() {
+            let message = "no pose of the plate is left to calibrate";
+            return Err(InputError::whole(&folder.name, message).into());
+        }
+        let used = assembly.rows(&machine, &[], &chosen)?[0].shared.clone();
+        let blocks = assembly.rows(&machine, &used, &chosen)?;
+        let priors: Vec<Nominal> = used.iter().map(|&index| prepared.nominal[index]).collect();
+        let mut start: Vec<f64> = used.iter().map(|&index| machine.values[index]).collect();
+        start.extend(assembly.object_unknowns().map(|unknown| unknown.start));
+        start.resize(start.len() + POSE_UNKNOWNS * assembly.poses.len(), 0.0);
+        Ok(Self {
+            folder,
+            file,
+            division,
+            prepared,
+            machine,
+            used,
+            priors,
+            assembly,
+            blocks,
+            start,
+            left_out,
+            gross: vec![],
+        })
+    }
+
+    /// Number of shared unknowns.
+    pub(super) fn shared(&self) -> usize {
+        self.used.len() + self.assembly.object_unknowns().count()
+    }
+
+    pub(super) fn not_converged(&self, why: String) -> Error {
+        Error::NotConverged {
+            variant: self.machine.variant.name.clone(),
+            why,
+        }
+    }
+
+    /// The shared unknowns as the solver takes them.
+    pub(super) fn shared_parameters(&self, values: &[f64]) -> Vec<Parameter> {
+        let own = values.iter().copied().take(self.used.len());
+        let mut parameters =
+            problem::parameters(&self.machine.variant, &self.used, &self.priors, own);
+        let others = values.iter().skip(self.used.len());
+        parameters.extend(
+            self.assembly
+                .object_unknowns()
+                .zip(others)
+                .map(|(unknown, &value)| {
+                    let parameter = Parameter::new(&unknown.name, value);
+                    match unknown.prior {
+                        Some((mean, sigma)) => parameter.with_prior(mean, sigma),
+                        None => parameter,
+                    }
+                }),
+        );
+        parameters
+    }
+
+    pub(super) fn problem(&self, values: &[f64], options: &calibration::Options) -> Problem<'_> {
+        let shared = self.shared();
+        let mut parameters = self.shared_parameters(values);
+        let axes = ["x", "y", "z", "about x", "about y", "about z"];
+        let own = &values[shared..];
+        for (pose, own) in self
+            .assembly
+            .poses
+            .iter()
+            .zip(own.chunks_exact(POSE_UNKNOWNS))
+        {
+            for (coordinate, (axis, &value)) in axes.iter().zip(own).enumerate() {
+                let parameter = Parameter::new(format!("pose {} {axis}", pose.number), value);
+                parameters.push(if self.assembly.free.contains(&coordinate) {
+                    parameter
+                } else {
+                    parameter.fixed()
+                });
+            }
+        }
+        // Links are no measurements that could be gross: their drives are.
+        let loss = |index: usize| match options.treatment.loss {
+            Some(loss) if index > 0 => loss.of_single_residuals(),
+            _ => tau_solver::Loss::Squared,
+        };
+        let blocks = self.blocks.iter().enumerate();
+        Problem {
+            parameters,
+            blocks: blocks
+                .map(|(index, rows)| rows.block(shared, &self.assembly.kinds, loss(index)))
+                .collect(),
+        }
+    }
+
+    pub(super) fn elimination<'b>(&'b self, values: &'b [f64]) -> Elimination<'b> {
+        let (shared, own) = values.split_at(self.shared());
+        Elimination {
+            blocks: &self.blocks,
+            kinds: &self.assembly.kinds,
+            shared,
+            own,
+            free: self.assembly.free,
+        }
+    }
+
+    /// Standard deviation of the prior of each shared unknown, or what stands for its size where it has none.
+    pub(super) fn scales(&self) -> Vec<f64> {
+        let of_variant = self.priors.iter().map(|prior| {
+            let tolerance = prior.tolerance.filter(|tolerance| *tolerance > 0.0);
+            tolerance.unwrap_or_else(|| prior.value.abs().max(1.0))
+        });
+        let of_objects = self.assembly.object_unknowns();
+        of_variant
+            .chain(of_objects.map(|unknown| unknown.prior.map_or(1.0, |prior| prior.1)))
+            .collect()
+    }
+
+    pub(super) fn has_prior(&self) -> Vec<bool> {
+        let of_variant = self.priors.iter();
+        let of_variant =
+            of_variant.map(|prior| prior.tolerance.is_some_and(|tolerance| tolerance > 0.0));
+        let of_objects = self.assembly.object_unknowns();
+        of_variant
+            .chain(of_objects.map(|unknown| unknown.prior.is_some()))
+            .collect()
+    }
+
+    /// Covariance of the shared unknowns, priors included; infinite variances where nothing determines them.
+    pub(super) fn covariance(&self, triangle: &DMatrix<f64>) -> DMatrix<f64> {
+        let scales = self.scales();
+        let width = scales.len();
+        let priors = DMatrix::from_diagonal(&DVector::from_iterator(
+            width,
+            self.has_prior()
+                .into_iter()
+                .map(|has| f64::from(u8::from(has))),
+        ));
+        let all = elimination::stacked(&scaled(triangle, &scales), &[priors]);
+        let svd = all.svd(false, true);
+        let Some(v_t) = svd.v_t else {
+            return DMatrix::from_element(width, width, f64::NAN);
+        };
+        let largest = svd.singular_values.max();
+        let least = largest * f64::EPSILON * 8.0 * width as f64;
+        let mut covariance = DMatrix::zeros(width, width);
+        let mut lost = vec![false; width];
+        for (k, &value) in svd.singular_values.iter().enumerate() {
+            let row = v_t.row(k);
+            if value > least {
+                covariance += row.transpose() * row / (value * value);
+            } else {
+                for (lost, share) in lost.iter_mut().zip(row.iter()) {
+                    *lost |= share.abs() > 1e-6;
+                }
+            }
+        }
+        for i in 0..width {
+            for j in 0..width {
+                covariance[(i, j)] *= scales[i] * scales[j];
+            }
+            if lost[i] {
+                covariance[(i, i)] = f64::INFINITY;
+            }
+        }
+        covariance
+    }
+
+    pub(super) fn rank(&self, reduced: &Reduced, machine: &Machine) -> Rank {
+        let scales = self.scales();
+        let known = scaled(&reduced.triangle, &scales).singular_values();
+        let shared = Shared {
+            machine,
+            used: &self.used,
+            objects: &self.assembly.objects,
+            values: &self.start[..self.shared()],
+        };
+        // All three coordinates of a point tell left from right.
+        let has_all = |rows: &Rows| {
+            let weights = rows.weights.chunks_exact(rows.kinds.len());
+            weights
+                .into_iter()
+                .any(|own| own[..3].iter().all(|weight| *weight > 0.0))
+        };
+        let of_positions = self
+            .blocks
+            .iter()
+            .skip(1)
+            .filter(|rows| rows.kinds.len() >= 3);
+        let fixes_handedness = of_positions.into_iter().any(has_all);
+        Rank {
+            rows: reduced.rows(),
+            spent: reduced.spent,
+            poses: self.assembly.poses.len(),
+            unknowns: scales.len(),
+            determined: known.iter().filter(|value| **value > 1.0).count(),
+            open: shared.freedoms(&reduced.triangle, &scales),
+            has_mirror_image: !fixes_handedness,
+        }
+    }
+
+    /// Largest move of a pose from its base (m, rad).
+    pub(super) fn largest_move(&self, values: &[f64]) -> f64 {
+        let own = &values[self.shared()..];
+        own.iter()
+            .fold(0.0, |most: f64, value| most.max(value.abs()))
+    }
+
+    /// Takes the poses found for new bases, and weights from there.
+    pub(super) fn rebuild(&mut self, values: &mut [f64]) -> Result<(), Error> {
+        let shared = self.shared();
+        self.machine = self.machine_at(values);
+        for (pose, own) in
+            (self.assembly.poses.iter_mut()).zip(values[shared..].chunks_exact_mut(POSE_UNKNOWNS))
+        {
+            let vector = |k: usize| Vector3::new(own[k], own[k + 1], own[k + 2]);
+            pose.base = pose.base.moved(vector(0), vector(3));
+            own.fill(0.0);
+        }
+        let chosen = Chosen {
+            poses: &self.division.calibration,
+            distances: &self.division.distances,
+            left_out: &self.left_out,
+        };
+        self.blocks = self.assembly.rows(&self.machine, &self.used, &chosen)?;
+        Ok(())
+    }
+
+    pub(super) fn machine_at(&self, values: &[f64]) -> Machine {
+        self.machine
+            .with_values(problem::values(&self.machine, &self.used, values))
+    }
+
+    /// Sums of squares and redundancies of each kind.
+    pub(super) fn kind_fits(&self, reduced: &Reduced, leverages: &[Vec<f64>]) -> Vec<KindFit> {
+        let kinds = self.assembly.kinds.iter().zip(&reduced.counts);
+        let mut fits: Vec<KindFit> = kinds
+            .map(|(&kind, &rows)| KindFit {
+                kind,
+                rows,
+                redundancy: 0.0,
+                squares: 0.0,
+            })
+            .collect();
+        for ((rows, residuals), leverages) in
+            self.blocks.iter().zip(&reduced.residuals).zip(leverages)
+        {
+            let of_rows = rows.kinds.iter().cycle().zip(&rows.weights);
+            for ((&kind, weight), (residual, leverage)) in of_rows
+                .map(|(k, w)| (k, w))
+                .zip(residuals.iter().zip(leverages))
+            {
+                if *weight > 0.0 {
+                    fits[kind].redundancy += 1.0 - leverage;
+                    fits[kind].squares += residual * residual;
+                }
+            }
+        }
+        fits
+    }
+}

@@ -1,0 +1,131 @@
+//! Calibration from any measurements: the true pose behind every sample is unknown.
+//!
+//! What drives read and what was measured of the plate are residuals of the true pose: each link's closure, with the
+//! noise that the drives give it; positions, heights, distances, each with its own. The solver eliminates the poses
+//! one by one (Schur complement), so that time and memory grow linearly with their number; distances couple two.
+//! Where poses are measured fully and drives are exact, this is to first order the fit of the closures, whitened.
+
+mod assembly;
+mod coupled;
+mod elimination;
+mod finish;
+mod fit;
+mod gauge;
+mod heldout;
+mod kinds;
+mod noise;
+mod objects;
+mod outcome;
+mod quantity;
+mod refusals;
+mod rows;
+#[cfg(test)]
+mod tests;
+mod verdict;
+
+use tau_robot::measurements::Folder;
+use tau_robot::robot::{Robot, Variant};
+use tau_robot::robot_file::RobotFile;
+use tau_solver::solve;
+
+use crate::calibration::{self, Error};
+use fit::Fit;
+
+pub use gauge::Freedom;
+pub use heldout::{HeldOut, HeldOutKind};
+pub use objects::Object;
+pub use outcome::{GrossRow, KindFit, ObjectEstimate, Rank, RowDivision, UnknownPoses};
+pub use rows::{Kind, RowPlace};
+
+/// Rounds of fit, weights and noise.
+const ROUNDS: usize = 30;
+/// Changes of a standard deviation below this share are none.
+const SAME_NOISE: f64 = 1e-3;
+/// Moves of a base (m, rad) below which the weights of closures stay as they are.
+const SAME_POSE: f64 = 1e-4;
+/// Share of a kind's rows that pay for the fit, above which nothing of them is left to tell their noise.
+const ABSORBED: f64 = 0.95;
+
+/// What is known before a fit.
+///
+/// # Errors
+/// As [`calibrate`], but for what only a fit can fail on.
+pub fn rank(
+    robot: &Robot,
+    variant: &Variant,
+    file: &RobotFile,
+    folder: &Folder,
+    division: &RowDivision,
+) -> Result<Rank, Error> {
+    let file = &file.completed(robot);
+    let fit = Fit::new(robot, variant, file, folder, division)?;
+    let reduced = fit.elimination(&fit.start).reduce();
+    Ok(fit.rank(&reduced, &fit.machine))
+}
+
+/// Fits a variant to all measurements of the plate in a folder; `division` says which rows take part.
+///
+/// # Errors
+/// [`Error::Input`] where columns, noise or values are missing, where every row is needed to determine the parameters,
+/// and where a scale is free; [`Error::Kinematics`] where a pose can't be found from the nominal machine;
+/// [`Error::NotConverged`].
+pub fn calibrate(
+    robot: &Robot,
+    variant: &Variant,
+    file: &RobotFile,
+    folder: &Folder,
+    division: &RowDivision,
+    options: &calibration::Options,
+) -> Result<UnknownPoses, Error> {
+    let file = &file.completed(robot);
+    let mut fit = Fit::new(robot, variant, file, folder, division)?;
+    fit.refuse_units()?;
+    let reduced = fit.elimination(&fit.start).reduce();
+    let rank = fit.rank(&reduced, &fit.machine);
+    fit.refuse_rank(&rank, options.free_scale)?;
+    let mut values = fit.start.clone();
+    let mut iterations = 0;
+    let mut rounds = 0;
+    let (solution, reduced, leverages) = loop {
+        rounds += 1;
+        let solution = {
+            let problem = fit.problem(&values, options);
+            let solver = tau_solver::Options {
+                cost_tolerance: options.solver.cost_tolerance.max(1e-12),
+                ..options.solver.clone()
+            };
+            let failed = |error: tau_solver::Error| fit.not_converged(error.to_string());
+            let solution = solve(&problem, &solver).map_err(failed)?;
+            if !solution.converged() || solution.parameters.iter().any(|value| !value.is_finite()) {
+                return Err(fit.not_converged(solution.termination.to_string()));
+            }
+            solution
+        };
+        iterations += solution.iterations;
+        values.clone_from(&solution.parameters);
+        let moved = fit.largest_move(&values);
+        let reduced = fit.elimination(&values).reduce();
+        let covariance = fit.covariance(&reduced.triangle);
+        let leverages = fit.elimination(&values).leverages(&covariance);
+        let noise = fit.estimate_noise(&reduced, &leverages);
+        let gross = options.treatment.loss.is_none()
+            && !options.treatment.keep_outliers
+            && fit.leave_out_gross(&reduced, &leverages);
+        if rounds == ROUNDS || (moved < SAME_POSE && noise < SAME_NOISE && !gross) {
+            break (solution, reduced, leverages);
+        }
+        fit.rebuild(&mut values)?;
+    };
+    let machine = fit.machine_at(&values);
+    let rank = fit.rank(&reduced, &machine);
+    let found = fit.finish(
+        &values,
+        (&reduced, &leverages),
+        rank,
+        (&solution, iterations),
+    )?;
+    Ok(UnknownPoses {
+        loss: options.treatment.loss,
+        ..found
+    })
+}

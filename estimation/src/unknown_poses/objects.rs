@@ -1,0 +1,160 @@
+//! Targets, surfaces and balls that measurements are taken of or from.
+
+use std::collections::BTreeSet;
+
+use nalgebra::{DMatrix, DVector, Vector3};
+use tau_robot::input_error::{InputError, quoted};
+use tau_robot::measurements::PlateKind;
+use tau_robot::robot_file::Value;
+
+use super::assembly::Assembly;
+use crate::calibration::error::Error;
+
+/// Places of a target, a surface or a ball among the shared unknowns, behind the parameters of the variant.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Object {
+    /// Section of the robot file: `targets`, `surfaces` or `balls`.
+    pub section: &'static str,
+    /// Its name; empty for the only ball.
+    pub name: String,
+    /// Index of its first unknown behind the variant's.
+    pub(super) first: usize,
+    /// Unknowns: name, unit, start and prior (mean, standard deviation).
+    pub(super) unknowns: Vec<ObjectUnknown>,
+    /// Normal at no tilt, of surfaces.
+    pub(super) normal: Vector3<f64>,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct ObjectUnknown {
+    pub(super) name: String,
+    pub(super) unit: &'static str,
+    pub(super) start: f64,
+    pub(super) prior: Option<(f64, f64)>,
+}
+
+impl Assembly<'_> {
+    /// Targets, surfaces and balls of unknown place.
+    pub(super) fn collect_objects(&mut self) -> Result<(), Error> {
+        let measuring = &self.file.measuring;
+        for kind in [PlateKind::Position, PlateKind::Height, PlateKind::BallBar] {
+            let Some((column, section)) = kind.object() else {
+                continue;
+            };
+            let names: BTreeSet<Option<&String>> = (self.folder.rows_of(kind))
+                .filter(|row| self.index.contains_key(&row.pose))
+                .map(|row| row.of.as_ref())
+                .collect();
+            for name in names {
+                let known: Vec<&str> = match kind {
+                    PlateKind::Position => measuring.targets.keys().map(String::as_str).collect(),
+                    PlateKind::Height => measuring.surfaces.keys().map(String::as_str).collect(),
+                    _ => measuring.balls.keys().map(String::as_str).collect(),
+                };
+                // Without a name: the TCP itself, the plane z = 0; but a ball is always somewhere.
+                let Some(name) = name
+                    .map(String::as_str)
+                    .or((kind == PlateKind::BallBar).then_some(""))
+                else {
+                    continue;
+                };
+                if !known.is_empty() && !known.contains(&name) {
+                    let message =
+                        format!("{column} `{name}` is in no `[{section}.NAME]` of the robot file");
+                    let help = format!("known are {}", quoted(known));
+                    return Err(InputError::whole(kind.file(), message).help(help).into());
+                }
+                let first = self.object_unknowns().count();
+                let object = self.object(kind, section, name, first);
+                self.objects.push(object);
+            }
+        }
+        Ok(())
+    }
+
+    fn object(&self, kind: PlateKind, section: &'static str, name: &str, first: usize) -> Object {
+        let measuring = &self.file.measuring;
+        let called = if name.is_empty() { "ball" } else { name };
+        let rows: Vec<(Vector3<f64>, f64)> = (self.folder.rows_of(kind))
+            .filter(|row| row.of.as_deref().unwrap_or("") == name)
+            .filter_map(|row| {
+                let pose = self.poses.get(*self.index.get(&row.pose)?)?;
+                Some((pose.base.position, row.values[0]?))
+            })
+            .collect();
+        let axes = ["x", "y", "z"];
+        let coordinate = |axis: usize, start: f64, value: Option<&Value>| ObjectUnknown {
+            name: format!("{called}.{}", axes[axis]),
+            unit: "m",
+            start: value.map_or(start, |value| value.value[axis]),
+            prior: value.map(|value| (value.value[axis], value.tol)),
+        };
+        let (unknowns, normal) = match kind {
+            PlateKind::Height => {
+                let stated = measuring.surfaces.get(name);
+                let normal = stated.map_or(Vector3::z(), |surface| {
+                    Vector3::from_column_slice(&surface.normal.value).normalize()
+                });
+                let tilt = |axis: &str| ObjectUnknown {
+                    name: format!("{called}.tilt.{axis}"),
+                    unit: "rad",
+                    start: 0.0,
+                    prior: stated.map(|surface| (0.0, surface.normal.tol)),
+                };
+                let count = rows.len().max(1) as f64;
+                let mean = rows
+                    .iter()
+                    .map(|(at, height)| normal.dot(at) - height)
+                    .sum::<f64>()
+                    / count;
+                let offset = ObjectUnknown {
+                    name: format!("{called}.offset"),
+                    unit: "m",
+                    start: stated.map_or(mean, |surface| surface.offset.value[0]),
+                    prior: stated.map(|surface| (surface.offset.value[0], surface.offset.tol)),
+                };
+                (vec![tilt("1"), tilt("2"), offset], normal)
+            }
+            PlateKind::BallBar => {
+                let stated = measuring.balls.get(name);
+                let start = centre_of(&rows);
+                let each = (0..3).map(|axis| coordinate(axis, start[axis], stated));
+                (each.collect(), Vector3::z())
+            }
+            _ => {
+                let stated = measuring.targets.get(name);
+                (
+                    (0..3).map(|axis| coordinate(axis, 0.0, stated)).collect(),
+                    Vector3::z(),
+                )
+            }
+        };
+        Object {
+            section,
+            name: name.to_owned(),
+            first,
+            unknowns,
+            normal,
+        }
+    }
+}
+
+/// Centre of the sphere whose distances from points are nearest to given ones, by the linear equations of differences of
+/// squares; the mean of the points where these do not say.
+fn centre_of(rows: &[(Vector3<f64>, f64)]) -> Vector3<f64> {
+    let count = rows.len().max(1) as f64;
+    let mean = rows.iter().map(|(at, _)| at).sum::<Vector3<f64>>() / count;
+    let squares =
+        |(at, distance): &(Vector3<f64>, f64)| (at - mean).norm_squared() - distance * distance;
+    let average = rows.iter().map(squares).sum::<f64>() / count;
+    let matrix = DMatrix::from_fn(rows.len(), 3, |row, axis| 2.0 * (rows[row].0 - mean)[axis]);
+    let right = DVector::from_fn(rows.len(), |row, _| squares(&rows[row]) - average);
+    let normal = matrix.tr_mul(&matrix);
+    let found = normal
+        .cholesky()
+        .map(|factor| factor.solve(&matrix.tr_mul(&right)));
+    let found = found.filter(|found| found.iter().all(|value| value.is_finite()));
+    found.map_or(mean, |found| {
+        mean + Vector3::new(found[0], found[1], found[2])
+    })
+}

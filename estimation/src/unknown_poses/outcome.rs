@@ -1,0 +1,200 @@
+//! Results of a calibration from unknown poses, and what is known before it.
+
+use std::collections::BTreeSet;
+
+use tau_robot::measurements::{Folder, Split};
+
+use super::ABSORBED;
+use super::gauge::Freedom;
+use super::heldout::HeldOut;
+use super::rows::{Kind, RowPlace};
+use crate::calibration::Calibration;
+use crate::numerics::distribution::chi2_survival;
+use crate::weighing::Loss;
+
+/// Chance below which residuals are larger than their noise.
+const SIGNIFICANT: f64 = 1e-3;
+
+/// The rows of a folder that calibrate and those that are held out.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct RowDivision {
+    /// Numbers of the poses whose rows calibrate.
+    pub calibration: BTreeSet<u32>,
+    /// Numbers of those whose rows validate.
+    pub validation: BTreeSet<u32>,
+    /// Lines of `distances.csv` that calibrate.
+    pub distances: BTreeSet<usize>,
+    /// Lines that validate.
+    pub held_out_distances: BTreeSet<usize>,
+}
+
+impl RowDivision {
+    /// Divides poses by their commands, as poses of set 1 are, and distances row by row.
+    pub fn of(folder: &Folder, split: Split) -> Self {
+        let poses = folder.plate_poses();
+        let indices: Vec<usize> = (0..poses.len()).collect();
+        let own = split.divide_readings(&indices, poses.iter().map(|pose| pose.1));
+        let numbers = |indices: &[usize]| indices.iter().map(|&index| poses[index].0).collect();
+        let rows: Vec<usize> = (0..folder.distances.len()).collect();
+        let keys: Vec<[f64; 2]> = (folder.distances.iter())
+            .map(|row| [f64::from(row.poses[0]), f64::from(row.poses[1])])
+            .collect();
+        let of_rows = split.divide_readings(&rows, keys.iter().map(<[f64; 2]>::as_slice));
+        let lines = |indices: &[usize]| {
+            indices
+                .iter()
+                .map(|&index| folder.distances[index].line)
+                .collect()
+        };
+        Self {
+            calibration: numbers(&own.calibration),
+            validation: numbers(&own.validation),
+            distances: lines(&of_rows.calibration),
+            held_out_distances: lines(&of_rows.validation),
+        }
+    }
+}
+
+/// A kind of residual, and how it is met.
+#[derive(Debug, Clone, PartialEq)]
+pub struct KindFit {
+    /// The kind, with the noise that it was given.
+    pub kind: Kind,
+    /// Number of residuals.
+    pub rows: usize,
+    /// Residuals less what the fit absorbs of them.
+    pub redundancy: f64,
+    /// Sum of their squares over the noise.
+    pub squares: f64,
+}
+
+impl KindFit {
+    /// Root mean square of the residuals over the noise, by what the fit leaves of them; `None` where it leaves nothing.
+    pub fn residual_over_noise(&self) -> Option<f64> {
+        let left = self.redundancy > (1.0 - ABSORBED) * self.rows as f64;
+        left.then(|| (self.squares / self.redundancy).sqrt())
+    }
+}
+
+/// A row far off the others.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct GrossRow {
+    /// Its place.
+    pub place: RowPlace,
+    /// Its residual over the noise that the fit leaves of it.
+    pub sigmas: f64,
+}
+
+/// An unknown that is no parameter of the machine.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ObjectEstimate {
+    /// Name, such as `ball.x`.
+    pub name: String,
+    /// SI unit.
+    pub unit: &'static str,
+    /// Value.
+    pub value: f64,
+    /// Its standard deviation.
+    pub sigma: f64,
+}
+
+/// Ranks, and what is open.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Rank {
+    /// Number of residuals.
+    pub rows: usize,
+    /// Unknowns of poses that they pay for.
+    pub spent: usize,
+    /// Number of poses.
+    pub poses: usize,
+    /// Number of shared unknowns.
+    pub unknowns: usize,
+    /// Combinations of these that the data know better than the tolerances.
+    pub determined: usize,
+    /// Combinations that no residual sees, in words.
+    pub open: Vec<Freedom>,
+    /// True if a mirror image of the machine would fit as well.
+    pub has_mirror_image: bool,
+}
+
+impl Rank {
+    /// Residuals that are left for the shared unknowns once poses have their own.
+    pub fn net_rows(&self) -> usize {
+        self.rows - self.spent
+    }
+
+    /// True if every residual is needed to determine something, so that none can be told to be wrong.
+    pub fn is_saturated(&self) -> bool {
+        self.net_rows() <= self.determined
+    }
+
+    /// Number of poses, measured like these, from which on residuals are left to judge the fit by.
+    pub fn poses_needed(&self) -> usize {
+        let each = (self.net_rows() as f64 / self.poses.max(1) as f64).max(1e-9);
+        let factors = self.unknowns - self.open.len().min(self.unknowns);
+        #[allow(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "a small count"
+        )]
+        let needed = ((factors + 1) as f64 / each).ceil() as usize;
+        needed
+    }
+
+    /// Why a calibration would mean nothing, if so.
+    pub fn why_not(&self) -> Option<String> {
+        let (net, poses) = (self.net_rows(), self.poses);
+        if self.is_saturated() {
+            return Some(format!(
+                "{net} residuals of {poses} poses determine as many factors: the fit would repeat its input, and no wrong \
+                 measurement could be told"
+            ));
+        }
+        let scale = self.open.iter().find(|freedom| freedom.is_scale)?;
+        Some(format!(
+            "nothing determines the {}: a free scale makes a machine of any size fit, the smaller the better",
+            scale.words
+        ))
+    }
+}
+
+/// A calibration from poses that are unknown.
+#[derive(Clone)]
+pub struct UnknownPoses {
+    /// The machine, with parameters, covariance and file.
+    pub calibration: Calibration,
+    /// Targets, surfaces and balls.
+    pub objects: Vec<ObjectEstimate>,
+    /// Kinds of residuals.
+    pub kinds: Vec<KindFit>,
+    /// What the measurements determine.
+    pub rank: Rank,
+    /// Rows that were left out, worst first.
+    pub gross: Vec<GrossRow>,
+    /// Fit of rows that took no part; `None` where all did.
+    pub held_out: Option<HeldOut>,
+    /// Number of poses that took part.
+    pub poses: usize,
+    /// Sum of squared residuals over their noise, and what is left of their number.
+    pub chi2: f64,
+    /// Residuals less what the fit absorbs.
+    pub dof: f64,
+    /// Loss of the fit, if it is not least squares.
+    pub loss: Option<Loss>,
+    /// Lowest and highest value of each command among the poses (m or rad).
+    pub commands_m: Vec<[f64; 2]>,
+    /// Lowest and highest coordinate of the TCP along each axis (m).
+    pub position_m: Vec<[f64; 2]>,
+}
+
+impl UnknownPoses {
+    /// √(chi2/dof).
+    pub fn residual_over_noise(&self) -> f64 {
+        (self.chi2 / self.dof.max(1e-9)).sqrt()
+    }
+
+    /// True if residuals are no larger than the stated noise lets expect.
+    pub fn is_consistent(&self) -> bool {
+        chi2_survival(self.chi2, self.dof.max(1e-9)) > SIGNIFICANT
+    }
+}

@@ -1,0 +1,87 @@
+//! What is refused before a fit.
+
+use tau_robot::input_error::InputError;
+use tau_robot::measurements::{DISTANCES, Folder};
+use tau_robot::robot::Variant;
+
+use super::Rank;
+use super::fit::Fit;
+use crate::calibration::Error;
+
+/// Lengths that are so much (m) off, and so many times farther than a thousandth of them, are millimetres.
+const MILLIMETRES_M: f64 = 1.0;
+const MILLIMETRES_OFF: f64 = 10.0;
+
+impl Fit<'_> {
+    /// Refuses as many factors as points, and a scale that nothing determines.
+    pub(super) fn refuse_rank(&self, rank: &Rank, free_scale: bool) -> Result<(), Error> {
+        let Some(why) = rank
+            .why_not()
+            .filter(|_| rank.is_saturated() || !free_scale)
+        else {
+            return Ok(());
+        };
+        let help = if rank.is_saturated() {
+            format!(
+                "measure at least {} poses like these, or let more of them calibrate with `--split all`",
+                rank.poses_needed()
+            )
+        } else {
+            "measure a distance; `--free-scale` fits it all the same, with the size of the tolerances".to_owned()
+        };
+        Err(InputError::whole(&self.folder.name, why).help(help).into())
+    }
+
+    /// Refuses lengths in millimetres that are plausible in themselves.
+    pub(super) fn refuse_units(&self) -> Result<(), Error> {
+        let values = &self.start;
+        let reduced = self.elimination(values).reduce();
+        for (rows, residuals) in self.blocks.iter().zip(&reduced.residuals).skip(1) {
+            if rows.kinds.len() != 1 {
+                continue;
+            }
+            let measured = rows.data.chunks_exact(rows.family.shape().data);
+            let off = |divisor: f64| {
+                let pairs = residuals.iter().zip(&rows.weights).zip(measured.clone());
+                let mut off: Vec<f64> = pairs
+                    .map(|((residual, weight), data)| {
+                        let sigma = self.assembly.kinds[rows.kinds[0]].sigma;
+                        let measured = data[data.len() - 1];
+                        let predicted = residual * sigma / weight + measured;
+                        (predicted - measured / divisor).abs()
+                    })
+                    .collect();
+                off.sort_by(f64::total_cmp);
+                off[off.len() / 2]
+            };
+            let (as_is, as_millimetres) = (off(1.0), off(1000.0));
+            if as_is > MILLIMETRES_OFF * as_millimetres && as_is > MILLIMETRES_M {
+                let message = format!(
+                    "the lengths are {as_is:.3} m off what the machine would have them, {as_millimetres:.3} m if they were millimetres"
+                );
+                let error = InputError::whole(rows.label.clone(), message);
+                return Err(error
+                    .help("these look like millimetres: divide by 1000")
+                    .into());
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Effects of a tracker have no part in what is measured without one.
+pub(super) fn refuse_tracker_effects(variant: &Variant, folder: &Folder) -> Result<(), Error> {
+    let effects = variant.tracker_effects();
+    let other = folder.plate_rows.first().map(|row| row.kind.file());
+    let other = other.or((!folder.distances.is_empty()).then_some(DISTANCES));
+    match (effects.first(), other) {
+        (Some(effect), Some(file)) => {
+            let message = format!(
+                "`{effect}` of variant `{}` is an error of the tracker, and {file} is measured without it",
+                variant.name
+            );
+            Err(InputError::whole(&folder.name, message).into())
+        }
+        _ => Ok(()),
+    }
+}

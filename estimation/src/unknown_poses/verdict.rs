@@ -1,0 +1,109 @@
+//! The verdict on a calibration from unknown poses.
+
+use super::UnknownPoses;
+use crate::trust::{FileFit, PoseFit, Pull, Status, Verdict, general};
+use crate::weighing::Outlier;
+
+/// Worst rows and largest pulls that are listed.
+const LISTED: usize = 5;
+/// A parameter that is pulled farther than this has a wrong tolerance, or takes up what the model lacks.
+const FAR_PULL: f64 = 4.0;
+
+impl UnknownPoses {
+    /// Residuals against noise and parameters against tolerances.
+    pub fn verdict(&self) -> Verdict {
+        let ratio = self.residual_over_noise();
+        let mut why = vec![];
+        let mut status = Status::Consistent;
+        if self.is_consistent() {
+            why.push(format!(
+                "Residuals are {} times their noise, {} of them beyond what the fit absorbs.",
+                general(ratio, 3),
+                general(self.dof, 3)
+            ));
+        } else {
+            status = Status::Inconsistent;
+            why.push(format!(
+                "Residuals are {} times the stated noise: the model lacks something, or the noise is larger.",
+                general(ratio, 3)
+            ));
+        }
+        let mut pulls: Vec<Pull> = (self.calibration.parameters.iter())
+            .filter_map(|parameter| {
+                let tolerance = parameter.tolerance?;
+                Some(Pull {
+                    parameter: parameter.name.clone(),
+                    tolerances: (parameter.value - parameter.nominal) / tolerance,
+                })
+            })
+            .collect();
+        pulls.sort_by(|a, b| b.tolerances.abs().total_cmp(&a.tolerances.abs()));
+        pulls.truncate(LISTED);
+        if let Some(pull) = pulls
+            .first()
+            .filter(|pull| pull.tolerances.abs() > FAR_PULL)
+        {
+            status = Status::Inconsistent;
+            why.push(format!(
+                "`{}` lies {} tolerances off its nominal value.",
+                pull.parameter,
+                general(pull.tolerances.abs(), 2)
+            ));
+        }
+        for kind in self.kinds.iter().filter(|kind| kind.kind.is_estimated()) {
+            why.push(match kind.residual_over_noise() {
+                Some(_) => format!(
+                    "The noise of {} was estimated: {} {}.",
+                    kind.kind.file,
+                    general(kind.kind.sigma, 2),
+                    kind.kind.unit
+                ),
+                None => format!(
+                    "The noise of {} could not be estimated: the fit follows its rows.",
+                    kind.kind.file
+                ),
+            });
+        }
+        let kinds = self
+            .kinds
+            .iter()
+            .filter(|kind| kind.rows > 0 && kind.kind.stated.is_some());
+        Verdict {
+            status,
+            chi2: self.chi2,
+            dof: self.dof,
+            residual_over_noise: ratio,
+            by_file: kinds
+                .map(|fit| FileFit {
+                    file: fit.kind.file,
+                    kind: fit.kind.quantity,
+                    rows: fit.rows,
+                    rms: fit.kind.sigma * (fit.squares / fit.rows as f64).sqrt(),
+                    expected_rms: fit.kind.sigma
+                        * (fit.redundancy / fit.rows as f64).max(0.0).sqrt(),
+                    unit: fit.kind.unit,
+                })
+                .collect(),
+            worst: (self.gross.iter().take(LISTED))
+                .map(|row| PoseFit {
+                    pose: row.place.pose,
+                    sigmas: row.sigmas,
+                })
+                .collect(),
+            pulls,
+            reach: None,
+            why,
+            mistakes: vec![],
+            outliers: (self.gross.iter())
+                .map(|row| Outlier {
+                    file: row.place.file,
+                    pose: row.place.pose,
+                    sigmas: row.sigmas,
+                    weight: 0.0,
+                })
+                .collect(),
+            repeats: None,
+            loss: self.loss,
+        }
+    }
+}

@@ -1,0 +1,215 @@
+//! Calibrations from poses that are unknown, in words and as JSON.
+
+use serde_json::{Value, json};
+use tau::unknown_poses::{GrossRow, Rank, RowDivision, UnknownPoses};
+
+use crate::number::general;
+use crate::screen::Screen;
+use crate::trust;
+
+/// Parameters and rows listed in the terminal.
+const LISTED: usize = 12;
+
+/// What was found, for the terminal.
+pub fn terminal(found: &UnknownPoses, width: usize) -> String {
+    let mut screen = Screen::new(width);
+    let rank = &found.rank;
+    screen.say(&format!(
+        "{} residuals of {} poses, {} of them for the poses; {} unknowns, {} determined better than by tolerances",
+        rank.rows, found.poses, rank.spent, rank.unknowns, rank.determined
+    ));
+    screen.gap();
+    screen.line(&format!(
+        "  {:<20}{:>10}{:>8}{:>14}{:>16}",
+        "measurements", "kind", "rows", "noise", "residual/noise"
+    ));
+    for fit in &found.kinds {
+        let noise = match fit.kind.stated {
+            None => "exact".to_owned(),
+            Some(_) if fit.kind.is_estimated() => {
+                format!("{} (found)", length(fit.kind.sigma, fit.kind.unit))
+            }
+            Some(_) => length(fit.kind.sigma, fit.kind.unit),
+        };
+        let ratio = fit
+            .residual_over_noise()
+            .map_or_else(|| "-".to_owned(), |ratio| format!("{ratio:.2}"));
+        let (file, quantity, rows) = (fit.kind.file, fit.kind.quantity, fit.rows);
+        screen.line(&format!(
+            "  {file:<20}{quantity:>10}{rows:>8}{noise:>14}{ratio:>16}"
+        ));
+    }
+    gauge(&mut screen, rank);
+    if !found.gross.is_empty() {
+        screen.gap();
+        screen.line("Rows left out");
+    }
+    for row in found.gross.iter().take(LISTED) {
+        screen.say_within(
+            "  ",
+            &format!(
+                "{} line {}, pose {}{}: {} times its noise",
+                row.place.file,
+                row.place.line,
+                row.place.pose,
+                link(found, row).map_or_else(String::new, |link| format!(", drive of {link}")),
+                general(row.sigmas, 3)
+            ),
+        );
+    }
+    screen.gap();
+    screen.line("Parameters that moved most, in tolerances");
+    let mut moved: Vec<_> = found.calibration.parameters.iter().collect();
+    let tolerances = |parameter: &tau::calibration::ParameterEstimate| {
+        parameter.tolerance.map_or(0.0, |tolerance| {
+            (parameter.value - parameter.nominal).abs() / tolerance
+        })
+    };
+    moved.sort_by(|a, b| tolerances(b).total_cmp(&tolerances(a)));
+    for parameter in moved.iter().take(LISTED) {
+        screen.line(&format!(
+            "  {:<24}{:>14} +- {:<10} {:<4}{:>8.2}",
+            parameter.name,
+            format!("{:.6}", parameter.value),
+            format!("{:.1e}", parameter.sigma),
+            parameter.unit,
+            tolerances(parameter)
+        ));
+    }
+    for object in &found.objects {
+        screen.line(&format!(
+            "  {:<24}{:>14} +- {:<10} {}",
+            object.name,
+            format!("{:.6}", object.value),
+            format!("{:.1e}", object.sigma),
+            object.unit
+        ));
+    }
+    if let Some(held_out) = &found.held_out {
+        screen.gap();
+        let ratio = held_out.residual_over_noise;
+        let ratio = ratio.map_or_else(String::new, |ratio| {
+            format!(", residuals {} times their noise", general(ratio, 3))
+        });
+        screen.say(&format!(
+            "Held out: {} residuals of {} poses{ratio}",
+            held_out.rows, held_out.poses
+        ));
+        for kind in &held_out.predicted {
+            screen.line(&format!(
+                "  {:<20} foretold from the drives to {} rms, {} at most ({} rows)",
+                kind.file,
+                length(kind.rms, "m"),
+                length(kind.max, "m"),
+                kind.rows
+            ));
+        }
+    }
+    screen.gap();
+    trust::terminal::line(&mut screen, &found.verdict());
+    screen.into_text()
+}
+
+/// Name of the link whose drive read grossly.
+fn link(found: &UnknownPoses, row: &GrossRow) -> Option<String> {
+    let machine = &found.calibration.machine;
+    let closure = machine.closure_instances().nth(row.place.drive?)?;
+    Some(machine.closure_name(closure).to_owned())
+}
+
+fn length(value: f64, unit: &str) -> String {
+    match unit {
+        "m" => format!("{} um", general(1e6 * value, 3)),
+        unit => format!("{} {unit}", general(value, 3)),
+    }
+}
+
+/// What nothing determines, and how it was fixed.
+fn gauge(screen: &mut Screen, rank: &Rank) {
+    if !rank.open.is_empty() || rank.has_mirror_image {
+        screen.gap();
+        open(screen, rank, "");
+    }
+}
+
+pub(crate) fn open(screen: &mut Screen, rank: &Rank, indent: &str) {
+    if !rank.open.is_empty() {
+        screen.say_within(
+            indent,
+            "left open by these measurements, and held where the tolerances put it:",
+        );
+    }
+    let inner = format!("{indent}  ");
+    for open in &rank.open {
+        screen.say_within(&inner, &open.words);
+    }
+    if rank.has_mirror_image {
+        screen.say_within(
+            indent,
+            "a mirror image of the machine would fit as well: the reference says which it is",
+        );
+    }
+}
+
+/// `gauge` in JSON.
+pub fn gauge_json(rank: &Rank) -> Value {
+    let open = rank.open.iter().map(
+        |open| json!({ "what": open.words, "scale": open.is_scale, "fixed_by": "tolerances" }),
+    );
+    json!({ "open": open.collect::<Vec<_>>(), "mirror_image": rank.has_mirror_image })
+}
+
+/// Numbers of poses and distances that calibrate and are held out.
+pub fn division_json(division: &RowDivision) -> Value {
+    json!({
+        "total": division.calibration.union(&division.validation).count(),
+        "calibration": division.calibration.len(),
+        "validation": division.validation.difference(&division.calibration).count(),
+        "distances": division.distances.len(),
+    })
+}
+
+/// The same as JSON.
+pub fn json(found: &UnknownPoses) -> Value {
+    let rank = &found.rank;
+    json!({
+        "poses": { "calibration": found.poses, "validation": found.held_out.as_ref().map_or(0, |own| own.poses) },
+        "rows": rank.rows,
+        "pose_unknowns": rank.spent,
+        "unknowns": rank.unknowns,
+        "determined": rank.determined,
+        "gauge": gauge_json(rank),
+        "kinds": found.kinds.iter().map(|fit| json!({
+            "file": fit.kind.file,
+            "kind": fit.kind.quantity,
+            "rows": fit.rows,
+            "redundancy": fit.redundancy,
+            "noise": fit.kind.stated.map(|_| fit.kind.sigma),
+            "unit": fit.kind.unit,
+            "estimated": fit.kind.is_estimated(),
+            "residual_over_noise": fit.residual_over_noise(),
+        })).collect::<Vec<_>>(),
+        "parameters": found.calibration.parameters.iter().map(|own| json!({
+            "name": own.name, "unit": own.unit, "nominal": own.nominal, "tolerance": own.tolerance,
+            "value": own.value, "sigma": own.sigma,
+        })).collect::<Vec<_>>(),
+        "objects": found.objects.iter().map(|own| json!({
+            "name": own.name, "unit": own.unit, "value": own.value, "sigma": own.sigma,
+        })).collect::<Vec<_>>(),
+        "gross_rows": found.gross.iter().map(|row| json!({
+            "file": row.place.file, "line": row.place.line, "pose": row.place.pose, "sigmas": row.sigmas,
+            "link": link(found, row),
+        })).collect::<Vec<_>>(),
+        "held_out": found.held_out.as_ref().map(|own| json!({
+            "poses": own.poses,
+            "rows": own.rows,
+            "residual_over_noise": own.residual_over_noise,
+            "predicted": own.predicted.iter().map(|kind| json!({
+                "file": kind.file, "rows": kind.rows, "rms_m": kind.rms, "max_m": kind.max,
+            })).collect::<Vec<_>>(),
+        })),
+        "cost": found.calibration.cost,
+        "iterations": found.calibration.iterations,
+        "fit": trust::json::verdict(&found.verdict()),
+    })
+}

@@ -1,0 +1,118 @@
+//! Measurements of the plate that tell less than its whole pose.
+
+use std::collections::BTreeMap;
+
+use super::{Conditions, Folder};
+
+/// A kind of measurement of the plate, with a file of its own.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum PlateKind {
+    /// Some or all coordinates of the TCP or of a target on the plate.
+    Position,
+    /// Distance of the TCP from a plane.
+    Height,
+    /// Distance of the TCP from a fixed ball (ISO 230-4).
+    BallBar,
+    /// Nothing but the drives, which measure each other where there are more of them than freedoms.
+    Reading,
+}
+
+impl PlateKind {
+    /// All of them.
+    pub const ALL: [Self; 4] = [Self::Position, Self::Height, Self::BallBar, Self::Reading];
+
+    /// Name of the file.
+    pub fn file(self) -> &'static str {
+        match self {
+            Self::Position => "tcp_positions.csv",
+            Self::Height => "heights.csv",
+            Self::BallBar => "ball_bar.csv",
+            Self::Reading => "readings.csv",
+        }
+    }
+
+    /// Columns of the measured values, of which at least one is there.
+    pub fn columns(self) -> &'static [&'static str] {
+        match self {
+            Self::Position => &["x_m", "y_m", "z_m"],
+            Self::Height => &["height_m"],
+            Self::BallBar => &["distance_m"],
+            Self::Reading => &[],
+        }
+    }
+
+    /// Optional column that names what was measured or from where, and the section of the robot file that places it.
+    pub fn object(self) -> Option<(&'static str, &'static str)> {
+        match self {
+            Self::Position => Some(("target", "targets")),
+            Self::Height => Some(("surface", "surfaces")),
+            Self::BallBar => Some(("ball", "balls")),
+            Self::Reading => None,
+        }
+    }
+}
+
+/// A row of such a file.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PlateRow {
+    /// The kind of measurement.
+    pub kind: PlateKind,
+    /// Line in the file, from 1.
+    pub line: usize,
+    /// Number of the pose. Rows of one number, in whichever files, were taken at one true pose.
+    pub pose: u32,
+    /// Commands, or what the drives read (m), one per command of the robot.
+    pub commands_m: Vec<f64>,
+    /// Time and temperature.
+    pub conditions: Conditions,
+    /// Sign of the last move, one per command (±1), where the file has the columns.
+    pub directions: Option<Vec<f64>>,
+    /// Measured values (m) in the order of [`PlateKind::columns`]; `None` where not measured.
+    pub values: [Option<f64>; 3],
+    /// Standard deviations of the values (m), where the row states them.
+    pub sigmas: [Option<f64>; 3],
+    /// Name of the target, the surface or the ball; `None`: the TCP, the plane z = 0, the only ball.
+    pub of: Option<String>,
+}
+
+/// A measured distance between two positions of the TCP.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Distance {
+    /// Line in the file, from 1.
+    pub line: usize,
+    /// Numbers of the two poses.
+    pub poses: [u32; 2],
+    /// Distance (m).
+    pub distance_m: f64,
+    /// Its standard deviation (m), where the row states it.
+    pub sigma_m: Option<f64>,
+}
+
+/// Name of the file of [`Distance`]s.
+pub const DISTANCES: &str = "distances.csv";
+
+impl Folder {
+    /// True if the folder holds measurements beside those of whole poses, or poses with noise of their own, so that true
+    /// poses are unknown.
+    pub fn has_partial_poses(&self) -> bool {
+        let of_rows = self.tcp_poses.iter().any(|pose| pose.sigmas.are_stated());
+        of_rows || !self.plate_rows.is_empty() || !self.distances.is_empty()
+    }
+
+    /// Rows of each kind, as many as there are.
+    pub fn rows_of(&self, kind: PlateKind) -> impl Iterator<Item = &PlateRow> {
+        self.plate_rows.iter().filter(move |row| row.kind == kind)
+    }
+
+    /// Numbers of all poses of the plate with the commands (m) of their first row, in the order of the files.
+    pub fn plate_poses(&self) -> Vec<(u32, &[f64])> {
+        let of_poses = self.tcp_poses.iter();
+        let of_poses = of_poses.map(|pose| (pose.pose, pose.commands_m.as_slice()));
+        let of_rows = self.plate_rows.iter();
+        let of_rows = of_rows.map(|row| (row.pose, row.commands_m.as_slice()));
+        let mut known = BTreeMap::new();
+        let all = of_poses.chain(of_rows);
+        all.filter(|(pose, _)| known.insert(*pose, ()).is_none())
+            .collect()
+    }
+}

@@ -1,0 +1,229 @@
+//! Noise of each kind of measurement, and what measurements are taken of or from.
+
+use std::collections::BTreeMap;
+use std::fmt::{self, Write};
+
+use toml::Spanned;
+use toml::de::{DeTable, DeValue};
+
+use super::read::{Document, Kind, LARGEST_NOISE, SMALLEST_DEVIATION};
+use super::write::{inline, key};
+use super::{RobotFile, Value};
+use crate::measurements::{DISTANCES, PlateKind};
+
+/// Word in place of a noise that the calibration is to find.
+const ESTIMATE: &str = "estimate";
+
+/// A standard deviation as the file states it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum StatedNoise {
+    /// So much (SI).
+    Known(f64),
+    /// To be estimated from the residuals.
+    Estimate,
+}
+
+/// A plane that heights are measured from.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Surface {
+    /// Direction in which heights count, in the measurement frame; of any length.
+    pub normal: Value,
+    /// Distance of the plane from the origin in that direction (m).
+    pub offset: Value,
+}
+
+/// What a robot file says of measurements that tell less than the plate's pose.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Measuring {
+    /// `[noise.NAME]`, by name of the file without its ending: noise of its lengths (m).
+    pub noise: BTreeMap<String, StatedNoise>,
+    /// `[drives]`: noise of each command (m or rad), or one for all; empty: exact drives.
+    pub drives: Vec<StatedNoise>,
+    /// `[targets.NAME]`: position on the plate, in TCP coordinates (m).
+    pub targets: BTreeMap<String, Value>,
+    /// `[surfaces.NAME]`.
+    pub surfaces: BTreeMap<String, Surface>,
+    /// `[balls.NAME]`: position in the measurement frame (m).
+    pub balls: BTreeMap<String, Value>,
+}
+
+/// Sections of noise by file, with the key of each.
+fn sections() -> impl Iterator<Item = (&'static str, &'static str)> {
+    let of_kind = |kind: PlateKind| match kind {
+        PlateKind::Position => Some((kind.file(), "position_m")),
+        PlateKind::Height => Some((kind.file(), "height_m")),
+        PlateKind::BallBar => Some((kind.file(), "distance_m")),
+        PlateKind::Reading => None,
+    };
+    PlateKind::ALL
+        .into_iter()
+        .filter_map(of_kind)
+        .chain([(DISTANCES, "distance_m")])
+        .map(|(file, key)| (section_of(file), key))
+}
+
+/// Name of the section of a file.
+fn section_of(file: &'static str) -> &'static str {
+    file.strip_suffix(".csv").unwrap_or(file)
+}
+
+/// Keys of `[noise]` that are sections of files.
+pub(super) fn noise_sections() -> Vec<&'static str> {
+    sections().map(|(section, _)| section).collect()
+}
+
+impl RobotFile {
+    /// Noise (m) of the lengths in a file; that of positions in general where the file has none of its own.
+    pub fn noise_of(&self, file: &'static str) -> Option<StatedNoise> {
+        let own = self.measuring.noise.get(section_of(file)).copied();
+        let general = StatedNoise::Known(self.noise.position_m);
+        own.or_else(|| self.noise.position_m.is_finite().then_some(general))
+    }
+
+    /// Noise of a command (m or rad); `None` where drives are exact.
+    pub fn noise_of_drive(&self, command: usize) -> Option<StatedNoise> {
+        let drives = &self.measuring.drives;
+        drives.get(command).or_else(|| drives.first()).copied()
+    }
+}
+
+impl Document<'_> {
+    pub(super) fn measuring(&mut self, root: &DeTable<'_>) -> Measuring {
+        let noise = root
+            .get("noise")
+            .and_then(|value| value.get_ref().as_table());
+        let mut found = Measuring::default();
+        for (section, key) in sections() {
+            let Some(value) = noise.and_then(|noise| noise.get(section)) else {
+                continue;
+            };
+            let Some(table) = self.table(value) else {
+                continue;
+            };
+            self.known_keys(table, &[key]);
+            let place = value.span();
+            if let Some(value) = self.required(table, key, &place)
+                && let Some(stated) = self.stated_noise(value)
+            {
+                found.noise.insert(section.to_owned(), stated);
+            }
+        }
+        if let Some(value) = root.get("drives")
+            && let Some(table) = self.table(value)
+        {
+            found.drives = self.drives(table, value);
+        }
+        found.targets = self.places(root, "targets");
+        found.balls = self.places(root, "balls");
+        let surfaces = self.section(root, "surfaces", |document, table| {
+            document.known_keys(table, &["normal", "offset_m"]);
+            let place = table.iter().next().map_or(0..0, |(key, _)| key.span());
+            let normal = document.required(table, "normal", &place);
+            let normal = normal.and_then(|value| document.value(value, Kind::Direction));
+            let offset = document.required(table, "offset_m", &place);
+            let offset = offset.and_then(|value| document.value(value, Kind::Coordinate));
+            Some(Surface {
+                normal: normal?,
+                offset: offset?,
+            })
+        });
+        found.surfaces = surfaces
+            .into_iter()
+            .filter_map(|(name, surface)| Some((name, surface?)))
+            .collect();
+        found
+    }
+
+    fn drives(&mut self, table: &DeTable<'_>, section: &Spanned<DeValue<'_>>) -> Vec<StatedNoise> {
+        self.known_keys(table, &["noise_m"]);
+        let Some(value) = self.required(table, "noise_m", &section.span()) else {
+            return vec![];
+        };
+        if let DeValue::Array(array) = value.get_ref() {
+            let each: Vec<_> = array.iter().map(|value| self.stated_noise(value)).collect();
+            return each.into_iter().flatten().collect();
+        }
+        self.stated_noise(value).into_iter().collect()
+    }
+
+    /// Sections `[SECTION.NAME]` that hold `position_m`.
+    fn places(&mut self, root: &DeTable<'_>, section: &str) -> BTreeMap<String, Value> {
+        let found = self.section(root, section, |document, table| {
+            document.known_keys(table, &["position_m"]);
+            let place = table.iter().next().map_or(0..0, |(key, _)| key.span());
+            let value = document.required(table, "position_m", &place)?;
+            document.value(value, Kind::Point(super::read::FARTHEST_M))
+        });
+        found
+            .into_iter()
+            .filter_map(|(name, value)| Some((name, value?)))
+            .collect()
+    }
+
+    /// A standard deviation in metres, or `"estimate"`.
+    fn stated_noise(&mut self, value: &Spanned<DeValue<'_>>) -> Option<StatedNoise> {
+        if let DeValue::String(text) = value.get_ref()
+            && text != super::PLACEHOLDER
+        {
+            if text == ESTIMATE {
+                return Some(StatedNoise::Estimate);
+            }
+            let message =
+                format!("found \"{text}\", expected a standard deviation or \"{ESTIMATE}\"");
+            self.mistakes.push(value.span(), message);
+            return None;
+        }
+        let found = self.deviation(value, "standard deviation", SMALLEST_DEVIATION)?;
+        if found > LARGEST_NOISE {
+            self.mistakes.push_with_help(
+                value.span(),
+                format!("found a noise of {found}, expected metres, at most {LARGEST_NOISE}"),
+                "are these millimetres: divide by 1000",
+            );
+        }
+        Some(StatedNoise::Known(found))
+    }
+}
+
+impl fmt::Display for StatedNoise {
+    /// As in the file.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Known(sigma) => write!(f, "{sigma:?}"),
+            Self::Estimate => write!(f, "\"{ESTIMATE}\""),
+        }
+    }
+}
+
+impl Measuring {
+    /// Sections of `[noise]`, then the others.
+    pub(super) fn write(&self, out: &mut String) -> fmt::Result {
+        for (section, quantity) in sections() {
+            if let Some(noise) = self.noise.get(section) {
+                writeln!(out, "\n[noise.{section}]\n{quantity} = {noise}")?;
+            }
+        }
+        match self.drives.as_slice() {
+            [] => {}
+            [one] => writeln!(out, "\n[drives]\nnoise_m = {one}")?,
+            each => {
+                let each: Vec<String> = each.iter().map(StatedNoise::to_string).collect();
+                writeln!(out, "\n[drives]\nnoise_m = [{}]", each.join(", "))?;
+            }
+        }
+        for (name, value) in &self.targets {
+            writeln!(out, "\n[targets.{}]  # in TCP coordinates", key(name))?;
+            writeln!(out, "position_m = {}", inline(value))?;
+        }
+        for (name, surface) in &self.surfaces {
+            writeln!(out, "\n[surfaces.{}]", key(name))?;
+            writeln!(out, "normal = {}", inline(&surface.normal))?;
+            writeln!(out, "offset_m = {}", inline(&surface.offset))?;
+        }
+        for (name, value) in &self.balls {
+            writeln!(out, "\n[balls.{}]  # in the measurement frame", key(name))?;
+            writeln!(out, "position_m = {}", inline(value))?;
+        }
+        Ok(())
+    }
+}

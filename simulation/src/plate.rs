@@ -1,0 +1,350 @@
+//! Measurements that tell less of the plate than its pose: positions of targets, heights over a plane, distances, a
+//! ball bar, or the drives alone.
+
+use std::collections::BTreeMap;
+use std::str::FromStr;
+
+use nalgebra::Vector3;
+use tau_robot::input_error::{InputError, quoted};
+use tau_robot::measurements::{Conditions, Distance, PlateKind, PlateRow};
+use tau_robot::robot_file::{RobotFile, StatedNoise, Value};
+
+use super::machine::State;
+use super::noise::Noise;
+use super::plan::Stop;
+use super::random::Random;
+use super::{Tails, number, recorded};
+
+/// A kind of measurement of the plate.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Measure {
+    /// `tcp_poses.csv`.
+    Poses,
+    /// `distances.csv`, between each pose and another; commands are in `readings.csv` where no other file has them.
+    Distances,
+    /// A file of its own.
+    Rows(PlateKind),
+}
+
+impl Measure {
+    /// All of them, with their names on the command line.
+    pub const ALL: [(&'static str, Self); 6] = [
+        ("poses", Self::Poses),
+        ("positions", Self::Rows(PlateKind::Position)),
+        ("heights", Self::Rows(PlateKind::Height)),
+        ("distances", Self::Distances),
+        ("ball-bar", Self::Rows(PlateKind::BallBar)),
+        ("readings", Self::Rows(PlateKind::Reading)),
+    ];
+}
+
+impl FromStr for Measure {
+    type Err = InputError;
+
+    fn from_str(text: &str) -> Result<Self, InputError> {
+        let known = Self::ALL.iter().find(|(name, _)| *name == text);
+        known.map(|(_, measure)| *measure).ok_or_else(|| {
+            let names = quoted(Self::ALL.iter().map(|(name, _)| *name));
+            let message = format!("found `{text}`, expected some of {names}, separated by commas");
+            InputError::whole("--measure", message)
+        })
+    }
+}
+
+/// A plane: heights count along a unit vector from so far (m) of the origin.
+pub type Plane = (Vector3<f64>, f64);
+
+/// True places of what measurements are taken of or from, by name; the empty name is that of what has none.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Objects {
+    /// Targets in TCP coordinates (m).
+    pub targets: BTreeMap<String, Vector3<f64>>,
+    /// Surfaces.
+    pub surfaces: BTreeMap<String, Plane>,
+    /// Balls in the measurement frame (m).
+    pub balls: BTreeMap<String, Vector3<f64>>,
+}
+
+impl Objects {
+    /// Drawn from the tolerances of a robot file, or exactly as it says. Without any, the TCP itself, the plane z = 0
+    /// and a ball beside the middle of the workspace.
+    pub(super) fn draw(
+        file: &RobotFile,
+        exact: bool,
+        centre: Vector3<f64>,
+        reach_m: f64,
+        seed: u64,
+    ) -> Self {
+        let mut random = Random::new(seed, "objects");
+        let mut place = |value: &Value| {
+            let off = if exact { 0.0 } else { value.tol };
+            let stated = Vector3::from_fn(|axis, _| value.value.get(axis).copied().unwrap_or(0.0));
+            stated + random.normals() * off
+        };
+        let measuring = &file.measuring;
+        let of = |values: &BTreeMap<String, Value>,
+                  place: &mut dyn FnMut(&Value) -> Vector3<f64>| {
+            let each = values.iter();
+            each.map(|(name, value)| (name.clone(), place(value)))
+                .collect::<BTreeMap<_, _>>()
+        };
+        let mut targets = of(&measuring.targets, &mut place);
+        let mut balls = of(&measuring.balls, &mut place);
+        let surfaces = measuring.surfaces.iter();
+        let mut surfaces: BTreeMap<String, Plane> = surfaces
+            .map(|(name, surface)| {
+                let normal = place(&surface.normal).normalize();
+                (name.clone(), (normal, place(&surface.offset).x))
+            })
+            .collect();
+        if targets.is_empty() {
+            targets.insert(String::new(), Vector3::zeros());
+        }
+        if surfaces.is_empty() {
+            surfaces.insert(String::new(), (Vector3::z(), 0.0));
+        }
+        if balls.is_empty() {
+            balls.insert(String::new(), centre + random.direction() * reach_m);
+        }
+        Self {
+            targets,
+            surfaces,
+            balls,
+        }
+    }
+}
+
+/// Plan of these measurements.
+pub(super) struct Gauges<'a> {
+    pub(super) measures: &'a [Measure],
+    pub(super) file: &'a RobotFile,
+    pub(super) objects: &'a Objects,
+    pub(super) noise: &'a Noise,
+    /// Number of readings of each pose.
+    pub(super) readings: usize,
+    pub(super) seed: u64,
+}
+
+/// The rows, and which of them are gross: file and line.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Measured {
+    pub(super) rows: Vec<PlateRow>,
+    pub(super) distances: Vec<Distance>,
+    pub(super) gross: Vec<(&'static str, usize)>,
+}
+
+impl Gauges<'_> {
+    /// Measures at stops with their true states; each pose is visited once and read as often as asked for.
+    pub(super) fn measure(&self, stops: &[Stop], states: &[State]) -> Measured {
+        let mut measured = Measured::default();
+        let mut rows_there = self.measures.contains(&Measure::Poses);
+        for kind in PlateKind::ALL {
+            if !self.measures.contains(&Measure::Rows(kind)) {
+                continue;
+            }
+            rows_there = true;
+            self.rows(kind, stops, states, &mut measured);
+        }
+        if self.measures.contains(&Measure::Distances) {
+            if !rows_there {
+                self.rows(PlateKind::Reading, stops, states, &mut measured);
+            }
+            self.distances(states, &mut measured);
+        }
+        measured
+    }
+
+    fn rows(&self, kind: PlateKind, stops: &[Stop], states: &[State], measured: &mut Measured) {
+        let sigma = self.sigma_m(kind.file());
+        let mut random = Random::new(self.seed, kind.file());
+        let objects = &self.objects;
+        let names: Vec<&String> = match kind {
+            PlateKind::Position => objects.targets.keys().collect(),
+            PlateKind::Height => objects.surfaces.keys().collect(),
+            PlateKind::BallBar => objects.balls.keys().collect(),
+            PlateKind::Reading => vec![],
+        };
+        let nothing = String::new();
+        let names = if names.is_empty() {
+            vec![&nothing]
+        } else {
+            names
+        };
+        let readings = if kind == PlateKind::Reading {
+            1
+        } else {
+            self.readings
+        };
+        let first = measured.rows.len();
+        for (index, (stop, state)) in stops.iter().zip(states).enumerate() {
+            for _ in 0..readings {
+                for name in &names {
+                    let pose = state.pose;
+                    let true_m: Vec<f64> = match kind {
+                        PlateKind::Position => {
+                            let target = objects.targets[*name];
+                            let at = pose.position_m + pose.rotation * target;
+                            at.iter().copied().collect()
+                        }
+                        PlateKind::Height => {
+                            let (normal, offset) = objects.surfaces[*name];
+                            vec![normal.dot(&pose.position_m) - offset]
+                        }
+                        PlateKind::BallBar => {
+                            vec![(pose.position_m - objects.balls[*name]).norm()]
+                        }
+                        PlateKind::Reading => vec![],
+                    };
+                    let mut values = [None; 3];
+                    for (value, true_m) in values.iter_mut().zip(true_m) {
+                        *value = Some(true_m + sigma * self.deviate(&mut random));
+                    }
+                    measured.rows.push(PlateRow {
+                        kind,
+                        line: measured.rows.len() - first + 2,
+                        pose: number(index),
+                        commands_m: stop.commanded.commands_m.clone(),
+                        conditions: recorded(&stop.conditions),
+                        directions: Some(stop.conditions.directions.clone()),
+                        values,
+                        sigmas: [None; 3],
+                        of: Some((*name).clone()).filter(|name| !name.is_empty()),
+                    });
+                }
+            }
+        }
+        if kind == PlateKind::Reading {
+            return;
+        }
+        let rows = &mut measured.rows[first..];
+        for index in self.gross(rows.len(), &mut random) {
+            let off = sigma * self.noise.outlier_size * random.sign();
+            rows[index].values[0] = rows[index].values[0].map(|value| value + off);
+            measured.gross.push((kind.file(), rows[index].line));
+        }
+    }
+
+    /// Distances from each pose to another one, no pair twice.
+    fn distances(&self, states: &[State], measured: &mut Measured) {
+        let file = tau_robot::measurements::DISTANCES;
+        let sigma = self.sigma_m(file);
+        let mut random = Random::new(self.seed, file);
+        let count = states.len();
+        for first in 0..count {
+            // Another pose: any but itself, and not the pair the other way round.
+            let step = 1 + random.sample(1, (count - 1).max(1) / 2 + 1)[0];
+            let second = (first + step) % count;
+            if first == second {
+                continue;
+            }
+            let way = states[first].pose.position_m - states[second].pose.position_m;
+            measured.distances.push(Distance {
+                line: measured.distances.len() + 2,
+                poses: [number(first), number(second)],
+                distance_m: way.norm() + sigma * self.deviate(&mut random),
+                sigma_m: None,
+            });
+        }
+        for index in self.gross(measured.distances.len(), &mut random) {
+            let row = &mut measured.distances[index];
+            row.distance_m += sigma * self.noise.outlier_size * random.sign();
+            measured.gross.push((file, row.line));
+        }
+    }
+
+    /// True noise (m) of the lengths in a file: the stated one times the scale of set 1; of one that is to be
+    /// estimated, that of positions.
+    fn sigma_m(&self, file: &'static str) -> f64 {
+        let stated = match self.file.noise_of(file) {
+            Some(StatedNoise::Known(sigma)) => sigma,
+            Some(StatedNoise::Estimate) | None => usual(self.file.noise.position_m),
+        };
+        stated * self.noise.scale[0]
+    }
+
+    fn deviate(&self, random: &mut Random) -> f64 {
+        match self.noise.tails {
+            Tails::Normal => random.normal(),
+            Tails::Heavy => random.student3(),
+        }
+    }
+
+    fn gross(&self, rows: usize, random: &mut Random) -> Vec<usize> {
+        let expected = (self.noise.outliers * rows as f64 + 0.5).floor();
+        let count = (0..rows)
+            .take_while(|&k| (k as f64) + 1.0 <= expected)
+            .count();
+        random.sample(count, rows)
+    }
+}
+
+/// A noise that is stated, or else that of a laser tracker (m).
+pub(super) fn usual(stated_m: f64) -> f64 {
+    if stated_m.is_finite() { stated_m } else { 1e-5 }
+}
+
+/// Errors of the drives at each stop (m or rad): what they truly are is what was commanded plus these.
+pub(super) fn drive_errors(
+    file: &RobotFile,
+    commands: usize,
+    scale: f64,
+    stops: usize,
+    seed: u64,
+) -> Vec<Vec<f64>> {
+    let mut random = Random::new(seed, "drives");
+    let sigma = |command: usize| match file.noise_of_drive(command) {
+        None => 0.0,
+        Some(StatedNoise::Known(sigma)) => sigma,
+        Some(StatedNoise::Estimate) => usual(file.noise.position_m),
+    };
+    let sigmas: Vec<f64> = (0..commands)
+        .map(|command| scale * sigma(command))
+        .collect();
+    (0..stops)
+        .map(|_| sigmas.iter().map(|sigma| sigma * random.normal()).collect())
+        .collect()
+}
+
+/// Text of a file of rows.
+pub(super) fn rows_text(kind: PlateKind, rows: &[&PlateRow]) -> String {
+    let commands = rows.first().map_or(0, |row| row.commands_m.len());
+    let mut header = vec![
+        "pose".to_owned(),
+        "time_s".to_owned(),
+        "temperature_c".to_owned(),
+    ];
+    header.extend((1..=commands).map(|n| format!("q{n}_m")));
+    header.extend((1..=commands).map(|n| format!("dir{n}")));
+    let object = kind
+        .object()
+        .filter(|_| rows.iter().any(|row| row.of.is_some()));
+    header.extend(object.map(|(column, _)| column.to_owned()));
+    header.extend(kind.columns().iter().map(|&column| column.to_owned()));
+    let mut text = header.join(",") + "\n";
+    for row in rows {
+        let Conditions {
+            time_s,
+            temperature_c,
+        } = row.conditions;
+        let mut cells = vec![row.pose.to_string()];
+        cells.extend([time_s, temperature_c].iter().flatten().map(f64::to_string));
+        cells.extend(row.commands_m.iter().map(f64::to_string));
+        cells.extend(row.directions.iter().flatten().map(f64::to_string));
+        cells.extend(object.map(|_| row.of.clone().unwrap_or_default()));
+        let values = row.values.iter().take(kind.columns().len());
+        cells.extend(values.map(|value| value.map_or_else(String::new, |value| value.to_string())));
+        text += &cells.join(",");
+        text.push('\n');
+    }
+    text
+}
+
+/// Text of `distances.csv`.
+pub(super) fn distances_text(distances: &[Distance]) -> String {
+    let rows = distances.iter().map(|row| {
+        let [a, b] = row.poses;
+        format!("{a},{b},{}\n", row.distance_m)
+    });
+    let header = "pose_a,pose_b,distance_m\n".to_owned();
+    rows.fold(header, |text, row| text + &row)
+}

@@ -1,0 +1,52 @@
+//! Calibration of a session whose poses are unknown.
+
+use tau_estimation::calibration::{Error, Options};
+use tau_estimation::unknown_poses::{self, RowDivision, UnknownPoses};
+use tau_robot::robot_file::{Provenance, RobotFile};
+
+use super::{Session, Stamp, VariantKey};
+
+impl<R> Session<R> {
+    /// True if the folder holds measurements that tell less than the plate's pose, or drives are not exact: then
+    /// [`Self::calibrate_unknown_poses`] is the calibration that uses all of them.
+    pub fn has_unknown_poses(&self) -> bool {
+        self.folder.has_partial_poses() || !self.robot_file.measuring.drives.is_empty()
+    }
+
+    /// Rows that calibrate and rows that are held out, by the [split](Self::split).
+    pub fn row_division(&self) -> RowDivision {
+        RowDivision::of(&self.folder, self.split)
+    }
+
+    /// Calibrates a variant on all measurements of the plate, the true pose of each being unknown: see
+    /// [`unknown_poses::calibrate`].
+    ///
+    /// # Errors
+    /// As there.
+    pub fn calibrate_unknown_poses(
+        &self,
+        variant: impl VariantKey<R>,
+        options: &Options,
+    ) -> Result<UnknownPoses, Error> {
+        let variant = variant.variant_of(&self.robot)?;
+        let (robot, file, folder) = (&self.robot, &self.robot_file, &self.folder);
+        let division = self.row_division();
+        unknown_poses::calibrate(robot, variant, file, folder, &division, options)
+    }
+
+    /// The robot file of such a calibration, with the record of it.
+    pub fn file_of_unknown_poses(&self, found: &UnknownPoses, stamp: &Stamp) -> RobotFile {
+        let machine = &found.calibration.machine;
+        let record = self.provenance(&machine.robot, &machine.variant.name, &[], stamp);
+        RobotFile {
+            calibration: Some(Provenance {
+                poses: found.poses,
+                commands_m: found.commands_m.clone(),
+                position_m: found.position_m.clone(),
+                widening: found.verdict().widening(),
+                ..record
+            }),
+            ..found.calibration.file.clone()
+        }
+    }
+}

@@ -1,0 +1,491 @@
+//! Calibration from any measurements: against truth, against the fit of closures, and what is said of what is left open.
+
+use nalgebra::{Rotation3, Vector3};
+use tau::Robot;
+use tau::calibration::{self, Options};
+use tau::kinematics::Pose;
+use tau::measurements::{Conditions, Folder, PlateKind, Split, TcpPose};
+use tau::robot_file::RobotFile;
+use tau::simulation::{
+    Machine, Measure, Noise, Poses, SimulatedFolder, Simulation, TrackPoints, simulate,
+};
+use tau::unknown_poses::{RowDivision, UnknownPoses};
+
+use crate::support::{ROBOTS, Random, tau_in};
+
+/// A robot of the tests with its values, some noise, and more of the robot file.
+fn robot(name: &str, more: &str) -> (Robot, RobotFile) {
+    let text = std::fs::read_to_string(format!("{ROBOTS}/{name}.tau")).unwrap();
+    let robot = Robot::from_text(&text).unwrap();
+    let noise = "[noise]\nposition_m = 1e-5\nrotation_rad = 4e-5\n";
+    let text = format!("robot = \"{}\"\n{noise}{more}", robot.name);
+    let file = RobotFile::parse_for(&text, "robot.toml", &robot).unwrap();
+    let file = file.completed(&robot);
+    (robot, file)
+}
+
+fn fit(robot: &Robot, variant: &str, file: &RobotFile, folder: &Folder) -> UnknownPoses {
+    let division = RowDivision::of(folder, Split::All);
+    let variant = robot.variant(variant).unwrap();
+    let found =
+        tau::unknown_poses::calibrate(robot, variant, file, folder, &division, &Options::default());
+    found.unwrap_or_else(|error| panic!("{error}"))
+}
+
+fn simulated(
+    robot: &Robot,
+    file: &RobotFile,
+    variant: &str,
+    measures: &[Measure],
+    poses: usize,
+) -> SimulatedFolder {
+    simulate(&Simulation {
+        variant: Some(variant.to_owned()),
+        poses: Poses::Random { count: poses },
+        measures: measures.to_vec(),
+        track_points: TrackPoints {
+            count: 0,
+            ..TrackPoints::default()
+        },
+        random_poses: 0,
+        ..Simulation::new(robot.clone(), file.clone())
+    })
+    .unwrap()
+}
+
+/// Poses of a hexapod with commands by the definition of a length, and nominal values off by a millimetre, which tolerances
+/// do not hold back.
+fn hexapod(poses: usize, noise_m: f64) -> (Robot, RobotFile, Folder, Vec<f64>) {
+    let (robot, truth) = robot("stewart", "");
+    let mut random = Random(7);
+    let tcp_poses = (0..poses).map(|index| {
+        let mut spread = |size: f64| Vector3::from_fn(|_, _| size * random.uniform());
+        let position = Vector3::new(0.0, 0.0, 0.8) + spread(0.15);
+        let pose = Pose {
+            position,
+            rotation: Rotation3::new(spread(0.4)),
+        };
+        let commands = truth.links.values().map(|link| {
+            let vector = |value: &Option<tau::robot_file::Value>| {
+                Vector3::from_column_slice(&value.as_ref().unwrap().value)
+            };
+            let way = pose.position + pose.rotation * vector(&link.plate_joint)
+                - vector(&link.track_offset);
+            way.norm() - link.length.as_ref().unwrap().value[0]
+        });
+        let commands: Vec<f64> = commands.collect();
+        let seen = Pose {
+            position: pose.position + Vector3::from_fn(|_, _| noise_m * random.normal()),
+            rotation: Rotation3::new(Vector3::from_fn(|_, _| 4.0 * noise_m * random.normal()))
+                * pose.rotation,
+        };
+        TcpPose {
+            pose: index as u32 + 1,
+            commands_m: commands,
+            position_m: seen.position_m(),
+            angles_rad: seen.angles_rad(),
+            conditions: Conditions::default(),
+            directions: None,
+            sigmas: tau::measurements::PoseSigmas::default(),
+        }
+    });
+    let folder = Folder {
+        name: "hexapod".to_owned(),
+        tcp_poses: tcp_poses.collect(),
+        ..Folder::default()
+    };
+    let mut file = truth.clone();
+    let mut values = vec![];
+    for link in file.links.values_mut() {
+        for value in [
+            &mut link.length,
+            &mut link.plate_joint,
+            &mut link.track_offset,
+        ]
+        .into_iter()
+        .flatten()
+        {
+            for component in &mut value.value {
+                values.push(*component);
+                *component += 1e-3 * random.uniform();
+            }
+            value.tol = 1e3;
+        }
+    }
+    (robot, file, folder, values)
+}
+
+fn largest_difference(values: &[f64], truth: &[f64]) -> f64 {
+    assert_eq!(values.len(), truth.len());
+    let pairs = values.iter().zip(truth);
+    pairs.fold(0.0, |most, (value, truth)| most.max((value - truth).abs()))
+}
+
+#[test]
+fn the_42_parameters_of_a_hexapod_follow_from_18_exact_poses() {
+    let (robot, file, folder, truth) = hexapod(18, 0.0);
+    let found = fit(&robot, "Full", &file, &folder);
+    let values: Vec<f64> = found
+        .calibration
+        .parameters
+        .iter()
+        .map(|own| own.value)
+        .collect();
+    assert_eq!(values.len(), 42);
+    assert!(largest_difference(&values, &truth) < 1e-9);
+
+    // So does the fit of the closures.
+    let poses: Vec<usize> = (0..18).collect();
+    let variant = robot.variant("Full").unwrap();
+    let closures =
+        calibration::calibrate(&robot, variant, &file, &folder, &poses, &Options::default())
+            .unwrap();
+    let values: Vec<f64> = closures.parameters.iter().map(|own| own.value).collect();
+    assert!(largest_difference(&values, &truth) < 1e-9);
+}
+
+/// Where poses are measured fully and drives are exact, nothing else is fitted than by errors in variables; the fit of the
+/// closures each for itself is another estimate from the same data.
+#[test]
+fn fully_measured_poses_give_the_answer_of_errors_in_variables() {
+    let (robot, file, folder, _) = hexapod(40, 1e-5);
+    let found = fit(&robot, "Full", &file, &folder);
+    let poses: Vec<usize> = (0..40).collect();
+    let variant = robot.variant("Full").unwrap();
+    let options = Options::default();
+    let with_errors =
+        tau::errors_in_variables::calibrate(&robot, variant, &file, &folder, &poses, &options)
+            .unwrap();
+    let others = with_errors
+        .calibration
+        .parameters
+        .iter()
+        .zip(&with_errors.closure_fit.parameters);
+    for (own, (same, closures)) in found.calibration.parameters.iter().zip(others) {
+        let off = |other: f64| (own.value - other).abs() / own.sigma;
+        assert!(off(same.value) < 1e-3, "{}: {}", own.name, off(same.value));
+        assert!((own.sigma / same.sigma - 1.0).abs() < 1e-2, "{}", own.name);
+        assert!(
+            off(closures.value) < 3.0,
+            "{}: {}",
+            own.name,
+            off(closures.value)
+        );
+    }
+}
+
+/// True values of the parameters that the data know, in standard deviations off.
+fn deviations(found: &UnknownPoses, machine: &Machine) -> Vec<f64> {
+    let parameters = found
+        .calibration
+        .parameters
+        .iter()
+        .zip(&found.calibration.used);
+    let of = |(own, &index): (&calibration::ParameterEstimate, &usize)| {
+        let parameter = &found.calibration.machine.variant.parameters[index];
+        let tau::robot::Owner::Link(link) = parameter.owner else {
+            return None;
+        };
+        let rod = &machine.rods[link];
+        let truth = match (parameter.quantity.as_str(), parameter.component) {
+            ("length", _) => rod.length_m,
+            ("plate_joint", Some(axis)) => rod.plate_joint_m[axis],
+            ("track_offset", Some(axis)) => rod.track_offset_m[axis],
+            _ => return None,
+        };
+        Some((own.value - truth) / own.sigma)
+    };
+    parameters.filter_map(of).collect()
+}
+
+#[test]
+fn readings_of_redundant_drives_calibrate_them_and_leave_frames_open() {
+    let (robot, file) = robot("eight_legs", "[drives]\nnoise_m = 1e-5\n");
+    let simulated = simulated(
+        &robot,
+        &file,
+        "Full",
+        &[Measure::Rows(PlateKind::Reading)],
+        60,
+    );
+    let found = fit(&robot, "Full", &simulated.file, &simulated.folder);
+    // Two of eight readings are left by the six freedoms of each pose.
+    assert_eq!(found.rank.rows - found.rank.spent, 120);
+    let words: Vec<&str> = found
+        .rank
+        .open
+        .iter()
+        .map(|open| open.words.as_str())
+        .collect();
+    assert_eq!(
+        words,
+        [
+            "position of the machine along x",
+            "position of the machine along y",
+            "position of the machine along z",
+            "rotation of the machine about x",
+            "rotation of the machine about y",
+            "rotation of the machine about z",
+            "position of the TCP on the plate along its x",
+            "position of the TCP on the plate along its y",
+            "position of the TCP on the plate along its z",
+            "orientation of the TCP on the plate about its x",
+            "orientation of the TCP on the plate about its y",
+            "orientation of the TCP on the plate about its z",
+        ]
+    );
+    assert!(found.rank.has_mirror_image);
+    assert!((found.residual_over_noise() - 1.0).abs() < 0.25);
+    let off = deviations(&found, &simulated.truth.machine);
+    let rms = (off.iter().map(|z| z * z).sum::<f64>() / off.len() as f64).sqrt();
+    assert!(rms < 1.5, "{rms}");
+}
+
+#[test]
+fn gross_readings_are_named_by_row_and_drive() {
+    let (robot, file) = robot("eight_legs", "[drives]\nnoise_m = 1e-5\n");
+    let mut simulated = simulated(
+        &robot,
+        &file,
+        "Full",
+        &[Measure::Rows(PlateKind::Reading)],
+        60,
+    );
+    simulated.folder.plate_rows[17].commands_m[4] += 5e-4;
+    let found = fit(&robot, "Full", &simulated.file, &simulated.folder);
+    let named: Vec<_> = found
+        .gross
+        .iter()
+        .map(|row| (row.place.line, row.place.drive))
+        .collect();
+    assert_eq!(named, [(simulated.folder.plate_rows[17].line, Some(4))]);
+    assert!(found.is_consistent(), "{}", found.residual_over_noise());
+}
+
+#[test]
+fn a_scale_that_nothing_determines_is_refused_unless_asked_for() {
+    let (robot, file) = robot("eight_legs", "[drives]\nnoise_m = 1e-5\n");
+    let simulated = simulated(
+        &robot,
+        &file,
+        "Full",
+        &[Measure::Rows(PlateKind::Reading)],
+        60,
+    );
+    let division = RowDivision::of(&simulated.folder, Split::All);
+    let variant = robot.variant("Scaled").unwrap();
+    let fit = |free_scale: bool| {
+        let options = Options {
+            free_scale,
+            ..Options::default()
+        };
+        let (file, folder) = (&simulated.file, &simulated.folder);
+        tau::unknown_poses::calibrate(&robot, variant, file, folder, &division, &options)
+    };
+    let error = fit(false).err().unwrap().to_string();
+    assert!(
+        error.contains("nothing determines the scale of the whole machine"),
+        "{error}"
+    );
+    assert!(
+        fit(true)
+            .unwrap()
+            .rank
+            .open
+            .iter()
+            .any(|open| open.is_scale)
+    );
+}
+
+#[test]
+fn heights_leave_the_level_frame_open_and_say_so() {
+    let (robot, file) = robot("linear_delta", "");
+    let simulated = simulated(
+        &robot,
+        &file,
+        "Nominal",
+        &[Measure::Rows(PlateKind::Height)],
+        60,
+    );
+    let found = fit(&robot, "Nominal", &simulated.file, &simulated.folder);
+    let words: Vec<&str> = found
+        .rank
+        .open
+        .iter()
+        .map(|open| open.words.as_str())
+        .collect();
+    assert_eq!(
+        words,
+        [
+            "position of the machine along x",
+            "position of the machine along y",
+            "rotation of the machine about z",
+        ]
+    );
+}
+
+#[test]
+fn noise_is_estimated_by_kind() {
+    let more = "[noise.heights]\nheight_m = \"estimate\"\n[noise.distances]\ndistance_m = 3e-5\n[drives]\nnoise_m = 1e-6\n";
+    let (robot, file) = robot("linear_delta", more);
+    let measures = [Measure::Rows(PlateKind::Height), Measure::Distances];
+    let simulation = Simulation {
+        noise: Noise {
+            scale: [3.0; 3],
+            ..Noise::default()
+        },
+        variant: Some("Nominal".to_owned()),
+        poses: Poses::Random { count: 150 },
+        measures: measures.to_vec(),
+        track_points: TrackPoints {
+            count: 0,
+            ..TrackPoints::default()
+        },
+        random_poses: 0,
+        ..Simulation::new(robot.clone(), file.clone())
+    };
+    let simulated = simulate(&simulation).unwrap();
+    let found = fit(&robot, "Nominal", &file, &simulated.folder);
+    let of = |file: &str| {
+        found
+            .kinds
+            .iter()
+            .find(|fit| fit.kind.file == file)
+            .unwrap()
+    };
+    // The simulation takes the general noise, 10 µm, for what is to be estimated, three times as large as stated.
+    let heights = of("heights.csv").kind.sigma;
+    assert!((heights / 3e-5 - 1.0).abs() < 0.2, "{heights}");
+    let ratio = of("distances.csv").residual_over_noise().unwrap();
+    assert!((ratio / 3.0 - 1.0).abs() < 0.25, "{ratio}");
+}
+
+#[test]
+fn gross_rows_are_named_by_file_and_line() {
+    let (robot, file) = robot("linear_delta", "");
+    let simulated = simulate(&Simulation {
+        noise: Noise {
+            outliers: 0.03,
+            ..Noise::default()
+        },
+        variant: Some("Nominal".to_owned()),
+        poses: Poses::Random { count: 100 },
+        measures: vec![
+            Measure::Rows(PlateKind::Height),
+            Measure::Rows(PlateKind::Position),
+        ],
+        track_points: TrackPoints {
+            count: 0,
+            ..TrackPoints::default()
+        },
+        random_poses: 0,
+        ..Simulation::new(robot.clone(), file.clone())
+    })
+    .unwrap();
+    let found = fit(&robot, "Nominal", &file, &simulated.folder);
+    let mut named: Vec<(&str, usize)> = found
+        .gross
+        .iter()
+        .map(|row| (row.place.file, row.place.line))
+        .collect();
+    let mut truth = simulated.truth.gross_rows.clone();
+    named.sort_unstable();
+    truth.sort_unstable();
+    assert_eq!(named, truth);
+    assert!(found.is_consistent(), "{}", found.residual_over_noise());
+}
+
+/// Repeats are readings of one true pose: the mean of four is worth as much as one reading of half the noise.
+#[test]
+fn repeats_are_readings_of_one_pose() {
+    let (robot, file) = robot("linear_delta", "");
+    let simulation = |readings: usize| Simulation {
+        variant: Some("Nominal".to_owned()),
+        poses: Poses::Random { count: 60 },
+        readings,
+        measures: vec![Measure::Rows(PlateKind::Position)],
+        track_points: TrackPoints {
+            count: 0,
+            ..TrackPoints::default()
+        },
+        random_poses: 0,
+        ..Simulation::new(robot.clone(), file.clone())
+    };
+    let of = |readings: usize| {
+        let simulated = simulate(&simulation(readings)).unwrap();
+        fit(&robot, "Nominal", &file, &simulated.folder)
+    };
+    let (once, four_times) = (of(1), of(4));
+    assert_eq!(once.poses, four_times.poses);
+    assert_eq!(once.rank.spent, four_times.rank.spent);
+    for (one, four) in once
+        .calibration
+        .parameters
+        .iter()
+        .zip(&four_times.calibration.parameters)
+    {
+        let known = one.sigma < 0.02 * one.tolerance.unwrap();
+        assert!(
+            !known || (one.sigma / four.sigma / 2.0 - 1.0).abs() < 0.02,
+            "{}",
+            one.name
+        );
+    }
+}
+
+#[test]
+fn as_many_factors_as_points_are_refused_with_the_number_that_would_do() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = |line: &str| tau_in(folder.path(), line);
+    run("tau simulate --model ROBOTS/linear_delta.tau --variant Nominal --measure heights --poses 12 \
+         --track-points 0 --cart-poses 0 --out DIR/few")
+    .done();
+    let refused = run(
+        "tau calibrate DIR/few --model ROBOTS/linear_delta.tau --variant Nominal --split all --out DIR/out",
+    );
+    assert_eq!(refused.code, 2);
+    assert!(
+        refused.err.contains("the fit would repeat its input"),
+        "{}",
+        refused.err
+    );
+    assert!(
+        refused.err.contains("measure at least 19 poses"),
+        "{}",
+        refused.err
+    );
+    let check =
+        run("tau check DIR/few --model ROBOTS/linear_delta.tau --variant Nominal --split all");
+    assert_eq!(check.code, 1);
+}
+
+#[test]
+fn a_folder_of_mixed_measurements_is_checked_and_calibrated() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = |line: &str| tau_in(folder.path(), line);
+    run("tau simulate --model ROBOTS/linear_delta.tau --variant Nominal --measure poses,heights,distances,ball-bar \
+         --poses 80 --track-points 0 --cart-poses 0 --out DIR/mixed")
+    .done();
+    let model = "--model ROBOTS/linear_delta.tau --variant Nominal --json -";
+    let check = run(&format!("tau check DIR/mixed {model}")).json();
+    assert_eq!(
+        check["variants"]["Nominal"]["gauge"]["open"],
+        serde_json::json!([])
+    );
+    let found = run(&format!("tau calibrate DIR/mixed {model} --out DIR/out")).json();
+    assert_eq!(found["fit"]["status"], "consistent");
+    assert_eq!(found["kinds"].as_array().unwrap().len(), 6);
+    let predicted = found["held_out"]["predicted"].as_array().unwrap();
+    assert!(
+        predicted
+            .iter()
+            .all(|kind| crate::support::number(&kind["rms_m"]) < 3e-5),
+        "{predicted:?}"
+    );
+    // What was found is read again, and predicts.
+    let again = run(
+        "tau kinematics forward --model ROBOTS/linear_delta.tau --variant Nominal --robot DIR/out/robot.toml \
+                     --commands 0,0,0 --json -",
+    );
+    again.done();
+}
