@@ -218,7 +218,8 @@ impl Reference<'_> {
         };
         let mut length = self.parameter(owner, "length", None);
         let mut tcp = [0, 1, 2].map(|i| self.datum(Input::Position(i)));
-        let mut joint = if full {
+        let plate = self.model.plate;
+        let mut joint = if full && !plate.is_point() {
             self.vector(owner, "plate_joint")
         } else {
             [Dual64::from(0.0); 3]
@@ -291,11 +292,18 @@ impl Reference<'_> {
             }
         };
         let mut point = tcp;
-        if full {
-            let [alpha, beta, gamma] = [0, 1, 2].map(|i| self.datum(Input::Angle(i)));
+        if plate.is_in_plane() {
+            point[2] = Dual64::from(0.0);
+        }
+        if full && !plate.is_point() {
+            let [alpha, mut beta, gamma] = [0, 1, 2].map(|i| self.datum(Input::Angle(i)));
+            let mut turn = [0, 1, 2].map(|i| self.seed(0.0, By::Rotation(i)));
+            if plate.is_in_plane() {
+                beta = Dual64::from(0.0);
+                turn = [beta, beta, turn[2]];
+            }
             let rotation = product(&product(&about_z(alpha), &about_y(beta)), &about_z(gamma));
             let arm = apply(&rotation, joint);
-            let turn = [0, 1, 2].map(|i| self.seed(0.0, By::Rotation(i)));
             point = plus(point, plus(arm, cross(turn, arm)));
         }
         let rod = minus(point, base);

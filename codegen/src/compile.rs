@@ -183,7 +183,8 @@ fn is_same_variant(one: &Model, other: &Model, index: usize) -> bool {
         })
         .collect()
     };
-    (&one.tracks, &one.clusters, &one.links) == (&other.tracks, &other.clusters, &other.links)
+    (one.plate, &one.tracks, &one.clusters, &one.links)
+        == (other.plate, &other.tracks, &other.clusters, &other.links)
         && (&of_one.name, &of_one.docs) == (&of_other.name, &of_other.docs)
         && (of_one.arm, &of_one.tracks) == (of_other.arm, &of_other.tracks)
         && effects(one, of_one) == effects(other, of_other)

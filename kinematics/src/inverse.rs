@@ -78,9 +78,10 @@ impl Reached {
 
 impl Machine {
     /// True if the orientation follows from the position, so that a full pose can't be asked for
-    /// freely: a full arm with three closures more than commands, such as the Gantry-Tau.
+    /// freely: a full arm with as many closures more than commands as the plate has rotations, such as the Gantry-Tau.
     pub fn orientation_follows(&self) -> bool {
-        self.variant.arm == Arm::Full && self.closure_count() >= self.robot.commands + 3
+        let turning = self.turning_unknowns().len();
+        turning > 0 && self.closure_count() >= self.robot.commands + turning
     }
 
     /// Commands at which the plate takes a pose.
@@ -128,7 +129,7 @@ impl Machine {
             None => nalgebra::Rotation3::identity(),
         };
         let pose = Pose { position, rotation };
-        if self.variant.arm == Arm::Reduced {
+        if !self.turns() {
             return self.inverse(pose, options);
         }
         if !self.orientation_follows() {
@@ -137,7 +138,7 @@ impl Machine {
             ));
         }
         let start = self.closed_form(pose, options)?;
-        let unknowns: Vec<usize> = (3..POSE_COLUMNS)
+        let unknowns: Vec<usize> = (self.turning_unknowns().iter().copied())
             .chain((0..self.robot.commands).map(|k| POSE_COLUMNS + k))
             .collect();
         let settled = newton::solve(self, &options.sample(pose, &start), &unknowns)?;

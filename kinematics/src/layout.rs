@@ -155,7 +155,7 @@ impl Machine {
             let rods = links.iter().filter(|rod| keep(rod));
             outline(rods.map(|rod| Vector3::from(rod.ends_m[end])))
         };
-        let is_full = self.variant.arm == tau_robot::robot::Arm::Full;
+        let is_full = self.turns();
         Layout {
             variant: self.variant.name.clone(),
             tcp_m: pose.position_m(),

@@ -11,6 +11,8 @@ pub struct Model {
     pub docs: Vec<String>,
     /// True if the description says `pub`.
     pub public: bool,
+    /// What the links hold.
+    pub plate: Plate,
     /// Tracks in order of declaration.
     pub tracks: Vec<Track>,
     /// Clusters in order of declaration.
@@ -73,6 +75,61 @@ pub struct Reference {
     pub position: [f64; 3],
     /// ZYZ Euler angles alpha, beta, gamma of the TCP frame in the measurement frame (rad).
     pub orientation: [f64; 3],
+}
+
+/// What the links hold, by its freedoms. The plane is z = 0 of the measurement frame.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum Plate {
+    /// A rigid body in space: six freedoms.
+    #[default]
+    Body,
+    /// A point in space, in which all links meet: three freedoms.
+    Point,
+    /// A rigid body that slides and turns in the plane: three freedoms.
+    BodyInPlane,
+    /// A point in the plane: two freedoms.
+    PointInPlane,
+}
+
+impl Plate {
+    /// True if it has no orientation and no joints of its own.
+    pub fn is_point(self) -> bool {
+        matches!(self, Self::Point | Self::PointInPlane)
+    }
+
+    /// True if it stays in the plane z = 0, upright.
+    pub fn is_in_plane(self) -> bool {
+        matches!(self, Self::BodyInPlane | Self::PointInPlane)
+    }
+
+    /// Its freedoms, as columns of a motion: translation along x, y, z, then rotation about x, y, z.
+    pub fn freedoms(self) -> &'static [usize] {
+        match self {
+            Self::Body => &[0, 1, 2, 3, 4, 5],
+            Self::Point => &[0, 1, 2],
+            Self::BodyInPlane => &[0, 1, 5],
+            Self::PointInPlane => &[0, 1],
+        }
+    }
+
+    /// The same of an arm that is held at its TCP alone, whose orientation is not asked.
+    pub fn freedoms_of_tcp(self) -> &'static [usize] {
+        if self.is_in_plane() {
+            &[0, 1]
+        } else {
+            &[0, 1, 2]
+        }
+    }
+
+    /// As the language writes it.
+    pub fn written(self) -> &'static str {
+        match self {
+            Self::Body => "body",
+            Self::Point => "point",
+            Self::BodyInPlane => "body in plane",
+            Self::PointInPlane => "point in plane",
+        }
+    }
 }
 
 /// A linear guideway with its cart.
@@ -253,6 +310,13 @@ impl Effect {
     /// True if one of its terms reads a quantity.
     pub fn reads(&self, quantity: Readable) -> bool {
         self.quantities().any(|own| own == quantity)
+    }
+
+    /// Why it has nothing to act on at a place of a robot with such a plate, if it has not.
+    pub fn lacks_plate_joints(&self, plate: Plate) -> Option<&'static str> {
+        let moves_joint = self.terms.iter().any(|term| term.target == Target::Joint);
+        (plate.is_point() && moves_joint)
+            .then_some("links that meet in a point have no plate joints to move")
     }
 
     /// Why it needs a full arm at a place of a robot with such links, if it does.

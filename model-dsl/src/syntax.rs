@@ -3,7 +3,7 @@
 use proc_macro2::Ident;
 
 use crate::diagnostics::Location;
-use crate::model::{Arm, BinaryOperator, TrackShape};
+use crate::model::{Arm, BinaryOperator, Plate, TrackShape};
 
 #[derive(Debug, Default)]
 pub(crate) struct Description {
@@ -25,6 +25,7 @@ pub(crate) struct Robot {
     pub(crate) docs: Vec<String>,
     pub(crate) public: bool,
     pub(crate) name: Ident,
+    pub(crate) plates: Vec<(Plate, Location)>,
     pub(crate) tracks: Vec<Ident>,
     pub(crate) clusters: Vec<Cluster>,
     pub(crate) effects: Vec<Effect>,

@@ -10,6 +10,7 @@ use tau_codegen::CompiledRobot;
 use tau_codegen::compile::CompiledVariant;
 pub use tau_codegen::equations::Parameter;
 use tau_codegen::language;
+pub use tau_codegen::language::model::Plate;
 use tau_codegen::language::model::{EffectUse, Place};
 use tau_runtime as runtime;
 pub use tau_runtime::{Arm, Input, Owner, ResidualFamily, ResidualKind, TrackModel, TrackShape};
@@ -17,12 +18,14 @@ pub use tau_runtime::{Arm, Input, Owner, ResidualFamily, ResidualKind, TrackMode
 use crate::input_error::{self, InputError};
 
 /// A robot: its structure and its variants.
-#[derive(Clone)]
+#[derive(Clone, Default)]
 pub struct Robot {
     /// Name in the description.
     pub name: String,
     /// The whole description, in the language.
     pub description: String,
+    /// What the links hold.
+    pub plate: Plate,
     /// Names of the tracks; carts carry the same numbers, from 1.
     pub tracks: Vec<String>,
     /// Clusters in order of declaration.
@@ -246,6 +249,15 @@ impl Variant {
             .collect()
     }
 
+    /// Freedoms of the plate that its closures hold, as columns of a motion: translation along x, y, z, then rotation
+    /// about x, y, z. A reduced arm says nothing about orientation.
+    pub fn freedoms(&self, plate: Plate) -> &'static [usize] {
+        match self.arm {
+            Arm::Full => plate.freedoms(),
+            Arm::Reduced => plate.freedoms_of_tcp(),
+        }
+    }
+
     /// Index of a parameter by its owner, quantity and component.
     pub fn parameter(
         &self,
@@ -299,9 +311,12 @@ impl ResidualFamily for Static {
 
 impl From<&runtime::Robot> for Robot {
     fn from(robot: &runtime::Robot) -> Self {
+        // Tables of generated code hold what its functions need; all else stands in the description.
+        let model = language::check_text(robot.description).ok();
         Self {
             name: robot.name.into(),
             description: robot.description.into(),
+            plate: model.as_ref().map_or(Plate::Body, |model| model.plate),
             tracks: robot.tracks.iter().map(|&name| name.into()).collect(),
             clusters: robot
                 .clusters
@@ -377,6 +392,7 @@ impl From<&CompiledRobot> for Robot {
         Self {
             name: model.name.clone(),
             description: robot.description.clone(),
+            plate: model.plate,
             tracks: model
                 .tracks
                 .iter()

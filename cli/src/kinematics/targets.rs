@@ -4,7 +4,6 @@ use std::io::{self, Read};
 use std::path::Path;
 
 use tau::kinematics::{Machine, Pose, Sample};
-use tau::robot::Arm;
 use tau_robot::input_error::{InputError, Mistakes, Source, quoted, read, utf8};
 use tau_robot::measurements::set::{
     ANGLES, ConditionColumns, DIRECTION, POSITION, Set, TEMPERATURE, TIME, read_directions, vector,
@@ -160,8 +159,7 @@ pub(super) fn of_file(
 
     let has = |name: &&str| table.column(name).is_some();
     // A reduced arm says nothing about orientation, so that a position is a start, too.
-    let is_position = (asked == Asked::Commands || machine.variant.arm == Arm::Reduced)
-        && !ANGLES.iter().any(has);
+    let is_position = (asked == Asked::Commands || !machine.turns()) && !ANGLES.iter().any(has);
     let mut pose: Vec<&str> = POSITION.to_vec();
     if !is_position {
         pose.extend(ANGLES);

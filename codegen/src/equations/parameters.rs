@@ -47,14 +47,16 @@ pub fn parameters(model: &Model, variant: &Variant) -> Vec<Parameter> {
                     length.value.map(|v| v[0]),
                     length.tolerance,
                 );
-                table.vector(
-                    &link.name,
-                    owner,
-                    "plate_joint",
-                    "m",
-                    plate_joint.value,
-                    plate_joint.tolerance,
-                );
+                if !model.plate.is_point() {
+                    table.vector(
+                        &link.name,
+                        owner,
+                        "plate_joint",
+                        "m",
+                        plate_joint.value,
+                        plate_joint.tolerance,
+                    );
+                }
                 table.vector(
                     &link.name,
                     owner,

@@ -42,6 +42,7 @@ pub(crate) fn robot(
         name: robot.name.to_string(),
         docs: robot.docs.clone(),
         public: robot.public,
+        plate: geometry.plate,
         tracks: geometry.tracks,
         clusters: geometry.clusters,
         links: geometry.links,

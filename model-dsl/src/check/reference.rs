@@ -53,6 +53,22 @@ pub(super) fn reference(
             diagnostics.error(given.location, message, help);
             continue;
         }
+        let plate = geometry.plate;
+        let wrong = match name.to_string().as_str() {
+            "orientation" if plate.is_point() => Some("leave it out: a point has no orientation"),
+            "orientation" if plate.is_in_plane() && numbers[1] != 0.0 => {
+                Some("in the plane beta is zero: write the turn about z as `(angle, 0, 0)`")
+            }
+            "position" if plate.is_in_plane() && numbers[2] != 0.0 => {
+                Some("the plane is z = 0: write `(x, y, 0)`, and heights into the links' joints")
+            }
+            _ => None,
+        };
+        if let Some(help) = wrong {
+            let message = format!("{what} does not fit a plate that is a {}", plate.written());
+            diagnostics.error(given.location, message, help);
+            continue;
+        }
         let slot = match name.to_string().as_str() {
             "commands" => &mut reference.commands[..],
             "position" => &mut reference.position[..],

@@ -5,7 +5,7 @@ use proc_macro2::Ident;
 use super::Declared;
 use super::quantity::{scalar, tolerance, values};
 use crate::diagnostics::{Diagnostic, Diagnostics};
-use crate::model::{Cluster, Link, LinkDefaults, Quantity, Track};
+use crate::model::{Cluster, Link, LinkDefaults, Plate, Quantity, Track};
 use crate::names::suggest;
 use crate::syntax;
 use crate::units::Dimension;
@@ -16,6 +16,7 @@ const MOST_PARTS: usize = 200;
 
 /// The moving parts of a robot, with the names of all.
 pub(super) struct Geometry {
+    pub(super) plate: Plate,
     pub(super) tracks: Vec<Track>,
     pub(super) clusters: Vec<Cluster>,
     pub(super) links: Vec<Link>,
@@ -24,6 +25,7 @@ pub(super) struct Geometry {
 
 pub(super) fn geometry(robot: &syntax::Robot, diagnostics: &mut Diagnostics) -> Geometry {
     let mut geometry = Geometry {
+        plate: plate(robot, diagnostics),
         tracks: robot
             .tracks
             .iter()
@@ -85,7 +87,7 @@ pub(super) fn geometry(robot: &syntax::Robot, diagnostics: &mut Diagnostics) -> 
                     "leave out `actuated length`, or place the cluster `on base`",
                 );
             }
-            let defaults = defaults(links, on_base, diagnostics);
+            let defaults = defaults(links, on_base, geometry.plate, diagnostics);
             for name in &links.names {
                 geometry.names.declare(name, "link", diagnostics);
                 let actuated_by = links.actuated.map(|_| robot.tracks.len() + actuators);
@@ -107,6 +109,18 @@ pub(super) fn geometry(robot: &syntax::Robot, diagnostics: &mut Diagnostics) -> 
     }
     whole(robot, &geometry, places_known, actuators, diagnostics);
     geometry
+}
+
+/// What the links hold; one declaration at most.
+fn plate(robot: &syntax::Robot, diagnostics: &mut Diagnostics) -> Plate {
+    let [first, more @ ..] = &robot.plates[..] else {
+        return Plate::default();
+    };
+    for (_, location) in more {
+        let message = "a second `plate`, but the links hold one";
+        diagnostics.error(*location, message, "leave out one of them");
+    }
+    first.0
 }
 
 /// Requirements on a robot as a whole.
@@ -179,7 +193,12 @@ pub(super) fn unknown_track(name: &Ident, tracks: &[Track]) -> Diagnostic {
 }
 
 /// The values that a link's declaration gives.
-fn defaults(links: &syntax::Links, on_base: bool, diagnostics: &mut Diagnostics) -> LinkDefaults {
+fn defaults(
+    links: &syntax::Links,
+    on_base: bool,
+    plate: Plate,
+    diagnostics: &mut Diagnostics,
+) -> LinkDefaults {
     let mut defaults = LinkDefaults::default();
     let mut names = Declared::default();
     for given in &links.values {
@@ -187,6 +206,15 @@ fn defaults(links: &syntax::Links, on_base: bool, diagnostics: &mut Diagnostics)
         match given.name.to_string().as_str() {
             "length" => {
                 defaults.length = length(given, diagnostics);
+            }
+            "plate_joint" if plate.is_point() => {
+                let message = format!(
+                    "the plate is a {}, where links have no joints of their own",
+                    plate.written()
+                );
+                let help =
+                    "leave it out: all links meet in the point, whose place is that of the TCP";
+                diagnostics.error(&given.name, message, help);
             }
             "plate_joint" => defaults.plate_joint = vector(given, Dimension::LENGTH, diagnostics),
             "track_offset" => defaults.track_offset = vector(given, Dimension::LENGTH, diagnostics),

@@ -148,11 +148,23 @@ impl Context<'_> {
                 }
             }
         }
+        if self.geometry.plate.is_point() {
+            if let Some((Arm::Reduced, location)) = arm {
+                let message = format!(
+                    "a reduced arm folds plate joints away, but the plate is a {}, which has none",
+                    self.geometry.plate.written()
+                );
+                diagnostics.error(location, message, "leave the line out");
+            }
+            arm = arm.or_else(|| Some((Arm::Full, Location::from(name))));
+        }
         if arm.is_none() {
             let message = format!("variant `{name}` has no arm");
             diagnostics.error(name, message, "write `arm reduced;` or `arm full;`");
         }
-        if let Some((Arm::Reduced, location)) = arm {
+        if let Some((Arm::Reduced, location)) = arm
+            && !self.geometry.plate.is_point()
+        {
             self.reduced(location, &per_links, diagnostics);
         }
         let missing: Vec<_> = (self.geometry.tracks.iter().zip(&tracks))
@@ -305,7 +317,10 @@ impl Context<'_> {
                     let message = format!("`{}` acts at this place already", effect.name);
                     diagnostics.error(*location, message, "name it once");
                 }
-                if arm == Arm::Reduced
+                if let Some(reason) = effect.lacks_plate_joints(self.geometry.plate) {
+                    let message = format!("effect `{}` cannot act here: {reason}", effect.name);
+                    diagnostics.error(*location, message, "leave the effect out");
+                } else if arm == Arm::Reduced
                     && let Some(reason) = effect.needs_full_arm(used.place, &self.geometry.links)
                 {
                     let message = format!("effect `{}` needs a full arm: {reason}", effect.name);

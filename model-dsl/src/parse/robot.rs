@@ -6,7 +6,7 @@ use super::cursor::Parser;
 use super::quantity::{list, quantity};
 use super::{Parse, effect, unknown_item};
 use crate::diagnostics::{Diagnostics, Location};
-use crate::model::{Arm, TrackShape};
+use crate::model::{Arm, Plate, TrackShape};
 use crate::names::nearest;
 use crate::syntax::{
     Cluster, EffectUse, LinkValue, Links, Reference, Robot, Variant, VariantBody, VariantLine,
@@ -34,6 +34,7 @@ pub(super) fn robot(
         docs,
         public,
         name,
+        plates: Vec::new(),
         tracks: Vec::new(),
         clusters: Vec::new(),
         effects: Vec::new(),
@@ -42,13 +43,23 @@ pub(super) fn robot(
     });
     let help = "a robot's parts stand in braces: `robot Name { … }`";
     let mut body = parser.expect_braces(help)?;
-    let keywords = ["track", "cluster", "effect", "variant", "reference"];
+    let keywords = [
+        "plate",
+        "track",
+        "cluster",
+        "effect",
+        "variant",
+        "reference",
+    ];
     body.items(
         |parser| parser.at_any(&keywords),
         diagnostics,
         |parser, diagnostics| {
             let docs = parser.docs()?;
-            if parser.eat_word("track").is_some() {
+            if let Some(word) = parser.eat_word("plate") {
+                robot.plates.push(plate(parser, word.into())?);
+                Ok(())
+            } else if parser.eat_word("track").is_some() {
                 robot.tracks.extend(parser.new_names("the track's name")?);
                 parser.semicolon()
             } else if parser.eat_word("cluster").is_some() {
@@ -72,6 +83,24 @@ pub(super) fn robot(
         },
     );
     Ok(second)
+}
+
+/// `plate point in plane;` from behind the word on.
+fn plate(parser: &mut Parser<'_>, word: Location) -> Parse<(Plate, Location)> {
+    let is_point = choice(parser, &[("body", false), ("point", true)])?;
+    let is_in_plane = parser.eat_word("in").is_some();
+    if is_in_plane {
+        parser.expect_word("plane", "the plane is z = 0: `in plane`")?;
+    }
+    let location = parser.since(word);
+    parser.semicolon()?;
+    let plate = match (is_point, is_in_plane) {
+        (false, false) => Plate::Body,
+        (true, false) => Plate::Point,
+        (false, true) => Plate::BodyInPlane,
+        (true, true) => Plate::PointInPlane,
+    };
+    Ok((plate, location))
 }
 
 /// `reference { commands = (0, 0, 0) m; position = (0, 0, 0.8) m; orientation = (0, 0, 0) rad; }` from the brace on.

@@ -195,7 +195,8 @@ pub(super) fn complete(
             } else {
                 given(key)
             };
-            !is_given && !described(quantity)
+            let is_had = quantity != "plate_joint" || !robot.plate.is_point();
+            is_had && !is_given && !described(quantity)
         })
         .map(|(key, _)| key)
         .collect();

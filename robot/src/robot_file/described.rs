@@ -82,10 +82,15 @@ fn quantities_of(
     robot: &Robot,
     link: &Link,
 ) -> impl Iterator<Item = &'static (&'static str, &'static str, &'static str)> {
+    let has_joint = !robot.plate.is_point();
     let moves = robot.clusters[link.cluster].track.is_some();
     VALUES
         .iter()
-        .filter(move |(_, quantity, _)| moves || *quantity != "track_direction")
+        .filter(move |(_, quantity, _)| match *quantity {
+            "plate_joint" => has_joint,
+            "track_direction" => moves,
+            _ => true,
+        })
 }
 
 const HEAD: &str = "\
