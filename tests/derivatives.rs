@@ -61,7 +61,7 @@ fn random_point(robot: &Robot, variant: &Variant, seed: u64) -> Point {
             start + random.uniform(0.5, 1.5),
         );
     }
-    let parameters = variant
+    let parameters: Vec<f64> = variant
         .parameters
         .iter()
         .map(|parameter| match parameter.search {
@@ -69,6 +69,12 @@ fn random_point(robot: &Robot, variant: &Variant, seed: u64) -> Point {
             None => random.uniform(0.2, 2.0) * random.uniform(-1.0, 1.0).signum(),
         })
         .collect();
+    // Those that the variant holds come as data.
+    for (input, value) in &mut data {
+        if let Input::Held(index) = *input {
+            *value = parameters[index];
+        }
+    }
     Point { data, parameters }
 }
 

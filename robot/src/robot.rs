@@ -10,8 +10,8 @@ use tau_codegen::CompiledRobot;
 use tau_codegen::compile::CompiledVariant;
 pub use tau_codegen::equations::Parameter;
 use tau_codegen::language;
-pub use tau_codegen::language::model::Plate;
-use tau_codegen::language::model::{EffectUse, Place};
+pub use tau_codegen::language::model::{CrankValue, Drive, Formula, Plate, Value};
+use tau_codegen::language::model::{EffectUse, Model, Place};
 use tau_runtime as runtime;
 pub use tau_runtime::{Arm, Input, Owner, ResidualFamily, ResidualKind, TrackModel, TrackShape};
 
@@ -26,13 +26,17 @@ pub struct Robot {
     pub description: String,
     /// What the links hold.
     pub plate: Plate,
-    /// Names of the tracks; carts carry the same numbers, from 1.
+    /// What each command drives; none for a robot made by hand.
+    pub drives: Vec<Drive>,
+    /// The description's model; none for a robot made by hand.
+    pub model: Option<Arc<Model>>,
+    /// Names of the tracks and cranks; carts carry the same numbers, from 1.
     pub tracks: Vec<String>,
     /// Clusters in order of declaration.
     pub clusters: Vec<Cluster>,
     /// Links in order of declaration.
     pub links: Vec<Link>,
-    /// Number of commands `q1_m, q2_m, …`.
+    /// Number of commands.
     pub commands: usize,
     /// Variants in order of declaration.
     pub variants: Vec<Variant>,
@@ -116,6 +120,43 @@ impl Robot {
             driven_lengths,
             is_gantry_tau: on_tracks == [1, 2, 3] && self.links.len() == 6 && driven_lengths == 0,
         }
+    }
+
+    /// True if a command is an angle (rad), false for a length (m).
+    pub fn is_angle(&self, command: usize) -> bool {
+        (self.drives.get(command)).is_some_and(|drive| drive.is_angle)
+    }
+
+    /// Name of a command's column in tables, `q1_m` or `q1_rad`.
+    pub fn command_column(&self, command: usize) -> String {
+        let unit = if self.is_angle(command) { "rad" } else { "m" };
+        format!("q{}_{unit}", command + 1)
+    }
+
+    /// The formula that a value of a link is, where the description gives one: it then has no parameter of its own.
+    pub fn formula_of(&self, link: usize, value: Value) -> Option<&Formula> {
+        self.model
+            .as_ref()?
+            .links
+            .get(link)?
+            .defaults
+            .formula(value)
+    }
+
+    /// True if a quantity of a link, such as `plate_joint`, is a parameter that a file or the description gives.
+    pub fn has_parameter(&self, link: usize, quantity: &str) -> bool {
+        let track = (self.links.get(link)).and_then(|link| self.clusters.get(link.cluster)?.track);
+        let model = self.model.as_ref();
+        let on_crank = track
+            .is_some_and(|track| model.is_some_and(|model| model.tracks[track].crank.is_some()));
+        let exists = match quantity {
+            "plate_joint" => !self.plate.is_point(),
+            "track_direction" => track.is_some() && !on_crank,
+            _ => true,
+        };
+        let is_formula =
+            Value::find(quantity).is_some_and(|value| self.formula_of(link, value).is_some());
+        exists && !is_formula
     }
 
     /// A robot from its description, compiled at run time: its functions are interpreted.
@@ -317,6 +358,8 @@ impl From<&runtime::Robot> for Robot {
             name: robot.name.into(),
             description: robot.description.into(),
             plate: model.as_ref().map_or(Plate::Body, |model| model.plate),
+            drives: model.as_ref().map_or_else(Vec::new, Model::drives),
+            model: model.map(Arc::new),
             tracks: robot.tracks.iter().map(|&name| name.into()).collect(),
             clusters: robot
                 .clusters
@@ -393,6 +436,8 @@ impl From<&CompiledRobot> for Robot {
             name: model.name.clone(),
             description: robot.description.clone(),
             plate: model.plate,
+            drives: model.drives(),
+            model: Some(Arc::new(model.clone())),
             tracks: model
                 .tracks
                 .iter()

@@ -6,7 +6,7 @@
 
 use std::collections::BTreeMap;
 
-use tau_model_dsl::model::{Arm, Place, Plate, Target};
+use tau_model_dsl::model::{Arm, Place, Plate, Target, Value};
 use tau_runtime::{Input, Owner, ResidualKind};
 
 use super::context::PoseSymbols;
@@ -158,11 +158,11 @@ fn residual(context: &mut Context<'_>, of: usize, turn: Option<Vector>) -> Expr 
     context.own_command = track.or(actuated_by);
 
     let mut tcp = context.vector_datum(Input::Position);
-    let mut length = context.parameter(owner, "length", None);
+    let mut length = context.length(owner);
     let plate = context.model.plate;
     let mut joint = match context.variant.arm {
         Arm::Full if plate.is_point() => None,
-        Arm::Full => Some(context.vector_parameter(owner, "plate_joint")),
+        Arm::Full => Some(context.vector_value(owner, Value::PlateJoint)),
         Arm::Reduced => None,
     };
     for (index, used) in context.variant.effects.clone().iter().enumerate() {
@@ -198,13 +198,15 @@ fn residual(context: &mut Context<'_>, of: usize, turn: Option<Vector>) -> Expr 
             }
         }
     }
-    if let Some(command) = actuated_by {
+    // A formula reads its command itself.
+    let counts_from_zero = context.formula_of(owner, Value::Length).is_none();
+    if let Some(command) = actuated_by.filter(|_| counts_from_zero) {
         let q = context.datum(Input::Command(command));
         length = context.g.add(length, q);
     }
     let base = match track {
         Some(track) => context.joint_position(owner, track),
-        None => context.vector_parameter(owner, "track_offset"),
+        None => context.vector_value(owner, Value::TrackOffset),
     };
     if plate.is_in_plane() {
         tcp[2] = context.g.constant(0.0);

@@ -82,6 +82,9 @@ impl<'a> Context<'a> {
         if let Some(&symbol) = self.parameters.get(&index) {
             return symbol;
         }
+        if self.table[index].is_held(self.model, self.variant) {
+            return self.datum(Input::Held(index));
+        }
         let name = self.local_name(&self.table[index]);
         let symbol = self.g.symbol(name, Stage::Parameter);
         self.parameters.insert(index, symbol);
@@ -119,7 +122,8 @@ impl<'a> Context<'a> {
                     _ => info.quantity.clone(),
                 }
             }
-            Owner::Track(_) => info.quantity.clone(),
+            Owner::Track(_) | Owner::Robot => info.quantity.clone(),
+            Owner::Crank(_) => format!("crank_{}", info.quantity),
             Owner::Effect(index) => {
                 let effect = &self.model.effects[self.variant.effects[index].effect];
                 format!("{}_{}", effect.name, info.quantity)
@@ -187,6 +191,7 @@ impl<'a> Context<'a> {
             Input::SegmentEnd { component, .. } => format!("segment_end_{}", axis(component)),
             Input::SegmentStartCommand(_) => "segment_start_q".into(),
             Input::SegmentEndCommand(_) => "segment_end_q".into(),
+            Input::Held(index) => self.local_name(&self.table[index]),
         }
     }
 }

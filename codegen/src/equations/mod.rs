@@ -10,6 +10,7 @@ mod formula;
 mod motion;
 mod parameters;
 mod targets;
+mod value;
 
 pub use closure::{closure, closure_by_pose};
 pub use context::{Context, Staging};

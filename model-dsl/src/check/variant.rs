@@ -6,7 +6,7 @@ use super::Declared;
 use super::effect::CheckedEffect;
 use super::robot::{Geometry, unknown_track};
 use crate::diagnostics::{Diagnostic, Diagnostics, Location};
-use crate::model::{Arm, EffectUse, TrackModel, Variant};
+use crate::model::{Arm, EffectUse, Held, Track, TrackModel, TrackShape, Value, Variant};
 use crate::names::suggest;
 use crate::syntax::{self, VariantBody, VariantLine};
 
@@ -14,6 +14,14 @@ pub(super) struct Context<'a> {
     pub(super) robot: &'a syntax::Robot,
     pub(super) geometry: &'a Geometry,
     pub(super) effects: &'a [CheckedEffect],
+}
+
+/// A variant with what it takes from its bases.
+struct Resolved {
+    arm: Arm,
+    tracks: Vec<TrackModel>,
+    effects: Vec<EffectUse>,
+    holds: Vec<Held>,
 }
 
 /// Declarations of a variant's own.
@@ -26,6 +34,8 @@ enum Own {
     Derived {
         base: usize,
         effects: Vec<(EffectUse, Location)>,
+        /// With the place where each is named.
+        holds: Vec<(Held, Location)>,
     },
     /// An error has been reported.
     Poisoned,
@@ -54,13 +64,22 @@ pub(super) fn variants(
         module_name(&variant.name, &robot.variants, diagnostics);
         own.push(match &variant.body {
             VariantBody::Own(lines) => context.structure(&variant.name, lines, diagnostics),
-            VariantBody::Derived { base, effects } => context.derived(base, effects, diagnostics),
+            VariantBody::Derived {
+                base,
+                effects,
+                holds,
+            } => context.derived(base, effects, holds, diagnostics),
         });
     }
     let mut variants = Vec::new();
     for (index, variant) in robot.variants.iter().enumerate() {
         if let Some(resolved) = context.resolve(index, &own, diagnostics) {
-            let (arm, tracks, effects) = resolved;
+            let Resolved {
+                arm,
+                tracks,
+                effects,
+                holds,
+            } = resolved;
             let (name, docs) = (variant.name.to_string(), variant.docs.clone());
             variants.push(Variant {
                 name,
@@ -68,6 +87,7 @@ pub(super) fn variants(
                 arm,
                 tracks,
                 effects,
+                holds,
             });
         }
     }
@@ -95,7 +115,15 @@ impl Context<'_> {
     fn structure(&self, name: &Ident, lines: &[VariantLine], diagnostics: &mut Diagnostics) -> Own {
         let before = diagnostics.count();
         let mut arm: Option<(Arm, Location)> = None;
-        let mut tracks: Vec<Option<TrackModel>> = vec![None; self.geometry.tracks.len()];
+        // A crank moves its joints on circles whatever the variant.
+        let turning = TrackModel {
+            shape: TrackShape::Crank,
+            per_link: false,
+        };
+        let of_crank = |track: &Track| track.crank.is_some().then_some(turning);
+        let mut tracks: Vec<Option<TrackModel>> =
+            self.geometry.tracks.iter().map(of_crank).collect();
+        let has_rails = tracks.iter().any(Option::is_none);
         let mut chosen: Vec<&Ident> = Vec::new();
         let mut per_links = Vec::new();
         for line in lines {
@@ -127,12 +155,16 @@ impl Context<'_> {
                     };
                     match track {
                         None => {
-                            if tracks.is_empty() && !self.robot.clusters.is_empty() {
+                            if !has_rails && !self.robot.clusters.is_empty() {
                                 let message = format!("robot `{}` has no tracks", self.robot.name);
                                 let help = "leave the line out";
                                 diagnostics.error(*location, message, help);
                             }
-                            tracks.fill(Some(model));
+                            for (slot, track) in tracks.iter_mut().zip(&self.geometry.tracks) {
+                                if track.crank.is_none() {
+                                    *slot = Some(model);
+                                }
+                            }
                         }
                         Some(track) => {
                             if let Some(first) = chosen.iter().find(|first| **first == track) {
@@ -201,7 +233,14 @@ impl Context<'_> {
             .tracks
             .iter()
             .position(|track| *name == track.name);
-        if let Some(slot) = index.and_then(|index| tracks.get_mut(index)) {
+        let is_crank = |index: &usize| {
+            let found = self.geometry.tracks.get(*index);
+            found.is_some_and(|track| track.crank.is_some())
+        };
+        if index.is_some_and(|index| is_crank(&index)) {
+            let message = format!("`{name}` is a crank, which moves its joints on circles");
+            diagnostics.error(name, message, "leave the line out");
+        } else if let Some(slot) = index.and_then(|index| tracks.get_mut(index)) {
             *slot = Some(model);
         } else if *name == "base" {
             let help = "its joints do not move; leave the line out";
@@ -217,6 +256,20 @@ impl Context<'_> {
             let message = "tracks per link need the links, but the arm is reduced";
             let help = "write `arm full;`, or leave out `per link`";
             diagnostics.error(*location, message, help);
+        }
+        for link in &self.geometry.links {
+            let own = Value::ALL.into_iter();
+            for value in own.filter(|value| link.defaults.formula(*value).is_some()) {
+                let message = format!(
+                    "a reduced arm has values of clusters, but `{}` of `{}` is a formula or exact",
+                    value.name(),
+                    link.name
+                );
+                let help =
+                    "write `arm full;`, or, where the orientation does not count, `plate point;`";
+                diagnostics.error(arm, message, help);
+                return;
+            }
         }
         for (index, cluster) in self.geometry.clusters.iter().enumerate() {
             let links = self
@@ -240,6 +293,7 @@ impl Context<'_> {
         &self,
         base: &Ident,
         effects: &[syntax::EffectUse],
+        holds: &[syntax::Held],
         diagnostics: &mut Diagnostics,
     ) -> Own {
         let variants = &self.robot.variants;
@@ -260,10 +314,22 @@ impl Context<'_> {
             .iter()
             .filter_map(|used| self.effect_use(used, diagnostics))
             .collect();
+        let mut held: Vec<(Held, Location)> = Vec::new();
+        for named in holds {
+            for one in self.held(named, diagnostics) {
+                if held.iter().any(|(known, _)| *known == one) {
+                    let message = "this is held already";
+                    diagnostics.error(named.location, message, "name it once");
+                } else {
+                    held.push((one, named.location));
+                }
+            }
+        }
         match found {
             Some(base) => Own::Derived {
                 base,
                 effects: uses,
+                holds: held,
             },
             None => Own::Poisoned,
         }
@@ -275,7 +341,7 @@ impl Context<'_> {
         index: usize,
         own: &[Own],
         diagnostics: &mut Diagnostics,
-    ) -> Option<(Arm, Vec<TrackModel>, Vec<EffectUse>)> {
+    ) -> Option<Resolved> {
         let mut chain = vec![index];
         let mut current = index;
         let (arm, tracks) = loop {
@@ -296,10 +362,26 @@ impl Context<'_> {
             }
         };
         let mut effects: Vec<EffectUse> = Vec::new();
+        let mut holds: Vec<Held> = Vec::new();
         for &member in chain.iter().rev() {
-            let Some(Own::Derived { effects: added, .. }) = own.get(member) else {
+            let Some(Own::Derived {
+                effects: added,
+                holds: held,
+                ..
+            }) = own.get(member)
+            else {
                 continue;
             };
+            for (one, location) in held {
+                if member == index
+                    && let Some((message, help)) = self.cannot_hold(*one, arm, &tracks)
+                {
+                    diagnostics.error(*location, message, help);
+                }
+                if !holds.contains(one) {
+                    holds.push(*one);
+                }
+            }
             for (used, location) in added {
                 let twice = effects
                     .iter()
@@ -329,7 +411,13 @@ impl Context<'_> {
                 }
             }
         }
-        Some((arm, tracks, effects))
+        holds.sort_unstable();
+        Some(Resolved {
+            arm,
+            tracks,
+            effects,
+            holds,
+        })
     }
 
     fn cycle(&self, chain: &[usize]) -> Diagnostic {
