@@ -6,4 +6,7 @@
 
 mod models;
 
-pub use models::gantry_tau;
+pub use models::{
+    five_bar, four_belts, four_lines, gantry_tau, hexaglide, hexapod, linear_delta, rotary_delta,
+    servo_hexapod,
+};
