@@ -414,6 +414,17 @@ pub enum Held {
     Crank(usize, CrankValue),
 }
 
+impl Held {
+    /// As a description of the model writes it.
+    pub fn written(self, model: &Model) -> String {
+        match self {
+            Self::Parameter(index) => model.parameters[index].name.clone(),
+            Self::Link(link, value) => format!("{}.{}", model.links[link].name, value.name()),
+            Self::Crank(track, value) => format!("{}.{}", model.tracks[track].name, value.name()),
+        }
+    }
+}
+
 /// An effect at a place.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct EffectUse {

@@ -200,6 +200,8 @@ pub(crate) enum VariantLine {
         per_link: Option<Location>,
         location: Location,
     },
+    /// `hold radius, l1.length;`
+    Hold(Vec<Held>),
 }
 
 /// `radius`, `l1.length` or `all.plate_joint`

@@ -1,14 +1,35 @@
 //! What variants hold at nominal values.
 
 use super::variant::Context;
-use crate::diagnostics::Diagnostics;
+use crate::diagnostics::{Diagnostics, Location};
 use crate::model::{Arm, CrankValue, Held, TrackModel, Value};
 use crate::names::suggest;
 use crate::syntax;
 
 impl Context<'_> {
+    /// What several names after `hold` stand for, each with its place.
+    pub(super) fn all_held(
+        &self,
+        names: &[syntax::Held],
+        diagnostics: &mut Diagnostics,
+    ) -> Vec<(Held, Location)> {
+        let mut all: Vec<(Held, Location)> = Vec::new();
+        for named in names {
+            let found = self.held(named, diagnostics);
+            if found
+                .iter()
+                .any(|one| all.iter().any(|(known, _)| known == one))
+            {
+                let message = "this is held already";
+                diagnostics.error(named.location, message, "name it once");
+            }
+            all.extend(found.into_iter().map(|one| (one, named.location)));
+        }
+        all
+    }
+
     /// What a name after `hold` stands for: one parameter, or a value of one link or several.
-    pub(super) fn held(&self, named: &syntax::Held, diagnostics: &mut Diagnostics) -> Vec<Held> {
+    fn held(&self, named: &syntax::Held, diagnostics: &mut Diagnostics) -> Vec<Held> {
         let name = named.name.to_string();
         let Some(value) = &named.value else {
             let parameters = &self.geometry.parameters;

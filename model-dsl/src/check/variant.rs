@@ -29,6 +29,7 @@ enum Own {
     Structure {
         arm: Arm,
         tracks: Vec<TrackModel>,
+        holds: Vec<(Held, Location)>,
     },
     /// Index of the base, and the effects added to it.
     Derived {
@@ -126,8 +127,10 @@ impl Context<'_> {
         let has_rails = tracks.iter().any(Option::is_none);
         let mut chosen: Vec<&Ident> = Vec::new();
         let mut per_links = Vec::new();
+        let mut holds = Vec::new();
         for line in lines {
             match line {
+                VariantLine::Hold(named) => holds.extend(self.all_held(named, diagnostics)),
                 VariantLine::Arm {
                     arm: choice,
                     location,
@@ -215,7 +218,7 @@ impl Context<'_> {
         }
         match (arm, tracks.into_iter().collect()) {
             (Some((arm, _)), Some(tracks)) if diagnostics.count() == before => {
-                Own::Structure { arm, tracks }
+                Own::Structure { arm, tracks, holds }
             }
             _ => Own::Poisoned,
         }
@@ -314,17 +317,7 @@ impl Context<'_> {
             .iter()
             .filter_map(|used| self.effect_use(used, diagnostics))
             .collect();
-        let mut held: Vec<(Held, Location)> = Vec::new();
-        for named in holds {
-            for one in self.held(named, diagnostics) {
-                if held.iter().any(|(known, _)| *known == one) {
-                    let message = "this is held already";
-                    diagnostics.error(named.location, message, "name it once");
-                } else {
-                    held.push((one, named.location));
-                }
-            }
-        }
+        let held = self.all_held(holds, diagnostics);
         match found {
             Some(base) => Own::Derived {
                 base,
@@ -346,7 +339,7 @@ impl Context<'_> {
         let mut current = index;
         let (arm, tracks) = loop {
             match own.get(current)? {
-                Own::Structure { arm, tracks } => break (*arm, tracks.clone()),
+                Own::Structure { arm, tracks, .. } => break (*arm, tracks.clone()),
                 Own::Poisoned => return None,
                 Own::Derived { base, .. } => {
                     if let Some(start) = chain.iter().position(|seen| seen == base) {
@@ -364,13 +357,10 @@ impl Context<'_> {
         let mut effects: Vec<EffectUse> = Vec::new();
         let mut holds: Vec<Held> = Vec::new();
         for &member in chain.iter().rev() {
-            let Some(Own::Derived {
-                effects: added,
-                holds: held,
-                ..
-            }) = own.get(member)
-            else {
-                continue;
+            let (added, held): (&[_], &[_]) = match own.get(member) {
+                Some(Own::Derived { effects, holds, .. }) => (effects, holds),
+                Some(Own::Structure { holds, .. }) => (&[], holds),
+                _ => continue,
             };
             for (one, location) in held {
                 if member == index

@@ -323,13 +323,11 @@ fn variant(
         while parser.eat("+").is_some() {
             effects.push(effect_use(parser)?);
         }
-        let mut holds = Vec::new();
-        if parser.eat_word("hold").is_some() {
-            holds.push(held(parser)?);
-            while parser.eat(",").is_some() {
-                holds.push(held(parser)?);
-            }
-        }
+        let holds = if parser.eat_word("hold").is_some() {
+            all_held(parser)?
+        } else {
+            Vec::new()
+        };
         parser.expect(
             ";",
             "a derived variant reads `Base + effect(place) + … hold parameter, …;`",
@@ -349,7 +347,7 @@ fn variant(
         return Err(parser.expected("`{` or `=`").help(help));
     };
     let mut lines = Vec::new();
-    let keywords = ["arm", "tracks", "track"];
+    let keywords = ["arm", "tracks", "track", "hold"];
     body.items(
         |parser| parser.at_any(&keywords),
         diagnostics,
@@ -364,6 +362,15 @@ fn variant(
         name,
         body: VariantBody::Own(lines),
     })
+}
+
+/// `radius, l1.length`
+fn all_held(parser: &mut Parser<'_>) -> Parse<Vec<Held>> {
+    let mut all = vec![held(parser)?];
+    while parser.eat(",").is_some() {
+        all.push(held(parser)?);
+    }
+    Ok(all)
 }
 
 /// `radius`, `l1.length`
@@ -422,12 +429,17 @@ fn variant_line(parser: &mut Parser<'_>) -> Parse<VariantLine> {
         parser.semicolon()?;
         return Ok(VariantLine::Arm { arm, location });
     }
+    if parser.eat_word("hold").is_some() {
+        let held = all_held(parser)?;
+        parser.semicolon()?;
+        return Ok(VariantLine::Hold(held));
+    }
     let track = if parser.eat_word("track").is_some() {
         Some(parser.name("a track")?)
     } else if parser.eat_word("tracks").is_some() {
         None
     } else {
-        return Err(unknown_item(parser, &["arm", "tracks", "track"]));
+        return Err(unknown_item(parser, &["arm", "tracks", "track", "hold"]));
     };
     let shape = choice(
         parser,
