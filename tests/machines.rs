@@ -4,21 +4,9 @@ use tau::Robot;
 
 use crate::derivatives::{check_bit_for_bit, check_robot};
 
-/// Those beside the Gantry-Tau, as generated.
-const STANDARD: [(&str, &tau_runtime::Robot); 8] = [
-    ("linear_delta", &tau_generated::linear_delta::ROBOT),
-    ("rotary_delta", &tau_generated::rotary_delta::ROBOT),
-    ("hexapod", &tau_generated::hexapod::ROBOT),
-    ("servo_hexapod", &tau_generated::servo_hexapod::ROBOT),
-    ("hexaglide", &tau_generated::hexaglide::ROBOT),
-    ("five_bar", &tau_generated::five_bar::ROBOT),
-    ("four_belts", &tau_generated::four_belts::ROBOT),
-    ("four_lines", &tau_generated::four_lines::ROBOT),
-];
-
 #[test]
 fn equations_of_standard_robots_agree_with_dual_numbers() {
-    for (_, robot) in STANDARD {
+    for (_, robot) in tau_generated::ROBOTS {
         let robot = Robot::from(robot);
         let model = tau_model_dsl::check_text(&robot.description).unwrap();
         check_robot(&robot, &model, 0..4);
@@ -27,7 +15,7 @@ fn equations_of_standard_robots_agree_with_dual_numbers() {
 
 #[test]
 fn generated_code_of_standard_robots_is_the_interpreters_bit_for_bit() {
-    for (name, robot) in STANDARD {
+    for (name, robot) in tau_generated::ROBOTS {
         let generated = Robot::from(robot);
         let interpreted = Robot::from_text(&generated.description)
             .unwrap_or_else(|errors| panic!("{name}: {errors}"));

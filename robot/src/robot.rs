@@ -133,6 +133,13 @@ impl Robot {
         format!("q{}_{unit}", command + 1)
     }
 
+    /// Names of the columns of all commands.
+    pub fn command_columns(&self) -> Vec<String> {
+        (0..self.commands)
+            .map(|command| self.command_column(command))
+            .collect()
+    }
+
     /// The formula that a value of a link is, where the description gives one: it then has no parameter of its own.
     pub fn formula_of(&self, link: usize, value: Value) -> Option<&Formula> {
         self.model

@@ -139,14 +139,14 @@ pub(super) fn of_file(
         .chain(&ANGLES)
         .map(ToString::to_string)
         .chain(directions.iter().cloned())
-        .chain(shape.command_names())
+        .chain(machine.robot.command_columns())
         .chain(["rx_rad", "ry_rad", "rz_rad"].map(str::to_owned))
         .collect();
     let sigmas = known.iter().map(|name| format!("sigma_{name}"));
     let known = sigmas.chain(["inside".to_owned()]).chain(known.clone());
     let known: Vec<String> = known.collect();
     let required = match asked {
-        Asked::Poses => shape.command_names(),
+        Asked::Poses => machine.robot.command_columns(),
         Asked::Commands => POSITION.map(str::to_owned).to_vec(),
     };
     let Set {

@@ -142,7 +142,8 @@ impl Known {
                 names.extend(["rx_rad", "ry_rad", "rz_rad"].map(|name| format!("sigma_{name}")));
             }
             if with_commands {
-                names.extend((1..=machine.robot.commands).map(|k| format!("sigma_q{k}_m")));
+                let commands = machine.robot.command_columns();
+                names.extend(commands.iter().map(|name| format!("sigma_{name}")));
             }
         }
         if certainty.has_region() {

@@ -9,6 +9,7 @@ mod context;
 mod formula;
 mod motion;
 mod parameters;
+mod roles;
 mod targets;
 mod value;
 
