@@ -2,24 +2,18 @@
 //
 // Operations once per sample / per residual / with the Jacobian:
 //   full::closure_a: 3 / 22 / 41
-//   full::closure_b: 3 / 22 / 41
-//   full::closure_c: 3 / 22 / 41
 //   full::closure_d: 3 / 22 / 41
 //   full::closure_by_pose_a: 0 / 24 / 36
 //   full::closure_by_pose_b: 0 / 24 / 36
 //   full::closure_by_pose_c: 0 / 24 / 36
 //   full::closure_by_pose_d: 0 / 24 / 36
 //   radii::closure_a: 4 / 20 / 37
-//   radii::closure_b: 4 / 20 / 37
-//   radii::closure_c: 4 / 20 / 37
 //   radii::closure_d: 4 / 20 / 37
 //   radii::closure_by_pose_a: 1 / 24 / 35
 //   radii::closure_by_pose_b: 1 / 24 / 35
 //   radii::closure_by_pose_c: 1 / 24 / 35
 //   radii::closure_by_pose_d: 1 / 24 / 35
 //   anchors::closure_a: 7 / 17 / 32
-//   anchors::closure_b: 7 / 17 / 32
-//   anchors::closure_c: 7 / 17 / 32
 //   anchors::closure_d: 7 / 17 / 32
 //   anchors::closure_by_pose_a: 1 / 24 / 35
 //   anchors::closure_by_pose_b: 1 / 24 / 35
@@ -353,7 +347,7 @@ pub mod full {
             Instance {
                 kind: ResidualKind::Closure,
                 of: 1,
-                family: &ClosureB,
+                family: &ClosureA,
                 parameters: &[3, 4, 5, 13, 16],
                 inputs: &[
                     Input::Command(1), Input::Position(0), Input::Position(1), Input::Position(2),
@@ -362,7 +356,7 @@ pub mod full {
             Instance {
                 kind: ResidualKind::Closure,
                 of: 2,
-                family: &ClosureC,
+                family: &ClosureA,
                 parameters: &[6, 7, 8, 14, 16],
                 inputs: &[
                     Input::Command(2), Input::Position(0), Input::Position(1), Input::Position(2),
@@ -471,7 +465,7 @@ pub mod full {
     ///
     /// Data: `q`, `x`, `y`, `z`.
     ///
-    /// Parameters: `track_offset_x`, `track_offset_y`, `track_offset_z`, `radius_a`, `build_up`.
+    /// Parameters: `track_offset_x`, `track_offset_y`, `track_offset_z`, `radius`, `build_up`.
     ///
     /// Once per sample: 3 operations (1 multiplication, 1 division, 1 negation).
     /// Residuals: 22 operations (10 additions, 9 multiplications, 2 divisions, 1 function).
@@ -512,11 +506,11 @@ pub mod full {
             let z = prepared[2][lane];
             let q = prepared[3][lane];
             let prepared_4 = prepared[4][lane];
-            let &[track_offset_x, track_offset_y, track_offset_z, radius_a,
+            let &[track_offset_x, track_offset_y, track_offset_z, radius,
                 build_up] = parameters else { panic!("`parameters` must hold 5 numbers") };
             let t12 =
                 math::sqrt(track_offset_x * track_offset_x + track_offset_y * track_offset_y
-                + track_offset_z * track_offset_z) + radius_a * q / 25.5
+                + track_offset_z * track_offset_z) + radius * q / 25.5
                 + build_up * prepared_4 / 8.0;
             let rod_x = x - track_offset_x;
             let rod_y = y - track_offset_y;
@@ -537,198 +531,12 @@ pub mod full {
             let z = prepared[2][lane];
             let q = prepared[3][lane];
             let prepared_4 = prepared[4][lane];
-            let &[track_offset_x, track_offset_y, track_offset_z, radius_a,
+            let &[track_offset_x, track_offset_y, track_offset_z, radius,
                 build_up] = parameters else { panic!("`parameters` must hold 5 numbers") };
             let t6 =
                 math::sqrt(track_offset_x * track_offset_x + track_offset_y * track_offset_y
                 + track_offset_z * track_offset_z);
-            let t12 = t6 + radius_a * q / 25.5 + build_up * prepared_4 / 8.0;
-            let rod_x = x - track_offset_x;
-            let rod_y = y - track_offset_y;
-            let rod_z = z - track_offset_z;
-            let t23 = 2.0 * t12;
-            let t29 = t23 / (t6 * 2.0);
-            let t30 = track_offset_z * t29;
-            let t33 = track_offset_y * t29;
-            let t36 = track_offset_x * t29;
-            let residual = t12 * t12 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-            jacobian[0][lane] = t36 + 2.0 * rod_x + t36;
-            jacobian[1][lane] = t33 + 2.0 * rod_y + t33;
-            jacobian[2][lane] = t30 + 2.0 * rod_z + t30;
-            jacobian[3][lane] = q * (t23 / 25.5);
-            jacobian[4][lane] = prepared_4 * (t23 / 8.0);
-        }
-    }
-    /// `L² − ‖T − C(q)‖², T the point`
-    ///
-    /// Data: `q`, `x`, `y`, `z`.
-    ///
-    /// Parameters: `track_offset_x`, `track_offset_y`, `track_offset_z`, `radius_b`, `build_up`.
-    ///
-    /// Once per sample: 3 operations (1 multiplication, 1 division, 1 negation).
-    /// Residuals: 22 operations (10 additions, 9 multiplications, 2 divisions, 1 function).
-    /// With the Jacobian: 41 operations (16 additions, 19 multiplications, 5 divisions, 1 function).
-    #[derive(Debug, Clone, Copy)]
-    pub struct ClosureB;
-    impl Formulas for ClosureB {
-        const SHAPE: Shape = Shape {
-            data: 4,
-            prepared: 5,
-            parameters: 5,
-            residuals: 1,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 5],
-            columns: &[0, 1, 2, 3, 4],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[q, x, y, z] = data else { panic!("`data` must hold 4 numbers") };
-            let t1 = q / 12.75;
-            let prepared_4 = -(t1 * t1);
-            prepared[0][lane] = x;
-            prepared[1][lane] = y;
-            prepared[2][lane] = z;
-            prepared[3][lane] = q;
-            prepared[4][lane] = prepared_4;
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let x = prepared[0][lane];
-            let y = prepared[1][lane];
-            let z = prepared[2][lane];
-            let q = prepared[3][lane];
-            let prepared_4 = prepared[4][lane];
-            let &[track_offset_x, track_offset_y, track_offset_z, radius_b,
-                build_up] = parameters else { panic!("`parameters` must hold 5 numbers") };
-            let t12 =
-                math::sqrt(track_offset_x * track_offset_x + track_offset_y * track_offset_y
-                + track_offset_z * track_offset_z) + radius_b * q / 25.5
-                + build_up * prepared_4 / 8.0;
-            let rod_x = x - track_offset_x;
-            let rod_y = y - track_offset_y;
-            let rod_z = z - track_offset_z;
-            let residual = t12 * t12 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let x = prepared[0][lane];
-            let y = prepared[1][lane];
-            let z = prepared[2][lane];
-            let q = prepared[3][lane];
-            let prepared_4 = prepared[4][lane];
-            let &[track_offset_x, track_offset_y, track_offset_z, radius_b,
-                build_up] = parameters else { panic!("`parameters` must hold 5 numbers") };
-            let t6 =
-                math::sqrt(track_offset_x * track_offset_x + track_offset_y * track_offset_y
-                + track_offset_z * track_offset_z);
-            let t12 = t6 + radius_b * q / 25.5 + build_up * prepared_4 / 8.0;
-            let rod_x = x - track_offset_x;
-            let rod_y = y - track_offset_y;
-            let rod_z = z - track_offset_z;
-            let t23 = 2.0 * t12;
-            let t29 = t23 / (t6 * 2.0);
-            let t30 = track_offset_z * t29;
-            let t33 = track_offset_y * t29;
-            let t36 = track_offset_x * t29;
-            let residual = t12 * t12 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-            jacobian[0][lane] = t36 + 2.0 * rod_x + t36;
-            jacobian[1][lane] = t33 + 2.0 * rod_y + t33;
-            jacobian[2][lane] = t30 + 2.0 * rod_z + t30;
-            jacobian[3][lane] = q * (t23 / 25.5);
-            jacobian[4][lane] = prepared_4 * (t23 / 8.0);
-        }
-    }
-    /// `L² − ‖T − C(q)‖², T the point`
-    ///
-    /// Data: `q`, `x`, `y`, `z`.
-    ///
-    /// Parameters: `track_offset_x`, `track_offset_y`, `track_offset_z`, `radius_c`, `build_up`.
-    ///
-    /// Once per sample: 3 operations (1 multiplication, 1 division, 1 negation).
-    /// Residuals: 22 operations (10 additions, 9 multiplications, 2 divisions, 1 function).
-    /// With the Jacobian: 41 operations (16 additions, 19 multiplications, 5 divisions, 1 function).
-    #[derive(Debug, Clone, Copy)]
-    pub struct ClosureC;
-    impl Formulas for ClosureC {
-        const SHAPE: Shape = Shape {
-            data: 4,
-            prepared: 5,
-            parameters: 5,
-            residuals: 1,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 5],
-            columns: &[0, 1, 2, 3, 4],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[q, x, y, z] = data else { panic!("`data` must hold 4 numbers") };
-            let t1 = q / 12.75;
-            let prepared_4 = -(t1 * t1);
-            prepared[0][lane] = x;
-            prepared[1][lane] = y;
-            prepared[2][lane] = z;
-            prepared[3][lane] = q;
-            prepared[4][lane] = prepared_4;
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let x = prepared[0][lane];
-            let y = prepared[1][lane];
-            let z = prepared[2][lane];
-            let q = prepared[3][lane];
-            let prepared_4 = prepared[4][lane];
-            let &[track_offset_x, track_offset_y, track_offset_z, radius_c,
-                build_up] = parameters else { panic!("`parameters` must hold 5 numbers") };
-            let t12 =
-                math::sqrt(track_offset_x * track_offset_x + track_offset_y * track_offset_y
-                + track_offset_z * track_offset_z) + radius_c * q / 25.5
-                + build_up * prepared_4 / 8.0;
-            let rod_x = x - track_offset_x;
-            let rod_y = y - track_offset_y;
-            let rod_z = z - track_offset_z;
-            let residual = t12 * t12 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let x = prepared[0][lane];
-            let y = prepared[1][lane];
-            let z = prepared[2][lane];
-            let q = prepared[3][lane];
-            let prepared_4 = prepared[4][lane];
-            let &[track_offset_x, track_offset_y, track_offset_z, radius_c,
-                build_up] = parameters else { panic!("`parameters` must hold 5 numbers") };
-            let t6 =
-                math::sqrt(track_offset_x * track_offset_x + track_offset_y * track_offset_y
-                + track_offset_z * track_offset_z);
-            let t12 = t6 + radius_c * q / 25.5 + build_up * prepared_4 / 8.0;
+            let t12 = t6 + radius * q / 25.5 + build_up * prepared_4 / 8.0;
             let rod_x = x - track_offset_x;
             let rod_y = y - track_offset_y;
             let rod_z = z - track_offset_z;
@@ -843,7 +651,7 @@ pub mod full {
     ///
     /// Data: none.
     ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `q4`, `track_offset_x`, `track_offset_y`, `track_offset_z`, `radius_a`, `build_up`.
+    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `q4`, `track_offset_x`, `track_offset_y`, `track_offset_z`, `radius`, `build_up`.
     ///
     /// Once per sample: 0 operations.
     /// Residuals: 24 operations (10 additions, 10 multiplications, 3 divisions, 1 function).
@@ -872,15 +680,14 @@ pub mod full {
             residuals: &mut [S],
         ) {
             let &[x, y, z, _, _, _, q1, _, _, _, track_offset_x, track_offset_y, track_offset_z,
-                radius_a,
-                build_up] = parameters else { panic!("`parameters` must hold 15 numbers") };
+                radius, build_up] = parameters else { panic!("`parameters` must hold 15 numbers") };
             let t9 = q1 / 12.75;
             let rod_x = x - track_offset_x;
             let rod_y = y - track_offset_y;
             let rod_z = z - track_offset_z;
             let t20 =
                 math::sqrt(track_offset_x * track_offset_x + track_offset_y * track_offset_y
-                + track_offset_z * track_offset_z) + q1 * radius_a / 25.5
+                + track_offset_z * track_offset_z) + q1 * radius / 25.5
                 - t9 * (build_up * t9) / 8.0;
             let residual = t20 * t20 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             residuals[0][lane] = residual;
@@ -894,15 +701,14 @@ pub mod full {
             jacobian: &mut [S],
         ) {
             let &[x, y, z, _, _, _, q1, _, _, _, track_offset_x, track_offset_y, track_offset_z,
-                radius_a,
-                build_up] = parameters else { panic!("`parameters` must hold 15 numbers") };
+                radius, build_up] = parameters else { panic!("`parameters` must hold 15 numbers") };
             let t9 = q1 / 12.75;
             let rod_x = x - track_offset_x;
             let rod_y = y - track_offset_y;
             let rod_z = z - track_offset_z;
             let t23 =
                 math::sqrt(track_offset_x * track_offset_x + track_offset_y * track_offset_y
-                + track_offset_z * track_offset_z) + q1 * radius_a / 25.5
+                + track_offset_z * track_offset_z) + q1 * radius / 25.5
                 - t9 * (build_up * t9) / 8.0;
             let t25 = 2.0 * t23;
             let residual = t23 * t23 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
@@ -910,15 +716,14 @@ pub mod full {
             jacobian[0][lane] = -2.0 * rod_x;
             jacobian[1][lane] = -2.0 * rod_y;
             jacobian[2][lane] = -2.0 * rod_z;
-            jacobian[3][lane] = radius_a * (t25 / 25.5)
-                - t25 / 8.0 * (build_up * (2.0 * t9)) / 12.75;
+            jacobian[3][lane] = radius * (t25 / 25.5) - t25 / 8.0 * (build_up * (2.0 * t9)) / 12.75;
         }
     }
     /// `L² − ‖T − C(q)‖², T the point`
     ///
     /// Data: none.
     ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `q4`, `track_offset_x`, `track_offset_y`, `track_offset_z`, `radius_b`, `build_up`.
+    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `q4`, `track_offset_x`, `track_offset_y`, `track_offset_z`, `radius`, `build_up`.
     ///
     /// Once per sample: 0 operations.
     /// Residuals: 24 operations (10 additions, 10 multiplications, 3 divisions, 1 function).
@@ -947,15 +752,14 @@ pub mod full {
             residuals: &mut [S],
         ) {
             let &[x, y, z, _, _, _, _, q2, _, _, track_offset_x, track_offset_y, track_offset_z,
-                radius_b,
-                build_up] = parameters else { panic!("`parameters` must hold 15 numbers") };
+                radius, build_up] = parameters else { panic!("`parameters` must hold 15 numbers") };
             let t9 = q2 / 12.75;
             let rod_x = x - track_offset_x;
             let rod_y = y - track_offset_y;
             let rod_z = z - track_offset_z;
             let t20 =
                 math::sqrt(track_offset_x * track_offset_x + track_offset_y * track_offset_y
-                + track_offset_z * track_offset_z) + q2 * radius_b / 25.5
+                + track_offset_z * track_offset_z) + q2 * radius / 25.5
                 - t9 * (build_up * t9) / 8.0;
             let residual = t20 * t20 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             residuals[0][lane] = residual;
@@ -969,15 +773,14 @@ pub mod full {
             jacobian: &mut [S],
         ) {
             let &[x, y, z, _, _, _, _, q2, _, _, track_offset_x, track_offset_y, track_offset_z,
-                radius_b,
-                build_up] = parameters else { panic!("`parameters` must hold 15 numbers") };
+                radius, build_up] = parameters else { panic!("`parameters` must hold 15 numbers") };
             let t9 = q2 / 12.75;
             let rod_x = x - track_offset_x;
             let rod_y = y - track_offset_y;
             let rod_z = z - track_offset_z;
             let t23 =
                 math::sqrt(track_offset_x * track_offset_x + track_offset_y * track_offset_y
-                + track_offset_z * track_offset_z) + q2 * radius_b / 25.5
+                + track_offset_z * track_offset_z) + q2 * radius / 25.5
                 - t9 * (build_up * t9) / 8.0;
             let t25 = 2.0 * t23;
             let residual = t23 * t23 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
@@ -985,15 +788,14 @@ pub mod full {
             jacobian[0][lane] = -2.0 * rod_x;
             jacobian[1][lane] = -2.0 * rod_y;
             jacobian[2][lane] = -2.0 * rod_z;
-            jacobian[3][lane] = radius_b * (t25 / 25.5)
-                - t25 / 8.0 * (build_up * (2.0 * t9)) / 12.75;
+            jacobian[3][lane] = radius * (t25 / 25.5) - t25 / 8.0 * (build_up * (2.0 * t9)) / 12.75;
         }
     }
     /// `L² − ‖T − C(q)‖², T the point`
     ///
     /// Data: none.
     ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `q4`, `track_offset_x`, `track_offset_y`, `track_offset_z`, `radius_c`, `build_up`.
+    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `q4`, `track_offset_x`, `track_offset_y`, `track_offset_z`, `radius`, `build_up`.
     ///
     /// Once per sample: 0 operations.
     /// Residuals: 24 operations (10 additions, 10 multiplications, 3 divisions, 1 function).
@@ -1022,15 +824,14 @@ pub mod full {
             residuals: &mut [S],
         ) {
             let &[x, y, z, _, _, _, _, _, q3, _, track_offset_x, track_offset_y, track_offset_z,
-                radius_c,
-                build_up] = parameters else { panic!("`parameters` must hold 15 numbers") };
+                radius, build_up] = parameters else { panic!("`parameters` must hold 15 numbers") };
             let t9 = q3 / 12.75;
             let rod_x = x - track_offset_x;
             let rod_y = y - track_offset_y;
             let rod_z = z - track_offset_z;
             let t20 =
                 math::sqrt(track_offset_x * track_offset_x + track_offset_y * track_offset_y
-                + track_offset_z * track_offset_z) + q3 * radius_c / 25.5
+                + track_offset_z * track_offset_z) + q3 * radius / 25.5
                 - t9 * (build_up * t9) / 8.0;
             let residual = t20 * t20 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             residuals[0][lane] = residual;
@@ -1044,15 +845,14 @@ pub mod full {
             jacobian: &mut [S],
         ) {
             let &[x, y, z, _, _, _, _, _, q3, _, track_offset_x, track_offset_y, track_offset_z,
-                radius_c,
-                build_up] = parameters else { panic!("`parameters` must hold 15 numbers") };
+                radius, build_up] = parameters else { panic!("`parameters` must hold 15 numbers") };
             let t9 = q3 / 12.75;
             let rod_x = x - track_offset_x;
             let rod_y = y - track_offset_y;
             let rod_z = z - track_offset_z;
             let t23 =
                 math::sqrt(track_offset_x * track_offset_x + track_offset_y * track_offset_y
-                + track_offset_z * track_offset_z) + q3 * radius_c / 25.5
+                + track_offset_z * track_offset_z) + q3 * radius / 25.5
                 - t9 * (build_up * t9) / 8.0;
             let t25 = 2.0 * t23;
             let residual = t23 * t23 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
@@ -1060,8 +860,7 @@ pub mod full {
             jacobian[0][lane] = -2.0 * rod_x;
             jacobian[1][lane] = -2.0 * rod_y;
             jacobian[2][lane] = -2.0 * rod_z;
-            jacobian[3][lane] = radius_c * (t25 / 25.5)
-                - t25 / 8.0 * (build_up * (2.0 * t9)) / 12.75;
+            jacobian[3][lane] = radius * (t25 / 25.5) - t25 / 8.0 * (build_up * (2.0 * t9)) / 12.75;
         }
     }
     /// `L² − ‖T − C(q)‖², T the point`
@@ -1360,7 +1159,7 @@ pub mod radii {
             Instance {
                 kind: ResidualKind::Closure,
                 of: 1,
-                family: &ClosureB,
+                family: &ClosureA,
                 parameters: &[3, 4, 5, 13],
                 inputs: &[
                     Input::Command(1), Input::Position(0), Input::Position(1), Input::Position(2),
@@ -1370,7 +1169,7 @@ pub mod radii {
             Instance {
                 kind: ResidualKind::Closure,
                 of: 2,
-                family: &ClosureC,
+                family: &ClosureA,
                 parameters: &[6, 7, 8, 14],
                 inputs: &[
                     Input::Command(2), Input::Position(0), Input::Position(1), Input::Position(2),
@@ -1481,7 +1280,7 @@ pub mod radii {
     ///
     /// Data: `q`, `x`, `y`, `z`, `build_up`.
     ///
-    /// Parameters: `track_offset_x`, `track_offset_y`, `track_offset_z`, `radius_a`.
+    /// Parameters: `track_offset_x`, `track_offset_y`, `track_offset_z`, `radius`.
     ///
     /// Once per sample: 4 operations (2 multiplications, 2 divisions).
     /// Residuals: 20 operations (10 additions, 8 multiplications, 1 division, 1 function).
@@ -1523,11 +1322,11 @@ pub mod radii {
             let q = prepared[3][lane];
             let prepared_4 = prepared[4][lane];
             let &[track_offset_x, track_offset_y, track_offset_z,
-                radius_a] = parameters else { panic!("`parameters` must hold 4 numbers") };
+                radius] = parameters else { panic!("`parameters` must hold 4 numbers") };
             let rod_x = x - track_offset_x;
             let rod_y = y - track_offset_y;
             let rod_z = z - track_offset_z;
-            let t16 = radius_a * q / 25.5
+            let t16 = radius * q / 25.5
                 + math::sqrt(track_offset_x * track_offset_x + track_offset_y * track_offset_y
                 + track_offset_z * track_offset_z) - prepared_4;
             let residual = t16 * t16 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
@@ -1547,196 +1346,14 @@ pub mod radii {
             let q = prepared[3][lane];
             let prepared_4 = prepared[4][lane];
             let &[track_offset_x, track_offset_y, track_offset_z,
-                radius_a] = parameters else { panic!("`parameters` must hold 4 numbers") };
+                radius] = parameters else { panic!("`parameters` must hold 4 numbers") };
             let t6 =
                 math::sqrt(track_offset_x * track_offset_x + track_offset_y * track_offset_y
                 + track_offset_z * track_offset_z);
             let rod_x = x - track_offset_x;
             let rod_y = y - track_offset_y;
             let rod_z = z - track_offset_z;
-            let t20 = radius_a * q / 25.5 + t6 - prepared_4;
-            let residual = t20 * t20 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            let t25 = 2.0 * t20;
-            let t28 = t25 / (t6 * 2.0);
-            let t29 = track_offset_z * t28;
-            let t32 = track_offset_y * t28;
-            let t35 = track_offset_x * t28;
-            residuals[0][lane] = residual;
-            jacobian[0][lane] = t35 + 2.0 * rod_x + t35;
-            jacobian[1][lane] = t32 + 2.0 * rod_y + t32;
-            jacobian[2][lane] = t29 + 2.0 * rod_z + t29;
-            jacobian[3][lane] = q * (t25 / 25.5);
-        }
-    }
-    /// `L² − ‖T − C(q)‖², T the point`
-    ///
-    /// Data: `q`, `x`, `y`, `z`, `build_up`.
-    ///
-    /// Parameters: `track_offset_x`, `track_offset_y`, `track_offset_z`, `radius_b`.
-    ///
-    /// Once per sample: 4 operations (2 multiplications, 2 divisions).
-    /// Residuals: 20 operations (10 additions, 8 multiplications, 1 division, 1 function).
-    /// With the Jacobian: 37 operations (16 additions, 17 multiplications, 3 divisions, 1 function).
-    #[derive(Debug, Clone, Copy)]
-    pub struct ClosureB;
-    impl Formulas for ClosureB {
-        const SHAPE: Shape = Shape {
-            data: 5,
-            prepared: 5,
-            parameters: 4,
-            residuals: 1,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 4],
-            columns: &[0, 1, 2, 3],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[q, x, y, z, build_up] = data else { panic!("`data` must hold 5 numbers") };
-            let t1 = q / 12.75;
-            let prepared_4 = build_up * (t1 * t1) / 8.0;
-            prepared[0][lane] = x;
-            prepared[1][lane] = y;
-            prepared[2][lane] = z;
-            prepared[3][lane] = q;
-            prepared[4][lane] = prepared_4;
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let x = prepared[0][lane];
-            let y = prepared[1][lane];
-            let z = prepared[2][lane];
-            let q = prepared[3][lane];
-            let prepared_4 = prepared[4][lane];
-            let &[track_offset_x, track_offset_y, track_offset_z,
-                radius_b] = parameters else { panic!("`parameters` must hold 4 numbers") };
-            let rod_x = x - track_offset_x;
-            let rod_y = y - track_offset_y;
-            let rod_z = z - track_offset_z;
-            let t16 = radius_b * q / 25.5
-                + math::sqrt(track_offset_x * track_offset_x + track_offset_y * track_offset_y
-                + track_offset_z * track_offset_z) - prepared_4;
-            let residual = t16 * t16 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let x = prepared[0][lane];
-            let y = prepared[1][lane];
-            let z = prepared[2][lane];
-            let q = prepared[3][lane];
-            let prepared_4 = prepared[4][lane];
-            let &[track_offset_x, track_offset_y, track_offset_z,
-                radius_b] = parameters else { panic!("`parameters` must hold 4 numbers") };
-            let t6 =
-                math::sqrt(track_offset_x * track_offset_x + track_offset_y * track_offset_y
-                + track_offset_z * track_offset_z);
-            let rod_x = x - track_offset_x;
-            let rod_y = y - track_offset_y;
-            let rod_z = z - track_offset_z;
-            let t20 = radius_b * q / 25.5 + t6 - prepared_4;
-            let residual = t20 * t20 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            let t25 = 2.0 * t20;
-            let t28 = t25 / (t6 * 2.0);
-            let t29 = track_offset_z * t28;
-            let t32 = track_offset_y * t28;
-            let t35 = track_offset_x * t28;
-            residuals[0][lane] = residual;
-            jacobian[0][lane] = t35 + 2.0 * rod_x + t35;
-            jacobian[1][lane] = t32 + 2.0 * rod_y + t32;
-            jacobian[2][lane] = t29 + 2.0 * rod_z + t29;
-            jacobian[3][lane] = q * (t25 / 25.5);
-        }
-    }
-    /// `L² − ‖T − C(q)‖², T the point`
-    ///
-    /// Data: `q`, `x`, `y`, `z`, `build_up`.
-    ///
-    /// Parameters: `track_offset_x`, `track_offset_y`, `track_offset_z`, `radius_c`.
-    ///
-    /// Once per sample: 4 operations (2 multiplications, 2 divisions).
-    /// Residuals: 20 operations (10 additions, 8 multiplications, 1 division, 1 function).
-    /// With the Jacobian: 37 operations (16 additions, 17 multiplications, 3 divisions, 1 function).
-    #[derive(Debug, Clone, Copy)]
-    pub struct ClosureC;
-    impl Formulas for ClosureC {
-        const SHAPE: Shape = Shape {
-            data: 5,
-            prepared: 5,
-            parameters: 4,
-            residuals: 1,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 4],
-            columns: &[0, 1, 2, 3],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[q, x, y, z, build_up] = data else { panic!("`data` must hold 5 numbers") };
-            let t1 = q / 12.75;
-            let prepared_4 = build_up * (t1 * t1) / 8.0;
-            prepared[0][lane] = x;
-            prepared[1][lane] = y;
-            prepared[2][lane] = z;
-            prepared[3][lane] = q;
-            prepared[4][lane] = prepared_4;
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let x = prepared[0][lane];
-            let y = prepared[1][lane];
-            let z = prepared[2][lane];
-            let q = prepared[3][lane];
-            let prepared_4 = prepared[4][lane];
-            let &[track_offset_x, track_offset_y, track_offset_z,
-                radius_c] = parameters else { panic!("`parameters` must hold 4 numbers") };
-            let rod_x = x - track_offset_x;
-            let rod_y = y - track_offset_y;
-            let rod_z = z - track_offset_z;
-            let t16 = radius_c * q / 25.5
-                + math::sqrt(track_offset_x * track_offset_x + track_offset_y * track_offset_y
-                + track_offset_z * track_offset_z) - prepared_4;
-            let residual = t16 * t16 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let x = prepared[0][lane];
-            let y = prepared[1][lane];
-            let z = prepared[2][lane];
-            let q = prepared[3][lane];
-            let prepared_4 = prepared[4][lane];
-            let &[track_offset_x, track_offset_y, track_offset_z,
-                radius_c] = parameters else { panic!("`parameters` must hold 4 numbers") };
-            let t6 =
-                math::sqrt(track_offset_x * track_offset_x + track_offset_y * track_offset_y
-                + track_offset_z * track_offset_z);
-            let rod_x = x - track_offset_x;
-            let rod_y = y - track_offset_y;
-            let rod_z = z - track_offset_z;
-            let t20 = radius_c * q / 25.5 + t6 - prepared_4;
+            let t20 = radius * q / 25.5 + t6 - prepared_4;
             let residual = t20 * t20 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             let t25 = 2.0 * t20;
             let t28 = t25 / (t6 * 2.0);
@@ -1845,7 +1462,7 @@ pub mod radii {
     ///
     /// Data: `build_up`.
     ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `q4`, `track_offset_x`, `track_offset_y`, `track_offset_z`, `radius_a`.
+    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `q4`, `track_offset_x`, `track_offset_y`, `track_offset_z`, `radius`.
     ///
     /// Once per sample: 1 operations (1 multiplication).
     /// Residuals: 24 operations (10 additions, 10 multiplications, 3 divisions, 1 function).
@@ -1879,14 +1496,14 @@ pub mod radii {
         ) {
             let build_up = prepared[0][lane];
             let &[x, y, z, _, _, _, q1, _, _, _, track_offset_x, track_offset_y, track_offset_z,
-                radius_a] = parameters else { panic!("`parameters` must hold 14 numbers") };
+                radius] = parameters else { panic!("`parameters` must hold 14 numbers") };
             let t9 = q1 / 12.75;
             let rod_x = x - track_offset_x;
             let rod_y = y - track_offset_y;
             let rod_z = z - track_offset_z;
             let t20 =
                 math::sqrt(track_offset_x * track_offset_x + track_offset_y * track_offset_y
-                + track_offset_z * track_offset_z) + q1 * radius_a / 25.5
+                + track_offset_z * track_offset_z) + q1 * radius / 25.5
                 - t9 * (build_up * t9) / 8.0;
             let residual = t20 * t20 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             residuals[0][lane] = residual;
@@ -1902,14 +1519,14 @@ pub mod radii {
             let build_up = prepared[0][lane];
             let prepared_1 = prepared[1][lane];
             let &[x, y, z, _, _, _, q1, _, _, _, track_offset_x, track_offset_y, track_offset_z,
-                radius_a] = parameters else { panic!("`parameters` must hold 14 numbers") };
+                radius] = parameters else { panic!("`parameters` must hold 14 numbers") };
             let t9 = q1 / 12.75;
             let rod_x = x - track_offset_x;
             let rod_y = y - track_offset_y;
             let rod_z = z - track_offset_z;
             let t23 =
                 math::sqrt(track_offset_x * track_offset_x + track_offset_y * track_offset_y
-                + track_offset_z * track_offset_z) + q1 * radius_a / 25.5
+                + track_offset_z * track_offset_z) + q1 * radius / 25.5
                 - t9 * (build_up * t9) / 8.0;
             let t25 = 2.0 * t23;
             let residual = t23 * t23 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
@@ -1917,14 +1534,14 @@ pub mod radii {
             jacobian[0][lane] = -2.0 * rod_x;
             jacobian[1][lane] = -2.0 * rod_y;
             jacobian[2][lane] = -2.0 * rod_z;
-            jacobian[3][lane] = radius_a * (t25 / 25.5) - t25 / 8.0 * (t9 * prepared_1) / 12.75;
+            jacobian[3][lane] = radius * (t25 / 25.5) - t25 / 8.0 * (t9 * prepared_1) / 12.75;
         }
     }
     /// `L² − ‖T − C(q)‖², T the point`
     ///
     /// Data: `build_up`.
     ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `q4`, `track_offset_x`, `track_offset_y`, `track_offset_z`, `radius_b`.
+    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `q4`, `track_offset_x`, `track_offset_y`, `track_offset_z`, `radius`.
     ///
     /// Once per sample: 1 operations (1 multiplication).
     /// Residuals: 24 operations (10 additions, 10 multiplications, 3 divisions, 1 function).
@@ -1958,14 +1575,14 @@ pub mod radii {
         ) {
             let build_up = prepared[0][lane];
             let &[x, y, z, _, _, _, _, q2, _, _, track_offset_x, track_offset_y, track_offset_z,
-                radius_b] = parameters else { panic!("`parameters` must hold 14 numbers") };
+                radius] = parameters else { panic!("`parameters` must hold 14 numbers") };
             let t9 = q2 / 12.75;
             let rod_x = x - track_offset_x;
             let rod_y = y - track_offset_y;
             let rod_z = z - track_offset_z;
             let t20 =
                 math::sqrt(track_offset_x * track_offset_x + track_offset_y * track_offset_y
-                + track_offset_z * track_offset_z) + q2 * radius_b / 25.5
+                + track_offset_z * track_offset_z) + q2 * radius / 25.5
                 - t9 * (build_up * t9) / 8.0;
             let residual = t20 * t20 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             residuals[0][lane] = residual;
@@ -1981,14 +1598,14 @@ pub mod radii {
             let build_up = prepared[0][lane];
             let prepared_1 = prepared[1][lane];
             let &[x, y, z, _, _, _, _, q2, _, _, track_offset_x, track_offset_y, track_offset_z,
-                radius_b] = parameters else { panic!("`parameters` must hold 14 numbers") };
+                radius] = parameters else { panic!("`parameters` must hold 14 numbers") };
             let t9 = q2 / 12.75;
             let rod_x = x - track_offset_x;
             let rod_y = y - track_offset_y;
             let rod_z = z - track_offset_z;
             let t23 =
                 math::sqrt(track_offset_x * track_offset_x + track_offset_y * track_offset_y
-                + track_offset_z * track_offset_z) + q2 * radius_b / 25.5
+                + track_offset_z * track_offset_z) + q2 * radius / 25.5
                 - t9 * (build_up * t9) / 8.0;
             let t25 = 2.0 * t23;
             let residual = t23 * t23 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
@@ -1996,14 +1613,14 @@ pub mod radii {
             jacobian[0][lane] = -2.0 * rod_x;
             jacobian[1][lane] = -2.0 * rod_y;
             jacobian[2][lane] = -2.0 * rod_z;
-            jacobian[3][lane] = radius_b * (t25 / 25.5) - t25 / 8.0 * (t9 * prepared_1) / 12.75;
+            jacobian[3][lane] = radius * (t25 / 25.5) - t25 / 8.0 * (t9 * prepared_1) / 12.75;
         }
     }
     /// `L² − ‖T − C(q)‖², T the point`
     ///
     /// Data: `build_up`.
     ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `q4`, `track_offset_x`, `track_offset_y`, `track_offset_z`, `radius_c`.
+    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `q4`, `track_offset_x`, `track_offset_y`, `track_offset_z`, `radius`.
     ///
     /// Once per sample: 1 operations (1 multiplication).
     /// Residuals: 24 operations (10 additions, 10 multiplications, 3 divisions, 1 function).
@@ -2037,14 +1654,14 @@ pub mod radii {
         ) {
             let build_up = prepared[0][lane];
             let &[x, y, z, _, _, _, _, _, q3, _, track_offset_x, track_offset_y, track_offset_z,
-                radius_c] = parameters else { panic!("`parameters` must hold 14 numbers") };
+                radius] = parameters else { panic!("`parameters` must hold 14 numbers") };
             let t9 = q3 / 12.75;
             let rod_x = x - track_offset_x;
             let rod_y = y - track_offset_y;
             let rod_z = z - track_offset_z;
             let t20 =
                 math::sqrt(track_offset_x * track_offset_x + track_offset_y * track_offset_y
-                + track_offset_z * track_offset_z) + q3 * radius_c / 25.5
+                + track_offset_z * track_offset_z) + q3 * radius / 25.5
                 - t9 * (build_up * t9) / 8.0;
             let residual = t20 * t20 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             residuals[0][lane] = residual;
@@ -2060,14 +1677,14 @@ pub mod radii {
             let build_up = prepared[0][lane];
             let prepared_1 = prepared[1][lane];
             let &[x, y, z, _, _, _, _, _, q3, _, track_offset_x, track_offset_y, track_offset_z,
-                radius_c] = parameters else { panic!("`parameters` must hold 14 numbers") };
+                radius] = parameters else { panic!("`parameters` must hold 14 numbers") };
             let t9 = q3 / 12.75;
             let rod_x = x - track_offset_x;
             let rod_y = y - track_offset_y;
             let rod_z = z - track_offset_z;
             let t23 =
                 math::sqrt(track_offset_x * track_offset_x + track_offset_y * track_offset_y
-                + track_offset_z * track_offset_z) + q3 * radius_c / 25.5
+                + track_offset_z * track_offset_z) + q3 * radius / 25.5
                 - t9 * (build_up * t9) / 8.0;
             let t25 = 2.0 * t23;
             let residual = t23 * t23 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
@@ -2075,7 +1692,7 @@ pub mod radii {
             jacobian[0][lane] = -2.0 * rod_x;
             jacobian[1][lane] = -2.0 * rod_y;
             jacobian[2][lane] = -2.0 * rod_z;
-            jacobian[3][lane] = radius_c * (t25 / 25.5) - t25 / 8.0 * (t9 * prepared_1) / 12.75;
+            jacobian[3][lane] = radius * (t25 / 25.5) - t25 / 8.0 * (t9 * prepared_1) / 12.75;
         }
     }
     /// `L² − ‖T − C(q)‖², T the point`
@@ -2378,7 +1995,7 @@ pub mod anchors {
             Instance {
                 kind: ResidualKind::Closure,
                 of: 1,
-                family: &ClosureB,
+                family: &ClosureA,
                 parameters: &[3, 4, 5],
                 inputs: &[
                     Input::Command(1), Input::Position(0), Input::Position(1), Input::Position(2),
@@ -2388,7 +2005,7 @@ pub mod anchors {
             Instance {
                 kind: ResidualKind::Closure,
                 of: 2,
-                family: &ClosureC,
+                family: &ClosureA,
                 parameters: &[6, 7, 8],
                 inputs: &[
                     Input::Command(2), Input::Position(0), Input::Position(1), Input::Position(2),
@@ -2497,7 +2114,7 @@ pub mod anchors {
     pub const SET3_ROTATION_Z: Handle = Handle::new(2, 28);
     /// `L² − ‖T − C(q)‖², T the point`
     ///
-    /// Data: `q`, `x`, `y`, `z`, `radius_a`, `build_up`.
+    /// Data: `q`, `x`, `y`, `z`, `radius`, `build_up`.
     ///
     /// Parameters: `track_offset_x`, `track_offset_y`, `track_offset_z`.
     ///
@@ -2519,184 +2136,10 @@ pub mod anchors {
         };
         #[inline(always)]
         fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[q, x, y, z, radius_a,
+            let &[q, x, y, z, radius,
                 build_up] = data else { panic!("`data` must hold 6 numbers") };
             let t3 = q / 12.75;
-            let prepared_3 = radius_a * q / 25.5 - build_up * (t3 * t3) / 8.0;
-            prepared[0][lane] = x;
-            prepared[1][lane] = y;
-            prepared[2][lane] = z;
-            prepared[3][lane] = prepared_3;
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let x = prepared[0][lane];
-            let y = prepared[1][lane];
-            let z = prepared[2][lane];
-            let prepared_3 = prepared[3][lane];
-            let &[track_offset_x, track_offset_y,
-                track_offset_z] = parameters else { panic!("`parameters` must hold 3 numbers") };
-            let rod_x = x - track_offset_x;
-            let rod_y = y - track_offset_y;
-            let rod_z = z - track_offset_z;
-            let t13 =
-                math::sqrt(track_offset_x * track_offset_x + track_offset_y * track_offset_y
-                + track_offset_z * track_offset_z) + prepared_3;
-            let residual = t13 * t13 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let x = prepared[0][lane];
-            let y = prepared[1][lane];
-            let z = prepared[2][lane];
-            let prepared_3 = prepared[3][lane];
-            let &[track_offset_x, track_offset_y,
-                track_offset_z] = parameters else { panic!("`parameters` must hold 3 numbers") };
-            let t6 =
-                math::sqrt(track_offset_x * track_offset_x + track_offset_y * track_offset_y
-                + track_offset_z * track_offset_z);
-            let rod_x = x - track_offset_x;
-            let rod_y = y - track_offset_y;
-            let rod_z = z - track_offset_z;
-            let t17 = t6 + prepared_3;
-            let residual = t17 * t17 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            let t23 = 2.0 * t17 / (t6 * 2.0);
-            let t24 = track_offset_z * t23;
-            let t27 = track_offset_y * t23;
-            let t30 = track_offset_x * t23;
-            residuals[0][lane] = residual;
-            jacobian[0][lane] = t30 + 2.0 * rod_x + t30;
-            jacobian[1][lane] = t27 + 2.0 * rod_y + t27;
-            jacobian[2][lane] = t24 + 2.0 * rod_z + t24;
-        }
-    }
-    /// `L² − ‖T − C(q)‖², T the point`
-    ///
-    /// Data: `q`, `x`, `y`, `z`, `radius_b`, `build_up`.
-    ///
-    /// Parameters: `track_offset_x`, `track_offset_y`, `track_offset_z`.
-    ///
-    /// Once per sample: 7 operations (1 addition, 3 multiplications, 3 divisions).
-    /// Residuals: 17 operations (9 additions, 7 multiplications, 1 function).
-    /// With the Jacobian: 32 operations (15 additions, 15 multiplications, 1 division, 1 function).
-    #[derive(Debug, Clone, Copy)]
-    pub struct ClosureB;
-    impl Formulas for ClosureB {
-        const SHAPE: Shape = Shape {
-            data: 6,
-            prepared: 4,
-            parameters: 3,
-            residuals: 1,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 3],
-            columns: &[0, 1, 2],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[q, x, y, z, radius_b,
-                build_up] = data else { panic!("`data` must hold 6 numbers") };
-            let t3 = q / 12.75;
-            let prepared_3 = radius_b * q / 25.5 - build_up * (t3 * t3) / 8.0;
-            prepared[0][lane] = x;
-            prepared[1][lane] = y;
-            prepared[2][lane] = z;
-            prepared[3][lane] = prepared_3;
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let x = prepared[0][lane];
-            let y = prepared[1][lane];
-            let z = prepared[2][lane];
-            let prepared_3 = prepared[3][lane];
-            let &[track_offset_x, track_offset_y,
-                track_offset_z] = parameters else { panic!("`parameters` must hold 3 numbers") };
-            let rod_x = x - track_offset_x;
-            let rod_y = y - track_offset_y;
-            let rod_z = z - track_offset_z;
-            let t13 =
-                math::sqrt(track_offset_x * track_offset_x + track_offset_y * track_offset_y
-                + track_offset_z * track_offset_z) + prepared_3;
-            let residual = t13 * t13 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let x = prepared[0][lane];
-            let y = prepared[1][lane];
-            let z = prepared[2][lane];
-            let prepared_3 = prepared[3][lane];
-            let &[track_offset_x, track_offset_y,
-                track_offset_z] = parameters else { panic!("`parameters` must hold 3 numbers") };
-            let t6 =
-                math::sqrt(track_offset_x * track_offset_x + track_offset_y * track_offset_y
-                + track_offset_z * track_offset_z);
-            let rod_x = x - track_offset_x;
-            let rod_y = y - track_offset_y;
-            let rod_z = z - track_offset_z;
-            let t17 = t6 + prepared_3;
-            let residual = t17 * t17 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            let t23 = 2.0 * t17 / (t6 * 2.0);
-            let t24 = track_offset_z * t23;
-            let t27 = track_offset_y * t23;
-            let t30 = track_offset_x * t23;
-            residuals[0][lane] = residual;
-            jacobian[0][lane] = t30 + 2.0 * rod_x + t30;
-            jacobian[1][lane] = t27 + 2.0 * rod_y + t27;
-            jacobian[2][lane] = t24 + 2.0 * rod_z + t24;
-        }
-    }
-    /// `L² − ‖T − C(q)‖², T the point`
-    ///
-    /// Data: `q`, `x`, `y`, `z`, `radius_c`, `build_up`.
-    ///
-    /// Parameters: `track_offset_x`, `track_offset_y`, `track_offset_z`.
-    ///
-    /// Once per sample: 7 operations (1 addition, 3 multiplications, 3 divisions).
-    /// Residuals: 17 operations (9 additions, 7 multiplications, 1 function).
-    /// With the Jacobian: 32 operations (15 additions, 15 multiplications, 1 division, 1 function).
-    #[derive(Debug, Clone, Copy)]
-    pub struct ClosureC;
-    impl Formulas for ClosureC {
-        const SHAPE: Shape = Shape {
-            data: 6,
-            prepared: 4,
-            parameters: 3,
-            residuals: 1,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 3],
-            columns: &[0, 1, 2],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[q, x, y, z, radius_c,
-                build_up] = data else { panic!("`data` must hold 6 numbers") };
-            let t3 = q / 12.75;
-            let prepared_3 = radius_c * q / 25.5 - build_up * (t3 * t3) / 8.0;
+            let prepared_3 = radius * q / 25.5 - build_up * (t3 * t3) / 8.0;
             prepared[0][lane] = x;
             prepared[1][lane] = y;
             prepared[2][lane] = z;
@@ -2845,7 +2288,7 @@ pub mod anchors {
     }
     /// `L² − ‖T − C(q)‖², T the point`
     ///
-    /// Data: `radius_a`, `build_up`.
+    /// Data: `radius`, `build_up`.
     ///
     /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `q4`, `track_offset_x`, `track_offset_y`, `track_offset_z`.
     ///
@@ -2867,9 +2310,9 @@ pub mod anchors {
         };
         #[inline(always)]
         fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[radius_a, build_up] = data else { panic!("`data` must hold 2 numbers") };
+            let &[radius, build_up] = data else { panic!("`data` must hold 2 numbers") };
             let prepared_2 = 2.0 * build_up;
-            prepared[0][lane] = radius_a;
+            prepared[0][lane] = radius;
             prepared[1][lane] = build_up;
             prepared[2][lane] = prepared_2;
         }
@@ -2880,7 +2323,7 @@ pub mod anchors {
             parameters: &[f64],
             residuals: &mut [S],
         ) {
-            let radius_a = prepared[0][lane];
+            let radius = prepared[0][lane];
             let build_up = prepared[1][lane];
             let &[x, y, z, _, _, _, q1, _, _, _, track_offset_x, track_offset_y,
                 track_offset_z] = parameters else { panic!("`parameters` must hold 13 numbers") };
@@ -2890,7 +2333,7 @@ pub mod anchors {
             let rod_z = z - track_offset_z;
             let t20 =
                 math::sqrt(track_offset_x * track_offset_x + track_offset_y * track_offset_y
-                + track_offset_z * track_offset_z) + q1 * radius_a / 25.5
+                + track_offset_z * track_offset_z) + q1 * radius / 25.5
                 - t9 * (build_up * t9) / 8.0;
             let residual = t20 * t20 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             residuals[0][lane] = residual;
@@ -2903,7 +2346,7 @@ pub mod anchors {
             residuals: &mut [S],
             jacobian: &mut [S],
         ) {
-            let radius_a = prepared[0][lane];
+            let radius = prepared[0][lane];
             let build_up = prepared[1][lane];
             let prepared_2 = prepared[2][lane];
             let &[x, y, z, _, _, _, q1, _, _, _, track_offset_x, track_offset_y,
@@ -2914,7 +2357,7 @@ pub mod anchors {
             let rod_z = z - track_offset_z;
             let t23 =
                 math::sqrt(track_offset_x * track_offset_x + track_offset_y * track_offset_y
-                + track_offset_z * track_offset_z) + q1 * radius_a / 25.5
+                + track_offset_z * track_offset_z) + q1 * radius / 25.5
                 - t9 * (build_up * t9) / 8.0;
             let t25 = 2.0 * t23;
             let residual = t23 * t23 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
@@ -2922,12 +2365,12 @@ pub mod anchors {
             jacobian[0][lane] = -2.0 * rod_x;
             jacobian[1][lane] = -2.0 * rod_y;
             jacobian[2][lane] = -2.0 * rod_z;
-            jacobian[3][lane] = radius_a * (t25 / 25.5) - t25 / 8.0 * (t9 * prepared_2) / 12.75;
+            jacobian[3][lane] = radius * (t25 / 25.5) - t25 / 8.0 * (t9 * prepared_2) / 12.75;
         }
     }
     /// `L² − ‖T − C(q)‖², T the point`
     ///
-    /// Data: `radius_b`, `build_up`.
+    /// Data: `radius`, `build_up`.
     ///
     /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `q4`, `track_offset_x`, `track_offset_y`, `track_offset_z`.
     ///
@@ -2949,9 +2392,9 @@ pub mod anchors {
         };
         #[inline(always)]
         fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[radius_b, build_up] = data else { panic!("`data` must hold 2 numbers") };
+            let &[radius, build_up] = data else { panic!("`data` must hold 2 numbers") };
             let prepared_2 = 2.0 * build_up;
-            prepared[0][lane] = radius_b;
+            prepared[0][lane] = radius;
             prepared[1][lane] = build_up;
             prepared[2][lane] = prepared_2;
         }
@@ -2962,7 +2405,7 @@ pub mod anchors {
             parameters: &[f64],
             residuals: &mut [S],
         ) {
-            let radius_b = prepared[0][lane];
+            let radius = prepared[0][lane];
             let build_up = prepared[1][lane];
             let &[x, y, z, _, _, _, _, q2, _, _, track_offset_x, track_offset_y,
                 track_offset_z] = parameters else { panic!("`parameters` must hold 13 numbers") };
@@ -2972,7 +2415,7 @@ pub mod anchors {
             let rod_z = z - track_offset_z;
             let t20 =
                 math::sqrt(track_offset_x * track_offset_x + track_offset_y * track_offset_y
-                + track_offset_z * track_offset_z) + q2 * radius_b / 25.5
+                + track_offset_z * track_offset_z) + q2 * radius / 25.5
                 - t9 * (build_up * t9) / 8.0;
             let residual = t20 * t20 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             residuals[0][lane] = residual;
@@ -2985,7 +2428,7 @@ pub mod anchors {
             residuals: &mut [S],
             jacobian: &mut [S],
         ) {
-            let radius_b = prepared[0][lane];
+            let radius = prepared[0][lane];
             let build_up = prepared[1][lane];
             let prepared_2 = prepared[2][lane];
             let &[x, y, z, _, _, _, _, q2, _, _, track_offset_x, track_offset_y,
@@ -2996,7 +2439,7 @@ pub mod anchors {
             let rod_z = z - track_offset_z;
             let t23 =
                 math::sqrt(track_offset_x * track_offset_x + track_offset_y * track_offset_y
-                + track_offset_z * track_offset_z) + q2 * radius_b / 25.5
+                + track_offset_z * track_offset_z) + q2 * radius / 25.5
                 - t9 * (build_up * t9) / 8.0;
             let t25 = 2.0 * t23;
             let residual = t23 * t23 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
@@ -3004,12 +2447,12 @@ pub mod anchors {
             jacobian[0][lane] = -2.0 * rod_x;
             jacobian[1][lane] = -2.0 * rod_y;
             jacobian[2][lane] = -2.0 * rod_z;
-            jacobian[3][lane] = radius_b * (t25 / 25.5) - t25 / 8.0 * (t9 * prepared_2) / 12.75;
+            jacobian[3][lane] = radius * (t25 / 25.5) - t25 / 8.0 * (t9 * prepared_2) / 12.75;
         }
     }
     /// `L² − ‖T − C(q)‖², T the point`
     ///
-    /// Data: `radius_c`, `build_up`.
+    /// Data: `radius`, `build_up`.
     ///
     /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `q4`, `track_offset_x`, `track_offset_y`, `track_offset_z`.
     ///
@@ -3031,9 +2474,9 @@ pub mod anchors {
         };
         #[inline(always)]
         fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[radius_c, build_up] = data else { panic!("`data` must hold 2 numbers") };
+            let &[radius, build_up] = data else { panic!("`data` must hold 2 numbers") };
             let prepared_2 = 2.0 * build_up;
-            prepared[0][lane] = radius_c;
+            prepared[0][lane] = radius;
             prepared[1][lane] = build_up;
             prepared[2][lane] = prepared_2;
         }
@@ -3044,7 +2487,7 @@ pub mod anchors {
             parameters: &[f64],
             residuals: &mut [S],
         ) {
-            let radius_c = prepared[0][lane];
+            let radius = prepared[0][lane];
             let build_up = prepared[1][lane];
             let &[x, y, z, _, _, _, _, _, q3, _, track_offset_x, track_offset_y,
                 track_offset_z] = parameters else { panic!("`parameters` must hold 13 numbers") };
@@ -3054,7 +2497,7 @@ pub mod anchors {
             let rod_z = z - track_offset_z;
             let t20 =
                 math::sqrt(track_offset_x * track_offset_x + track_offset_y * track_offset_y
-                + track_offset_z * track_offset_z) + q3 * radius_c / 25.5
+                + track_offset_z * track_offset_z) + q3 * radius / 25.5
                 - t9 * (build_up * t9) / 8.0;
             let residual = t20 * t20 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             residuals[0][lane] = residual;
@@ -3067,7 +2510,7 @@ pub mod anchors {
             residuals: &mut [S],
             jacobian: &mut [S],
         ) {
-            let radius_c = prepared[0][lane];
+            let radius = prepared[0][lane];
             let build_up = prepared[1][lane];
             let prepared_2 = prepared[2][lane];
             let &[x, y, z, _, _, _, _, _, q3, _, track_offset_x, track_offset_y,
@@ -3078,7 +2521,7 @@ pub mod anchors {
             let rod_z = z - track_offset_z;
             let t23 =
                 math::sqrt(track_offset_x * track_offset_x + track_offset_y * track_offset_y
-                + track_offset_z * track_offset_z) + q3 * radius_c / 25.5
+                + track_offset_z * track_offset_z) + q3 * radius / 25.5
                 - t9 * (build_up * t9) / 8.0;
             let t25 = 2.0 * t23;
             let residual = t23 * t23 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
@@ -3086,7 +2529,7 @@ pub mod anchors {
             jacobian[0][lane] = -2.0 * rod_x;
             jacobian[1][lane] = -2.0 * rod_y;
             jacobian[2][lane] = -2.0 * rod_z;
-            jacobian[3][lane] = radius_c * (t25 / 25.5) - t25 / 8.0 * (t9 * prepared_2) / 12.75;
+            jacobian[3][lane] = radius * (t25 / 25.5) - t25 / 8.0 * (t9 * prepared_2) / 12.75;
         }
     }
     /// `L² − ‖T − C(q)‖², T the point`

@@ -2,45 +2,36 @@
 //
 // Operations once per sample / per residual / with the Jacobian:
 //   scaled::closure_rods_a: 1 / 21 / 40
-//   scaled::closure_rods_b: 1 / 21 / 40
 //   scaled::closure_rods_c: 3 / 19 / 32
 //   scaled::closure_by_pose_rods_a: 0 / 21 / 25
 //   scaled::closure_by_pose_rods_b: 0 / 21 / 25
 //   scaled::closure_by_pose_rods_c: 2 / 19 / 23
 //   scaled::cart_pose_a: 34 / 159 / 576
-//   scaled::cart_pose_b: 34 / 159 / 576
 //   scaled::cart_pose_c: 36 / 157 / 562
 //   scaled::cart_position_a: 1 / 45 / 114
-//   scaled::cart_position_b: 1 / 45 / 114
 //   scaled::cart_position_c: 3 / 43 / 100
 //   full::closure_rods_a: 3 / 18 / 36
-//   full::closure_rods_b: 3 / 18 / 36
 //   full::closure_rods_c: 5 / 16 / 28
 //   full::closure_by_pose_rods_a: 2 / 20 / 25
 //   full::closure_by_pose_rods_b: 2 / 20 / 25
 //   full::closure_by_pose_rods_c: 4 / 18 / 23
 //   full::cart_pose_a: 35 / 157 / 571
-//   full::cart_pose_b: 35 / 157 / 571
 //   full::cart_pose_c: 37 / 155 / 557
 //   full::cart_position_a: 2 / 43 / 109
-//   full::cart_position_b: 2 / 43 / 109
 //   full::cart_position_c: 4 / 41 / 95
 //   basic::closure_rods_a: 4 / 17 / 32
-//   basic::closure_rods_b: 4 / 17 / 32
 //   basic::closure_rods_c: 6 / 15 / 24
 //   basic::closure_by_pose_rods_a: 3 / 19 / 24
 //   basic::closure_by_pose_rods_b: 3 / 19 / 24
 //   basic::closure_by_pose_rods_c: 5 / 17 / 22
 //   basic::cart_pose_a: 36 / 156 / 566
-//   basic::cart_pose_b: 36 / 156 / 566
 //   basic::cart_pose_c: 38 / 154 / 552
 //   basic::cart_position_a: 3 / 42 / 104
-//   basic::cart_position_b: 3 / 42 / 104
 //   basic::cart_position_c: 5 / 40 / 90
 
-///A linear delta as printers have it: three carriages on upright tracks, a pair of equal rods on each, and an effector
-///that keeps its orientation, so that it is a point.
+///A linear delta, as printers are: three carriages on upright tracks, whose rods hold a point.
 ///
+///The rods of a carriage are a pair of equal ones, so that the effector keeps its orientation.
 ///A command is how far its carriage has travelled down from the endstop. `endstop_…` is the height of the effector
 ///below the carriage at its endstop, as the firmware counts it. Frame: z = 0 is the bed, tower c stands on the y axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -65,18 +56,18 @@ impl ::tau_runtime::DeclaredRobot for LinearDelta {
     const ROBOT: &'static ::tau_runtime::Robot = &ROBOT;
 }
 /// The robot `LinearDelta`.
-///A linear delta as printers have it: three carriages on upright tracks, a pair of equal rods on each, and an effector
-///that keeps its orientation, so that it is a point.
+///A linear delta, as printers are: three carriages on upright tracks, whose rods hold a point.
 ///
+///The rods of a carriage are a pair of equal ones, so that the effector keeps its orientation.
 ///A command is how far its carriage has travelled down from the endstop. `endstop_…` is the height of the effector
 ///below the carriage at its endstop, as the firmware counts it. Frame: z = 0 is the bed, tower c stands on the y axis.
 pub static ROBOT: ::tau_runtime::Robot = {
     use ::tau_runtime::{Cluster, Link, Robot};
     Robot {
         name: "LinearDelta",
-        description: r#"/// A linear delta as printers have it: three carriages on upright tracks, a pair of equal rods on each, and an effector
-/// that keeps its orientation, so that it is a point.
+        description: r#"/// A linear delta, as printers are: three carriages on upright tracks, whose rods hold a point.
 ///
+/// The rods of a carriage are a pair of equal ones, so that the effector keeps its orientation.
 /// A command is how far its carriage has travelled down from the endstop. `endstop_…` is the height of the effector
 /// below the carriage at its endstop, as the firmware counts it. Frame: z = 0 is the bed, tower c stands on the y axis.
 pub robot LinearDelta {
@@ -495,7 +486,7 @@ pub mod scaled {
             Instance {
                 kind: ResidualKind::Closure,
                 of: 1,
-                family: &ClosureRodsB,
+                family: &ClosureRodsA,
                 parameters: &[0, 2, 4, 7, 9],
                 inputs: &[
                     Input::Command(1), Input::Position(0), Input::Position(1), Input::Position(2),
@@ -546,7 +537,7 @@ pub mod scaled {
             Instance {
                 kind: ResidualKind::CartPose,
                 of: 1,
-                family: &CartPoseB,
+                family: &CartPoseA,
                 parameters: &[
                     0, 2, 4, 7, 9, 10, 11, 12, 13, 14, 15, 22, 23, 24, 25, 26, 27,
                 ],
@@ -579,7 +570,7 @@ pub mod scaled {
             Instance {
                 kind: ResidualKind::CartPosition,
                 of: 1,
-                family: &CartPositionB,
+                family: &CartPositionA,
                 parameters: &[0, 2, 4, 7, 9, 34, 35, 36, 37, 38, 39, 43, 44, 45],
                 inputs: &[
                     Input::Command(1), Input::Position(0), Input::Position(1), Input::Position(2),
@@ -700,7 +691,7 @@ pub mod scaled {
     ///
     /// Data: `q`, `x`, `y`, `z`.
     ///
-    /// Parameters: `radius`, `angle_a`, `endstop_a`, `arm_a`, `scale`.
+    /// Parameters: `radius`, `angle`, `endstop`, `arm`, `scale`.
     ///
     /// Once per sample: 1 operations (1 negation).
     /// Residuals: 21 operations (10 additions, 8 multiplications, 3 functions).
@@ -738,13 +729,13 @@ pub mod scaled {
             let y = prepared[1][lane];
             let z = prepared[2][lane];
             let q = prepared[3][lane];
-            let &[radius, angle_a, endstop_a, arm_a,
+            let &[radius, angle, endstop, arm,
                 scale] = parameters else { panic!("`parameters` must hold 5 numbers") };
-            let (sin_angle_a, cos_angle_a) = math::sin_cos(angle_a);
-            let t5 = arm_a * arm_a;
-            let rod_x = x - radius * cos_angle_a;
-            let rod_y = y - radius * sin_angle_a;
-            let rod_z = z - q * (1.0 + scale) - endstop_a - math::sqrt(t5 - radius * radius);
+            let (sin_angle, cos_angle) = math::sin_cos(angle);
+            let t5 = arm * arm;
+            let rod_x = x - radius * cos_angle;
+            let rod_y = y - radius * sin_angle;
+            let rod_z = z - q * (1.0 + scale) - endstop - math::sqrt(t5 - radius * radius);
             let residual = t5 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             residuals[0][lane] = residual;
         }
@@ -760,109 +751,24 @@ pub mod scaled {
             let y = prepared[1][lane];
             let z = prepared[2][lane];
             let q = prepared[3][lane];
-            let &[radius, angle_a, endstop_a, arm_a,
+            let &[radius, angle, endstop, arm,
                 scale] = parameters else { panic!("`parameters` must hold 5 numbers") };
-            let (sin_angle_a, cos_angle_a) = math::sin_cos(angle_a);
-            let t5 = arm_a * arm_a;
+            let (sin_angle, cos_angle) = math::sin_cos(angle);
+            let t5 = arm * arm;
             let t8 = math::sqrt(t5 - radius * radius);
-            let rod_x = x - radius * cos_angle_a;
-            let rod_y = y - radius * sin_angle_a;
+            let rod_x = x - radius * cos_angle;
+            let rod_y = y - radius * sin_angle;
             let t15 = rod_y * 2.0;
             let t16 = rod_x * 2.0;
-            let rod_z = z - q * (1.0 + scale) - endstop_a - t8;
+            let rod_z = z - q * (1.0 + scale) - endstop - t8;
             let residual = t5 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             let t27 = 2.0 * rod_z;
             let t29 = t27 / (t8 * 2.0);
             residuals[0][lane] = residual;
-            jacobian[0][lane] = cos_angle_a * t16 + sin_angle_a * t15 - t29 * (radius * 2.0);
-            jacobian[1][lane] = radius * (cos_angle_a * t15 - sin_angle_a * t16);
+            jacobian[0][lane] = cos_angle * t16 + sin_angle * t15 - t29 * (radius * 2.0);
+            jacobian[1][lane] = radius * (cos_angle * t15 - sin_angle * t16);
             jacobian[2][lane] = t27;
-            jacobian[3][lane] = (1.0 + t29) * (arm_a * 2.0);
-            jacobian[4][lane] = q * t27;
-        }
-    }
-    /// `L² − ‖T − C(q)‖², T the point`
-    ///
-    /// Data: `q`, `x`, `y`, `z`.
-    ///
-    /// Parameters: `radius`, `angle_b`, `endstop_b`, `arm_b`, `scale`.
-    ///
-    /// Once per sample: 1 operations (1 negation).
-    /// Residuals: 21 operations (10 additions, 8 multiplications, 3 functions).
-    /// With the Jacobian: 40 operations (14 additions, 22 multiplications, 1 division, 3 functions).
-    #[derive(Debug, Clone, Copy)]
-    pub struct ClosureRodsB;
-    impl Formulas for ClosureRodsB {
-        const SHAPE: Shape = Shape {
-            data: 4,
-            prepared: 4,
-            parameters: 5,
-            residuals: 1,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 5],
-            columns: &[0, 1, 2, 3, 4],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[q, x, y, z] = data else { panic!("`data` must hold 4 numbers") };
-            let q_2 = -q;
-            prepared[0][lane] = x;
-            prepared[1][lane] = y;
-            prepared[2][lane] = z;
-            prepared[3][lane] = q_2;
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let x = prepared[0][lane];
-            let y = prepared[1][lane];
-            let z = prepared[2][lane];
-            let q = prepared[3][lane];
-            let &[radius, angle_b, endstop_b, arm_b,
-                scale] = parameters else { panic!("`parameters` must hold 5 numbers") };
-            let (sin_angle_b, cos_angle_b) = math::sin_cos(angle_b);
-            let t5 = arm_b * arm_b;
-            let rod_x = x - radius * cos_angle_b;
-            let rod_y = y - radius * sin_angle_b;
-            let rod_z = z - q * (1.0 + scale) - endstop_b - math::sqrt(t5 - radius * radius);
-            let residual = t5 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let x = prepared[0][lane];
-            let y = prepared[1][lane];
-            let z = prepared[2][lane];
-            let q = prepared[3][lane];
-            let &[radius, angle_b, endstop_b, arm_b,
-                scale] = parameters else { panic!("`parameters` must hold 5 numbers") };
-            let (sin_angle_b, cos_angle_b) = math::sin_cos(angle_b);
-            let t5 = arm_b * arm_b;
-            let t8 = math::sqrt(t5 - radius * radius);
-            let rod_x = x - radius * cos_angle_b;
-            let rod_y = y - radius * sin_angle_b;
-            let t15 = rod_y * 2.0;
-            let t16 = rod_x * 2.0;
-            let rod_z = z - q * (1.0 + scale) - endstop_b - t8;
-            let residual = t5 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            let t27 = 2.0 * rod_z;
-            let t29 = t27 / (t8 * 2.0);
-            residuals[0][lane] = residual;
-            jacobian[0][lane] = cos_angle_b * t16 + sin_angle_b * t15 - t29 * (radius * 2.0);
-            jacobian[1][lane] = radius * (cos_angle_b * t15 - sin_angle_b * t16);
-            jacobian[2][lane] = t27;
-            jacobian[3][lane] = (1.0 + t29) * (arm_b * 2.0);
+            jacobian[3][lane] = (1.0 + t29) * (arm * 2.0);
             jacobian[4][lane] = q * t27;
         }
     }
@@ -957,7 +863,7 @@ pub mod scaled {
     ///
     /// Data: none.
     ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `radius`, `angle_a`, `endstop_a`, `arm_a`, `scale`.
+    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `radius`, `angle`, `endstop`, `arm`, `scale`.
     ///
     /// Once per sample: 0 operations.
     /// Residuals: 21 operations (10 additions, 8 multiplications, 3 functions).
@@ -985,13 +891,13 @@ pub mod scaled {
             parameters: &[f64],
             residuals: &mut [S],
         ) {
-            let &[x, y, z, _, _, _, q1, _, _, radius, angle_a, endstop_a, arm_a,
+            let &[x, y, z, _, _, _, q1, _, _, radius, angle, endstop, arm,
                 scale] = parameters else { panic!("`parameters` must hold 14 numbers") };
-            let (sin_angle_a, cos_angle_a) = math::sin_cos(angle_a);
-            let t5 = arm_a * arm_a;
-            let rod_x = x - radius * cos_angle_a;
-            let rod_y = y - radius * sin_angle_a;
-            let rod_z = q1 * (1.0 + scale) + z - endstop_a - math::sqrt(t5 - radius * radius);
+            let (sin_angle, cos_angle) = math::sin_cos(angle);
+            let t5 = arm * arm;
+            let rod_x = x - radius * cos_angle;
+            let rod_y = y - radius * sin_angle;
+            let rod_z = q1 * (1.0 + scale) + z - endstop - math::sqrt(t5 - radius * radius);
             let residual = t5 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             residuals[0][lane] = residual;
         }
@@ -1003,14 +909,14 @@ pub mod scaled {
             residuals: &mut [S],
             jacobian: &mut [S],
         ) {
-            let &[x, y, z, _, _, _, q1, _, _, radius, angle_a, endstop_a, arm_a,
+            let &[x, y, z, _, _, _, q1, _, _, radius, angle, endstop, arm,
                 scale] = parameters else { panic!("`parameters` must hold 14 numbers") };
-            let (sin_angle_a, cos_angle_a) = math::sin_cos(angle_a);
-            let t5 = arm_a * arm_a;
+            let (sin_angle, cos_angle) = math::sin_cos(angle);
+            let t5 = arm * arm;
             let t9 = 1.0 + scale;
-            let rod_x = x - radius * cos_angle_a;
-            let rod_y = y - radius * sin_angle_a;
-            let rod_z = q1 * t9 + z - endstop_a - math::sqrt(t5 - radius * radius);
+            let rod_x = x - radius * cos_angle;
+            let rod_y = y - radius * sin_angle;
+            let rod_z = q1 * t9 + z - endstop - math::sqrt(t5 - radius * radius);
             let residual = t5 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             let t24 = -2.0 * rod_z;
             residuals[0][lane] = residual;
@@ -1024,7 +930,7 @@ pub mod scaled {
     ///
     /// Data: none.
     ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `radius`, `angle_b`, `endstop_b`, `arm_b`, `scale`.
+    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `radius`, `angle`, `endstop`, `arm`, `scale`.
     ///
     /// Once per sample: 0 operations.
     /// Residuals: 21 operations (10 additions, 8 multiplications, 3 functions).
@@ -1052,13 +958,13 @@ pub mod scaled {
             parameters: &[f64],
             residuals: &mut [S],
         ) {
-            let &[x, y, z, _, _, _, _, q2, _, radius, angle_b, endstop_b, arm_b,
+            let &[x, y, z, _, _, _, _, q2, _, radius, angle, endstop, arm,
                 scale] = parameters else { panic!("`parameters` must hold 14 numbers") };
-            let (sin_angle_b, cos_angle_b) = math::sin_cos(angle_b);
-            let t5 = arm_b * arm_b;
-            let rod_x = x - radius * cos_angle_b;
-            let rod_y = y - radius * sin_angle_b;
-            let rod_z = q2 * (1.0 + scale) + z - endstop_b - math::sqrt(t5 - radius * radius);
+            let (sin_angle, cos_angle) = math::sin_cos(angle);
+            let t5 = arm * arm;
+            let rod_x = x - radius * cos_angle;
+            let rod_y = y - radius * sin_angle;
+            let rod_z = q2 * (1.0 + scale) + z - endstop - math::sqrt(t5 - radius * radius);
             let residual = t5 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             residuals[0][lane] = residual;
         }
@@ -1070,14 +976,14 @@ pub mod scaled {
             residuals: &mut [S],
             jacobian: &mut [S],
         ) {
-            let &[x, y, z, _, _, _, _, q2, _, radius, angle_b, endstop_b, arm_b,
+            let &[x, y, z, _, _, _, _, q2, _, radius, angle, endstop, arm,
                 scale] = parameters else { panic!("`parameters` must hold 14 numbers") };
-            let (sin_angle_b, cos_angle_b) = math::sin_cos(angle_b);
-            let t5 = arm_b * arm_b;
+            let (sin_angle, cos_angle) = math::sin_cos(angle);
+            let t5 = arm * arm;
             let t9 = 1.0 + scale;
-            let rod_x = x - radius * cos_angle_b;
-            let rod_y = y - radius * sin_angle_b;
-            let rod_z = q2 * t9 + z - endstop_b - math::sqrt(t5 - radius * radius);
+            let rod_x = x - radius * cos_angle;
+            let rod_y = y - radius * sin_angle;
+            let rod_z = q2 * t9 + z - endstop - math::sqrt(t5 - radius * radius);
             let residual = t5 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             let t24 = -2.0 * rod_z;
             residuals[0][lane] = residual;
@@ -1163,7 +1069,7 @@ pub mod scaled {
     ///
     /// Data: `q`, `x`, `y`, `z`, `alpha`, `beta`, `gamma`.
     ///
-    /// Parameters: `radius`, `angle_a`, `endstop_a`, `arm_a`, `scale`, `frame_translation_x`, `frame_translation_y`, `frame_translation_z`, `frame_rotation_x`, `frame_rotation_y`, `frame_rotation_z`, `target_position_x`, `target_position_y`, `target_position_z`, `target_rotation_x`, `target_rotation_y`, `target_rotation_z`.
+    /// Parameters: `radius`, `angle`, `endstop`, `arm`, `scale`, `frame_translation_x`, `frame_translation_y`, `frame_translation_z`, `frame_rotation_x`, `frame_rotation_y`, `frame_rotation_z`, `target_position_x`, `target_position_y`, `target_position_z`, `target_rotation_x`, `target_rotation_y`, `target_rotation_z`.
     ///
     /// Once per sample: 34 operations (4 additions, 23 multiplications, 1 negation, 6 functions).
     /// Residuals: 159 operations (56 additions, 88 multiplications, 15 functions).
@@ -1255,16 +1161,16 @@ pub mod scaled {
             let prepared_15 = prepared[15][lane];
             let prepared_16 = prepared[16][lane];
             let prepared_17 = prepared[17][lane];
-            let &[radius, angle_a, endstop_a, arm_a, scale, frame_translation_x,
-                frame_translation_y, frame_translation_z, frame_rotation_x, frame_rotation_y,
-                frame_rotation_z, target_position_x, target_position_y, target_position_z,
-                target_rotation_x, target_rotation_y,
+            let &[radius, angle, endstop, arm, scale, frame_translation_x, frame_translation_y,
+                frame_translation_z, frame_rotation_x, frame_rotation_y, frame_rotation_z,
+                target_position_x, target_position_y, target_position_z, target_rotation_x,
+                target_rotation_y,
                 target_rotation_z] =
                 parameters else { panic!("`parameters` must hold 17 numbers") };
-            let (sin_angle_a, cos_angle_a) = math::sin_cos(angle_a);
-            let t11 = radius * cos_angle_a + target_position_x;
-            let t12 = radius * sin_angle_a + target_position_y;
-            let t15 = endstop_a + math::sqrt(arm_a * arm_a - radius * radius) + q * (1.0 + scale)
+            let (sin_angle, cos_angle) = math::sin_cos(angle);
+            let t11 = radius * cos_angle + target_position_x;
+            let t12 = radius * sin_angle + target_position_y;
+            let t15 = endstop + math::sqrt(arm * arm - radius * radius) + q * (1.0 + scale)
                 + target_position_z;
             let (sin_target_rotation_y, cos_target_rotation_y) = math::sin_cos(target_rotation_y);
             let (sin_target_rotation_z, cos_target_rotation_z) = math::sin_cos(target_rotation_z);
@@ -1349,17 +1255,17 @@ pub mod scaled {
             let prepared_19 = prepared[19][lane];
             let prepared_20 = prepared[20][lane];
             let prepared_21 = prepared[21][lane];
-            let &[radius, angle_a, endstop_a, arm_a, scale, frame_translation_x,
-                frame_translation_y, frame_translation_z, frame_rotation_x, frame_rotation_y,
-                frame_rotation_z, target_position_x, target_position_y, target_position_z,
-                target_rotation_x, target_rotation_y,
+            let &[radius, angle, endstop, arm, scale, frame_translation_x, frame_translation_y,
+                frame_translation_z, frame_rotation_x, frame_rotation_y, frame_rotation_z,
+                target_position_x, target_position_y, target_position_z, target_rotation_x,
+                target_rotation_y,
                 target_rotation_z] =
                 parameters else { panic!("`parameters` must hold 17 numbers") };
-            let (sin_angle_a, cos_angle_a) = math::sin_cos(angle_a);
-            let t8 = math::sqrt(arm_a * arm_a - radius * radius);
-            let t11 = radius * cos_angle_a + target_position_x;
-            let t12 = radius * sin_angle_a + target_position_y;
-            let t15 = endstop_a + t8 + q * (1.0 + scale) + target_position_z;
+            let (sin_angle, cos_angle) = math::sin_cos(angle);
+            let t8 = math::sqrt(arm * arm - radius * radius);
+            let t11 = radius * cos_angle + target_position_x;
+            let t12 = radius * sin_angle + target_position_y;
+            let t15 = endstop + t8 + q * (1.0 + scale) + target_position_z;
             let (sin_target_rotation_y, cos_target_rotation_y) = math::sin_cos(target_rotation_y);
             let (sin_target_rotation_z, cos_target_rotation_z) = math::sin_cos(target_rotation_z);
             let t20 = cos_target_rotation_y * cos_target_rotation_z;
@@ -1466,7 +1372,7 @@ pub mod scaled {
             let t451 = sin_frame_rotation_x * t435 + cos_frame_rotation_x * t434;
             let t460 = sin_target_rotation_z * t420 - cos_target_rotation_z * t412;
             let t475 = radius * 2.0;
-            let t477 = arm_a * 2.0;
+            let t477 = arm * 2.0;
             residuals[0][lane] = t168 + frame_translation_x - x;
             residuals[1][lane] = t169 + frame_translation_y - y;
             residuals[2][lane] = t162 + frame_translation_z - z;
@@ -1479,8 +1385,8 @@ pub mod scaled {
             residuals[5][lane] = 0.5
                 * (prepared_7 * t247 - prepared_8 * t246 - prepared_17 * t222 + prepared_14 * t199
                 - prepared_15 * t198 - prepared_16 * t223);
-            jacobian[0][lane] = cos_angle_a * t33 + sin_angle_a * t40 - t44 * t475;
-            jacobian[1][lane] = radius * (cos_angle_a * t40 - sin_angle_a * t33);
+            jacobian[0][lane] = cos_angle * t33 + sin_angle * t40 - t44 * t475;
+            jacobian[1][lane] = radius * (cos_angle * t40 - sin_angle * t33);
             jacobian[2][lane] = t41;
             jacobian[3][lane] = t44 * t477;
             jacobian[4][lane] = q * t41;
@@ -1491,8 +1397,8 @@ pub mod scaled {
             jacobian[9][lane] = t33;
             jacobian[10][lane] = t40;
             jacobian[11][lane] = t41;
-            jacobian[12][lane] = cos_angle_a * t48 + sin_angle_a * t53 - t56 * t475;
-            jacobian[13][lane] = radius * (cos_angle_a * t53 - sin_angle_a * t48);
+            jacobian[12][lane] = cos_angle * t48 + sin_angle * t53 - t56 * t475;
+            jacobian[13][lane] = radius * (cos_angle * t53 - sin_angle * t48);
             jacobian[14][lane] = t54;
             jacobian[15][lane] = t56 * t477;
             jacobian[16][lane] = q * t54;
@@ -1503,427 +1409,8 @@ pub mod scaled {
             jacobian[21][lane] = t48;
             jacobian[22][lane] = t53;
             jacobian[23][lane] = t54;
-            jacobian[24][lane] = sin_angle_a * t59 - cos_angle_a * sin_frame_rotation_y
-                - t62 * t475;
-            jacobian[25][lane] = radius * (cos_angle_a * t59 + sin_angle_a * sin_frame_rotation_y);
-            jacobian[26][lane] = t60;
-            jacobian[27][lane] = t62 * t477;
-            jacobian[28][lane] = q * t60;
-            jacobian[29][lane] = 1.0;
-            jacobian[30][lane] = cos_frame_rotation_y * t156;
-            jacobian[31][lane] = -t163;
-            jacobian[32][lane] = -sin_frame_rotation_y;
-            jacobian[33][lane] = t59;
-            jacobian[34][lane] = t60;
-            jacobian[35][lane] = t71 * t234 + t66 * t235 + t210 * t273 + t80 * t211 + t186 * t293
-                - t86 * t187;
-            jacobian[36][lane] = t85 * t192 - t65 * t240 - prepared_10 * t241 - t79 * t216
-                - t217 * prepared_18 - t193 * prepared_19;
-            jacobian[37][lane] = prepared_12 * t198 - prepared_9 * t246 - prepared_11 * t222;
-            jacobian[38][lane] = cos_target_rotation_x
-                * (sin_target_rotation_y * t313 - cos_target_rotation_z * t77
-                - sin_target_rotation_z * t72 + cos_target_rotation_y * t280)
-                - sin_target_rotation_x
-                * (sin_target_rotation_y * t95 + cos_target_rotation_y * t78
-                + cos_target_rotation_z * t279 + sin_target_rotation_z * t274);
-            jacobian[39][lane] = cos_target_rotation_y
-                * (sin_frame_rotation_x * t86 + cos_target_rotation_x * t95
-                + sin_target_rotation_x * t313 - cos_frame_rotation_x * t293)
-                - sin_target_rotation_y
-                * (cos_target_rotation_x * t78 + sin_target_rotation_x * t280
-                + sin_target_rotation_z * t304 + cos_target_rotation_z * t294);
-            jacobian[40][lane] = t77 * t180 + t72 * t181 + t174 * t279 + t175 * t274
-                + cos_target_rotation_y
-                * (cos_target_rotation_z * t304 - sin_target_rotation_z * t294);
-            jacobian[41][lane] = t104 * t234 + t65 * t235 + t210 * t343 + t79 * t211 - t186 * t363
-                - t85 * t187;
-            jacobian[42][lane] = t66 * t240 + prepared_13 * t241 + t80 * t216 - t217 * prepared_20
-                - t86 * t192 + t193 * prepared_21;
-            jacobian[43][lane] = prepared_12 * t199 - prepared_9 * t247 - prepared_11 * t223;
-            jacobian[44][lane] = cos_target_rotation_x
-                * (cos_target_rotation_y * t350 + sin_target_rotation_y * t383
-                + sin_target_rotation_z * t105 - cos_target_rotation_z * t110)
-                - sin_target_rotation_x
-                * (sin_target_rotation_y * t124 + cos_target_rotation_y * t111
-                + cos_target_rotation_z * t349 - sin_target_rotation_z * t344);
-            jacobian[45][lane] = cos_target_rotation_y
-                * (sin_target_rotation_x * t383 + cos_target_rotation_x * t124
-                + sin_frame_rotation_x * t85 + cos_frame_rotation_x * t363)
-                - sin_target_rotation_y
-                * (cos_target_rotation_x * t111 + sin_target_rotation_x * t350
-                + sin_target_rotation_z * t374 + cos_target_rotation_z * t364);
-            jacobian[46][lane] = t110 * t180 - t105 * t181 + t174 * t349 - t175 * t344
-                + cos_target_rotation_y
-                * (cos_target_rotation_z * t374 - sin_target_rotation_z * t364);
-            jacobian[47][lane] = t135 * t234 - t134 * t235 - t210 * t411 - t211 * t410 + t186 * t435
-                - t187 * t434;
-            jacobian[48][lane] = t133 * t240 - t216 * t409 + t192 * t433;
-            jacobian[49][lane] = prepared_13 * t246 + prepared_10 * t247 - t222 * prepared_20
-                + t223 * prepared_18 + t198 * prepared_21 + t199 * prepared_19;
-            jacobian[50][lane] = cos_target_rotation_x
-                * (sin_target_rotation_y * t460 - cos_target_rotation_y * t421
-                + sin_target_rotation_z * t136 - cos_target_rotation_z * t141)
-                - sin_target_rotation_x
-                * (sin_target_rotation_y * t147 + cos_target_rotation_y * t142
-                + cos_target_rotation_z * t420 + sin_target_rotation_z * t412);
-            jacobian[51][lane] = cos_target_rotation_y
-                * (sin_frame_rotation_x * t434 + cos_target_rotation_x * t147
-                + sin_target_rotation_x * t460 - cos_frame_rotation_x * t435)
-                - sin_target_rotation_y
-                * (cos_target_rotation_x * t142 - sin_target_rotation_x * t421
-                + sin_target_rotation_z * t451 + cos_target_rotation_z * t436);
-            jacobian[52][lane] = t141 * t180 - t136 * t181 + t174 * t420 + t175 * t412
-                + cos_target_rotation_y
-                * (cos_target_rotation_z * t451 - sin_target_rotation_z * t436);
-        }
-    }
-    /// `F·(C(q) + A(q)·m) + t − x; axial vector of F·A(q)·M·Rᵀ`
-    ///
-    /// Data: `q`, `x`, `y`, `z`, `alpha`, `beta`, `gamma`.
-    ///
-    /// Parameters: `radius`, `angle_b`, `endstop_b`, `arm_b`, `scale`, `frame_translation_x`, `frame_translation_y`, `frame_translation_z`, `frame_rotation_x`, `frame_rotation_y`, `frame_rotation_z`, `target_position_x`, `target_position_y`, `target_position_z`, `target_rotation_x`, `target_rotation_y`, `target_rotation_z`.
-    ///
-    /// Once per sample: 34 operations (4 additions, 23 multiplications, 1 negation, 6 functions).
-    /// Residuals: 159 operations (56 additions, 88 multiplications, 15 functions).
-    /// With the Jacobian: 576 operations (203 additions, 352 multiplications, 3 divisions, 3 negations, 15 functions).
-    #[derive(Debug, Clone, Copy)]
-    pub struct CartPoseB;
-    impl Formulas for CartPoseB {
-        const SHAPE: Shape = Shape {
-            data: 7,
-            prepared: 22,
-            parameters: 17,
-            residuals: 6,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 12, 24, 35, 41, 47, 53],
-            columns: &[
-                0, 1, 2, 3, 4, 5, 8, 9, 10, 11, 12, 13, 0, 1, 2, 3, 4, 6, 8, 9, 10, 11,
-                12, 13, 0, 1, 2, 3, 4, 7, 8, 9, 11, 12, 13, 8, 9, 10, 14, 15, 16, 8, 9,
-                10, 14, 15, 16, 8, 9, 10, 14, 15, 16,
-            ],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[q, x, y, z, alpha, beta,
-                gamma] = data else { panic!("`data` must hold 7 numbers") };
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let (sin_beta, prepared_4) = math::sin_cos(beta);
-            let prepared_5 = cos_gamma * sin_beta;
-            let t6 = cos_gamma * prepared_4;
-            let prepared_6 = sin_gamma * sin_beta;
-            let t8 = sin_gamma * prepared_4;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let prepared_7 = sin_beta * cos_alpha;
-            let prepared_8 = sin_beta * sin_alpha;
-            let prepared_9 = prepared_4 * 0.5;
-            let prepared_10 = prepared_8 * 0.5;
-            let prepared_11 = prepared_6 * 0.5;
-            let prepared_12 = prepared_5 * 0.5;
-            let prepared_13 = prepared_7 * 0.5;
-            let prepared_14 = t6 * cos_alpha - sin_gamma * sin_alpha;
-            let prepared_15 = t6 * sin_alpha + sin_gamma * cos_alpha;
-            let prepared_16 = t8 * cos_alpha + cos_gamma * sin_alpha;
-            let prepared_17 = cos_gamma * cos_alpha - t8 * sin_alpha;
-            let prepared_18 = 0.5 * prepared_17;
-            let prepared_19 = 0.5 * prepared_15;
-            let prepared_20 = 0.5 * prepared_16;
-            let prepared_21 = 0.5 * prepared_14;
-            let q_2 = -q;
-            prepared[0][lane] = q_2;
-            prepared[1][lane] = x;
-            prepared[2][lane] = y;
-            prepared[3][lane] = z;
-            prepared[4][lane] = prepared_4;
-            prepared[5][lane] = prepared_5;
-            prepared[6][lane] = prepared_6;
-            prepared[7][lane] = prepared_7;
-            prepared[8][lane] = prepared_8;
-            prepared[9][lane] = prepared_9;
-            prepared[10][lane] = prepared_10;
-            prepared[11][lane] = prepared_11;
-            prepared[12][lane] = prepared_12;
-            prepared[13][lane] = prepared_13;
-            prepared[14][lane] = prepared_14;
-            prepared[15][lane] = prepared_15;
-            prepared[16][lane] = prepared_16;
-            prepared[17][lane] = prepared_17;
-            prepared[18][lane] = prepared_18;
-            prepared[19][lane] = prepared_19;
-            prepared[20][lane] = prepared_20;
-            prepared[21][lane] = prepared_21;
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let q = prepared[0][lane];
-            let x = prepared[1][lane];
-            let y = prepared[2][lane];
-            let z = prepared[3][lane];
-            let prepared_4 = prepared[4][lane];
-            let prepared_5 = prepared[5][lane];
-            let prepared_6 = prepared[6][lane];
-            let prepared_7 = prepared[7][lane];
-            let prepared_8 = prepared[8][lane];
-            let prepared_14 = prepared[14][lane];
-            let prepared_15 = prepared[15][lane];
-            let prepared_16 = prepared[16][lane];
-            let prepared_17 = prepared[17][lane];
-            let &[radius, angle_b, endstop_b, arm_b, scale, frame_translation_x,
-                frame_translation_y, frame_translation_z, frame_rotation_x, frame_rotation_y,
-                frame_rotation_z, target_position_x, target_position_y, target_position_z,
-                target_rotation_x, target_rotation_y,
-                target_rotation_z] =
-                parameters else { panic!("`parameters` must hold 17 numbers") };
-            let (sin_angle_b, cos_angle_b) = math::sin_cos(angle_b);
-            let t11 = radius * cos_angle_b + target_position_x;
-            let t12 = radius * sin_angle_b + target_position_y;
-            let t15 = endstop_b + math::sqrt(arm_b * arm_b - radius * radius) + q * (1.0 + scale)
-                + target_position_z;
-            let (sin_target_rotation_y, cos_target_rotation_y) = math::sin_cos(target_rotation_y);
-            let (sin_target_rotation_z, cos_target_rotation_z) = math::sin_cos(target_rotation_z);
-            let t20 = cos_target_rotation_y * cos_target_rotation_z;
-            let t21 = cos_target_rotation_y * sin_target_rotation_z;
-            let (sin_target_rotation_x, cos_target_rotation_x) = math::sin_cos(target_rotation_x);
-            let t24 = cos_target_rotation_y * sin_target_rotation_x;
-            let t25 = sin_target_rotation_y * sin_target_rotation_x;
-            let t26 = cos_target_rotation_y * cos_target_rotation_x;
-            let t27 = sin_target_rotation_y * cos_target_rotation_x;
-            let (sin_frame_rotation_z, cos_frame_rotation_z) = math::sin_cos(frame_rotation_z);
-            let (sin_frame_rotation_y, cos_frame_rotation_y) = math::sin_cos(frame_rotation_y);
-            let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(frame_rotation_x);
-            let t38 = t12 * cos_frame_rotation_x - t15 * sin_frame_rotation_x;
-            let t39 = t12 * sin_frame_rotation_x + t15 * cos_frame_rotation_x;
-            let t44 = sin_frame_rotation_y * t39 + t11 * cos_frame_rotation_y;
-            let t53 = cos_target_rotation_z * t25 - sin_target_rotation_z * cos_target_rotation_x;
-            let t54 = sin_target_rotation_z * t25 + cos_target_rotation_z * cos_target_rotation_x;
-            let t59 = cos_target_rotation_z * t27 + sin_target_rotation_z * sin_target_rotation_x;
-            let t60 = sin_target_rotation_z * t27 - cos_target_rotation_z * sin_target_rotation_x;
-            let t65 = t21 * cos_frame_rotation_x + sin_target_rotation_y * sin_frame_rotation_x;
-            let t66 = t21 * sin_frame_rotation_x - sin_target_rotation_y * cos_frame_rotation_x;
-            let t71 = cos_frame_rotation_y * t66 - t20 * sin_frame_rotation_y;
-            let t72 = sin_frame_rotation_y * t66 + t20 * cos_frame_rotation_y;
-            let t77 = cos_frame_rotation_z * t72 - sin_frame_rotation_z * t65;
-            let t78 = sin_frame_rotation_z * t72 + cos_frame_rotation_z * t65;
-            let t89 = cos_frame_rotation_x * t54 - t24 * sin_frame_rotation_x;
-            let t90 = sin_frame_rotation_x * t54 + t24 * cos_frame_rotation_x;
-            let t95 = cos_frame_rotation_y * t90 - sin_frame_rotation_y * t53;
-            let t96 = sin_frame_rotation_y * t90 + cos_frame_rotation_y * t53;
-            let t101 = cos_frame_rotation_z * t96 - sin_frame_rotation_z * t89;
-            let t102 = sin_frame_rotation_z * t96 + cos_frame_rotation_z * t89;
-            let t113 = cos_frame_rotation_x * t60 - t26 * sin_frame_rotation_x;
-            let t114 = sin_frame_rotation_x * t60 + t26 * cos_frame_rotation_x;
-            let t119 = cos_frame_rotation_y * t114 - sin_frame_rotation_y * t59;
-            let t120 = sin_frame_rotation_y * t114 + cos_frame_rotation_y * t59;
-            let t125 = cos_frame_rotation_z * t120 - sin_frame_rotation_z * t113;
-            let t126 = sin_frame_rotation_z * t120 + cos_frame_rotation_z * t113;
-            residuals[0][lane] = cos_frame_rotation_z * t44 - sin_frame_rotation_z * t38
-                + frame_translation_x - x;
-            residuals[1][lane] = sin_frame_rotation_z * t44 + cos_frame_rotation_z * t38
-                + frame_translation_y - y;
-            residuals[2][lane] = cos_frame_rotation_y * t39 - t11 * sin_frame_rotation_y
-                + frame_translation_z - z;
-            residuals[3][lane] = 0.5
-                * (prepared_8 * t119 - prepared_4 * t126 - prepared_6 * t102 + prepared_15 * t71
-                + prepared_5 * t78 + prepared_17 * t95);
-            residuals[4][lane] = 0.5
-                * (prepared_4 * t125 - prepared_7 * t119 + prepared_16 * t95 - prepared_5 * t77
-                - prepared_14 * t71 + prepared_6 * t101);
-            residuals[5][lane] = 0.5
-                * (prepared_7 * t126 - prepared_8 * t125 - prepared_17 * t101 + prepared_14 * t78
-                - prepared_15 * t77 - prepared_16 * t102);
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let q = prepared[0][lane];
-            let x = prepared[1][lane];
-            let y = prepared[2][lane];
-            let z = prepared[3][lane];
-            let prepared_4 = prepared[4][lane];
-            let prepared_5 = prepared[5][lane];
-            let prepared_6 = prepared[6][lane];
-            let prepared_7 = prepared[7][lane];
-            let prepared_8 = prepared[8][lane];
-            let prepared_9 = prepared[9][lane];
-            let prepared_10 = prepared[10][lane];
-            let prepared_11 = prepared[11][lane];
-            let prepared_12 = prepared[12][lane];
-            let prepared_13 = prepared[13][lane];
-            let prepared_14 = prepared[14][lane];
-            let prepared_15 = prepared[15][lane];
-            let prepared_16 = prepared[16][lane];
-            let prepared_17 = prepared[17][lane];
-            let prepared_18 = prepared[18][lane];
-            let prepared_19 = prepared[19][lane];
-            let prepared_20 = prepared[20][lane];
-            let prepared_21 = prepared[21][lane];
-            let &[radius, angle_b, endstop_b, arm_b, scale, frame_translation_x,
-                frame_translation_y, frame_translation_z, frame_rotation_x, frame_rotation_y,
-                frame_rotation_z, target_position_x, target_position_y, target_position_z,
-                target_rotation_x, target_rotation_y,
-                target_rotation_z] =
-                parameters else { panic!("`parameters` must hold 17 numbers") };
-            let (sin_angle_b, cos_angle_b) = math::sin_cos(angle_b);
-            let t8 = math::sqrt(arm_b * arm_b - radius * radius);
-            let t11 = radius * cos_angle_b + target_position_x;
-            let t12 = radius * sin_angle_b + target_position_y;
-            let t15 = endstop_b + t8 + q * (1.0 + scale) + target_position_z;
-            let (sin_target_rotation_y, cos_target_rotation_y) = math::sin_cos(target_rotation_y);
-            let (sin_target_rotation_z, cos_target_rotation_z) = math::sin_cos(target_rotation_z);
-            let t20 = cos_target_rotation_y * cos_target_rotation_z;
-            let t21 = cos_target_rotation_y * sin_target_rotation_z;
-            let (sin_target_rotation_x, cos_target_rotation_x) = math::sin_cos(target_rotation_x);
-            let t24 = cos_target_rotation_y * sin_target_rotation_x;
-            let t25 = sin_target_rotation_y * sin_target_rotation_x;
-            let t26 = cos_target_rotation_y * cos_target_rotation_x;
-            let t27 = sin_target_rotation_y * cos_target_rotation_x;
-            let (sin_frame_rotation_z, cos_frame_rotation_z) = math::sin_cos(frame_rotation_z);
-            let (sin_frame_rotation_y, cos_frame_rotation_y) = math::sin_cos(frame_rotation_y);
-            let t32 = cos_frame_rotation_z * sin_frame_rotation_y;
-            let t33 = cos_frame_rotation_z * cos_frame_rotation_y;
-            let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(frame_rotation_x);
-            let t40 = t32 * sin_frame_rotation_x - sin_frame_rotation_z * cos_frame_rotation_x;
-            let t41 = t32 * cos_frame_rotation_x + sin_frame_rotation_z * sin_frame_rotation_x;
-            let t43 = t8 * 2.0;
-            let t44 = t41 / t43;
-            let t47 = sin_frame_rotation_z * sin_frame_rotation_y;
-            let t48 = sin_frame_rotation_z * cos_frame_rotation_y;
-            let t53 = sin_frame_rotation_x * t47 + cos_frame_rotation_z * cos_frame_rotation_x;
-            let t54 = cos_frame_rotation_x * t47 - cos_frame_rotation_z * sin_frame_rotation_x;
-            let t56 = t54 / t43;
-            let t59 = cos_frame_rotation_y * sin_frame_rotation_x;
-            let t60 = cos_frame_rotation_y * cos_frame_rotation_x;
-            let t62 = t60 / t43;
-            let t65 = sin_frame_rotation_z * prepared_9;
-            let t66 = cos_frame_rotation_z * prepared_9;
-            let t71 = cos_frame_rotation_y * prepared_10 - sin_frame_rotation_y * t65;
-            let t72 = cos_frame_rotation_y * t65 + sin_frame_rotation_y * prepared_10;
-            let t77 = sin_frame_rotation_x * t71 - cos_frame_rotation_x * t66;
-            let t78 = cos_frame_rotation_x * t71 + sin_frame_rotation_x * t66;
-            let t79 = sin_frame_rotation_z * prepared_11;
-            let t80 = cos_frame_rotation_z * prepared_11;
-            let t85 = sin_frame_rotation_z * prepared_12;
-            let t86 = cos_frame_rotation_z * prepared_12;
-            let t95 = sin_target_rotation_z * t77 - cos_target_rotation_z * t72;
-            let t104 = sin_frame_rotation_y * t66 - cos_frame_rotation_y * prepared_13;
-            let t105 = cos_frame_rotation_y * t66 + sin_frame_rotation_y * prepared_13;
-            let t110 = sin_frame_rotation_x * t104 - cos_frame_rotation_x * t65;
-            let t111 = cos_frame_rotation_x * t104 + sin_frame_rotation_x * t65;
-            let t124 = sin_target_rotation_z * t110 + cos_target_rotation_z * t105;
-            let t133 = sin_frame_rotation_z * prepared_13 - cos_frame_rotation_z * prepared_10;
-            let t134 = cos_frame_rotation_z * prepared_13 + sin_frame_rotation_z * prepared_10;
-            let t135 = sin_frame_rotation_y * t133;
-            let t136 = cos_frame_rotation_y * t133;
-            let t141 = sin_frame_rotation_x * t135 + cos_frame_rotation_x * t134;
-            let t142 = cos_frame_rotation_x * t135 - sin_frame_rotation_x * t134;
-            let t147 = sin_target_rotation_z * t141 + cos_target_rotation_z * t136;
-            let t156 = t12 * cos_frame_rotation_x - t15 * sin_frame_rotation_x;
-            let t157 = t12 * sin_frame_rotation_x + t15 * cos_frame_rotation_x;
-            let t162 = cos_frame_rotation_y * t157 - t11 * sin_frame_rotation_y;
-            let t163 = sin_frame_rotation_y * t157 + t11 * cos_frame_rotation_y;
-            let t168 = cos_frame_rotation_z * t163 - sin_frame_rotation_z * t156;
-            let t169 = sin_frame_rotation_z * t163 + cos_frame_rotation_z * t156;
-            let t174 = cos_target_rotation_z * t25 - sin_target_rotation_z * cos_target_rotation_x;
-            let t175 = sin_target_rotation_z * t25 + cos_target_rotation_z * cos_target_rotation_x;
-            let t180 = cos_target_rotation_z * t27 + sin_target_rotation_z * sin_target_rotation_x;
-            let t181 = sin_target_rotation_z * t27 - cos_target_rotation_z * sin_target_rotation_x;
-            let t186 = t21 * cos_frame_rotation_x + sin_target_rotation_y * sin_frame_rotation_x;
-            let t187 = t21 * sin_frame_rotation_x - sin_target_rotation_y * cos_frame_rotation_x;
-            let t192 = cos_frame_rotation_y * t187 - t20 * sin_frame_rotation_y;
-            let t193 = sin_frame_rotation_y * t187 + t20 * cos_frame_rotation_y;
-            let t198 = cos_frame_rotation_z * t193 - sin_frame_rotation_z * t186;
-            let t199 = sin_frame_rotation_z * t193 + cos_frame_rotation_z * t186;
-            let t210 = cos_frame_rotation_x * t175 - t24 * sin_frame_rotation_x;
-            let t211 = sin_frame_rotation_x * t175 + t24 * cos_frame_rotation_x;
-            let t216 = cos_frame_rotation_y * t211 - sin_frame_rotation_y * t174;
-            let t217 = sin_frame_rotation_y * t211 + cos_frame_rotation_y * t174;
-            let t222 = cos_frame_rotation_z * t217 - sin_frame_rotation_z * t210;
-            let t223 = sin_frame_rotation_z * t217 + cos_frame_rotation_z * t210;
-            let t234 = cos_frame_rotation_x * t181 - t26 * sin_frame_rotation_x;
-            let t235 = sin_frame_rotation_x * t181 + t26 * cos_frame_rotation_x;
-            let t240 = cos_frame_rotation_y * t235 - sin_frame_rotation_y * t180;
-            let t241 = sin_frame_rotation_y * t235 + cos_frame_rotation_y * t180;
-            let t246 = cos_frame_rotation_z * t241 - sin_frame_rotation_z * t234;
-            let t247 = sin_frame_rotation_z * t241 + cos_frame_rotation_z * t234;
-            let t273 = cos_frame_rotation_y * prepared_18 - sin_frame_rotation_y * t79;
-            let t274 = cos_frame_rotation_y * t79 + sin_frame_rotation_y * prepared_18;
-            let t279 = sin_frame_rotation_x * t273 - cos_frame_rotation_x * t80;
-            let t280 = sin_frame_rotation_x * t80 + cos_frame_rotation_x * t273;
-            let t293 = sin_frame_rotation_y * t85 + cos_frame_rotation_y * prepared_19;
-            let t294 = cos_frame_rotation_y * t85 - sin_frame_rotation_y * prepared_19;
-            let t304 = cos_frame_rotation_x * t86 + sin_frame_rotation_x * t293;
-            let t313 = sin_target_rotation_z * t279 - cos_target_rotation_z * t274;
-            let t343 = sin_frame_rotation_y * t80 + cos_frame_rotation_y * prepared_20;
-            let t344 = cos_frame_rotation_y * t80 - sin_frame_rotation_y * prepared_20;
-            let t349 = sin_frame_rotation_x * t343 - cos_frame_rotation_x * t79;
-            let t350 = sin_frame_rotation_x * t79 + cos_frame_rotation_x * t343;
-            let t363 = sin_frame_rotation_y * t86 + cos_frame_rotation_y * prepared_21;
-            let t364 = sin_frame_rotation_y * prepared_21 - cos_frame_rotation_y * t86;
-            let t374 = cos_frame_rotation_x * t85 - sin_frame_rotation_x * t363;
-            let t383 = sin_target_rotation_z * t349 + cos_target_rotation_z * t344;
-            let t409 = sin_frame_rotation_z * prepared_20 + cos_frame_rotation_z * prepared_18;
-            let t410 = sin_frame_rotation_z * prepared_18 - cos_frame_rotation_z * prepared_20;
-            let t411 = sin_frame_rotation_y * t409;
-            let t412 = cos_frame_rotation_y * t409;
-            let t420 = cos_frame_rotation_x * t410 - sin_frame_rotation_x * t411;
-            let t421 = cos_frame_rotation_x * t411 + sin_frame_rotation_x * t410;
-            let t433 = sin_frame_rotation_z * prepared_21 - cos_frame_rotation_z * prepared_19;
-            let t434 = cos_frame_rotation_z * prepared_21 + sin_frame_rotation_z * prepared_19;
-            let t435 = sin_frame_rotation_y * t433;
-            let t436 = cos_frame_rotation_y * t433;
-            let t451 = sin_frame_rotation_x * t435 + cos_frame_rotation_x * t434;
-            let t460 = sin_target_rotation_z * t420 - cos_target_rotation_z * t412;
-            let t475 = radius * 2.0;
-            let t477 = arm_b * 2.0;
-            residuals[0][lane] = t168 + frame_translation_x - x;
-            residuals[1][lane] = t169 + frame_translation_y - y;
-            residuals[2][lane] = t162 + frame_translation_z - z;
-            residuals[3][lane] = 0.5
-                * (prepared_8 * t240 - prepared_4 * t247 - prepared_6 * t223 + prepared_15 * t192
-                + prepared_5 * t199 + prepared_17 * t216);
-            residuals[4][lane] = 0.5
-                * (prepared_4 * t246 - prepared_7 * t240 + prepared_16 * t216 - prepared_5 * t198
-                - prepared_14 * t192 + prepared_6 * t222);
-            residuals[5][lane] = 0.5
-                * (prepared_7 * t247 - prepared_8 * t246 - prepared_17 * t222 + prepared_14 * t199
-                - prepared_15 * t198 - prepared_16 * t223);
-            jacobian[0][lane] = cos_angle_b * t33 + sin_angle_b * t40 - t44 * t475;
-            jacobian[1][lane] = radius * (cos_angle_b * t40 - sin_angle_b * t33);
-            jacobian[2][lane] = t41;
-            jacobian[3][lane] = t44 * t477;
-            jacobian[4][lane] = q * t41;
-            jacobian[5][lane] = 1.0;
-            jacobian[6][lane] = t32 * t156 + sin_frame_rotation_z * t157;
-            jacobian[7][lane] = cos_frame_rotation_z * t162;
-            jacobian[8][lane] = -t169;
-            jacobian[9][lane] = t33;
-            jacobian[10][lane] = t40;
-            jacobian[11][lane] = t41;
-            jacobian[12][lane] = cos_angle_b * t48 + sin_angle_b * t53 - t56 * t475;
-            jacobian[13][lane] = radius * (cos_angle_b * t53 - sin_angle_b * t48);
-            jacobian[14][lane] = t54;
-            jacobian[15][lane] = t56 * t477;
-            jacobian[16][lane] = q * t54;
-            jacobian[17][lane] = 1.0;
-            jacobian[18][lane] = t47 * t156 - cos_frame_rotation_z * t157;
-            jacobian[19][lane] = sin_frame_rotation_z * t162;
-            jacobian[20][lane] = t168;
-            jacobian[21][lane] = t48;
-            jacobian[22][lane] = t53;
-            jacobian[23][lane] = t54;
-            jacobian[24][lane] = sin_angle_b * t59 - cos_angle_b * sin_frame_rotation_y
-                - t62 * t475;
-            jacobian[25][lane] = radius * (cos_angle_b * t59 + sin_angle_b * sin_frame_rotation_y);
+            jacobian[24][lane] = sin_angle * t59 - cos_angle * sin_frame_rotation_y - t62 * t475;
+            jacobian[25][lane] = radius * (cos_angle * t59 + sin_angle * sin_frame_rotation_y);
             jacobian[26][lane] = t60;
             jacobian[27][lane] = t62 * t477;
             jacobian[28][lane] = q * t60;
@@ -2418,7 +1905,7 @@ pub mod scaled {
     ///
     /// Data: `q`, `x`, `y`, `z`.
     ///
-    /// Parameters: `radius`, `angle_a`, `endstop_a`, `arm_a`, `scale`, `frame_translation_x`, `frame_translation_y`, `frame_translation_z`, `frame_rotation_x`, `frame_rotation_y`, `frame_rotation_z`, `target_position_x`, `target_position_y`, `target_position_z`.
+    /// Parameters: `radius`, `angle`, `endstop`, `arm`, `scale`, `frame_translation_x`, `frame_translation_y`, `frame_translation_z`, `frame_rotation_x`, `frame_rotation_y`, `frame_rotation_z`, `target_position_x`, `target_position_y`, `target_position_z`.
     ///
     /// Once per sample: 1 operations (1 negation).
     /// Residuals: 45 operations (19 additions, 17 multiplications, 9 functions).
@@ -2459,15 +1946,15 @@ pub mod scaled {
             let x = prepared[1][lane];
             let y = prepared[2][lane];
             let z = prepared[3][lane];
-            let &[radius, angle_a, endstop_a, arm_a, scale, frame_translation_x,
-                frame_translation_y, frame_translation_z, frame_rotation_x, frame_rotation_y,
-                frame_rotation_z, target_position_x, target_position_y,
+            let &[radius, angle, endstop, arm, scale, frame_translation_x, frame_translation_y,
+                frame_translation_z, frame_rotation_x, frame_rotation_y, frame_rotation_z,
+                target_position_x, target_position_y,
                 target_position_z] =
                 parameters else { panic!("`parameters` must hold 14 numbers") };
-            let (sin_angle_a, cos_angle_a) = math::sin_cos(angle_a);
-            let t11 = radius * cos_angle_a + target_position_x;
-            let t12 = radius * sin_angle_a + target_position_y;
-            let t15 = endstop_a + math::sqrt(arm_a * arm_a - radius * radius) + q * (1.0 + scale)
+            let (sin_angle, cos_angle) = math::sin_cos(angle);
+            let t11 = radius * cos_angle + target_position_x;
+            let t12 = radius * sin_angle + target_position_y;
+            let t15 = endstop + math::sqrt(arm * arm - radius * radius) + q * (1.0 + scale)
                 + target_position_z;
             let (sin_frame_rotation_z, cos_frame_rotation_z) = math::sin_cos(frame_rotation_z);
             let (sin_frame_rotation_y, cos_frame_rotation_y) = math::sin_cos(frame_rotation_y);
@@ -2494,16 +1981,16 @@ pub mod scaled {
             let x = prepared[1][lane];
             let y = prepared[2][lane];
             let z = prepared[3][lane];
-            let &[radius, angle_a, endstop_a, arm_a, scale, frame_translation_x,
-                frame_translation_y, frame_translation_z, frame_rotation_x, frame_rotation_y,
-                frame_rotation_z, target_position_x, target_position_y,
+            let &[radius, angle, endstop, arm, scale, frame_translation_x, frame_translation_y,
+                frame_translation_z, frame_rotation_x, frame_rotation_y, frame_rotation_z,
+                target_position_x, target_position_y,
                 target_position_z] =
                 parameters else { panic!("`parameters` must hold 14 numbers") };
-            let (sin_angle_a, cos_angle_a) = math::sin_cos(angle_a);
-            let t8 = math::sqrt(arm_a * arm_a - radius * radius);
-            let t11 = radius * cos_angle_a + target_position_x;
-            let t12 = radius * sin_angle_a + target_position_y;
-            let t15 = endstop_a + t8 + q * (1.0 + scale) + target_position_z;
+            let (sin_angle, cos_angle) = math::sin_cos(angle);
+            let t8 = math::sqrt(arm * arm - radius * radius);
+            let t11 = radius * cos_angle + target_position_x;
+            let t12 = radius * sin_angle + target_position_y;
+            let t15 = endstop + t8 + q * (1.0 + scale) + target_position_z;
             let (sin_frame_rotation_z, cos_frame_rotation_z) = math::sin_cos(frame_rotation_z);
             let (sin_frame_rotation_y, cos_frame_rotation_y) = math::sin_cos(frame_rotation_y);
             let t20 = cos_frame_rotation_z * sin_frame_rotation_y;
@@ -2528,12 +2015,12 @@ pub mod scaled {
             let t69 = cos_frame_rotation_z * t64 - sin_frame_rotation_z * t57;
             let t70 = sin_frame_rotation_z * t64 + cos_frame_rotation_z * t57;
             let t80 = radius * 2.0;
-            let t82 = arm_a * 2.0;
+            let t82 = arm * 2.0;
             residuals[0][lane] = t69 + frame_translation_x - x;
             residuals[1][lane] = t70 + frame_translation_y - y;
             residuals[2][lane] = t63 + frame_translation_z - z;
-            jacobian[0][lane] = cos_angle_a * t21 + sin_angle_a * t28 - t32 * t80;
-            jacobian[1][lane] = radius * (cos_angle_a * t28 - sin_angle_a * t21);
+            jacobian[0][lane] = cos_angle * t21 + sin_angle * t28 - t32 * t80;
+            jacobian[1][lane] = radius * (cos_angle * t28 - sin_angle * t21);
             jacobian[2][lane] = t29;
             jacobian[3][lane] = t32 * t82;
             jacobian[4][lane] = q * t29;
@@ -2544,8 +2031,8 @@ pub mod scaled {
             jacobian[9][lane] = t21;
             jacobian[10][lane] = t28;
             jacobian[11][lane] = t29;
-            jacobian[12][lane] = cos_angle_a * t36 + sin_angle_a * t41 - t44 * t80;
-            jacobian[13][lane] = radius * (cos_angle_a * t41 - sin_angle_a * t36);
+            jacobian[12][lane] = cos_angle * t36 + sin_angle * t41 - t44 * t80;
+            jacobian[13][lane] = radius * (cos_angle * t41 - sin_angle * t36);
             jacobian[14][lane] = t42;
             jacobian[15][lane] = t44 * t82;
             jacobian[16][lane] = q * t42;
@@ -2556,163 +2043,8 @@ pub mod scaled {
             jacobian[21][lane] = t36;
             jacobian[22][lane] = t41;
             jacobian[23][lane] = t42;
-            jacobian[24][lane] = sin_angle_a * t47 - cos_angle_a * sin_frame_rotation_y - t50 * t80;
-            jacobian[25][lane] = radius * (cos_angle_a * t47 + sin_angle_a * sin_frame_rotation_y);
-            jacobian[26][lane] = t48;
-            jacobian[27][lane] = t50 * t82;
-            jacobian[28][lane] = q * t48;
-            jacobian[29][lane] = 1.0;
-            jacobian[30][lane] = cos_frame_rotation_y * t57;
-            jacobian[31][lane] = -t64;
-            jacobian[32][lane] = -sin_frame_rotation_y;
-            jacobian[33][lane] = t47;
-            jacobian[34][lane] = t48;
-        }
-    }
-    /// `F·(C(q) + A(q)·m) + t − x`
-    ///
-    /// Data: `q`, `x`, `y`, `z`.
-    ///
-    /// Parameters: `radius`, `angle_b`, `endstop_b`, `arm_b`, `scale`, `frame_translation_x`, `frame_translation_y`, `frame_translation_z`, `frame_rotation_x`, `frame_rotation_y`, `frame_rotation_z`, `target_position_x`, `target_position_y`, `target_position_z`.
-    ///
-    /// Once per sample: 1 operations (1 negation).
-    /// Residuals: 45 operations (19 additions, 17 multiplications, 9 functions).
-    /// With the Jacobian: 114 operations (34 additions, 65 multiplications, 3 divisions, 3 negations, 9 functions).
-    #[derive(Debug, Clone, Copy)]
-    pub struct CartPositionB;
-    impl Formulas for CartPositionB {
-        const SHAPE: Shape = Shape {
-            data: 4,
-            prepared: 4,
-            parameters: 14,
-            residuals: 3,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 12, 24, 35],
-            columns: &[
-                0, 1, 2, 3, 4, 5, 8, 9, 10, 11, 12, 13, 0, 1, 2, 3, 4, 6, 8, 9, 10, 11,
-                12, 13, 0, 1, 2, 3, 4, 7, 8, 9, 11, 12, 13,
-            ],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[q, x, y, z] = data else { panic!("`data` must hold 4 numbers") };
-            let q_2 = -q;
-            prepared[0][lane] = q_2;
-            prepared[1][lane] = x;
-            prepared[2][lane] = y;
-            prepared[3][lane] = z;
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let q = prepared[0][lane];
-            let x = prepared[1][lane];
-            let y = prepared[2][lane];
-            let z = prepared[3][lane];
-            let &[radius, angle_b, endstop_b, arm_b, scale, frame_translation_x,
-                frame_translation_y, frame_translation_z, frame_rotation_x, frame_rotation_y,
-                frame_rotation_z, target_position_x, target_position_y,
-                target_position_z] =
-                parameters else { panic!("`parameters` must hold 14 numbers") };
-            let (sin_angle_b, cos_angle_b) = math::sin_cos(angle_b);
-            let t11 = radius * cos_angle_b + target_position_x;
-            let t12 = radius * sin_angle_b + target_position_y;
-            let t15 = endstop_b + math::sqrt(arm_b * arm_b - radius * radius) + q * (1.0 + scale)
-                + target_position_z;
-            let (sin_frame_rotation_z, cos_frame_rotation_z) = math::sin_cos(frame_rotation_z);
-            let (sin_frame_rotation_y, cos_frame_rotation_y) = math::sin_cos(frame_rotation_y);
-            let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(frame_rotation_x);
-            let t26 = t12 * cos_frame_rotation_x - t15 * sin_frame_rotation_x;
-            let t27 = t12 * sin_frame_rotation_x + t15 * cos_frame_rotation_x;
-            let t32 = sin_frame_rotation_y * t27 + t11 * cos_frame_rotation_y;
-            residuals[0][lane] = cos_frame_rotation_z * t32 - sin_frame_rotation_z * t26
-                + frame_translation_x - x;
-            residuals[1][lane] = sin_frame_rotation_z * t32 + cos_frame_rotation_z * t26
-                + frame_translation_y - y;
-            residuals[2][lane] = cos_frame_rotation_y * t27 - t11 * sin_frame_rotation_y
-                + frame_translation_z - z;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let q = prepared[0][lane];
-            let x = prepared[1][lane];
-            let y = prepared[2][lane];
-            let z = prepared[3][lane];
-            let &[radius, angle_b, endstop_b, arm_b, scale, frame_translation_x,
-                frame_translation_y, frame_translation_z, frame_rotation_x, frame_rotation_y,
-                frame_rotation_z, target_position_x, target_position_y,
-                target_position_z] =
-                parameters else { panic!("`parameters` must hold 14 numbers") };
-            let (sin_angle_b, cos_angle_b) = math::sin_cos(angle_b);
-            let t8 = math::sqrt(arm_b * arm_b - radius * radius);
-            let t11 = radius * cos_angle_b + target_position_x;
-            let t12 = radius * sin_angle_b + target_position_y;
-            let t15 = endstop_b + t8 + q * (1.0 + scale) + target_position_z;
-            let (sin_frame_rotation_z, cos_frame_rotation_z) = math::sin_cos(frame_rotation_z);
-            let (sin_frame_rotation_y, cos_frame_rotation_y) = math::sin_cos(frame_rotation_y);
-            let t20 = cos_frame_rotation_z * sin_frame_rotation_y;
-            let t21 = cos_frame_rotation_z * cos_frame_rotation_y;
-            let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(frame_rotation_x);
-            let t28 = t20 * sin_frame_rotation_x - sin_frame_rotation_z * cos_frame_rotation_x;
-            let t29 = t20 * cos_frame_rotation_x + sin_frame_rotation_z * sin_frame_rotation_x;
-            let t31 = t8 * 2.0;
-            let t32 = t29 / t31;
-            let t35 = sin_frame_rotation_z * sin_frame_rotation_y;
-            let t36 = sin_frame_rotation_z * cos_frame_rotation_y;
-            let t41 = sin_frame_rotation_x * t35 + cos_frame_rotation_z * cos_frame_rotation_x;
-            let t42 = cos_frame_rotation_x * t35 - cos_frame_rotation_z * sin_frame_rotation_x;
-            let t44 = t42 / t31;
-            let t47 = cos_frame_rotation_y * sin_frame_rotation_x;
-            let t48 = cos_frame_rotation_y * cos_frame_rotation_x;
-            let t50 = t48 / t31;
-            let t57 = t12 * cos_frame_rotation_x - t15 * sin_frame_rotation_x;
-            let t58 = t12 * sin_frame_rotation_x + t15 * cos_frame_rotation_x;
-            let t63 = cos_frame_rotation_y * t58 - t11 * sin_frame_rotation_y;
-            let t64 = sin_frame_rotation_y * t58 + t11 * cos_frame_rotation_y;
-            let t69 = cos_frame_rotation_z * t64 - sin_frame_rotation_z * t57;
-            let t70 = sin_frame_rotation_z * t64 + cos_frame_rotation_z * t57;
-            let t80 = radius * 2.0;
-            let t82 = arm_b * 2.0;
-            residuals[0][lane] = t69 + frame_translation_x - x;
-            residuals[1][lane] = t70 + frame_translation_y - y;
-            residuals[2][lane] = t63 + frame_translation_z - z;
-            jacobian[0][lane] = cos_angle_b * t21 + sin_angle_b * t28 - t32 * t80;
-            jacobian[1][lane] = radius * (cos_angle_b * t28 - sin_angle_b * t21);
-            jacobian[2][lane] = t29;
-            jacobian[3][lane] = t32 * t82;
-            jacobian[4][lane] = q * t29;
-            jacobian[5][lane] = 1.0;
-            jacobian[6][lane] = t20 * t57 + sin_frame_rotation_z * t58;
-            jacobian[7][lane] = cos_frame_rotation_z * t63;
-            jacobian[8][lane] = -t70;
-            jacobian[9][lane] = t21;
-            jacobian[10][lane] = t28;
-            jacobian[11][lane] = t29;
-            jacobian[12][lane] = cos_angle_b * t36 + sin_angle_b * t41 - t44 * t80;
-            jacobian[13][lane] = radius * (cos_angle_b * t41 - sin_angle_b * t36);
-            jacobian[14][lane] = t42;
-            jacobian[15][lane] = t44 * t82;
-            jacobian[16][lane] = q * t42;
-            jacobian[17][lane] = 1.0;
-            jacobian[18][lane] = t35 * t57 - cos_frame_rotation_z * t58;
-            jacobian[19][lane] = sin_frame_rotation_z * t63;
-            jacobian[20][lane] = t69;
-            jacobian[21][lane] = t36;
-            jacobian[22][lane] = t41;
-            jacobian[23][lane] = t42;
-            jacobian[24][lane] = sin_angle_b * t47 - cos_angle_b * sin_frame_rotation_y - t50 * t80;
-            jacobian[25][lane] = radius * (cos_angle_b * t47 + sin_angle_b * sin_frame_rotation_y);
+            jacobian[24][lane] = sin_angle * t47 - cos_angle * sin_frame_rotation_y - t50 * t80;
+            jacobian[25][lane] = radius * (cos_angle * t47 + sin_angle * sin_frame_rotation_y);
             jacobian[26][lane] = t48;
             jacobian[27][lane] = t50 * t82;
             jacobian[28][lane] = q * t48;
@@ -3218,7 +2550,7 @@ pub mod full {
             Instance {
                 kind: ResidualKind::Closure,
                 of: 1,
-                family: &ClosureRodsB,
+                family: &ClosureRodsA,
                 parameters: &[0, 2, 4, 7],
                 inputs: &[
                     Input::Command(1), Input::Position(0), Input::Position(1), Input::Position(2),
@@ -3271,7 +2603,7 @@ pub mod full {
             Instance {
                 kind: ResidualKind::CartPose,
                 of: 1,
-                family: &CartPoseB,
+                family: &CartPoseA,
                 parameters: &[
                     0, 2, 4, 7, 10, 11, 12, 13, 14, 15, 22, 23, 24, 25, 26, 27,
                 ],
@@ -3303,7 +2635,7 @@ pub mod full {
             Instance {
                 kind: ResidualKind::CartPosition,
                 of: 1,
-                family: &CartPositionB,
+                family: &CartPositionA,
                 parameters: &[0, 2, 4, 7, 34, 35, 36, 37, 38, 39, 43, 44, 45],
                 inputs: &[
                     Input::Command(1), Input::Position(0), Input::Position(1), Input::Position(2),
@@ -3426,7 +2758,7 @@ pub mod full {
     ///
     /// Data: `q`, `x`, `y`, `z`, `scale`.
     ///
-    /// Parameters: `radius`, `angle_a`, `endstop_a`, `arm_a`.
+    /// Parameters: `radius`, `angle`, `endstop`, `arm`.
     ///
     /// Once per sample: 3 operations (2 additions, 1 multiplication).
     /// Residuals: 18 operations (8 additions, 7 multiplications, 3 functions).
@@ -3462,13 +2794,13 @@ pub mod full {
             let x = prepared[0][lane];
             let y = prepared[1][lane];
             let prepared_2 = prepared[2][lane];
-            let &[radius, angle_a, endstop_a,
-                arm_a] = parameters else { panic!("`parameters` must hold 4 numbers") };
-            let (sin_angle_a, cos_angle_a) = math::sin_cos(angle_a);
-            let t5 = arm_a * arm_a;
-            let rod_x = x - radius * cos_angle_a;
-            let rod_y = y - radius * sin_angle_a;
-            let rod_z = prepared_2 - endstop_a - math::sqrt(t5 - radius * radius);
+            let &[radius, angle, endstop,
+                arm] = parameters else { panic!("`parameters` must hold 4 numbers") };
+            let (sin_angle, cos_angle) = math::sin_cos(angle);
+            let t5 = arm * arm;
+            let rod_x = x - radius * cos_angle;
+            let rod_y = y - radius * sin_angle;
+            let rod_z = prepared_2 - endstop - math::sqrt(t5 - radius * radius);
             let residual = t5 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             residuals[0][lane] = residual;
         }
@@ -3483,105 +2815,24 @@ pub mod full {
             let x = prepared[0][lane];
             let y = prepared[1][lane];
             let prepared_2 = prepared[2][lane];
-            let &[radius, angle_a, endstop_a,
-                arm_a] = parameters else { panic!("`parameters` must hold 4 numbers") };
-            let (sin_angle_a, cos_angle_a) = math::sin_cos(angle_a);
-            let t5 = arm_a * arm_a;
+            let &[radius, angle, endstop,
+                arm] = parameters else { panic!("`parameters` must hold 4 numbers") };
+            let (sin_angle, cos_angle) = math::sin_cos(angle);
+            let t5 = arm * arm;
             let t8 = math::sqrt(t5 - radius * radius);
-            let rod_x = x - radius * cos_angle_a;
-            let rod_y = y - radius * sin_angle_a;
+            let rod_x = x - radius * cos_angle;
+            let rod_y = y - radius * sin_angle;
             let t13 = rod_y * 2.0;
             let t14 = rod_x * 2.0;
-            let rod_z = prepared_2 - endstop_a - t8;
+            let rod_z = prepared_2 - endstop - t8;
             let residual = t5 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             let t24 = 2.0 * rod_z;
             let t25 = t24 / (t8 * 2.0);
             residuals[0][lane] = residual;
-            jacobian[0][lane] = cos_angle_a * t14 + sin_angle_a * t13 - t25 * (radius * 2.0);
-            jacobian[1][lane] = radius * (cos_angle_a * t13 - sin_angle_a * t14);
+            jacobian[0][lane] = cos_angle * t14 + sin_angle * t13 - t25 * (radius * 2.0);
+            jacobian[1][lane] = radius * (cos_angle * t13 - sin_angle * t14);
             jacobian[2][lane] = t24;
-            jacobian[3][lane] = (1.0 + t25) * (arm_a * 2.0);
-        }
-    }
-    /// `L² − ‖T − C(q)‖², T the point`
-    ///
-    /// Data: `q`, `x`, `y`, `z`, `scale`.
-    ///
-    /// Parameters: `radius`, `angle_b`, `endstop_b`, `arm_b`.
-    ///
-    /// Once per sample: 3 operations (2 additions, 1 multiplication).
-    /// Residuals: 18 operations (8 additions, 7 multiplications, 3 functions).
-    /// With the Jacobian: 36 operations (12 additions, 20 multiplications, 1 division, 3 functions).
-    #[derive(Debug, Clone, Copy)]
-    pub struct ClosureRodsB;
-    impl Formulas for ClosureRodsB {
-        const SHAPE: Shape = Shape {
-            data: 5,
-            prepared: 3,
-            parameters: 4,
-            residuals: 1,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 4],
-            columns: &[0, 1, 2, 3],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[q, x, y, z, scale] = data else { panic!("`data` must hold 5 numbers") };
-            let prepared_2 = z + q * (1.0 + scale);
-            prepared[0][lane] = x;
-            prepared[1][lane] = y;
-            prepared[2][lane] = prepared_2;
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let x = prepared[0][lane];
-            let y = prepared[1][lane];
-            let prepared_2 = prepared[2][lane];
-            let &[radius, angle_b, endstop_b,
-                arm_b] = parameters else { panic!("`parameters` must hold 4 numbers") };
-            let (sin_angle_b, cos_angle_b) = math::sin_cos(angle_b);
-            let t5 = arm_b * arm_b;
-            let rod_x = x - radius * cos_angle_b;
-            let rod_y = y - radius * sin_angle_b;
-            let rod_z = prepared_2 - endstop_b - math::sqrt(t5 - radius * radius);
-            let residual = t5 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let x = prepared[0][lane];
-            let y = prepared[1][lane];
-            let prepared_2 = prepared[2][lane];
-            let &[radius, angle_b, endstop_b,
-                arm_b] = parameters else { panic!("`parameters` must hold 4 numbers") };
-            let (sin_angle_b, cos_angle_b) = math::sin_cos(angle_b);
-            let t5 = arm_b * arm_b;
-            let t8 = math::sqrt(t5 - radius * radius);
-            let rod_x = x - radius * cos_angle_b;
-            let rod_y = y - radius * sin_angle_b;
-            let t13 = rod_y * 2.0;
-            let t14 = rod_x * 2.0;
-            let rod_z = prepared_2 - endstop_b - t8;
-            let residual = t5 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            let t24 = 2.0 * rod_z;
-            let t25 = t24 / (t8 * 2.0);
-            residuals[0][lane] = residual;
-            jacobian[0][lane] = cos_angle_b * t14 + sin_angle_b * t13 - t25 * (radius * 2.0);
-            jacobian[1][lane] = radius * (cos_angle_b * t13 - sin_angle_b * t14);
-            jacobian[2][lane] = t24;
-            jacobian[3][lane] = (1.0 + t25) * (arm_b * 2.0);
+            jacobian[3][lane] = (1.0 + t25) * (arm * 2.0);
         }
     }
     /// `L² − ‖T − C(q)‖², T the point`
@@ -3671,7 +2922,7 @@ pub mod full {
     ///
     /// Data: `scale`.
     ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `radius`, `angle_a`, `endstop_a`, `arm_a`.
+    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `radius`, `angle`, `endstop`, `arm`.
     ///
     /// Once per sample: 2 operations (1 addition, 1 negation).
     /// Residuals: 20 operations (9 additions, 8 multiplications, 3 functions).
@@ -3703,13 +2954,13 @@ pub mod full {
             residuals: &mut [S],
         ) {
             let prepared_0 = prepared[0][lane];
-            let &[x, y, z, _, _, _, q1, _, _, radius, angle_a, endstop_a,
-                arm_a] = parameters else { panic!("`parameters` must hold 13 numbers") };
-            let (sin_angle_a, cos_angle_a) = math::sin_cos(angle_a);
-            let t5 = arm_a * arm_a;
-            let rod_x = x - radius * cos_angle_a;
-            let rod_y = y - radius * sin_angle_a;
-            let rod_z = z - q1 * prepared_0 - endstop_a - math::sqrt(t5 - radius * radius);
+            let &[x, y, z, _, _, _, q1, _, _, radius, angle, endstop,
+                arm] = parameters else { panic!("`parameters` must hold 13 numbers") };
+            let (sin_angle, cos_angle) = math::sin_cos(angle);
+            let t5 = arm * arm;
+            let rod_x = x - radius * cos_angle;
+            let rod_y = y - radius * sin_angle;
+            let rod_z = z - q1 * prepared_0 - endstop - math::sqrt(t5 - radius * radius);
             let residual = t5 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             residuals[0][lane] = residual;
         }
@@ -3722,13 +2973,13 @@ pub mod full {
             jacobian: &mut [S],
         ) {
             let prepared_0 = prepared[0][lane];
-            let &[x, y, z, _, _, _, q1, _, _, radius, angle_a, endstop_a,
-                arm_a] = parameters else { panic!("`parameters` must hold 13 numbers") };
-            let (sin_angle_a, cos_angle_a) = math::sin_cos(angle_a);
-            let t5 = arm_a * arm_a;
-            let rod_x = x - radius * cos_angle_a;
-            let rod_y = y - radius * sin_angle_a;
-            let rod_z = z - q1 * prepared_0 - endstop_a - math::sqrt(t5 - radius * radius);
+            let &[x, y, z, _, _, _, q1, _, _, radius, angle, endstop,
+                arm] = parameters else { panic!("`parameters` must hold 13 numbers") };
+            let (sin_angle, cos_angle) = math::sin_cos(angle);
+            let t5 = arm * arm;
+            let rod_x = x - radius * cos_angle;
+            let rod_y = y - radius * sin_angle;
+            let rod_z = z - q1 * prepared_0 - endstop - math::sqrt(t5 - radius * radius);
             let residual = t5 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             let t23 = 2.0 * rod_z;
             residuals[0][lane] = residual;
@@ -3742,7 +2993,7 @@ pub mod full {
     ///
     /// Data: `scale`.
     ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `radius`, `angle_b`, `endstop_b`, `arm_b`.
+    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `radius`, `angle`, `endstop`, `arm`.
     ///
     /// Once per sample: 2 operations (1 addition, 1 negation).
     /// Residuals: 20 operations (9 additions, 8 multiplications, 3 functions).
@@ -3774,13 +3025,13 @@ pub mod full {
             residuals: &mut [S],
         ) {
             let prepared_0 = prepared[0][lane];
-            let &[x, y, z, _, _, _, _, q2, _, radius, angle_b, endstop_b,
-                arm_b] = parameters else { panic!("`parameters` must hold 13 numbers") };
-            let (sin_angle_b, cos_angle_b) = math::sin_cos(angle_b);
-            let t5 = arm_b * arm_b;
-            let rod_x = x - radius * cos_angle_b;
-            let rod_y = y - radius * sin_angle_b;
-            let rod_z = z - q2 * prepared_0 - endstop_b - math::sqrt(t5 - radius * radius);
+            let &[x, y, z, _, _, _, _, q2, _, radius, angle, endstop,
+                arm] = parameters else { panic!("`parameters` must hold 13 numbers") };
+            let (sin_angle, cos_angle) = math::sin_cos(angle);
+            let t5 = arm * arm;
+            let rod_x = x - radius * cos_angle;
+            let rod_y = y - radius * sin_angle;
+            let rod_z = z - q2 * prepared_0 - endstop - math::sqrt(t5 - radius * radius);
             let residual = t5 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             residuals[0][lane] = residual;
         }
@@ -3793,13 +3044,13 @@ pub mod full {
             jacobian: &mut [S],
         ) {
             let prepared_0 = prepared[0][lane];
-            let &[x, y, z, _, _, _, _, q2, _, radius, angle_b, endstop_b,
-                arm_b] = parameters else { panic!("`parameters` must hold 13 numbers") };
-            let (sin_angle_b, cos_angle_b) = math::sin_cos(angle_b);
-            let t5 = arm_b * arm_b;
-            let rod_x = x - radius * cos_angle_b;
-            let rod_y = y - radius * sin_angle_b;
-            let rod_z = z - q2 * prepared_0 - endstop_b - math::sqrt(t5 - radius * radius);
+            let &[x, y, z, _, _, _, _, q2, _, radius, angle, endstop,
+                arm] = parameters else { panic!("`parameters` must hold 13 numbers") };
+            let (sin_angle, cos_angle) = math::sin_cos(angle);
+            let t5 = arm * arm;
+            let rod_x = x - radius * cos_angle;
+            let rod_y = y - radius * sin_angle;
+            let rod_z = z - q2 * prepared_0 - endstop - math::sqrt(t5 - radius * radius);
             let residual = t5 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             let t23 = 2.0 * rod_z;
             residuals[0][lane] = residual;
@@ -3889,7 +3140,7 @@ pub mod full {
     ///
     /// Data: `q`, `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `scale`.
     ///
-    /// Parameters: `radius`, `angle_a`, `endstop_a`, `arm_a`, `frame_translation_x`, `frame_translation_y`, `frame_translation_z`, `frame_rotation_x`, `frame_rotation_y`, `frame_rotation_z`, `target_position_x`, `target_position_y`, `target_position_z`, `target_rotation_x`, `target_rotation_y`, `target_rotation_z`.
+    /// Parameters: `radius`, `angle`, `endstop`, `arm`, `frame_translation_x`, `frame_translation_y`, `frame_translation_z`, `frame_rotation_x`, `frame_rotation_y`, `frame_rotation_z`, `target_position_x`, `target_position_y`, `target_position_z`, `target_rotation_x`, `target_rotation_y`, `target_rotation_z`.
     ///
     /// Once per sample: 35 operations (5 additions, 24 multiplications, 6 functions).
     /// Residuals: 157 operations (55 additions, 87 multiplications, 15 functions).
@@ -3981,15 +3232,15 @@ pub mod full {
             let prepared_15 = prepared[15][lane];
             let prepared_16 = prepared[16][lane];
             let prepared_17 = prepared[17][lane];
-            let &[radius, angle_a, endstop_a, arm_a, frame_translation_x, frame_translation_y,
+            let &[radius, angle, endstop, arm, frame_translation_x, frame_translation_y,
                 frame_translation_z, frame_rotation_x, frame_rotation_y, frame_rotation_z,
                 target_position_x, target_position_y, target_position_z, target_rotation_x,
                 target_rotation_y,
                 target_rotation_z] =
                 parameters else { panic!("`parameters` must hold 16 numbers") };
-            let (sin_angle_a, cos_angle_a) = math::sin_cos(angle_a);
-            let t9 = radius * cos_angle_a + target_position_x;
-            let t10 = radius * sin_angle_a + target_position_y;
+            let (sin_angle, cos_angle) = math::sin_cos(angle);
+            let t9 = radius * cos_angle + target_position_x;
+            let t10 = radius * sin_angle + target_position_y;
             let (sin_target_rotation_y, cos_target_rotation_y) = math::sin_cos(target_rotation_y);
             let (sin_target_rotation_z, cos_target_rotation_z) = math::sin_cos(target_rotation_z);
             let t15 = cos_target_rotation_y * cos_target_rotation_z;
@@ -4024,7 +3275,7 @@ pub mod full {
             let t104 = sin_frame_rotation_y * t98 + cos_frame_rotation_y * t43;
             let t109 = cos_frame_rotation_z * t104 - sin_frame_rotation_z * t97;
             let t110 = sin_frame_rotation_z * t104 + cos_frame_rotation_z * t97;
-            let t119 = target_position_z + math::sqrt(arm_a * arm_a - radius * radius) + endstop_a
+            let t119 = target_position_z + math::sqrt(arm * arm - radius * radius) + endstop
                 - prepared_0;
             let t122 = t10 * cos_frame_rotation_x - sin_frame_rotation_x * t119;
             let t123 = t10 * sin_frame_rotation_x + cos_frame_rotation_x * t119;
@@ -4075,16 +3326,16 @@ pub mod full {
             let prepared_19 = prepared[19][lane];
             let prepared_20 = prepared[20][lane];
             let prepared_21 = prepared[21][lane];
-            let &[radius, angle_a, endstop_a, arm_a, frame_translation_x, frame_translation_y,
+            let &[radius, angle, endstop, arm, frame_translation_x, frame_translation_y,
                 frame_translation_z, frame_rotation_x, frame_rotation_y, frame_rotation_z,
                 target_position_x, target_position_y, target_position_z, target_rotation_x,
                 target_rotation_y,
                 target_rotation_z] =
                 parameters else { panic!("`parameters` must hold 16 numbers") };
-            let (sin_angle_a, cos_angle_a) = math::sin_cos(angle_a);
-            let t8 = math::sqrt(arm_a * arm_a - radius * radius);
-            let t9 = radius * cos_angle_a + target_position_x;
-            let t10 = radius * sin_angle_a + target_position_y;
+            let (sin_angle, cos_angle) = math::sin_cos(angle);
+            let t8 = math::sqrt(arm * arm - radius * radius);
+            let t9 = radius * cos_angle + target_position_x;
+            let t10 = radius * sin_angle + target_position_y;
             let (sin_target_rotation_y, cos_target_rotation_y) = math::sin_cos(target_rotation_y);
             let (sin_target_rotation_z, cos_target_rotation_z) = math::sin_cos(target_rotation_z);
             let t15 = cos_target_rotation_y * cos_target_rotation_z;
@@ -4184,9 +3435,9 @@ pub mod full {
             let t405 = cos_frame_rotation_y * t402;
             let t420 = sin_frame_rotation_x * t404 + cos_frame_rotation_x * t403;
             let t429 = sin_target_rotation_z * t389 - cos_target_rotation_z * t381;
-            let t446 = target_position_z + t8 + endstop_a - prepared_0;
+            let t446 = target_position_z + t8 + endstop - prepared_0;
             let t447 = radius * 2.0;
-            let t449 = arm_a * 2.0;
+            let t449 = arm * 2.0;
             let t475 = t10 * cos_frame_rotation_x - sin_frame_rotation_x * t446;
             let t476 = t10 * sin_frame_rotation_x + cos_frame_rotation_x * t446;
             let t479 = cos_frame_rotation_y * t476 - t9 * sin_frame_rotation_y;
@@ -4205,8 +3456,8 @@ pub mod full {
             residuals[5][lane] = 0.5
                 * (prepared_7 * t225 - prepared_8 * t224 - prepared_17 * t200 + prepared_14 * t177
                 - prepared_15 * t176 - prepared_16 * t201);
-            jacobian[0][lane] = cos_angle_a * t28 + sin_angle_a * t35 - t38 * t447;
-            jacobian[1][lane] = radius * (cos_angle_a * t35 - sin_angle_a * t28);
+            jacobian[0][lane] = cos_angle * t28 + sin_angle * t35 - t38 * t447;
+            jacobian[1][lane] = radius * (cos_angle * t35 - sin_angle * t28);
             jacobian[2][lane] = t36;
             jacobian[3][lane] = t38 * t449;
             jacobian[4][lane] = 1.0;
@@ -4216,8 +3467,8 @@ pub mod full {
             jacobian[8][lane] = t28;
             jacobian[9][lane] = t35;
             jacobian[10][lane] = t36;
-            jacobian[11][lane] = cos_angle_a * t42 + sin_angle_a * t47 - t49 * t447;
-            jacobian[12][lane] = radius * (cos_angle_a * t47 - sin_angle_a * t42);
+            jacobian[11][lane] = cos_angle * t42 + sin_angle * t47 - t49 * t447;
+            jacobian[12][lane] = radius * (cos_angle * t47 - sin_angle * t42);
             jacobian[13][lane] = t48;
             jacobian[14][lane] = t49 * t449;
             jacobian[15][lane] = 1.0;
@@ -4227,424 +3478,8 @@ pub mod full {
             jacobian[19][lane] = t42;
             jacobian[20][lane] = t47;
             jacobian[21][lane] = t48;
-            jacobian[22][lane] = sin_angle_a * t52 - cos_angle_a * sin_frame_rotation_y
-                - t54 * t447;
-            jacobian[23][lane] = radius * (cos_angle_a * t52 + sin_angle_a * sin_frame_rotation_y);
-            jacobian[24][lane] = t53;
-            jacobian[25][lane] = t54 * t449;
-            jacobian[26][lane] = 1.0;
-            jacobian[27][lane] = cos_frame_rotation_y * t475;
-            jacobian[28][lane] = -t480;
-            jacobian[29][lane] = -sin_frame_rotation_y;
-            jacobian[30][lane] = t52;
-            jacobian[31][lane] = t53;
-            jacobian[32][lane] = t63 * t212 + t58 * t213 + t188 * t242 + t72 * t189 + t164 * t262
-                - t78 * t165;
-            jacobian[33][lane] = t77 * t170 - t57 * t218 - prepared_10 * t219 - t71 * t194
-                - t195 * prepared_18 - t171 * prepared_19;
-            jacobian[34][lane] = prepared_12 * t176 - prepared_9 * t224 - prepared_11 * t200;
-            jacobian[35][lane] = cos_target_rotation_x
-                * (sin_target_rotation_y * t282 - cos_target_rotation_z * t69
-                - sin_target_rotation_z * t64 + cos_target_rotation_y * t249)
-                - sin_target_rotation_x
-                * (sin_target_rotation_y * t87 + cos_target_rotation_y * t70
-                + cos_target_rotation_z * t248 + sin_target_rotation_z * t243);
-            jacobian[36][lane] = cos_target_rotation_y
-                * (sin_frame_rotation_x * t78 + cos_target_rotation_x * t87
-                + sin_target_rotation_x * t282 - cos_frame_rotation_x * t262)
-                - sin_target_rotation_y
-                * (cos_target_rotation_x * t70 + sin_target_rotation_x * t249
-                + sin_target_rotation_z * t273 + cos_target_rotation_z * t263);
-            jacobian[37][lane] = t69 * t158 + t64 * t159 + t152 * t248 + t153 * t243
-                + cos_target_rotation_y
-                * (cos_target_rotation_z * t273 - sin_target_rotation_z * t263);
-            jacobian[38][lane] = t96 * t212 + t57 * t213 + t188 * t312 + t71 * t189 - t164 * t332
-                - t77 * t165;
-            jacobian[39][lane] = t58 * t218 + prepared_13 * t219 + t72 * t194 - t195 * prepared_20
-                - t78 * t170 + t171 * prepared_21;
-            jacobian[40][lane] = prepared_12 * t177 - prepared_9 * t225 - prepared_11 * t201;
-            jacobian[41][lane] = cos_target_rotation_x
-                * (cos_target_rotation_y * t319 + sin_target_rotation_y * t352
-                + sin_target_rotation_z * t97 - cos_target_rotation_z * t102)
-                - sin_target_rotation_x
-                * (sin_target_rotation_y * t116 + cos_target_rotation_y * t103
-                + cos_target_rotation_z * t318 - sin_target_rotation_z * t313);
-            jacobian[42][lane] = cos_target_rotation_y
-                * (sin_target_rotation_x * t352 + cos_target_rotation_x * t116
-                + sin_frame_rotation_x * t77 + cos_frame_rotation_x * t332)
-                - sin_target_rotation_y
-                * (cos_target_rotation_x * t103 + sin_target_rotation_x * t319
-                + sin_target_rotation_z * t343 + cos_target_rotation_z * t333);
-            jacobian[43][lane] = t102 * t158 - t97 * t159 + t152 * t318 - t153 * t313
-                + cos_target_rotation_y
-                * (cos_target_rotation_z * t343 - sin_target_rotation_z * t333);
-            jacobian[44][lane] = t127 * t212 - t126 * t213 - t188 * t380 - t189 * t379 + t164 * t404
-                - t165 * t403;
-            jacobian[45][lane] = t125 * t218 - t194 * t378 + t170 * t402;
-            jacobian[46][lane] = prepared_13 * t224 + prepared_10 * t225 - t200 * prepared_20
-                + t201 * prepared_18 + t176 * prepared_21 + t177 * prepared_19;
-            jacobian[47][lane] = cos_target_rotation_x
-                * (sin_target_rotation_y * t429 - cos_target_rotation_y * t390
-                + sin_target_rotation_z * t128 - cos_target_rotation_z * t133)
-                - sin_target_rotation_x
-                * (sin_target_rotation_y * t139 + cos_target_rotation_y * t134
-                + cos_target_rotation_z * t389 + sin_target_rotation_z * t381);
-            jacobian[48][lane] = cos_target_rotation_y
-                * (sin_frame_rotation_x * t403 + cos_target_rotation_x * t139
-                + sin_target_rotation_x * t429 - cos_frame_rotation_x * t404)
-                - sin_target_rotation_y
-                * (cos_target_rotation_x * t134 - sin_target_rotation_x * t390
-                + sin_target_rotation_z * t420 + cos_target_rotation_z * t405);
-            jacobian[49][lane] = t133 * t158 - t128 * t159 + t152 * t389 + t153 * t381
-                + cos_target_rotation_y
-                * (cos_target_rotation_z * t420 - sin_target_rotation_z * t405);
-        }
-    }
-    /// `F·(C(q) + A(q)·m) + t − x; axial vector of F·A(q)·M·Rᵀ`
-    ///
-    /// Data: `q`, `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `scale`.
-    ///
-    /// Parameters: `radius`, `angle_b`, `endstop_b`, `arm_b`, `frame_translation_x`, `frame_translation_y`, `frame_translation_z`, `frame_rotation_x`, `frame_rotation_y`, `frame_rotation_z`, `target_position_x`, `target_position_y`, `target_position_z`, `target_rotation_x`, `target_rotation_y`, `target_rotation_z`.
-    ///
-    /// Once per sample: 35 operations (5 additions, 24 multiplications, 6 functions).
-    /// Residuals: 157 operations (55 additions, 87 multiplications, 15 functions).
-    /// With the Jacobian: 571 operations (202 additions, 348 multiplications, 3 divisions, 3 negations, 15 functions).
-    #[derive(Debug, Clone, Copy)]
-    pub struct CartPoseB;
-    impl Formulas for CartPoseB {
-        const SHAPE: Shape = Shape {
-            data: 8,
-            prepared: 22,
-            parameters: 16,
-            residuals: 6,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 11, 22, 32, 38, 44, 50],
-            columns: &[
-                0, 1, 2, 3, 4, 7, 8, 9, 10, 11, 12, 0, 1, 2, 3, 5, 7, 8, 9, 10, 11, 12,
-                0, 1, 2, 3, 6, 7, 8, 10, 11, 12, 7, 8, 9, 13, 14, 15, 7, 8, 9, 13, 14,
-                15, 7, 8, 9, 13, 14, 15,
-            ],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[q, x, y, z, alpha, beta, gamma,
-                scale] = data else { panic!("`data` must hold 8 numbers") };
-            let prepared_0 = q * (1.0 + scale);
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let (sin_beta, prepared_4) = math::sin_cos(beta);
-            let prepared_5 = cos_gamma * sin_beta;
-            let t8 = cos_gamma * prepared_4;
-            let prepared_6 = sin_gamma * sin_beta;
-            let t10 = sin_gamma * prepared_4;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let prepared_7 = sin_beta * cos_alpha;
-            let prepared_8 = sin_beta * sin_alpha;
-            let prepared_9 = prepared_4 * 0.5;
-            let prepared_10 = prepared_8 * 0.5;
-            let prepared_11 = prepared_6 * 0.5;
-            let prepared_12 = prepared_5 * 0.5;
-            let prepared_13 = prepared_7 * 0.5;
-            let prepared_14 = t8 * cos_alpha - sin_gamma * sin_alpha;
-            let prepared_15 = t8 * sin_alpha + sin_gamma * cos_alpha;
-            let prepared_16 = t10 * cos_alpha + cos_gamma * sin_alpha;
-            let prepared_17 = cos_gamma * cos_alpha - t10 * sin_alpha;
-            let prepared_18 = 0.5 * prepared_17;
-            let prepared_19 = 0.5 * prepared_15;
-            let prepared_20 = 0.5 * prepared_16;
-            let prepared_21 = 0.5 * prepared_14;
-            prepared[0][lane] = prepared_0;
-            prepared[1][lane] = x;
-            prepared[2][lane] = y;
-            prepared[3][lane] = z;
-            prepared[4][lane] = prepared_4;
-            prepared[5][lane] = prepared_5;
-            prepared[6][lane] = prepared_6;
-            prepared[7][lane] = prepared_7;
-            prepared[8][lane] = prepared_8;
-            prepared[9][lane] = prepared_9;
-            prepared[10][lane] = prepared_10;
-            prepared[11][lane] = prepared_11;
-            prepared[12][lane] = prepared_12;
-            prepared[13][lane] = prepared_13;
-            prepared[14][lane] = prepared_14;
-            prepared[15][lane] = prepared_15;
-            prepared[16][lane] = prepared_16;
-            prepared[17][lane] = prepared_17;
-            prepared[18][lane] = prepared_18;
-            prepared[19][lane] = prepared_19;
-            prepared[20][lane] = prepared_20;
-            prepared[21][lane] = prepared_21;
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let prepared_0 = prepared[0][lane];
-            let x = prepared[1][lane];
-            let y = prepared[2][lane];
-            let z = prepared[3][lane];
-            let prepared_4 = prepared[4][lane];
-            let prepared_5 = prepared[5][lane];
-            let prepared_6 = prepared[6][lane];
-            let prepared_7 = prepared[7][lane];
-            let prepared_8 = prepared[8][lane];
-            let prepared_14 = prepared[14][lane];
-            let prepared_15 = prepared[15][lane];
-            let prepared_16 = prepared[16][lane];
-            let prepared_17 = prepared[17][lane];
-            let &[radius, angle_b, endstop_b, arm_b, frame_translation_x, frame_translation_y,
-                frame_translation_z, frame_rotation_x, frame_rotation_y, frame_rotation_z,
-                target_position_x, target_position_y, target_position_z, target_rotation_x,
-                target_rotation_y,
-                target_rotation_z] =
-                parameters else { panic!("`parameters` must hold 16 numbers") };
-            let (sin_angle_b, cos_angle_b) = math::sin_cos(angle_b);
-            let t9 = radius * cos_angle_b + target_position_x;
-            let t10 = radius * sin_angle_b + target_position_y;
-            let (sin_target_rotation_y, cos_target_rotation_y) = math::sin_cos(target_rotation_y);
-            let (sin_target_rotation_z, cos_target_rotation_z) = math::sin_cos(target_rotation_z);
-            let t15 = cos_target_rotation_y * cos_target_rotation_z;
-            let t16 = cos_target_rotation_y * sin_target_rotation_z;
-            let (sin_target_rotation_x, cos_target_rotation_x) = math::sin_cos(target_rotation_x);
-            let t19 = cos_target_rotation_y * sin_target_rotation_x;
-            let t20 = sin_target_rotation_y * sin_target_rotation_x;
-            let t21 = cos_target_rotation_y * cos_target_rotation_x;
-            let t22 = sin_target_rotation_y * cos_target_rotation_x;
-            let (sin_frame_rotation_z, cos_frame_rotation_z) = math::sin_cos(frame_rotation_z);
-            let (sin_frame_rotation_y, cos_frame_rotation_y) = math::sin_cos(frame_rotation_y);
-            let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(frame_rotation_x);
-            let t37 = cos_target_rotation_z * t20 - sin_target_rotation_z * cos_target_rotation_x;
-            let t38 = sin_target_rotation_z * t20 + cos_target_rotation_z * cos_target_rotation_x;
-            let t43 = cos_target_rotation_z * t22 + sin_target_rotation_z * sin_target_rotation_x;
-            let t44 = sin_target_rotation_z * t22 - cos_target_rotation_z * sin_target_rotation_x;
-            let t49 = t16 * cos_frame_rotation_x + sin_target_rotation_y * sin_frame_rotation_x;
-            let t50 = t16 * sin_frame_rotation_x - sin_target_rotation_y * cos_frame_rotation_x;
-            let t55 = cos_frame_rotation_y * t50 - t15 * sin_frame_rotation_y;
-            let t56 = sin_frame_rotation_y * t50 + t15 * cos_frame_rotation_y;
-            let t61 = cos_frame_rotation_z * t56 - sin_frame_rotation_z * t49;
-            let t62 = sin_frame_rotation_z * t56 + cos_frame_rotation_z * t49;
-            let t73 = cos_frame_rotation_x * t38 - t19 * sin_frame_rotation_x;
-            let t74 = sin_frame_rotation_x * t38 + t19 * cos_frame_rotation_x;
-            let t79 = cos_frame_rotation_y * t74 - sin_frame_rotation_y * t37;
-            let t80 = sin_frame_rotation_y * t74 + cos_frame_rotation_y * t37;
-            let t85 = cos_frame_rotation_z * t80 - sin_frame_rotation_z * t73;
-            let t86 = sin_frame_rotation_z * t80 + cos_frame_rotation_z * t73;
-            let t97 = cos_frame_rotation_x * t44 - t21 * sin_frame_rotation_x;
-            let t98 = sin_frame_rotation_x * t44 + t21 * cos_frame_rotation_x;
-            let t103 = cos_frame_rotation_y * t98 - sin_frame_rotation_y * t43;
-            let t104 = sin_frame_rotation_y * t98 + cos_frame_rotation_y * t43;
-            let t109 = cos_frame_rotation_z * t104 - sin_frame_rotation_z * t97;
-            let t110 = sin_frame_rotation_z * t104 + cos_frame_rotation_z * t97;
-            let t119 = target_position_z + math::sqrt(arm_b * arm_b - radius * radius) + endstop_b
-                - prepared_0;
-            let t122 = t10 * cos_frame_rotation_x - sin_frame_rotation_x * t119;
-            let t123 = t10 * sin_frame_rotation_x + cos_frame_rotation_x * t119;
-            let t126 = t9 * cos_frame_rotation_y + sin_frame_rotation_y * t123;
-            residuals[0][lane] = cos_frame_rotation_z * t126 - sin_frame_rotation_z * t122
-                + frame_translation_x - x;
-            residuals[1][lane] = sin_frame_rotation_z * t126 + cos_frame_rotation_z * t122
-                + frame_translation_y - y;
-            residuals[2][lane] = cos_frame_rotation_y * t123 - t9 * sin_frame_rotation_y
-                + frame_translation_z - z;
-            residuals[3][lane] = 0.5
-                * (prepared_8 * t103 - prepared_4 * t110 - prepared_6 * t86 + prepared_15 * t55
-                + prepared_5 * t62 + prepared_17 * t79);
-            residuals[4][lane] = 0.5
-                * (prepared_4 * t109 - prepared_7 * t103 + prepared_16 * t79 - prepared_5 * t61
-                - prepared_14 * t55 + prepared_6 * t85);
-            residuals[5][lane] = 0.5
-                * (prepared_7 * t110 - prepared_8 * t109 - prepared_17 * t85 + prepared_14 * t62
-                - prepared_15 * t61 - prepared_16 * t86);
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let prepared_0 = prepared[0][lane];
-            let x = prepared[1][lane];
-            let y = prepared[2][lane];
-            let z = prepared[3][lane];
-            let prepared_4 = prepared[4][lane];
-            let prepared_5 = prepared[5][lane];
-            let prepared_6 = prepared[6][lane];
-            let prepared_7 = prepared[7][lane];
-            let prepared_8 = prepared[8][lane];
-            let prepared_9 = prepared[9][lane];
-            let prepared_10 = prepared[10][lane];
-            let prepared_11 = prepared[11][lane];
-            let prepared_12 = prepared[12][lane];
-            let prepared_13 = prepared[13][lane];
-            let prepared_14 = prepared[14][lane];
-            let prepared_15 = prepared[15][lane];
-            let prepared_16 = prepared[16][lane];
-            let prepared_17 = prepared[17][lane];
-            let prepared_18 = prepared[18][lane];
-            let prepared_19 = prepared[19][lane];
-            let prepared_20 = prepared[20][lane];
-            let prepared_21 = prepared[21][lane];
-            let &[radius, angle_b, endstop_b, arm_b, frame_translation_x, frame_translation_y,
-                frame_translation_z, frame_rotation_x, frame_rotation_y, frame_rotation_z,
-                target_position_x, target_position_y, target_position_z, target_rotation_x,
-                target_rotation_y,
-                target_rotation_z] =
-                parameters else { panic!("`parameters` must hold 16 numbers") };
-            let (sin_angle_b, cos_angle_b) = math::sin_cos(angle_b);
-            let t8 = math::sqrt(arm_b * arm_b - radius * radius);
-            let t9 = radius * cos_angle_b + target_position_x;
-            let t10 = radius * sin_angle_b + target_position_y;
-            let (sin_target_rotation_y, cos_target_rotation_y) = math::sin_cos(target_rotation_y);
-            let (sin_target_rotation_z, cos_target_rotation_z) = math::sin_cos(target_rotation_z);
-            let t15 = cos_target_rotation_y * cos_target_rotation_z;
-            let t16 = cos_target_rotation_y * sin_target_rotation_z;
-            let (sin_target_rotation_x, cos_target_rotation_x) = math::sin_cos(target_rotation_x);
-            let t19 = cos_target_rotation_y * sin_target_rotation_x;
-            let t20 = sin_target_rotation_y * sin_target_rotation_x;
-            let t21 = cos_target_rotation_y * cos_target_rotation_x;
-            let t22 = sin_target_rotation_y * cos_target_rotation_x;
-            let (sin_frame_rotation_z, cos_frame_rotation_z) = math::sin_cos(frame_rotation_z);
-            let (sin_frame_rotation_y, cos_frame_rotation_y) = math::sin_cos(frame_rotation_y);
-            let t27 = cos_frame_rotation_z * sin_frame_rotation_y;
-            let t28 = cos_frame_rotation_z * cos_frame_rotation_y;
-            let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(frame_rotation_x);
-            let t35 = t27 * sin_frame_rotation_x - sin_frame_rotation_z * cos_frame_rotation_x;
-            let t36 = t27 * cos_frame_rotation_x + sin_frame_rotation_z * sin_frame_rotation_x;
-            let t37 = t8 * 2.0;
-            let t38 = t36 / t37;
-            let t41 = sin_frame_rotation_z * sin_frame_rotation_y;
-            let t42 = sin_frame_rotation_z * cos_frame_rotation_y;
-            let t47 = sin_frame_rotation_x * t41 + cos_frame_rotation_z * cos_frame_rotation_x;
-            let t48 = cos_frame_rotation_x * t41 - cos_frame_rotation_z * sin_frame_rotation_x;
-            let t49 = t48 / t37;
-            let t52 = cos_frame_rotation_y * sin_frame_rotation_x;
-            let t53 = cos_frame_rotation_y * cos_frame_rotation_x;
-            let t54 = t53 / t37;
-            let t57 = sin_frame_rotation_z * prepared_9;
-            let t58 = cos_frame_rotation_z * prepared_9;
-            let t63 = cos_frame_rotation_y * prepared_10 - sin_frame_rotation_y * t57;
-            let t64 = cos_frame_rotation_y * t57 + sin_frame_rotation_y * prepared_10;
-            let t69 = sin_frame_rotation_x * t63 - cos_frame_rotation_x * t58;
-            let t70 = cos_frame_rotation_x * t63 + sin_frame_rotation_x * t58;
-            let t71 = sin_frame_rotation_z * prepared_11;
-            let t72 = cos_frame_rotation_z * prepared_11;
-            let t77 = sin_frame_rotation_z * prepared_12;
-            let t78 = cos_frame_rotation_z * prepared_12;
-            let t87 = sin_target_rotation_z * t69 - cos_target_rotation_z * t64;
-            let t96 = sin_frame_rotation_y * t58 - cos_frame_rotation_y * prepared_13;
-            let t97 = cos_frame_rotation_y * t58 + sin_frame_rotation_y * prepared_13;
-            let t102 = sin_frame_rotation_x * t96 - cos_frame_rotation_x * t57;
-            let t103 = cos_frame_rotation_x * t96 + sin_frame_rotation_x * t57;
-            let t116 = sin_target_rotation_z * t102 + cos_target_rotation_z * t97;
-            let t125 = sin_frame_rotation_z * prepared_13 - cos_frame_rotation_z * prepared_10;
-            let t126 = cos_frame_rotation_z * prepared_13 + sin_frame_rotation_z * prepared_10;
-            let t127 = sin_frame_rotation_y * t125;
-            let t128 = cos_frame_rotation_y * t125;
-            let t133 = sin_frame_rotation_x * t127 + cos_frame_rotation_x * t126;
-            let t134 = cos_frame_rotation_x * t127 - sin_frame_rotation_x * t126;
-            let t139 = sin_target_rotation_z * t133 + cos_target_rotation_z * t128;
-            let t152 = cos_target_rotation_z * t20 - sin_target_rotation_z * cos_target_rotation_x;
-            let t153 = sin_target_rotation_z * t20 + cos_target_rotation_z * cos_target_rotation_x;
-            let t158 = cos_target_rotation_z * t22 + sin_target_rotation_z * sin_target_rotation_x;
-            let t159 = sin_target_rotation_z * t22 - cos_target_rotation_z * sin_target_rotation_x;
-            let t164 = t16 * cos_frame_rotation_x + sin_target_rotation_y * sin_frame_rotation_x;
-            let t165 = t16 * sin_frame_rotation_x - sin_target_rotation_y * cos_frame_rotation_x;
-            let t170 = cos_frame_rotation_y * t165 - t15 * sin_frame_rotation_y;
-            let t171 = sin_frame_rotation_y * t165 + t15 * cos_frame_rotation_y;
-            let t176 = cos_frame_rotation_z * t171 - sin_frame_rotation_z * t164;
-            let t177 = sin_frame_rotation_z * t171 + cos_frame_rotation_z * t164;
-            let t188 = cos_frame_rotation_x * t153 - t19 * sin_frame_rotation_x;
-            let t189 = sin_frame_rotation_x * t153 + t19 * cos_frame_rotation_x;
-            let t194 = cos_frame_rotation_y * t189 - sin_frame_rotation_y * t152;
-            let t195 = sin_frame_rotation_y * t189 + cos_frame_rotation_y * t152;
-            let t200 = cos_frame_rotation_z * t195 - sin_frame_rotation_z * t188;
-            let t201 = sin_frame_rotation_z * t195 + cos_frame_rotation_z * t188;
-            let t212 = cos_frame_rotation_x * t159 - t21 * sin_frame_rotation_x;
-            let t213 = sin_frame_rotation_x * t159 + t21 * cos_frame_rotation_x;
-            let t218 = cos_frame_rotation_y * t213 - sin_frame_rotation_y * t158;
-            let t219 = sin_frame_rotation_y * t213 + cos_frame_rotation_y * t158;
-            let t224 = cos_frame_rotation_z * t219 - sin_frame_rotation_z * t212;
-            let t225 = sin_frame_rotation_z * t219 + cos_frame_rotation_z * t212;
-            let t242 = cos_frame_rotation_y * prepared_18 - sin_frame_rotation_y * t71;
-            let t243 = cos_frame_rotation_y * t71 + sin_frame_rotation_y * prepared_18;
-            let t248 = sin_frame_rotation_x * t242 - cos_frame_rotation_x * t72;
-            let t249 = sin_frame_rotation_x * t72 + cos_frame_rotation_x * t242;
-            let t262 = sin_frame_rotation_y * t77 + cos_frame_rotation_y * prepared_19;
-            let t263 = cos_frame_rotation_y * t77 - sin_frame_rotation_y * prepared_19;
-            let t273 = cos_frame_rotation_x * t78 + sin_frame_rotation_x * t262;
-            let t282 = sin_target_rotation_z * t248 - cos_target_rotation_z * t243;
-            let t312 = sin_frame_rotation_y * t72 + cos_frame_rotation_y * prepared_20;
-            let t313 = cos_frame_rotation_y * t72 - sin_frame_rotation_y * prepared_20;
-            let t318 = sin_frame_rotation_x * t312 - cos_frame_rotation_x * t71;
-            let t319 = sin_frame_rotation_x * t71 + cos_frame_rotation_x * t312;
-            let t332 = sin_frame_rotation_y * t78 + cos_frame_rotation_y * prepared_21;
-            let t333 = sin_frame_rotation_y * prepared_21 - cos_frame_rotation_y * t78;
-            let t343 = cos_frame_rotation_x * t77 - sin_frame_rotation_x * t332;
-            let t352 = sin_target_rotation_z * t318 + cos_target_rotation_z * t313;
-            let t378 = sin_frame_rotation_z * prepared_20 + cos_frame_rotation_z * prepared_18;
-            let t379 = sin_frame_rotation_z * prepared_18 - cos_frame_rotation_z * prepared_20;
-            let t380 = sin_frame_rotation_y * t378;
-            let t381 = cos_frame_rotation_y * t378;
-            let t389 = cos_frame_rotation_x * t379 - sin_frame_rotation_x * t380;
-            let t390 = cos_frame_rotation_x * t380 + sin_frame_rotation_x * t379;
-            let t402 = sin_frame_rotation_z * prepared_21 - cos_frame_rotation_z * prepared_19;
-            let t403 = cos_frame_rotation_z * prepared_21 + sin_frame_rotation_z * prepared_19;
-            let t404 = sin_frame_rotation_y * t402;
-            let t405 = cos_frame_rotation_y * t402;
-            let t420 = sin_frame_rotation_x * t404 + cos_frame_rotation_x * t403;
-            let t429 = sin_target_rotation_z * t389 - cos_target_rotation_z * t381;
-            let t446 = target_position_z + t8 + endstop_b - prepared_0;
-            let t447 = radius * 2.0;
-            let t449 = arm_b * 2.0;
-            let t475 = t10 * cos_frame_rotation_x - sin_frame_rotation_x * t446;
-            let t476 = t10 * sin_frame_rotation_x + cos_frame_rotation_x * t446;
-            let t479 = cos_frame_rotation_y * t476 - t9 * sin_frame_rotation_y;
-            let t480 = t9 * cos_frame_rotation_y + sin_frame_rotation_y * t476;
-            let t485 = cos_frame_rotation_z * t480 - sin_frame_rotation_z * t475;
-            let t486 = sin_frame_rotation_z * t480 + cos_frame_rotation_z * t475;
-            residuals[0][lane] = t485 + frame_translation_x - x;
-            residuals[1][lane] = t486 + frame_translation_y - y;
-            residuals[2][lane] = t479 + frame_translation_z - z;
-            residuals[3][lane] = 0.5
-                * (prepared_8 * t218 - prepared_4 * t225 - prepared_6 * t201 + prepared_15 * t170
-                + prepared_5 * t177 + prepared_17 * t194);
-            residuals[4][lane] = 0.5
-                * (prepared_4 * t224 - prepared_7 * t218 + prepared_16 * t194 - prepared_5 * t176
-                - prepared_14 * t170 + prepared_6 * t200);
-            residuals[5][lane] = 0.5
-                * (prepared_7 * t225 - prepared_8 * t224 - prepared_17 * t200 + prepared_14 * t177
-                - prepared_15 * t176 - prepared_16 * t201);
-            jacobian[0][lane] = cos_angle_b * t28 + sin_angle_b * t35 - t38 * t447;
-            jacobian[1][lane] = radius * (cos_angle_b * t35 - sin_angle_b * t28);
-            jacobian[2][lane] = t36;
-            jacobian[3][lane] = t38 * t449;
-            jacobian[4][lane] = 1.0;
-            jacobian[5][lane] = t27 * t475 + sin_frame_rotation_z * t476;
-            jacobian[6][lane] = cos_frame_rotation_z * t479;
-            jacobian[7][lane] = -t486;
-            jacobian[8][lane] = t28;
-            jacobian[9][lane] = t35;
-            jacobian[10][lane] = t36;
-            jacobian[11][lane] = cos_angle_b * t42 + sin_angle_b * t47 - t49 * t447;
-            jacobian[12][lane] = radius * (cos_angle_b * t47 - sin_angle_b * t42);
-            jacobian[13][lane] = t48;
-            jacobian[14][lane] = t49 * t449;
-            jacobian[15][lane] = 1.0;
-            jacobian[16][lane] = t41 * t475 - cos_frame_rotation_z * t476;
-            jacobian[17][lane] = sin_frame_rotation_z * t479;
-            jacobian[18][lane] = t485;
-            jacobian[19][lane] = t42;
-            jacobian[20][lane] = t47;
-            jacobian[21][lane] = t48;
-            jacobian[22][lane] = sin_angle_b * t52 - cos_angle_b * sin_frame_rotation_y
-                - t54 * t447;
-            jacobian[23][lane] = radius * (cos_angle_b * t52 + sin_angle_b * sin_frame_rotation_y);
+            jacobian[22][lane] = sin_angle * t52 - cos_angle * sin_frame_rotation_y - t54 * t447;
+            jacobian[23][lane] = radius * (cos_angle * t52 + sin_angle * sin_frame_rotation_y);
             jacobian[24][lane] = t53;
             jacobian[25][lane] = t54 * t449;
             jacobian[26][lane] = 1.0;
@@ -5135,7 +3970,7 @@ pub mod full {
     ///
     /// Data: `q`, `x`, `y`, `z`, `scale`.
     ///
-    /// Parameters: `radius`, `angle_a`, `endstop_a`, `arm_a`, `frame_translation_x`, `frame_translation_y`, `frame_translation_z`, `frame_rotation_x`, `frame_rotation_y`, `frame_rotation_z`, `target_position_x`, `target_position_y`, `target_position_z`.
+    /// Parameters: `radius`, `angle`, `endstop`, `arm`, `frame_translation_x`, `frame_translation_y`, `frame_translation_z`, `frame_rotation_x`, `frame_rotation_y`, `frame_rotation_z`, `target_position_x`, `target_position_y`, `target_position_z`.
     ///
     /// Once per sample: 2 operations (1 addition, 1 multiplication).
     /// Residuals: 43 operations (18 additions, 16 multiplications, 9 functions).
@@ -5176,18 +4011,18 @@ pub mod full {
             let x = prepared[1][lane];
             let y = prepared[2][lane];
             let z = prepared[3][lane];
-            let &[radius, angle_a, endstop_a, arm_a, frame_translation_x, frame_translation_y,
+            let &[radius, angle, endstop, arm, frame_translation_x, frame_translation_y,
                 frame_translation_z, frame_rotation_x, frame_rotation_y, frame_rotation_z,
                 target_position_x, target_position_y,
                 target_position_z] =
                 parameters else { panic!("`parameters` must hold 13 numbers") };
-            let (sin_angle_a, cos_angle_a) = math::sin_cos(angle_a);
-            let t9 = radius * cos_angle_a + target_position_x;
-            let t10 = radius * sin_angle_a + target_position_y;
+            let (sin_angle, cos_angle) = math::sin_cos(angle);
+            let t9 = radius * cos_angle + target_position_x;
+            let t10 = radius * sin_angle + target_position_y;
             let (sin_frame_rotation_z, cos_frame_rotation_z) = math::sin_cos(frame_rotation_z);
             let (sin_frame_rotation_y, cos_frame_rotation_y) = math::sin_cos(frame_rotation_y);
             let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(frame_rotation_x);
-            let t23 = target_position_z + math::sqrt(arm_a * arm_a - radius * radius) + endstop_a
+            let t23 = target_position_z + math::sqrt(arm * arm - radius * radius) + endstop
                 - prepared_0;
             let t26 = t10 * cos_frame_rotation_x - sin_frame_rotation_x * t23;
             let t27 = t10 * sin_frame_rotation_x + cos_frame_rotation_x * t23;
@@ -5211,15 +4046,15 @@ pub mod full {
             let x = prepared[1][lane];
             let y = prepared[2][lane];
             let z = prepared[3][lane];
-            let &[radius, angle_a, endstop_a, arm_a, frame_translation_x, frame_translation_y,
+            let &[radius, angle, endstop, arm, frame_translation_x, frame_translation_y,
                 frame_translation_z, frame_rotation_x, frame_rotation_y, frame_rotation_z,
                 target_position_x, target_position_y,
                 target_position_z] =
                 parameters else { panic!("`parameters` must hold 13 numbers") };
-            let (sin_angle_a, cos_angle_a) = math::sin_cos(angle_a);
-            let t8 = math::sqrt(arm_a * arm_a - radius * radius);
-            let t9 = radius * cos_angle_a + target_position_x;
-            let t10 = radius * sin_angle_a + target_position_y;
+            let (sin_angle, cos_angle) = math::sin_cos(angle);
+            let t8 = math::sqrt(arm * arm - radius * radius);
+            let t9 = radius * cos_angle + target_position_x;
+            let t10 = radius * sin_angle + target_position_y;
             let (sin_frame_rotation_z, cos_frame_rotation_z) = math::sin_cos(frame_rotation_z);
             let (sin_frame_rotation_y, cos_frame_rotation_y) = math::sin_cos(frame_rotation_y);
             let t15 = cos_frame_rotation_z * sin_frame_rotation_y;
@@ -5237,9 +4072,9 @@ pub mod full {
             let t40 = cos_frame_rotation_y * sin_frame_rotation_x;
             let t41 = cos_frame_rotation_y * cos_frame_rotation_x;
             let t42 = t41 / t25;
-            let t51 = target_position_z + t8 + endstop_a - prepared_0;
+            let t51 = target_position_z + t8 + endstop - prepared_0;
             let t52 = radius * 2.0;
-            let t54 = arm_a * 2.0;
+            let t54 = arm * 2.0;
             let t80 = t10 * cos_frame_rotation_x - sin_frame_rotation_x * t51;
             let t81 = t10 * sin_frame_rotation_x + cos_frame_rotation_x * t51;
             let t84 = cos_frame_rotation_y * t81 - t9 * sin_frame_rotation_y;
@@ -5249,8 +4084,8 @@ pub mod full {
             residuals[0][lane] = t90 + frame_translation_x - x;
             residuals[1][lane] = t91 + frame_translation_y - y;
             residuals[2][lane] = t84 + frame_translation_z - z;
-            jacobian[0][lane] = cos_angle_a * t16 + sin_angle_a * t23 - t26 * t52;
-            jacobian[1][lane] = radius * (cos_angle_a * t23 - sin_angle_a * t16);
+            jacobian[0][lane] = cos_angle * t16 + sin_angle * t23 - t26 * t52;
+            jacobian[1][lane] = radius * (cos_angle * t23 - sin_angle * t16);
             jacobian[2][lane] = t24;
             jacobian[3][lane] = t26 * t54;
             jacobian[4][lane] = 1.0;
@@ -5260,8 +4095,8 @@ pub mod full {
             jacobian[8][lane] = t16;
             jacobian[9][lane] = t23;
             jacobian[10][lane] = t24;
-            jacobian[11][lane] = cos_angle_a * t30 + sin_angle_a * t35 - t37 * t52;
-            jacobian[12][lane] = radius * (cos_angle_a * t35 - sin_angle_a * t30);
+            jacobian[11][lane] = cos_angle * t30 + sin_angle * t35 - t37 * t52;
+            jacobian[12][lane] = radius * (cos_angle * t35 - sin_angle * t30);
             jacobian[13][lane] = t36;
             jacobian[14][lane] = t37 * t54;
             jacobian[15][lane] = 1.0;
@@ -5271,160 +4106,8 @@ pub mod full {
             jacobian[19][lane] = t30;
             jacobian[20][lane] = t35;
             jacobian[21][lane] = t36;
-            jacobian[22][lane] = sin_angle_a * t40 - cos_angle_a * sin_frame_rotation_y - t42 * t52;
-            jacobian[23][lane] = radius * (cos_angle_a * t40 + sin_angle_a * sin_frame_rotation_y);
-            jacobian[24][lane] = t41;
-            jacobian[25][lane] = t42 * t54;
-            jacobian[26][lane] = 1.0;
-            jacobian[27][lane] = cos_frame_rotation_y * t80;
-            jacobian[28][lane] = -t85;
-            jacobian[29][lane] = -sin_frame_rotation_y;
-            jacobian[30][lane] = t40;
-            jacobian[31][lane] = t41;
-        }
-    }
-    /// `F·(C(q) + A(q)·m) + t − x`
-    ///
-    /// Data: `q`, `x`, `y`, `z`, `scale`.
-    ///
-    /// Parameters: `radius`, `angle_b`, `endstop_b`, `arm_b`, `frame_translation_x`, `frame_translation_y`, `frame_translation_z`, `frame_rotation_x`, `frame_rotation_y`, `frame_rotation_z`, `target_position_x`, `target_position_y`, `target_position_z`.
-    ///
-    /// Once per sample: 2 operations (1 addition, 1 multiplication).
-    /// Residuals: 43 operations (18 additions, 16 multiplications, 9 functions).
-    /// With the Jacobian: 109 operations (33 additions, 61 multiplications, 3 divisions, 3 negations, 9 functions).
-    #[derive(Debug, Clone, Copy)]
-    pub struct CartPositionB;
-    impl Formulas for CartPositionB {
-        const SHAPE: Shape = Shape {
-            data: 5,
-            prepared: 4,
-            parameters: 13,
-            residuals: 3,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 11, 22, 32],
-            columns: &[
-                0, 1, 2, 3, 4, 7, 8, 9, 10, 11, 12, 0, 1, 2, 3, 5, 7, 8, 9, 10, 11, 12,
-                0, 1, 2, 3, 6, 7, 8, 10, 11, 12,
-            ],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[q, x, y, z, scale] = data else { panic!("`data` must hold 5 numbers") };
-            let prepared_0 = q * (1.0 + scale);
-            prepared[0][lane] = prepared_0;
-            prepared[1][lane] = x;
-            prepared[2][lane] = y;
-            prepared[3][lane] = z;
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let prepared_0 = prepared[0][lane];
-            let x = prepared[1][lane];
-            let y = prepared[2][lane];
-            let z = prepared[3][lane];
-            let &[radius, angle_b, endstop_b, arm_b, frame_translation_x, frame_translation_y,
-                frame_translation_z, frame_rotation_x, frame_rotation_y, frame_rotation_z,
-                target_position_x, target_position_y,
-                target_position_z] =
-                parameters else { panic!("`parameters` must hold 13 numbers") };
-            let (sin_angle_b, cos_angle_b) = math::sin_cos(angle_b);
-            let t9 = radius * cos_angle_b + target_position_x;
-            let t10 = radius * sin_angle_b + target_position_y;
-            let (sin_frame_rotation_z, cos_frame_rotation_z) = math::sin_cos(frame_rotation_z);
-            let (sin_frame_rotation_y, cos_frame_rotation_y) = math::sin_cos(frame_rotation_y);
-            let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(frame_rotation_x);
-            let t23 = target_position_z + math::sqrt(arm_b * arm_b - radius * radius) + endstop_b
-                - prepared_0;
-            let t26 = t10 * cos_frame_rotation_x - sin_frame_rotation_x * t23;
-            let t27 = t10 * sin_frame_rotation_x + cos_frame_rotation_x * t23;
-            let t30 = t9 * cos_frame_rotation_y + sin_frame_rotation_y * t27;
-            residuals[0][lane] = cos_frame_rotation_z * t30 - sin_frame_rotation_z * t26
-                + frame_translation_x - x;
-            residuals[1][lane] = sin_frame_rotation_z * t30 + cos_frame_rotation_z * t26
-                + frame_translation_y - y;
-            residuals[2][lane] = cos_frame_rotation_y * t27 - t9 * sin_frame_rotation_y
-                + frame_translation_z - z;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let prepared_0 = prepared[0][lane];
-            let x = prepared[1][lane];
-            let y = prepared[2][lane];
-            let z = prepared[3][lane];
-            let &[radius, angle_b, endstop_b, arm_b, frame_translation_x, frame_translation_y,
-                frame_translation_z, frame_rotation_x, frame_rotation_y, frame_rotation_z,
-                target_position_x, target_position_y,
-                target_position_z] =
-                parameters else { panic!("`parameters` must hold 13 numbers") };
-            let (sin_angle_b, cos_angle_b) = math::sin_cos(angle_b);
-            let t8 = math::sqrt(arm_b * arm_b - radius * radius);
-            let t9 = radius * cos_angle_b + target_position_x;
-            let t10 = radius * sin_angle_b + target_position_y;
-            let (sin_frame_rotation_z, cos_frame_rotation_z) = math::sin_cos(frame_rotation_z);
-            let (sin_frame_rotation_y, cos_frame_rotation_y) = math::sin_cos(frame_rotation_y);
-            let t15 = cos_frame_rotation_z * sin_frame_rotation_y;
-            let t16 = cos_frame_rotation_z * cos_frame_rotation_y;
-            let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(frame_rotation_x);
-            let t23 = t15 * sin_frame_rotation_x - sin_frame_rotation_z * cos_frame_rotation_x;
-            let t24 = t15 * cos_frame_rotation_x + sin_frame_rotation_z * sin_frame_rotation_x;
-            let t25 = t8 * 2.0;
-            let t26 = t24 / t25;
-            let t29 = sin_frame_rotation_z * sin_frame_rotation_y;
-            let t30 = sin_frame_rotation_z * cos_frame_rotation_y;
-            let t35 = sin_frame_rotation_x * t29 + cos_frame_rotation_z * cos_frame_rotation_x;
-            let t36 = cos_frame_rotation_x * t29 - cos_frame_rotation_z * sin_frame_rotation_x;
-            let t37 = t36 / t25;
-            let t40 = cos_frame_rotation_y * sin_frame_rotation_x;
-            let t41 = cos_frame_rotation_y * cos_frame_rotation_x;
-            let t42 = t41 / t25;
-            let t51 = target_position_z + t8 + endstop_b - prepared_0;
-            let t52 = radius * 2.0;
-            let t54 = arm_b * 2.0;
-            let t80 = t10 * cos_frame_rotation_x - sin_frame_rotation_x * t51;
-            let t81 = t10 * sin_frame_rotation_x + cos_frame_rotation_x * t51;
-            let t84 = cos_frame_rotation_y * t81 - t9 * sin_frame_rotation_y;
-            let t85 = t9 * cos_frame_rotation_y + sin_frame_rotation_y * t81;
-            let t90 = cos_frame_rotation_z * t85 - sin_frame_rotation_z * t80;
-            let t91 = sin_frame_rotation_z * t85 + cos_frame_rotation_z * t80;
-            residuals[0][lane] = t90 + frame_translation_x - x;
-            residuals[1][lane] = t91 + frame_translation_y - y;
-            residuals[2][lane] = t84 + frame_translation_z - z;
-            jacobian[0][lane] = cos_angle_b * t16 + sin_angle_b * t23 - t26 * t52;
-            jacobian[1][lane] = radius * (cos_angle_b * t23 - sin_angle_b * t16);
-            jacobian[2][lane] = t24;
-            jacobian[3][lane] = t26 * t54;
-            jacobian[4][lane] = 1.0;
-            jacobian[5][lane] = t15 * t80 + sin_frame_rotation_z * t81;
-            jacobian[6][lane] = cos_frame_rotation_z * t84;
-            jacobian[7][lane] = -t91;
-            jacobian[8][lane] = t16;
-            jacobian[9][lane] = t23;
-            jacobian[10][lane] = t24;
-            jacobian[11][lane] = cos_angle_b * t30 + sin_angle_b * t35 - t37 * t52;
-            jacobian[12][lane] = radius * (cos_angle_b * t35 - sin_angle_b * t30);
-            jacobian[13][lane] = t36;
-            jacobian[14][lane] = t37 * t54;
-            jacobian[15][lane] = 1.0;
-            jacobian[16][lane] = t29 * t80 - cos_frame_rotation_z * t81;
-            jacobian[17][lane] = sin_frame_rotation_z * t84;
-            jacobian[18][lane] = t90;
-            jacobian[19][lane] = t30;
-            jacobian[20][lane] = t35;
-            jacobian[21][lane] = t36;
-            jacobian[22][lane] = sin_angle_b * t40 - cos_angle_b * sin_frame_rotation_y - t42 * t52;
-            jacobian[23][lane] = radius * (cos_angle_b * t40 + sin_angle_b * sin_frame_rotation_y);
+            jacobian[22][lane] = sin_angle * t40 - cos_angle * sin_frame_rotation_y - t42 * t52;
+            jacobian[23][lane] = radius * (cos_angle * t40 + sin_angle * sin_frame_rotation_y);
             jacobian[24][lane] = t41;
             jacobian[25][lane] = t42 * t54;
             jacobian[26][lane] = 1.0;
@@ -5926,7 +4609,7 @@ pub mod basic {
             Instance {
                 kind: ResidualKind::Closure,
                 of: 1,
-                family: &ClosureRodsB,
+                family: &ClosureRodsA,
                 parameters: &[0, 2, 4],
                 inputs: &[
                     Input::Command(1), Input::Position(0), Input::Position(1), Input::Position(2),
@@ -5978,7 +4661,7 @@ pub mod basic {
             Instance {
                 kind: ResidualKind::CartPose,
                 of: 1,
-                family: &CartPoseB,
+                family: &CartPoseA,
                 parameters: &[0, 2, 4, 10, 11, 12, 13, 14, 15, 22, 23, 24, 25, 26, 27],
                 inputs: &[
                     Input::Command(1), Input::Position(0), Input::Position(1), Input::Position(2),
@@ -6010,7 +4693,7 @@ pub mod basic {
             Instance {
                 kind: ResidualKind::CartPosition,
                 of: 1,
-                family: &CartPositionB,
+                family: &CartPositionA,
                 parameters: &[0, 2, 4, 34, 35, 36, 37, 38, 39, 43, 44, 45],
                 inputs: &[
                     Input::Command(1), Input::Position(0), Input::Position(1), Input::Position(2),
@@ -6131,9 +4814,9 @@ pub mod basic {
     pub const SET3_TARGET_C_POSITION_Z: Handle = Handle::new(2, 48);
     /// `L² − ‖T − C(q)‖², T the point`
     ///
-    /// Data: `q`, `x`, `y`, `z`, `arm_a`, `scale`.
+    /// Data: `q`, `x`, `y`, `z`, `arm`, `scale`.
     ///
-    /// Parameters: `radius`, `angle_a`, `endstop_a`.
+    /// Parameters: `radius`, `angle`, `endstop`.
     ///
     /// Once per sample: 4 operations (2 additions, 2 multiplications).
     /// Residuals: 17 operations (8 additions, 6 multiplications, 3 functions).
@@ -6153,8 +4836,8 @@ pub mod basic {
         };
         #[inline(always)]
         fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[q, x, y, z, arm_a, scale] = data else { panic!("`data` must hold 6 numbers") };
-            let prepared_2 = arm_a * arm_a;
+            let &[q, x, y, z, arm, scale] = data else { panic!("`data` must hold 6 numbers") };
+            let prepared_2 = arm * arm;
             let prepared_3 = z + q * (1.0 + scale);
             prepared[0][lane] = x;
             prepared[1][lane] = y;
@@ -6172,12 +4855,12 @@ pub mod basic {
             let y = prepared[1][lane];
             let prepared_2 = prepared[2][lane];
             let prepared_3 = prepared[3][lane];
-            let &[radius, angle_a,
-                endstop_a] = parameters else { panic!("`parameters` must hold 3 numbers") };
-            let (sin_angle_a, cos_angle_a) = math::sin_cos(angle_a);
-            let rod_x = x - radius * cos_angle_a;
-            let rod_y = y - radius * sin_angle_a;
-            let rod_z = prepared_3 - endstop_a - math::sqrt(prepared_2 - radius * radius);
+            let &[radius, angle,
+                endstop] = parameters else { panic!("`parameters` must hold 3 numbers") };
+            let (sin_angle, cos_angle) = math::sin_cos(angle);
+            let rod_x = x - radius * cos_angle;
+            let rod_y = y - radius * sin_angle;
+            let rod_z = prepared_3 - endstop - math::sqrt(prepared_2 - radius * radius);
             let residual = prepared_2 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             residuals[0][lane] = residual;
         }
@@ -6193,103 +4876,21 @@ pub mod basic {
             let y = prepared[1][lane];
             let prepared_2 = prepared[2][lane];
             let prepared_3 = prepared[3][lane];
-            let &[radius, angle_a,
-                endstop_a] = parameters else { panic!("`parameters` must hold 3 numbers") };
-            let (sin_angle_a, cos_angle_a) = math::sin_cos(angle_a);
+            let &[radius, angle,
+                endstop] = parameters else { panic!("`parameters` must hold 3 numbers") };
+            let (sin_angle, cos_angle) = math::sin_cos(angle);
             let t7 = math::sqrt(prepared_2 - radius * radius);
-            let rod_x = x - radius * cos_angle_a;
-            let rod_y = y - radius * sin_angle_a;
+            let rod_x = x - radius * cos_angle;
+            let rod_y = y - radius * sin_angle;
             let t12 = rod_y * 2.0;
             let t13 = rod_x * 2.0;
-            let rod_z = prepared_3 - endstop_a - t7;
+            let rod_z = prepared_3 - endstop - t7;
             let residual = prepared_2 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             let t23 = 2.0 * rod_z;
             residuals[0][lane] = residual;
-            jacobian[0][lane] = cos_angle_a * t13 + sin_angle_a * t12
+            jacobian[0][lane] = cos_angle * t13 + sin_angle * t12
                 - t23 / (t7 * 2.0) * (radius * 2.0);
-            jacobian[1][lane] = radius * (cos_angle_a * t12 - sin_angle_a * t13);
-            jacobian[2][lane] = t23;
-        }
-    }
-    /// `L² − ‖T − C(q)‖², T the point`
-    ///
-    /// Data: `q`, `x`, `y`, `z`, `arm_b`, `scale`.
-    ///
-    /// Parameters: `radius`, `angle_b`, `endstop_b`.
-    ///
-    /// Once per sample: 4 operations (2 additions, 2 multiplications).
-    /// Residuals: 17 operations (8 additions, 6 multiplications, 3 functions).
-    /// With the Jacobian: 32 operations (11 additions, 17 multiplications, 1 division, 3 functions).
-    #[derive(Debug, Clone, Copy)]
-    pub struct ClosureRodsB;
-    impl Formulas for ClosureRodsB {
-        const SHAPE: Shape = Shape {
-            data: 6,
-            prepared: 4,
-            parameters: 3,
-            residuals: 1,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 3],
-            columns: &[0, 1, 2],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[q, x, y, z, arm_b, scale] = data else { panic!("`data` must hold 6 numbers") };
-            let prepared_2 = arm_b * arm_b;
-            let prepared_3 = z + q * (1.0 + scale);
-            prepared[0][lane] = x;
-            prepared[1][lane] = y;
-            prepared[2][lane] = prepared_2;
-            prepared[3][lane] = prepared_3;
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let x = prepared[0][lane];
-            let y = prepared[1][lane];
-            let prepared_2 = prepared[2][lane];
-            let prepared_3 = prepared[3][lane];
-            let &[radius, angle_b,
-                endstop_b] = parameters else { panic!("`parameters` must hold 3 numbers") };
-            let (sin_angle_b, cos_angle_b) = math::sin_cos(angle_b);
-            let rod_x = x - radius * cos_angle_b;
-            let rod_y = y - radius * sin_angle_b;
-            let rod_z = prepared_3 - endstop_b - math::sqrt(prepared_2 - radius * radius);
-            let residual = prepared_2 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let x = prepared[0][lane];
-            let y = prepared[1][lane];
-            let prepared_2 = prepared[2][lane];
-            let prepared_3 = prepared[3][lane];
-            let &[radius, angle_b,
-                endstop_b] = parameters else { panic!("`parameters` must hold 3 numbers") };
-            let (sin_angle_b, cos_angle_b) = math::sin_cos(angle_b);
-            let t7 = math::sqrt(prepared_2 - radius * radius);
-            let rod_x = x - radius * cos_angle_b;
-            let rod_y = y - radius * sin_angle_b;
-            let t12 = rod_y * 2.0;
-            let t13 = rod_x * 2.0;
-            let rod_z = prepared_3 - endstop_b - t7;
-            let residual = prepared_2 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            let t23 = 2.0 * rod_z;
-            residuals[0][lane] = residual;
-            jacobian[0][lane] = cos_angle_b * t13 + sin_angle_b * t12
-                - t23 / (t7 * 2.0) * (radius * 2.0);
-            jacobian[1][lane] = radius * (cos_angle_b * t12 - sin_angle_b * t13);
+            jacobian[1][lane] = radius * (cos_angle * t12 - sin_angle * t13);
             jacobian[2][lane] = t23;
         }
     }
@@ -6379,9 +4980,9 @@ pub mod basic {
     }
     /// `L² − ‖T − C(q)‖², T the point`
     ///
-    /// Data: `arm_a`, `scale`.
+    /// Data: `arm`, `scale`.
     ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `radius`, `angle_a`, `endstop_a`.
+    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `radius`, `angle`, `endstop`.
     ///
     /// Once per sample: 3 operations (1 addition, 1 multiplication, 1 negation).
     /// Residuals: 19 operations (9 additions, 7 multiplications, 3 functions).
@@ -6401,8 +5002,8 @@ pub mod basic {
         };
         #[inline(always)]
         fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[arm_a, scale] = data else { panic!("`data` must hold 2 numbers") };
-            let prepared_0 = arm_a * arm_a;
+            let &[arm, scale] = data else { panic!("`data` must hold 2 numbers") };
+            let prepared_0 = arm * arm;
             let prepared_1 = -(1.0 + scale);
             prepared[0][lane] = prepared_0;
             prepared[1][lane] = prepared_1;
@@ -6416,12 +5017,12 @@ pub mod basic {
         ) {
             let prepared_0 = prepared[0][lane];
             let prepared_1 = prepared[1][lane];
-            let &[x, y, z, _, _, _, q1, _, _, radius, angle_a,
-                endstop_a] = parameters else { panic!("`parameters` must hold 12 numbers") };
-            let (sin_angle_a, cos_angle_a) = math::sin_cos(angle_a);
-            let rod_x = x - radius * cos_angle_a;
-            let rod_y = y - radius * sin_angle_a;
-            let rod_z = z - q1 * prepared_1 - endstop_a - math::sqrt(prepared_0 - radius * radius);
+            let &[x, y, z, _, _, _, q1, _, _, radius, angle,
+                endstop] = parameters else { panic!("`parameters` must hold 12 numbers") };
+            let (sin_angle, cos_angle) = math::sin_cos(angle);
+            let rod_x = x - radius * cos_angle;
+            let rod_y = y - radius * sin_angle;
+            let rod_z = z - q1 * prepared_1 - endstop - math::sqrt(prepared_0 - radius * radius);
             let residual = prepared_0 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             residuals[0][lane] = residual;
         }
@@ -6435,12 +5036,12 @@ pub mod basic {
         ) {
             let prepared_0 = prepared[0][lane];
             let prepared_1 = prepared[1][lane];
-            let &[x, y, z, _, _, _, q1, _, _, radius, angle_a,
-                endstop_a] = parameters else { panic!("`parameters` must hold 12 numbers") };
-            let (sin_angle_a, cos_angle_a) = math::sin_cos(angle_a);
-            let rod_x = x - radius * cos_angle_a;
-            let rod_y = y - radius * sin_angle_a;
-            let rod_z = z - q1 * prepared_1 - endstop_a - math::sqrt(prepared_0 - radius * radius);
+            let &[x, y, z, _, _, _, q1, _, _, radius, angle,
+                endstop] = parameters else { panic!("`parameters` must hold 12 numbers") };
+            let (sin_angle, cos_angle) = math::sin_cos(angle);
+            let rod_x = x - radius * cos_angle;
+            let rod_y = y - radius * sin_angle;
+            let rod_z = z - q1 * prepared_1 - endstop - math::sqrt(prepared_0 - radius * radius);
             let residual = prepared_0 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             let t22 = 2.0 * rod_z;
             residuals[0][lane] = residual;
@@ -6452,9 +5053,9 @@ pub mod basic {
     }
     /// `L² − ‖T − C(q)‖², T the point`
     ///
-    /// Data: `arm_b`, `scale`.
+    /// Data: `arm`, `scale`.
     ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `radius`, `angle_b`, `endstop_b`.
+    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `radius`, `angle`, `endstop`.
     ///
     /// Once per sample: 3 operations (1 addition, 1 multiplication, 1 negation).
     /// Residuals: 19 operations (9 additions, 7 multiplications, 3 functions).
@@ -6474,8 +5075,8 @@ pub mod basic {
         };
         #[inline(always)]
         fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[arm_b, scale] = data else { panic!("`data` must hold 2 numbers") };
-            let prepared_0 = arm_b * arm_b;
+            let &[arm, scale] = data else { panic!("`data` must hold 2 numbers") };
+            let prepared_0 = arm * arm;
             let prepared_1 = -(1.0 + scale);
             prepared[0][lane] = prepared_0;
             prepared[1][lane] = prepared_1;
@@ -6489,12 +5090,12 @@ pub mod basic {
         ) {
             let prepared_0 = prepared[0][lane];
             let prepared_1 = prepared[1][lane];
-            let &[x, y, z, _, _, _, _, q2, _, radius, angle_b,
-                endstop_b] = parameters else { panic!("`parameters` must hold 12 numbers") };
-            let (sin_angle_b, cos_angle_b) = math::sin_cos(angle_b);
-            let rod_x = x - radius * cos_angle_b;
-            let rod_y = y - radius * sin_angle_b;
-            let rod_z = z - q2 * prepared_1 - endstop_b - math::sqrt(prepared_0 - radius * radius);
+            let &[x, y, z, _, _, _, _, q2, _, radius, angle,
+                endstop] = parameters else { panic!("`parameters` must hold 12 numbers") };
+            let (sin_angle, cos_angle) = math::sin_cos(angle);
+            let rod_x = x - radius * cos_angle;
+            let rod_y = y - radius * sin_angle;
+            let rod_z = z - q2 * prepared_1 - endstop - math::sqrt(prepared_0 - radius * radius);
             let residual = prepared_0 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             residuals[0][lane] = residual;
         }
@@ -6508,12 +5109,12 @@ pub mod basic {
         ) {
             let prepared_0 = prepared[0][lane];
             let prepared_1 = prepared[1][lane];
-            let &[x, y, z, _, _, _, _, q2, _, radius, angle_b,
-                endstop_b] = parameters else { panic!("`parameters` must hold 12 numbers") };
-            let (sin_angle_b, cos_angle_b) = math::sin_cos(angle_b);
-            let rod_x = x - radius * cos_angle_b;
-            let rod_y = y - radius * sin_angle_b;
-            let rod_z = z - q2 * prepared_1 - endstop_b - math::sqrt(prepared_0 - radius * radius);
+            let &[x, y, z, _, _, _, _, q2, _, radius, angle,
+                endstop] = parameters else { panic!("`parameters` must hold 12 numbers") };
+            let (sin_angle, cos_angle) = math::sin_cos(angle);
+            let rod_x = x - radius * cos_angle;
+            let rod_y = y - radius * sin_angle;
+            let rod_z = z - q2 * prepared_1 - endstop - math::sqrt(prepared_0 - radius * radius);
             let residual = prepared_0 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             let t22 = 2.0 * rod_z;
             residuals[0][lane] = residual;
@@ -6603,9 +5204,9 @@ pub mod basic {
     }
     /// `F·(C(q) + A(q)·m) + t − x; axial vector of F·A(q)·M·Rᵀ`
     ///
-    /// Data: `q`, `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `arm_a`, `scale`.
+    /// Data: `q`, `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `arm`, `scale`.
     ///
-    /// Parameters: `radius`, `angle_a`, `endstop_a`, `frame_translation_x`, `frame_translation_y`, `frame_translation_z`, `frame_rotation_x`, `frame_rotation_y`, `frame_rotation_z`, `target_position_x`, `target_position_y`, `target_position_z`, `target_rotation_x`, `target_rotation_y`, `target_rotation_z`.
+    /// Parameters: `radius`, `angle`, `endstop`, `frame_translation_x`, `frame_translation_y`, `frame_translation_z`, `frame_rotation_x`, `frame_rotation_y`, `frame_rotation_z`, `target_position_x`, `target_position_y`, `target_position_z`, `target_rotation_x`, `target_rotation_y`, `target_rotation_z`.
     ///
     /// Once per sample: 36 operations (5 additions, 25 multiplications, 6 functions).
     /// Residuals: 156 operations (55 additions, 86 multiplications, 15 functions).
@@ -6629,9 +5230,9 @@ pub mod basic {
         };
         #[inline(always)]
         fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[q, x, y, z, alpha, beta, gamma, arm_a,
+            let &[q, x, y, z, alpha, beta, gamma, arm,
                 scale] = data else { panic!("`data` must hold 9 numbers") };
-            let prepared_0 = arm_a * arm_a;
+            let prepared_0 = arm * arm;
             let prepared_1 = q * (1.0 + scale);
             let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
             let (sin_beta, prepared_5) = math::sin_cos(beta);
@@ -6700,15 +5301,15 @@ pub mod basic {
             let prepared_16 = prepared[16][lane];
             let prepared_17 = prepared[17][lane];
             let prepared_18 = prepared[18][lane];
-            let &[radius, angle_a, endstop_a, frame_translation_x, frame_translation_y,
+            let &[radius, angle, endstop, frame_translation_x, frame_translation_y,
                 frame_translation_z, frame_rotation_x, frame_rotation_y, frame_rotation_z,
                 target_position_x, target_position_y, target_position_z, target_rotation_x,
                 target_rotation_y,
                 target_rotation_z] =
                 parameters else { panic!("`parameters` must hold 15 numbers") };
-            let (sin_angle_a, cos_angle_a) = math::sin_cos(angle_a);
-            let t8 = radius * cos_angle_a + target_position_x;
-            let t9 = radius * sin_angle_a + target_position_y;
+            let (sin_angle, cos_angle) = math::sin_cos(angle);
+            let t8 = radius * cos_angle + target_position_x;
+            let t9 = radius * sin_angle + target_position_y;
             let (sin_target_rotation_y, cos_target_rotation_y) = math::sin_cos(target_rotation_y);
             let (sin_target_rotation_z, cos_target_rotation_z) = math::sin_cos(target_rotation_z);
             let t14 = cos_target_rotation_y * cos_target_rotation_z;
@@ -6743,7 +5344,7 @@ pub mod basic {
             let t103 = sin_frame_rotation_y * t97 + cos_frame_rotation_y * t42;
             let t108 = cos_frame_rotation_z * t103 - sin_frame_rotation_z * t96;
             let t109 = sin_frame_rotation_z * t103 + cos_frame_rotation_z * t96;
-            let t118 = target_position_z + math::sqrt(prepared_0 - radius * radius) + endstop_a
+            let t118 = target_position_z + math::sqrt(prepared_0 - radius * radius) + endstop
                 - prepared_1;
             let t121 = t9 * cos_frame_rotation_x - sin_frame_rotation_x * t118;
             let t122 = t9 * sin_frame_rotation_x + cos_frame_rotation_x * t118;
@@ -6795,16 +5396,16 @@ pub mod basic {
             let prepared_20 = prepared[20][lane];
             let prepared_21 = prepared[21][lane];
             let prepared_22 = prepared[22][lane];
-            let &[radius, angle_a, endstop_a, frame_translation_x, frame_translation_y,
+            let &[radius, angle, endstop, frame_translation_x, frame_translation_y,
                 frame_translation_z, frame_rotation_x, frame_rotation_y, frame_rotation_z,
                 target_position_x, target_position_y, target_position_z, target_rotation_x,
                 target_rotation_y,
                 target_rotation_z] =
                 parameters else { panic!("`parameters` must hold 15 numbers") };
-            let (sin_angle_a, cos_angle_a) = math::sin_cos(angle_a);
+            let (sin_angle, cos_angle) = math::sin_cos(angle);
             let t7 = math::sqrt(prepared_0 - radius * radius);
-            let t8 = radius * cos_angle_a + target_position_x;
-            let t9 = radius * sin_angle_a + target_position_y;
+            let t8 = radius * cos_angle + target_position_x;
+            let t9 = radius * sin_angle + target_position_y;
             let (sin_target_rotation_y, cos_target_rotation_y) = math::sin_cos(target_rotation_y);
             let (sin_target_rotation_z, cos_target_rotation_z) = math::sin_cos(target_rotation_z);
             let t14 = cos_target_rotation_y * cos_target_rotation_z;
@@ -6901,7 +5502,7 @@ pub mod basic {
             let t404 = cos_frame_rotation_y * t401;
             let t419 = sin_frame_rotation_x * t403 + cos_frame_rotation_x * t402;
             let t428 = sin_target_rotation_z * t388 - cos_target_rotation_z * t380;
-            let t445 = target_position_z + t7 + endstop_a - prepared_1;
+            let t445 = target_position_z + t7 + endstop - prepared_1;
             let t446 = radius * 2.0;
             let t470 = t9 * cos_frame_rotation_x - sin_frame_rotation_x * t445;
             let t471 = t9 * sin_frame_rotation_x + cos_frame_rotation_x * t445;
@@ -6921,8 +5522,8 @@ pub mod basic {
             residuals[5][lane] = 0.5
                 * (prepared_8 * t224 - prepared_9 * t223 - prepared_18 * t199 + prepared_15 * t176
                 - prepared_16 * t175 - prepared_17 * t200);
-            jacobian[0][lane] = cos_angle_a * t27 + sin_angle_a * t34 - t35 / t36 * t446;
-            jacobian[1][lane] = radius * (cos_angle_a * t34 - sin_angle_a * t27);
+            jacobian[0][lane] = cos_angle * t27 + sin_angle * t34 - t35 / t36 * t446;
+            jacobian[1][lane] = radius * (cos_angle * t34 - sin_angle * t27);
             jacobian[2][lane] = t35;
             jacobian[3][lane] = 1.0;
             jacobian[4][lane] = t26 * t470 + sin_frame_rotation_z * t471;
@@ -6931,8 +5532,8 @@ pub mod basic {
             jacobian[7][lane] = t27;
             jacobian[8][lane] = t34;
             jacobian[9][lane] = t35;
-            jacobian[10][lane] = cos_angle_a * t41 + sin_angle_a * t46 - t47 / t36 * t446;
-            jacobian[11][lane] = radius * (cos_angle_a * t46 - sin_angle_a * t41);
+            jacobian[10][lane] = cos_angle * t41 + sin_angle * t46 - t47 / t36 * t446;
+            jacobian[11][lane] = radius * (cos_angle * t46 - sin_angle * t41);
             jacobian[12][lane] = t47;
             jacobian[13][lane] = 1.0;
             jacobian[14][lane] = t40 * t470 - cos_frame_rotation_z * t471;
@@ -6941,421 +5542,9 @@ pub mod basic {
             jacobian[17][lane] = t41;
             jacobian[18][lane] = t46;
             jacobian[19][lane] = t47;
-            jacobian[20][lane] = sin_angle_a * t51 - cos_angle_a * sin_frame_rotation_y
+            jacobian[20][lane] = sin_angle * t51 - cos_angle * sin_frame_rotation_y
                 - t52 / t36 * t446;
-            jacobian[21][lane] = radius * (cos_angle_a * t51 + sin_angle_a * sin_frame_rotation_y);
-            jacobian[22][lane] = t52;
-            jacobian[23][lane] = 1.0;
-            jacobian[24][lane] = cos_frame_rotation_y * t470;
-            jacobian[25][lane] = -t475;
-            jacobian[26][lane] = -sin_frame_rotation_y;
-            jacobian[27][lane] = t51;
-            jacobian[28][lane] = t52;
-            jacobian[29][lane] = t62 * t211 + t57 * t212 + t187 * t241 + t71 * t188 + t163 * t261
-                - t77 * t164;
-            jacobian[30][lane] = t76 * t169 - t56 * t217 - prepared_11 * t218 - t70 * t193
-                - t194 * prepared_19 - t170 * prepared_20;
-            jacobian[31][lane] = prepared_13 * t175 - prepared_10 * t223 - prepared_12 * t199;
-            jacobian[32][lane] = cos_target_rotation_x
-                * (sin_target_rotation_y * t281 - cos_target_rotation_z * t68
-                - sin_target_rotation_z * t63 + cos_target_rotation_y * t248)
-                - sin_target_rotation_x
-                * (sin_target_rotation_y * t86 + cos_target_rotation_y * t69
-                + cos_target_rotation_z * t247 + sin_target_rotation_z * t242);
-            jacobian[33][lane] = cos_target_rotation_y
-                * (sin_frame_rotation_x * t77 + cos_target_rotation_x * t86
-                + sin_target_rotation_x * t281 - cos_frame_rotation_x * t261)
-                - sin_target_rotation_y
-                * (cos_target_rotation_x * t69 + sin_target_rotation_x * t248
-                + sin_target_rotation_z * t272 + cos_target_rotation_z * t262);
-            jacobian[34][lane] = t68 * t157 + t63 * t158 + t151 * t247 + t152 * t242
-                + cos_target_rotation_y
-                * (cos_target_rotation_z * t272 - sin_target_rotation_z * t262);
-            jacobian[35][lane] = t95 * t211 + t56 * t212 + t187 * t311 + t70 * t188 - t163 * t331
-                - t76 * t164;
-            jacobian[36][lane] = t57 * t217 + prepared_14 * t218 + t71 * t193 - t194 * prepared_21
-                - t77 * t169 + t170 * prepared_22;
-            jacobian[37][lane] = prepared_13 * t176 - prepared_10 * t224 - prepared_12 * t200;
-            jacobian[38][lane] = cos_target_rotation_x
-                * (cos_target_rotation_y * t318 + sin_target_rotation_y * t351
-                + sin_target_rotation_z * t96 - cos_target_rotation_z * t101)
-                - sin_target_rotation_x
-                * (sin_target_rotation_y * t115 + cos_target_rotation_y * t102
-                + cos_target_rotation_z * t317 - sin_target_rotation_z * t312);
-            jacobian[39][lane] = cos_target_rotation_y
-                * (sin_target_rotation_x * t351 + cos_target_rotation_x * t115
-                + sin_frame_rotation_x * t76 + cos_frame_rotation_x * t331)
-                - sin_target_rotation_y
-                * (cos_target_rotation_x * t102 + sin_target_rotation_x * t318
-                + sin_target_rotation_z * t342 + cos_target_rotation_z * t332);
-            jacobian[40][lane] = t101 * t157 - t96 * t158 + t151 * t317 - t152 * t312
-                + cos_target_rotation_y
-                * (cos_target_rotation_z * t342 - sin_target_rotation_z * t332);
-            jacobian[41][lane] = t126 * t211 - t125 * t212 - t187 * t379 - t188 * t378 + t163 * t403
-                - t164 * t402;
-            jacobian[42][lane] = t124 * t217 - t193 * t377 + t169 * t401;
-            jacobian[43][lane] = prepared_14 * t223 + prepared_11 * t224 - t199 * prepared_21
-                + t200 * prepared_19 + t175 * prepared_22 + t176 * prepared_20;
-            jacobian[44][lane] = cos_target_rotation_x
-                * (sin_target_rotation_y * t428 - cos_target_rotation_y * t389
-                + sin_target_rotation_z * t127 - cos_target_rotation_z * t132)
-                - sin_target_rotation_x
-                * (sin_target_rotation_y * t138 + cos_target_rotation_y * t133
-                + cos_target_rotation_z * t388 + sin_target_rotation_z * t380);
-            jacobian[45][lane] = cos_target_rotation_y
-                * (sin_frame_rotation_x * t402 + cos_target_rotation_x * t138
-                + sin_target_rotation_x * t428 - cos_frame_rotation_x * t403)
-                - sin_target_rotation_y
-                * (cos_target_rotation_x * t133 - sin_target_rotation_x * t389
-                + sin_target_rotation_z * t419 + cos_target_rotation_z * t404);
-            jacobian[46][lane] = t132 * t157 - t127 * t158 + t151 * t388 + t152 * t380
-                + cos_target_rotation_y
-                * (cos_target_rotation_z * t419 - sin_target_rotation_z * t404);
-        }
-    }
-    /// `F·(C(q) + A(q)·m) + t − x; axial vector of F·A(q)·M·Rᵀ`
-    ///
-    /// Data: `q`, `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `arm_b`, `scale`.
-    ///
-    /// Parameters: `radius`, `angle_b`, `endstop_b`, `frame_translation_x`, `frame_translation_y`, `frame_translation_z`, `frame_rotation_x`, `frame_rotation_y`, `frame_rotation_z`, `target_position_x`, `target_position_y`, `target_position_z`, `target_rotation_x`, `target_rotation_y`, `target_rotation_z`.
-    ///
-    /// Once per sample: 36 operations (5 additions, 25 multiplications, 6 functions).
-    /// Residuals: 156 operations (55 additions, 86 multiplications, 15 functions).
-    /// With the Jacobian: 566 operations (202 additions, 343 multiplications, 3 divisions, 3 negations, 15 functions).
-    #[derive(Debug, Clone, Copy)]
-    pub struct CartPoseB;
-    impl Formulas for CartPoseB {
-        const SHAPE: Shape = Shape {
-            data: 9,
-            prepared: 23,
-            parameters: 15,
-            residuals: 6,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 10, 20, 29, 35, 41, 47],
-            columns: &[
-                0, 1, 2, 3, 6, 7, 8, 9, 10, 11, 0, 1, 2, 4, 6, 7, 8, 9, 10, 11, 0, 1, 2,
-                5, 6, 7, 9, 10, 11, 6, 7, 8, 12, 13, 14, 6, 7, 8, 12, 13, 14, 6, 7, 8,
-                12, 13, 14,
-            ],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[q, x, y, z, alpha, beta, gamma, arm_b,
-                scale] = data else { panic!("`data` must hold 9 numbers") };
-            let prepared_0 = arm_b * arm_b;
-            let prepared_1 = q * (1.0 + scale);
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let (sin_beta, prepared_5) = math::sin_cos(beta);
-            let prepared_6 = cos_gamma * sin_beta;
-            let t9 = cos_gamma * prepared_5;
-            let prepared_7 = sin_gamma * sin_beta;
-            let t11 = sin_gamma * prepared_5;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let prepared_8 = sin_beta * cos_alpha;
-            let prepared_9 = sin_beta * sin_alpha;
-            let prepared_10 = prepared_5 * 0.5;
-            let prepared_11 = prepared_9 * 0.5;
-            let prepared_12 = prepared_7 * 0.5;
-            let prepared_13 = prepared_6 * 0.5;
-            let prepared_14 = prepared_8 * 0.5;
-            let prepared_15 = t9 * cos_alpha - sin_gamma * sin_alpha;
-            let prepared_16 = t9 * sin_alpha + sin_gamma * cos_alpha;
-            let prepared_17 = t11 * cos_alpha + cos_gamma * sin_alpha;
-            let prepared_18 = cos_gamma * cos_alpha - t11 * sin_alpha;
-            let prepared_19 = 0.5 * prepared_18;
-            let prepared_20 = 0.5 * prepared_16;
-            let prepared_21 = 0.5 * prepared_17;
-            let prepared_22 = 0.5 * prepared_15;
-            prepared[0][lane] = prepared_0;
-            prepared[1][lane] = prepared_1;
-            prepared[2][lane] = x;
-            prepared[3][lane] = y;
-            prepared[4][lane] = z;
-            prepared[5][lane] = prepared_5;
-            prepared[6][lane] = prepared_6;
-            prepared[7][lane] = prepared_7;
-            prepared[8][lane] = prepared_8;
-            prepared[9][lane] = prepared_9;
-            prepared[10][lane] = prepared_10;
-            prepared[11][lane] = prepared_11;
-            prepared[12][lane] = prepared_12;
-            prepared[13][lane] = prepared_13;
-            prepared[14][lane] = prepared_14;
-            prepared[15][lane] = prepared_15;
-            prepared[16][lane] = prepared_16;
-            prepared[17][lane] = prepared_17;
-            prepared[18][lane] = prepared_18;
-            prepared[19][lane] = prepared_19;
-            prepared[20][lane] = prepared_20;
-            prepared[21][lane] = prepared_21;
-            prepared[22][lane] = prepared_22;
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let prepared_0 = prepared[0][lane];
-            let prepared_1 = prepared[1][lane];
-            let x = prepared[2][lane];
-            let y = prepared[3][lane];
-            let z = prepared[4][lane];
-            let prepared_5 = prepared[5][lane];
-            let prepared_6 = prepared[6][lane];
-            let prepared_7 = prepared[7][lane];
-            let prepared_8 = prepared[8][lane];
-            let prepared_9 = prepared[9][lane];
-            let prepared_15 = prepared[15][lane];
-            let prepared_16 = prepared[16][lane];
-            let prepared_17 = prepared[17][lane];
-            let prepared_18 = prepared[18][lane];
-            let &[radius, angle_b, endstop_b, frame_translation_x, frame_translation_y,
-                frame_translation_z, frame_rotation_x, frame_rotation_y, frame_rotation_z,
-                target_position_x, target_position_y, target_position_z, target_rotation_x,
-                target_rotation_y,
-                target_rotation_z] =
-                parameters else { panic!("`parameters` must hold 15 numbers") };
-            let (sin_angle_b, cos_angle_b) = math::sin_cos(angle_b);
-            let t8 = radius * cos_angle_b + target_position_x;
-            let t9 = radius * sin_angle_b + target_position_y;
-            let (sin_target_rotation_y, cos_target_rotation_y) = math::sin_cos(target_rotation_y);
-            let (sin_target_rotation_z, cos_target_rotation_z) = math::sin_cos(target_rotation_z);
-            let t14 = cos_target_rotation_y * cos_target_rotation_z;
-            let t15 = cos_target_rotation_y * sin_target_rotation_z;
-            let (sin_target_rotation_x, cos_target_rotation_x) = math::sin_cos(target_rotation_x);
-            let t18 = cos_target_rotation_y * sin_target_rotation_x;
-            let t19 = sin_target_rotation_y * sin_target_rotation_x;
-            let t20 = cos_target_rotation_y * cos_target_rotation_x;
-            let t21 = sin_target_rotation_y * cos_target_rotation_x;
-            let (sin_frame_rotation_z, cos_frame_rotation_z) = math::sin_cos(frame_rotation_z);
-            let (sin_frame_rotation_y, cos_frame_rotation_y) = math::sin_cos(frame_rotation_y);
-            let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(frame_rotation_x);
-            let t36 = cos_target_rotation_z * t19 - sin_target_rotation_z * cos_target_rotation_x;
-            let t37 = sin_target_rotation_z * t19 + cos_target_rotation_z * cos_target_rotation_x;
-            let t42 = cos_target_rotation_z * t21 + sin_target_rotation_z * sin_target_rotation_x;
-            let t43 = sin_target_rotation_z * t21 - cos_target_rotation_z * sin_target_rotation_x;
-            let t48 = t15 * cos_frame_rotation_x + sin_target_rotation_y * sin_frame_rotation_x;
-            let t49 = t15 * sin_frame_rotation_x - sin_target_rotation_y * cos_frame_rotation_x;
-            let t54 = cos_frame_rotation_y * t49 - t14 * sin_frame_rotation_y;
-            let t55 = sin_frame_rotation_y * t49 + t14 * cos_frame_rotation_y;
-            let t60 = cos_frame_rotation_z * t55 - sin_frame_rotation_z * t48;
-            let t61 = sin_frame_rotation_z * t55 + cos_frame_rotation_z * t48;
-            let t72 = cos_frame_rotation_x * t37 - t18 * sin_frame_rotation_x;
-            let t73 = sin_frame_rotation_x * t37 + t18 * cos_frame_rotation_x;
-            let t78 = cos_frame_rotation_y * t73 - sin_frame_rotation_y * t36;
-            let t79 = sin_frame_rotation_y * t73 + cos_frame_rotation_y * t36;
-            let t84 = cos_frame_rotation_z * t79 - sin_frame_rotation_z * t72;
-            let t85 = sin_frame_rotation_z * t79 + cos_frame_rotation_z * t72;
-            let t96 = cos_frame_rotation_x * t43 - t20 * sin_frame_rotation_x;
-            let t97 = sin_frame_rotation_x * t43 + t20 * cos_frame_rotation_x;
-            let t102 = cos_frame_rotation_y * t97 - sin_frame_rotation_y * t42;
-            let t103 = sin_frame_rotation_y * t97 + cos_frame_rotation_y * t42;
-            let t108 = cos_frame_rotation_z * t103 - sin_frame_rotation_z * t96;
-            let t109 = sin_frame_rotation_z * t103 + cos_frame_rotation_z * t96;
-            let t118 = target_position_z + math::sqrt(prepared_0 - radius * radius) + endstop_b
-                - prepared_1;
-            let t121 = t9 * cos_frame_rotation_x - sin_frame_rotation_x * t118;
-            let t122 = t9 * sin_frame_rotation_x + cos_frame_rotation_x * t118;
-            let t125 = t8 * cos_frame_rotation_y + sin_frame_rotation_y * t122;
-            residuals[0][lane] = cos_frame_rotation_z * t125 - sin_frame_rotation_z * t121
-                + frame_translation_x - x;
-            residuals[1][lane] = sin_frame_rotation_z * t125 + cos_frame_rotation_z * t121
-                + frame_translation_y - y;
-            residuals[2][lane] = cos_frame_rotation_y * t122 - t8 * sin_frame_rotation_y
-                + frame_translation_z - z;
-            residuals[3][lane] = 0.5
-                * (prepared_9 * t102 - prepared_5 * t109 - prepared_7 * t85 + prepared_16 * t54
-                + prepared_6 * t61 + prepared_18 * t78);
-            residuals[4][lane] = 0.5
-                * (prepared_5 * t108 - prepared_8 * t102 + prepared_17 * t78 - prepared_6 * t60
-                - prepared_15 * t54 + prepared_7 * t84);
-            residuals[5][lane] = 0.5
-                * (prepared_8 * t109 - prepared_9 * t108 - prepared_18 * t84 + prepared_15 * t61
-                - prepared_16 * t60 - prepared_17 * t85);
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let prepared_0 = prepared[0][lane];
-            let prepared_1 = prepared[1][lane];
-            let x = prepared[2][lane];
-            let y = prepared[3][lane];
-            let z = prepared[4][lane];
-            let prepared_5 = prepared[5][lane];
-            let prepared_6 = prepared[6][lane];
-            let prepared_7 = prepared[7][lane];
-            let prepared_8 = prepared[8][lane];
-            let prepared_9 = prepared[9][lane];
-            let prepared_10 = prepared[10][lane];
-            let prepared_11 = prepared[11][lane];
-            let prepared_12 = prepared[12][lane];
-            let prepared_13 = prepared[13][lane];
-            let prepared_14 = prepared[14][lane];
-            let prepared_15 = prepared[15][lane];
-            let prepared_16 = prepared[16][lane];
-            let prepared_17 = prepared[17][lane];
-            let prepared_18 = prepared[18][lane];
-            let prepared_19 = prepared[19][lane];
-            let prepared_20 = prepared[20][lane];
-            let prepared_21 = prepared[21][lane];
-            let prepared_22 = prepared[22][lane];
-            let &[radius, angle_b, endstop_b, frame_translation_x, frame_translation_y,
-                frame_translation_z, frame_rotation_x, frame_rotation_y, frame_rotation_z,
-                target_position_x, target_position_y, target_position_z, target_rotation_x,
-                target_rotation_y,
-                target_rotation_z] =
-                parameters else { panic!("`parameters` must hold 15 numbers") };
-            let (sin_angle_b, cos_angle_b) = math::sin_cos(angle_b);
-            let t7 = math::sqrt(prepared_0 - radius * radius);
-            let t8 = radius * cos_angle_b + target_position_x;
-            let t9 = radius * sin_angle_b + target_position_y;
-            let (sin_target_rotation_y, cos_target_rotation_y) = math::sin_cos(target_rotation_y);
-            let (sin_target_rotation_z, cos_target_rotation_z) = math::sin_cos(target_rotation_z);
-            let t14 = cos_target_rotation_y * cos_target_rotation_z;
-            let t15 = cos_target_rotation_y * sin_target_rotation_z;
-            let (sin_target_rotation_x, cos_target_rotation_x) = math::sin_cos(target_rotation_x);
-            let t18 = cos_target_rotation_y * sin_target_rotation_x;
-            let t19 = sin_target_rotation_y * sin_target_rotation_x;
-            let t20 = cos_target_rotation_y * cos_target_rotation_x;
-            let t21 = sin_target_rotation_y * cos_target_rotation_x;
-            let (sin_frame_rotation_z, cos_frame_rotation_z) = math::sin_cos(frame_rotation_z);
-            let (sin_frame_rotation_y, cos_frame_rotation_y) = math::sin_cos(frame_rotation_y);
-            let t26 = cos_frame_rotation_z * sin_frame_rotation_y;
-            let t27 = cos_frame_rotation_z * cos_frame_rotation_y;
-            let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(frame_rotation_x);
-            let t34 = t26 * sin_frame_rotation_x - sin_frame_rotation_z * cos_frame_rotation_x;
-            let t35 = t26 * cos_frame_rotation_x + sin_frame_rotation_z * sin_frame_rotation_x;
-            let t36 = t7 * 2.0;
-            let t40 = sin_frame_rotation_z * sin_frame_rotation_y;
-            let t41 = sin_frame_rotation_z * cos_frame_rotation_y;
-            let t46 = sin_frame_rotation_x * t40 + cos_frame_rotation_z * cos_frame_rotation_x;
-            let t47 = cos_frame_rotation_x * t40 - cos_frame_rotation_z * sin_frame_rotation_x;
-            let t51 = cos_frame_rotation_y * sin_frame_rotation_x;
-            let t52 = cos_frame_rotation_y * cos_frame_rotation_x;
-            let t56 = sin_frame_rotation_z * prepared_10;
-            let t57 = cos_frame_rotation_z * prepared_10;
-            let t62 = cos_frame_rotation_y * prepared_11 - sin_frame_rotation_y * t56;
-            let t63 = cos_frame_rotation_y * t56 + sin_frame_rotation_y * prepared_11;
-            let t68 = sin_frame_rotation_x * t62 - cos_frame_rotation_x * t57;
-            let t69 = cos_frame_rotation_x * t62 + sin_frame_rotation_x * t57;
-            let t70 = sin_frame_rotation_z * prepared_12;
-            let t71 = cos_frame_rotation_z * prepared_12;
-            let t76 = sin_frame_rotation_z * prepared_13;
-            let t77 = cos_frame_rotation_z * prepared_13;
-            let t86 = sin_target_rotation_z * t68 - cos_target_rotation_z * t63;
-            let t95 = sin_frame_rotation_y * t57 - cos_frame_rotation_y * prepared_14;
-            let t96 = cos_frame_rotation_y * t57 + sin_frame_rotation_y * prepared_14;
-            let t101 = sin_frame_rotation_x * t95 - cos_frame_rotation_x * t56;
-            let t102 = cos_frame_rotation_x * t95 + sin_frame_rotation_x * t56;
-            let t115 = sin_target_rotation_z * t101 + cos_target_rotation_z * t96;
-            let t124 = sin_frame_rotation_z * prepared_14 - cos_frame_rotation_z * prepared_11;
-            let t125 = cos_frame_rotation_z * prepared_14 + sin_frame_rotation_z * prepared_11;
-            let t126 = sin_frame_rotation_y * t124;
-            let t127 = cos_frame_rotation_y * t124;
-            let t132 = sin_frame_rotation_x * t126 + cos_frame_rotation_x * t125;
-            let t133 = cos_frame_rotation_x * t126 - sin_frame_rotation_x * t125;
-            let t138 = sin_target_rotation_z * t132 + cos_target_rotation_z * t127;
-            let t151 = cos_target_rotation_z * t19 - sin_target_rotation_z * cos_target_rotation_x;
-            let t152 = sin_target_rotation_z * t19 + cos_target_rotation_z * cos_target_rotation_x;
-            let t157 = cos_target_rotation_z * t21 + sin_target_rotation_z * sin_target_rotation_x;
-            let t158 = sin_target_rotation_z * t21 - cos_target_rotation_z * sin_target_rotation_x;
-            let t163 = t15 * cos_frame_rotation_x + sin_target_rotation_y * sin_frame_rotation_x;
-            let t164 = t15 * sin_frame_rotation_x - sin_target_rotation_y * cos_frame_rotation_x;
-            let t169 = cos_frame_rotation_y * t164 - t14 * sin_frame_rotation_y;
-            let t170 = sin_frame_rotation_y * t164 + t14 * cos_frame_rotation_y;
-            let t175 = cos_frame_rotation_z * t170 - sin_frame_rotation_z * t163;
-            let t176 = sin_frame_rotation_z * t170 + cos_frame_rotation_z * t163;
-            let t187 = cos_frame_rotation_x * t152 - t18 * sin_frame_rotation_x;
-            let t188 = sin_frame_rotation_x * t152 + t18 * cos_frame_rotation_x;
-            let t193 = cos_frame_rotation_y * t188 - sin_frame_rotation_y * t151;
-            let t194 = sin_frame_rotation_y * t188 + cos_frame_rotation_y * t151;
-            let t199 = cos_frame_rotation_z * t194 - sin_frame_rotation_z * t187;
-            let t200 = sin_frame_rotation_z * t194 + cos_frame_rotation_z * t187;
-            let t211 = cos_frame_rotation_x * t158 - t20 * sin_frame_rotation_x;
-            let t212 = sin_frame_rotation_x * t158 + t20 * cos_frame_rotation_x;
-            let t217 = cos_frame_rotation_y * t212 - sin_frame_rotation_y * t157;
-            let t218 = sin_frame_rotation_y * t212 + cos_frame_rotation_y * t157;
-            let t223 = cos_frame_rotation_z * t218 - sin_frame_rotation_z * t211;
-            let t224 = sin_frame_rotation_z * t218 + cos_frame_rotation_z * t211;
-            let t241 = cos_frame_rotation_y * prepared_19 - sin_frame_rotation_y * t70;
-            let t242 = cos_frame_rotation_y * t70 + sin_frame_rotation_y * prepared_19;
-            let t247 = sin_frame_rotation_x * t241 - cos_frame_rotation_x * t71;
-            let t248 = sin_frame_rotation_x * t71 + cos_frame_rotation_x * t241;
-            let t261 = sin_frame_rotation_y * t76 + cos_frame_rotation_y * prepared_20;
-            let t262 = cos_frame_rotation_y * t76 - sin_frame_rotation_y * prepared_20;
-            let t272 = cos_frame_rotation_x * t77 + sin_frame_rotation_x * t261;
-            let t281 = sin_target_rotation_z * t247 - cos_target_rotation_z * t242;
-            let t311 = sin_frame_rotation_y * t71 + cos_frame_rotation_y * prepared_21;
-            let t312 = cos_frame_rotation_y * t71 - sin_frame_rotation_y * prepared_21;
-            let t317 = sin_frame_rotation_x * t311 - cos_frame_rotation_x * t70;
-            let t318 = sin_frame_rotation_x * t70 + cos_frame_rotation_x * t311;
-            let t331 = sin_frame_rotation_y * t77 + cos_frame_rotation_y * prepared_22;
-            let t332 = sin_frame_rotation_y * prepared_22 - cos_frame_rotation_y * t77;
-            let t342 = cos_frame_rotation_x * t76 - sin_frame_rotation_x * t331;
-            let t351 = sin_target_rotation_z * t317 + cos_target_rotation_z * t312;
-            let t377 = sin_frame_rotation_z * prepared_21 + cos_frame_rotation_z * prepared_19;
-            let t378 = sin_frame_rotation_z * prepared_19 - cos_frame_rotation_z * prepared_21;
-            let t379 = sin_frame_rotation_y * t377;
-            let t380 = cos_frame_rotation_y * t377;
-            let t388 = cos_frame_rotation_x * t378 - sin_frame_rotation_x * t379;
-            let t389 = cos_frame_rotation_x * t379 + sin_frame_rotation_x * t378;
-            let t401 = sin_frame_rotation_z * prepared_22 - cos_frame_rotation_z * prepared_20;
-            let t402 = cos_frame_rotation_z * prepared_22 + sin_frame_rotation_z * prepared_20;
-            let t403 = sin_frame_rotation_y * t401;
-            let t404 = cos_frame_rotation_y * t401;
-            let t419 = sin_frame_rotation_x * t403 + cos_frame_rotation_x * t402;
-            let t428 = sin_target_rotation_z * t388 - cos_target_rotation_z * t380;
-            let t445 = target_position_z + t7 + endstop_b - prepared_1;
-            let t446 = radius * 2.0;
-            let t470 = t9 * cos_frame_rotation_x - sin_frame_rotation_x * t445;
-            let t471 = t9 * sin_frame_rotation_x + cos_frame_rotation_x * t445;
-            let t474 = cos_frame_rotation_y * t471 - t8 * sin_frame_rotation_y;
-            let t475 = t8 * cos_frame_rotation_y + sin_frame_rotation_y * t471;
-            let t480 = cos_frame_rotation_z * t475 - sin_frame_rotation_z * t470;
-            let t481 = sin_frame_rotation_z * t475 + cos_frame_rotation_z * t470;
-            residuals[0][lane] = t480 + frame_translation_x - x;
-            residuals[1][lane] = t481 + frame_translation_y - y;
-            residuals[2][lane] = t474 + frame_translation_z - z;
-            residuals[3][lane] = 0.5
-                * (prepared_9 * t217 - prepared_5 * t224 - prepared_7 * t200 + prepared_16 * t169
-                + prepared_6 * t176 + prepared_18 * t193);
-            residuals[4][lane] = 0.5
-                * (prepared_5 * t223 - prepared_8 * t217 + prepared_17 * t193 - prepared_6 * t175
-                - prepared_15 * t169 + prepared_7 * t199);
-            residuals[5][lane] = 0.5
-                * (prepared_8 * t224 - prepared_9 * t223 - prepared_18 * t199 + prepared_15 * t176
-                - prepared_16 * t175 - prepared_17 * t200);
-            jacobian[0][lane] = cos_angle_b * t27 + sin_angle_b * t34 - t35 / t36 * t446;
-            jacobian[1][lane] = radius * (cos_angle_b * t34 - sin_angle_b * t27);
-            jacobian[2][lane] = t35;
-            jacobian[3][lane] = 1.0;
-            jacobian[4][lane] = t26 * t470 + sin_frame_rotation_z * t471;
-            jacobian[5][lane] = cos_frame_rotation_z * t474;
-            jacobian[6][lane] = -t481;
-            jacobian[7][lane] = t27;
-            jacobian[8][lane] = t34;
-            jacobian[9][lane] = t35;
-            jacobian[10][lane] = cos_angle_b * t41 + sin_angle_b * t46 - t47 / t36 * t446;
-            jacobian[11][lane] = radius * (cos_angle_b * t46 - sin_angle_b * t41);
-            jacobian[12][lane] = t47;
-            jacobian[13][lane] = 1.0;
-            jacobian[14][lane] = t40 * t470 - cos_frame_rotation_z * t471;
-            jacobian[15][lane] = sin_frame_rotation_z * t474;
-            jacobian[16][lane] = t480;
-            jacobian[17][lane] = t41;
-            jacobian[18][lane] = t46;
-            jacobian[19][lane] = t47;
-            jacobian[20][lane] = sin_angle_b * t51 - cos_angle_b * sin_frame_rotation_y
-                - t52 / t36 * t446;
-            jacobian[21][lane] = radius * (cos_angle_b * t51 + sin_angle_b * sin_frame_rotation_y);
+            jacobian[21][lane] = radius * (cos_angle * t51 + sin_angle * sin_frame_rotation_y);
             jacobian[22][lane] = t52;
             jacobian[23][lane] = 1.0;
             jacobian[24][lane] = cos_frame_rotation_y * t470;
@@ -7838,9 +6027,9 @@ pub mod basic {
     }
     /// `F·(C(q) + A(q)·m) + t − x`
     ///
-    /// Data: `q`, `x`, `y`, `z`, `arm_a`, `scale`.
+    /// Data: `q`, `x`, `y`, `z`, `arm`, `scale`.
     ///
-    /// Parameters: `radius`, `angle_a`, `endstop_a`, `frame_translation_x`, `frame_translation_y`, `frame_translation_z`, `frame_rotation_x`, `frame_rotation_y`, `frame_rotation_z`, `target_position_x`, `target_position_y`, `target_position_z`.
+    /// Parameters: `radius`, `angle`, `endstop`, `frame_translation_x`, `frame_translation_y`, `frame_translation_z`, `frame_rotation_x`, `frame_rotation_y`, `frame_rotation_z`, `target_position_x`, `target_position_y`, `target_position_z`.
     ///
     /// Once per sample: 3 operations (1 addition, 2 multiplications).
     /// Residuals: 42 operations (18 additions, 15 multiplications, 9 functions).
@@ -7863,8 +6052,8 @@ pub mod basic {
         };
         #[inline(always)]
         fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[q, x, y, z, arm_a, scale] = data else { panic!("`data` must hold 6 numbers") };
-            let prepared_0 = arm_a * arm_a;
+            let &[q, x, y, z, arm, scale] = data else { panic!("`data` must hold 6 numbers") };
+            let prepared_0 = arm * arm;
             let prepared_1 = q * (1.0 + scale);
             prepared[0][lane] = prepared_0;
             prepared[1][lane] = prepared_1;
@@ -7884,18 +6073,18 @@ pub mod basic {
             let x = prepared[2][lane];
             let y = prepared[3][lane];
             let z = prepared[4][lane];
-            let &[radius, angle_a, endstop_a, frame_translation_x, frame_translation_y,
+            let &[radius, angle, endstop, frame_translation_x, frame_translation_y,
                 frame_translation_z, frame_rotation_x, frame_rotation_y, frame_rotation_z,
                 target_position_x, target_position_y,
                 target_position_z] =
                 parameters else { panic!("`parameters` must hold 12 numbers") };
-            let (sin_angle_a, cos_angle_a) = math::sin_cos(angle_a);
-            let t8 = radius * cos_angle_a + target_position_x;
-            let t9 = radius * sin_angle_a + target_position_y;
+            let (sin_angle, cos_angle) = math::sin_cos(angle);
+            let t8 = radius * cos_angle + target_position_x;
+            let t9 = radius * sin_angle + target_position_y;
             let (sin_frame_rotation_z, cos_frame_rotation_z) = math::sin_cos(frame_rotation_z);
             let (sin_frame_rotation_y, cos_frame_rotation_y) = math::sin_cos(frame_rotation_y);
             let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(frame_rotation_x);
-            let t22 = target_position_z + math::sqrt(prepared_0 - radius * radius) + endstop_a
+            let t22 = target_position_z + math::sqrt(prepared_0 - radius * radius) + endstop
                 - prepared_1;
             let t25 = t9 * cos_frame_rotation_x - sin_frame_rotation_x * t22;
             let t26 = t9 * sin_frame_rotation_x + cos_frame_rotation_x * t22;
@@ -7920,15 +6109,15 @@ pub mod basic {
             let x = prepared[2][lane];
             let y = prepared[3][lane];
             let z = prepared[4][lane];
-            let &[radius, angle_a, endstop_a, frame_translation_x, frame_translation_y,
+            let &[radius, angle, endstop, frame_translation_x, frame_translation_y,
                 frame_translation_z, frame_rotation_x, frame_rotation_y, frame_rotation_z,
                 target_position_x, target_position_y,
                 target_position_z] =
                 parameters else { panic!("`parameters` must hold 12 numbers") };
-            let (sin_angle_a, cos_angle_a) = math::sin_cos(angle_a);
+            let (sin_angle, cos_angle) = math::sin_cos(angle);
             let t7 = math::sqrt(prepared_0 - radius * radius);
-            let t8 = radius * cos_angle_a + target_position_x;
-            let t9 = radius * sin_angle_a + target_position_y;
+            let t8 = radius * cos_angle + target_position_x;
+            let t9 = radius * sin_angle + target_position_y;
             let (sin_frame_rotation_z, cos_frame_rotation_z) = math::sin_cos(frame_rotation_z);
             let (sin_frame_rotation_y, cos_frame_rotation_y) = math::sin_cos(frame_rotation_y);
             let t14 = cos_frame_rotation_z * sin_frame_rotation_y;
@@ -7943,7 +6132,7 @@ pub mod basic {
             let t35 = cos_frame_rotation_x * t28 - cos_frame_rotation_z * sin_frame_rotation_x;
             let t39 = cos_frame_rotation_y * sin_frame_rotation_x;
             let t40 = cos_frame_rotation_y * cos_frame_rotation_x;
-            let t50 = target_position_z + t7 + endstop_a - prepared_1;
+            let t50 = target_position_z + t7 + endstop - prepared_1;
             let t51 = radius * 2.0;
             let t75 = t9 * cos_frame_rotation_x - sin_frame_rotation_x * t50;
             let t76 = t9 * sin_frame_rotation_x + cos_frame_rotation_x * t50;
@@ -7954,8 +6143,8 @@ pub mod basic {
             residuals[0][lane] = t85 + frame_translation_x - x;
             residuals[1][lane] = t86 + frame_translation_y - y;
             residuals[2][lane] = t79 + frame_translation_z - z;
-            jacobian[0][lane] = cos_angle_a * t15 + sin_angle_a * t22 - t23 / t24 * t51;
-            jacobian[1][lane] = radius * (cos_angle_a * t22 - sin_angle_a * t15);
+            jacobian[0][lane] = cos_angle * t15 + sin_angle * t22 - t23 / t24 * t51;
+            jacobian[1][lane] = radius * (cos_angle * t22 - sin_angle * t15);
             jacobian[2][lane] = t23;
             jacobian[3][lane] = 1.0;
             jacobian[4][lane] = t14 * t75 + sin_frame_rotation_z * t76;
@@ -7964,8 +6153,8 @@ pub mod basic {
             jacobian[7][lane] = t15;
             jacobian[8][lane] = t22;
             jacobian[9][lane] = t23;
-            jacobian[10][lane] = cos_angle_a * t29 + sin_angle_a * t34 - t35 / t24 * t51;
-            jacobian[11][lane] = radius * (cos_angle_a * t34 - sin_angle_a * t29);
+            jacobian[10][lane] = cos_angle * t29 + sin_angle * t34 - t35 / t24 * t51;
+            jacobian[11][lane] = radius * (cos_angle * t34 - sin_angle * t29);
             jacobian[12][lane] = t35;
             jacobian[13][lane] = 1.0;
             jacobian[14][lane] = t28 * t75 - cos_frame_rotation_z * t76;
@@ -7974,159 +6163,9 @@ pub mod basic {
             jacobian[17][lane] = t29;
             jacobian[18][lane] = t34;
             jacobian[19][lane] = t35;
-            jacobian[20][lane] = sin_angle_a * t39 - cos_angle_a * sin_frame_rotation_y
+            jacobian[20][lane] = sin_angle * t39 - cos_angle * sin_frame_rotation_y
                 - t40 / t24 * t51;
-            jacobian[21][lane] = radius * (cos_angle_a * t39 + sin_angle_a * sin_frame_rotation_y);
-            jacobian[22][lane] = t40;
-            jacobian[23][lane] = 1.0;
-            jacobian[24][lane] = cos_frame_rotation_y * t75;
-            jacobian[25][lane] = -t80;
-            jacobian[26][lane] = -sin_frame_rotation_y;
-            jacobian[27][lane] = t39;
-            jacobian[28][lane] = t40;
-        }
-    }
-    /// `F·(C(q) + A(q)·m) + t − x`
-    ///
-    /// Data: `q`, `x`, `y`, `z`, `arm_b`, `scale`.
-    ///
-    /// Parameters: `radius`, `angle_b`, `endstop_b`, `frame_translation_x`, `frame_translation_y`, `frame_translation_z`, `frame_rotation_x`, `frame_rotation_y`, `frame_rotation_z`, `target_position_x`, `target_position_y`, `target_position_z`.
-    ///
-    /// Once per sample: 3 operations (1 addition, 2 multiplications).
-    /// Residuals: 42 operations (18 additions, 15 multiplications, 9 functions).
-    /// With the Jacobian: 104 operations (33 additions, 56 multiplications, 3 divisions, 3 negations, 9 functions).
-    #[derive(Debug, Clone, Copy)]
-    pub struct CartPositionB;
-    impl Formulas for CartPositionB {
-        const SHAPE: Shape = Shape {
-            data: 6,
-            prepared: 5,
-            parameters: 12,
-            residuals: 3,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 10, 20, 29],
-            columns: &[
-                0, 1, 2, 3, 6, 7, 8, 9, 10, 11, 0, 1, 2, 4, 6, 7, 8, 9, 10, 11, 0, 1, 2,
-                5, 6, 7, 9, 10, 11,
-            ],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[q, x, y, z, arm_b, scale] = data else { panic!("`data` must hold 6 numbers") };
-            let prepared_0 = arm_b * arm_b;
-            let prepared_1 = q * (1.0 + scale);
-            prepared[0][lane] = prepared_0;
-            prepared[1][lane] = prepared_1;
-            prepared[2][lane] = x;
-            prepared[3][lane] = y;
-            prepared[4][lane] = z;
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let prepared_0 = prepared[0][lane];
-            let prepared_1 = prepared[1][lane];
-            let x = prepared[2][lane];
-            let y = prepared[3][lane];
-            let z = prepared[4][lane];
-            let &[radius, angle_b, endstop_b, frame_translation_x, frame_translation_y,
-                frame_translation_z, frame_rotation_x, frame_rotation_y, frame_rotation_z,
-                target_position_x, target_position_y,
-                target_position_z] =
-                parameters else { panic!("`parameters` must hold 12 numbers") };
-            let (sin_angle_b, cos_angle_b) = math::sin_cos(angle_b);
-            let t8 = radius * cos_angle_b + target_position_x;
-            let t9 = radius * sin_angle_b + target_position_y;
-            let (sin_frame_rotation_z, cos_frame_rotation_z) = math::sin_cos(frame_rotation_z);
-            let (sin_frame_rotation_y, cos_frame_rotation_y) = math::sin_cos(frame_rotation_y);
-            let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(frame_rotation_x);
-            let t22 = target_position_z + math::sqrt(prepared_0 - radius * radius) + endstop_b
-                - prepared_1;
-            let t25 = t9 * cos_frame_rotation_x - sin_frame_rotation_x * t22;
-            let t26 = t9 * sin_frame_rotation_x + cos_frame_rotation_x * t22;
-            let t29 = t8 * cos_frame_rotation_y + sin_frame_rotation_y * t26;
-            residuals[0][lane] = cos_frame_rotation_z * t29 - sin_frame_rotation_z * t25
-                + frame_translation_x - x;
-            residuals[1][lane] = sin_frame_rotation_z * t29 + cos_frame_rotation_z * t25
-                + frame_translation_y - y;
-            residuals[2][lane] = cos_frame_rotation_y * t26 - t8 * sin_frame_rotation_y
-                + frame_translation_z - z;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let prepared_0 = prepared[0][lane];
-            let prepared_1 = prepared[1][lane];
-            let x = prepared[2][lane];
-            let y = prepared[3][lane];
-            let z = prepared[4][lane];
-            let &[radius, angle_b, endstop_b, frame_translation_x, frame_translation_y,
-                frame_translation_z, frame_rotation_x, frame_rotation_y, frame_rotation_z,
-                target_position_x, target_position_y,
-                target_position_z] =
-                parameters else { panic!("`parameters` must hold 12 numbers") };
-            let (sin_angle_b, cos_angle_b) = math::sin_cos(angle_b);
-            let t7 = math::sqrt(prepared_0 - radius * radius);
-            let t8 = radius * cos_angle_b + target_position_x;
-            let t9 = radius * sin_angle_b + target_position_y;
-            let (sin_frame_rotation_z, cos_frame_rotation_z) = math::sin_cos(frame_rotation_z);
-            let (sin_frame_rotation_y, cos_frame_rotation_y) = math::sin_cos(frame_rotation_y);
-            let t14 = cos_frame_rotation_z * sin_frame_rotation_y;
-            let t15 = cos_frame_rotation_z * cos_frame_rotation_y;
-            let (sin_frame_rotation_x, cos_frame_rotation_x) = math::sin_cos(frame_rotation_x);
-            let t22 = t14 * sin_frame_rotation_x - sin_frame_rotation_z * cos_frame_rotation_x;
-            let t23 = t14 * cos_frame_rotation_x + sin_frame_rotation_z * sin_frame_rotation_x;
-            let t24 = t7 * 2.0;
-            let t28 = sin_frame_rotation_z * sin_frame_rotation_y;
-            let t29 = sin_frame_rotation_z * cos_frame_rotation_y;
-            let t34 = sin_frame_rotation_x * t28 + cos_frame_rotation_z * cos_frame_rotation_x;
-            let t35 = cos_frame_rotation_x * t28 - cos_frame_rotation_z * sin_frame_rotation_x;
-            let t39 = cos_frame_rotation_y * sin_frame_rotation_x;
-            let t40 = cos_frame_rotation_y * cos_frame_rotation_x;
-            let t50 = target_position_z + t7 + endstop_b - prepared_1;
-            let t51 = radius * 2.0;
-            let t75 = t9 * cos_frame_rotation_x - sin_frame_rotation_x * t50;
-            let t76 = t9 * sin_frame_rotation_x + cos_frame_rotation_x * t50;
-            let t79 = cos_frame_rotation_y * t76 - t8 * sin_frame_rotation_y;
-            let t80 = t8 * cos_frame_rotation_y + sin_frame_rotation_y * t76;
-            let t85 = cos_frame_rotation_z * t80 - sin_frame_rotation_z * t75;
-            let t86 = sin_frame_rotation_z * t80 + cos_frame_rotation_z * t75;
-            residuals[0][lane] = t85 + frame_translation_x - x;
-            residuals[1][lane] = t86 + frame_translation_y - y;
-            residuals[2][lane] = t79 + frame_translation_z - z;
-            jacobian[0][lane] = cos_angle_b * t15 + sin_angle_b * t22 - t23 / t24 * t51;
-            jacobian[1][lane] = radius * (cos_angle_b * t22 - sin_angle_b * t15);
-            jacobian[2][lane] = t23;
-            jacobian[3][lane] = 1.0;
-            jacobian[4][lane] = t14 * t75 + sin_frame_rotation_z * t76;
-            jacobian[5][lane] = cos_frame_rotation_z * t79;
-            jacobian[6][lane] = -t86;
-            jacobian[7][lane] = t15;
-            jacobian[8][lane] = t22;
-            jacobian[9][lane] = t23;
-            jacobian[10][lane] = cos_angle_b * t29 + sin_angle_b * t34 - t35 / t24 * t51;
-            jacobian[11][lane] = radius * (cos_angle_b * t34 - sin_angle_b * t29);
-            jacobian[12][lane] = t35;
-            jacobian[13][lane] = 1.0;
-            jacobian[14][lane] = t28 * t75 - cos_frame_rotation_z * t76;
-            jacobian[15][lane] = sin_frame_rotation_z * t79;
-            jacobian[16][lane] = t85;
-            jacobian[17][lane] = t29;
-            jacobian[18][lane] = t34;
-            jacobian[19][lane] = t35;
-            jacobian[20][lane] = sin_angle_b * t39 - cos_angle_b * sin_frame_rotation_y
-                - t40 / t24 * t51;
-            jacobian[21][lane] = radius * (cos_angle_b * t39 + sin_angle_b * sin_frame_rotation_y);
+            jacobian[21][lane] = radius * (cos_angle * t39 + sin_angle * sin_frame_rotation_y);
             jacobian[22][lane] = t40;
             jacobian[23][lane] = 1.0;
             jacobian[24][lane] = cos_frame_rotation_y * t75;

@@ -3,20 +3,18 @@
 // Operations once per sample / per residual / with the Jacobian:
 //   full::closure_rods_a: 4 / 22 / 42
 //   full::closure_rods_b: 0 / 57 / 153
-//   full::closure_rods_c: 0 / 57 / 153
 //   full::closure_by_pose_rods_a: 0 / 26 / 38
 //   full::closure_by_pose_rods_b: 0 / 57 / 74
 //   full::closure_by_pose_rods_c: 0 / 57 / 74
 //   basic::closure_rods_a: 7 / 20 / 35
 //   basic::closure_rods_b: 16 / 42 / 79
-//   basic::closure_rods_c: 16 / 42 / 79
 //   basic::closure_by_pose_rods_a: 1 / 25 / 37
 //   basic::closure_by_pose_rods_b: 9 / 48 / 65
 //   basic::closure_by_pose_rods_c: 9 / 48 / 65
 
-///A rotary delta: three cranks on the base, a pair of equal rods on each, and an effector that keeps its orientation,
-///so that it is a point.
+///A rotary delta: three cranks on the base, whose rods hold a point.
 ///
+///The rods of a crank are a pair of equal ones, so that the effector keeps its orientation.
 ///A command is the angle of its crank, downwards from the horizontal. `radius` is that of the crank axes less that of
 ///the effector's joints. Frame: z up, the axes of the cranks in z = 0, crank a over the x axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -37,18 +35,18 @@ impl ::tau_runtime::DeclaredRobot for RotaryDelta {
     const ROBOT: &'static ::tau_runtime::Robot = &ROBOT;
 }
 /// The robot `RotaryDelta`.
-///A rotary delta: three cranks on the base, a pair of equal rods on each, and an effector that keeps its orientation,
-///so that it is a point.
+///A rotary delta: three cranks on the base, whose rods hold a point.
 ///
+///The rods of a crank are a pair of equal ones, so that the effector keeps its orientation.
 ///A command is the angle of its crank, downwards from the horizontal. `radius` is that of the crank axes less that of
 ///the effector's joints. Frame: z up, the axes of the cranks in z = 0, crank a over the x axis.
 pub static ROBOT: ::tau_runtime::Robot = {
     use ::tau_runtime::{Cluster, Link, Robot};
     Robot {
         name: "RotaryDelta",
-        description: r#"/// A rotary delta: three cranks on the base, a pair of equal rods on each, and an effector that keeps its orientation,
-/// so that it is a point.
+        description: r#"/// A rotary delta: three cranks on the base, whose rods hold a point.
 ///
+/// The rods of a crank are a pair of equal ones, so that the effector keeps its orientation.
 /// A command is the angle of its crank, downwards from the horizontal. `radius` is that of the crank axes less that of
 /// the effector's joints. Frame: z up, the axes of the cranks in z = 0, crank a over the x axis.
 pub robot RotaryDelta {
@@ -303,7 +301,7 @@ pub mod full {
             Instance {
                 kind: ResidualKind::Closure,
                 of: 2,
-                family: &ClosureRodsC,
+                family: &ClosureRodsB,
                 parameters: &[2, 3, 5, 8, 11],
                 inputs: &[
                     Input::Command(2), Input::Position(0), Input::Position(1), Input::Position(2),
@@ -477,7 +475,7 @@ pub mod full {
     ///
     /// Data: `q`, `x`, `y`, `z`.
     ///
-    /// Parameters: `length`, `radius`, `angle_b`, `upper_b`, `zero_b`.
+    /// Parameters: `length`, `radius`, `angle`, `upper`, `zero`.
     ///
     /// Once per sample: 0 operations.
     /// Residuals: 57 operations (21 additions, 27 multiplications, 2 divisions, 7 functions).
@@ -514,21 +512,21 @@ pub mod full {
             let y = prepared[1][lane];
             let z = prepared[2][lane];
             let q = prepared[3][lane];
-            let &[length, radius, angle_b, upper_b,
-                zero_b] = parameters else { panic!("`parameters` must hold 5 numbers") };
-            let (sin_zero_b, cos_zero_b) = math::sin_cos(zero_b);
-            let t3 = radius + upper_b * cos_zero_b;
-            let (sin_angle_b, cos_angle_b) = math::sin_cos(angle_b);
-            let t5 = t3 * cos_angle_b;
-            let t7 = t3 * sin_angle_b;
-            let t9 = upper_b * sin_zero_b;
-            let t15 = math::sqrt(sin_angle_b * sin_angle_b + cos_angle_b * cos_angle_b);
-            let t16 = sin_angle_b / t15;
-            let t17 = cos_angle_b / t15;
-            let angle = q * t15;
-            let (t19, t20) = math::sin_cos(angle);
-            let t21 = t5 - radius * cos_angle_b;
-            let t22 = t7 - radius * sin_angle_b;
+            let &[length, radius, angle, upper,
+                zero] = parameters else { panic!("`parameters` must hold 5 numbers") };
+            let (sin_zero, cos_zero) = math::sin_cos(zero);
+            let t3 = radius + upper * cos_zero;
+            let (sin_angle, cos_angle) = math::sin_cos(angle);
+            let t5 = t3 * cos_angle;
+            let t7 = t3 * sin_angle;
+            let t9 = upper * sin_zero;
+            let t15 = math::sqrt(sin_angle * sin_angle + cos_angle * cos_angle);
+            let t16 = sin_angle / t15;
+            let t17 = cos_angle / t15;
+            let angle_2 = q * t15;
+            let (t19, t20) = math::sin_cos(angle_2);
+            let t21 = t5 - radius * cos_angle;
+            let t22 = t7 - radius * sin_angle;
             let t25 = t17 * t22 - t16 * t21;
             let t35 = t20 - 1.0;
             let rod_x = t19 * (t9 * t17) + x - t5 - (t21 + t16 * t25) * t35;
@@ -549,21 +547,21 @@ pub mod full {
             let y = prepared[1][lane];
             let z = prepared[2][lane];
             let q = prepared[3][lane];
-            let &[length, radius, angle_b, upper_b,
-                zero_b] = parameters else { panic!("`parameters` must hold 5 numbers") };
-            let (sin_zero_b, cos_zero_b) = math::sin_cos(zero_b);
-            let t3 = radius + upper_b * cos_zero_b;
-            let (sin_angle_b, cos_angle_b) = math::sin_cos(angle_b);
-            let t5 = t3 * cos_angle_b;
-            let t7 = t3 * sin_angle_b;
-            let t9 = upper_b * sin_zero_b;
-            let t15 = math::sqrt(sin_angle_b * sin_angle_b + cos_angle_b * cos_angle_b);
-            let t16 = sin_angle_b / t15;
-            let t17 = cos_angle_b / t15;
-            let angle = q * t15;
-            let (t19, t20) = math::sin_cos(angle);
-            let t21 = t5 - radius * cos_angle_b;
-            let t22 = t7 - radius * sin_angle_b;
+            let &[length, radius, angle, upper,
+                zero] = parameters else { panic!("`parameters` must hold 5 numbers") };
+            let (sin_zero, cos_zero) = math::sin_cos(zero);
+            let t3 = radius + upper * cos_zero;
+            let (sin_angle, cos_angle) = math::sin_cos(angle);
+            let t5 = t3 * cos_angle;
+            let t7 = t3 * sin_angle;
+            let t9 = upper * sin_zero;
+            let t15 = math::sqrt(sin_angle * sin_angle + cos_angle * cos_angle);
+            let t16 = sin_angle / t15;
+            let t17 = cos_angle / t15;
+            let angle_2 = q * t15;
+            let (t19, t20) = math::sin_cos(angle_2);
+            let t21 = t5 - radius * cos_angle;
+            let t22 = t7 - radius * sin_angle;
             let t25 = t17 * t22 - t16 * t21;
             let t28 = t21 + t16 * t25;
             let t29 = t22 - t17 * t25;
@@ -596,151 +594,16 @@ pub mod full {
                 * (t19 * (t29 * t61 - t9 * t60 + t28 * t62)
                 + t20 * (t34 * t60 + t31 * t61 + t30 * t62)) + t17 * t115
                 + t16 * t117) / (t15 * 2.0);
-            let t122 = cos_angle_b * t121;
-            let t123 = sin_angle_b * t121;
-            let t138 = sin_angle_b * t109 + cos_angle_b * t110;
+            let t122 = cos_angle * t121;
+            let t123 = sin_angle * t121;
+            let t138 = sin_angle * t109 + cos_angle * t110;
             residuals[0][lane] = residual;
             jacobian[0][lane] = length * 2.0;
-            jacobian[1][lane] = t138 - sin_angle_b * t101 - cos_angle_b * t108;
-            jacobian[2][lane] = cos_angle_b * (t117 - t123 - t123 - radius * t101 + t3 * t109)
-                - sin_angle_b * (t115 - t122 - t122 - radius * t108 + t3 * t110);
-            jacobian[3][lane] = cos_zero_b * t138 - sin_zero_b * t89;
-            jacobian[4][lane] = -(upper_b * (cos_zero_b * t89 + sin_zero_b * t138));
-        }
-    }
-    /// `L² − ‖T − C(q)‖², T the point`
-    ///
-    /// Data: `q`, `x`, `y`, `z`.
-    ///
-    /// Parameters: `length`, `radius`, `angle_c`, `upper_c`, `zero_c`.
-    ///
-    /// Once per sample: 0 operations.
-    /// Residuals: 57 operations (21 additions, 27 multiplications, 2 divisions, 7 functions).
-    /// With the Jacobian: 153 operations (58 additions, 82 multiplications, 5 divisions, 1 negation, 7 functions).
-    #[derive(Debug, Clone, Copy)]
-    pub struct ClosureRodsC;
-    impl Formulas for ClosureRodsC {
-        const SHAPE: Shape = Shape {
-            data: 4,
-            prepared: 4,
-            parameters: 5,
-            residuals: 1,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 5],
-            columns: &[0, 1, 2, 3, 4],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[q, x, y, z] = data else { panic!("`data` must hold 4 numbers") };
-            prepared[0][lane] = x;
-            prepared[1][lane] = y;
-            prepared[2][lane] = z;
-            prepared[3][lane] = q;
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let x = prepared[0][lane];
-            let y = prepared[1][lane];
-            let z = prepared[2][lane];
-            let q = prepared[3][lane];
-            let &[length, radius, angle_c, upper_c,
-                zero_c] = parameters else { panic!("`parameters` must hold 5 numbers") };
-            let (sin_zero_c, cos_zero_c) = math::sin_cos(zero_c);
-            let t3 = radius + upper_c * cos_zero_c;
-            let (sin_angle_c, cos_angle_c) = math::sin_cos(angle_c);
-            let t5 = t3 * cos_angle_c;
-            let t7 = t3 * sin_angle_c;
-            let t9 = upper_c * sin_zero_c;
-            let t15 = math::sqrt(sin_angle_c * sin_angle_c + cos_angle_c * cos_angle_c);
-            let t16 = sin_angle_c / t15;
-            let t17 = cos_angle_c / t15;
-            let angle = q * t15;
-            let (t19, t20) = math::sin_cos(angle);
-            let t21 = t5 - radius * cos_angle_c;
-            let t22 = t7 - radius * sin_angle_c;
-            let t25 = t17 * t22 - t16 * t21;
-            let t35 = t20 - 1.0;
-            let rod_x = t19 * (t9 * t17) + x - t5 - (t21 + t16 * t25) * t35;
-            let rod_y = t19 * (t9 * t16) + y - t7 - (t22 - t17 * t25) * t35;
-            let rod_z = t19 * (t16 * t22 + t17 * t21) + t9 * t35 + z + t9;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let x = prepared[0][lane];
-            let y = prepared[1][lane];
-            let z = prepared[2][lane];
-            let q = prepared[3][lane];
-            let &[length, radius, angle_c, upper_c,
-                zero_c] = parameters else { panic!("`parameters` must hold 5 numbers") };
-            let (sin_zero_c, cos_zero_c) = math::sin_cos(zero_c);
-            let t3 = radius + upper_c * cos_zero_c;
-            let (sin_angle_c, cos_angle_c) = math::sin_cos(angle_c);
-            let t5 = t3 * cos_angle_c;
-            let t7 = t3 * sin_angle_c;
-            let t9 = upper_c * sin_zero_c;
-            let t15 = math::sqrt(sin_angle_c * sin_angle_c + cos_angle_c * cos_angle_c);
-            let t16 = sin_angle_c / t15;
-            let t17 = cos_angle_c / t15;
-            let angle = q * t15;
-            let (t19, t20) = math::sin_cos(angle);
-            let t21 = t5 - radius * cos_angle_c;
-            let t22 = t7 - radius * sin_angle_c;
-            let t25 = t17 * t22 - t16 * t21;
-            let t28 = t21 + t16 * t25;
-            let t29 = t22 - t17 * t25;
-            let t30 = t9 * t17;
-            let t31 = t9 * t16;
-            let t34 = t16 * t22 + t17 * t21;
-            let t35 = t20 - 1.0;
-            let rod_x = t19 * t30 + x - t5 - t28 * t35;
-            let rod_y = t19 * t31 + y - t7 - t29 * t35;
-            let rod_z = t19 * t34 + t9 * t35 + z + t9;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            let t60 = 2.0 * rod_z;
-            let t61 = 2.0 * rod_y;
-            let t62 = 2.0 * rod_x;
-            let t64 = t19 * t60;
-            let t66 = t19 * t61;
-            let t68 = t19 * t62;
-            let t73 = t35 * t61;
-            let t75 = t35 * t62;
-            let t89 = t60 + t35 * t60 + t16 * t66 + t17 * t68;
-            let t94 = t16 * t75 - t17 * t73;
-            let t101 = t73 - t16 * t64 + t17 * t94;
-            let t108 = t75 - t17 * t64 - t16 * t94;
-            let t109 = t61 + t101;
-            let t110 = t62 + t108;
-            let t115 = (t22 * t94 - t21 * t64 - t9 * t68 - t25 * t73) / t15;
-            let t117 = (t25 * t75 - t22 * t64 - t9 * t66 - t21 * t94) / t15;
-            let t121 =
-                (q
-                * (t19 * (t29 * t61 - t9 * t60 + t28 * t62)
-                + t20 * (t34 * t60 + t31 * t61 + t30 * t62)) + t17 * t115
-                + t16 * t117) / (t15 * 2.0);
-            let t122 = cos_angle_c * t121;
-            let t123 = sin_angle_c * t121;
-            let t138 = sin_angle_c * t109 + cos_angle_c * t110;
-            residuals[0][lane] = residual;
-            jacobian[0][lane] = length * 2.0;
-            jacobian[1][lane] = t138 - sin_angle_c * t101 - cos_angle_c * t108;
-            jacobian[2][lane] = cos_angle_c * (t117 - t123 - t123 - radius * t101 + t3 * t109)
-                - sin_angle_c * (t115 - t122 - t122 - radius * t108 + t3 * t110);
-            jacobian[3][lane] = cos_zero_c * t138 - sin_zero_c * t89;
-            jacobian[4][lane] = -(upper_c * (cos_zero_c * t89 + sin_zero_c * t138));
+            jacobian[1][lane] = t138 - sin_angle * t101 - cos_angle * t108;
+            jacobian[2][lane] = cos_angle * (t117 - t123 - t123 - radius * t101 + t3 * t109)
+                - sin_angle * (t115 - t122 - t122 - radius * t108 + t3 * t110);
+            jacobian[3][lane] = cos_zero * t138 - sin_zero * t89;
+            jacobian[4][lane] = -(upper * (cos_zero * t89 + sin_zero * t138));
         }
     }
     /// `L² − ‖T − C(q)‖², T the point`
@@ -820,7 +683,7 @@ pub mod full {
     ///
     /// Data: none.
     ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `length`, `radius`, `angle_b`, `upper_b`, `zero_b`.
+    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `length`, `radius`, `angle`, `upper`, `zero`.
     ///
     /// Once per sample: 0 operations.
     /// Residuals: 57 operations (21 additions, 27 multiplications, 2 divisions, 7 functions).
@@ -848,21 +711,21 @@ pub mod full {
             parameters: &[f64],
             residuals: &mut [S],
         ) {
-            let &[x, y, z, _, _, _, _, q2, _, length, radius, angle_b, upper_b,
-                zero_b] = parameters else { panic!("`parameters` must hold 14 numbers") };
-            let (sin_zero_b, cos_zero_b) = math::sin_cos(zero_b);
-            let t3 = radius + upper_b * cos_zero_b;
-            let (sin_angle_b, cos_angle_b) = math::sin_cos(angle_b);
-            let t5 = t3 * cos_angle_b;
-            let t7 = t3 * sin_angle_b;
-            let t9 = upper_b * sin_zero_b;
-            let t15 = math::sqrt(sin_angle_b * sin_angle_b + cos_angle_b * cos_angle_b);
-            let t16 = sin_angle_b / t15;
-            let t17 = cos_angle_b / t15;
-            let angle = q2 * t15;
-            let (t19, t20) = math::sin_cos(angle);
-            let t21 = t5 - radius * cos_angle_b;
-            let t22 = t7 - radius * sin_angle_b;
+            let &[x, y, z, _, _, _, _, q2, _, length, radius, angle, upper,
+                zero] = parameters else { panic!("`parameters` must hold 14 numbers") };
+            let (sin_zero, cos_zero) = math::sin_cos(zero);
+            let t3 = radius + upper * cos_zero;
+            let (sin_angle, cos_angle) = math::sin_cos(angle);
+            let t5 = t3 * cos_angle;
+            let t7 = t3 * sin_angle;
+            let t9 = upper * sin_zero;
+            let t15 = math::sqrt(sin_angle * sin_angle + cos_angle * cos_angle);
+            let t16 = sin_angle / t15;
+            let t17 = cos_angle / t15;
+            let angle_2 = q2 * t15;
+            let (t19, t20) = math::sin_cos(angle_2);
+            let t21 = t5 - radius * cos_angle;
+            let t22 = t7 - radius * sin_angle;
             let t25 = t17 * t22 - t16 * t21;
             let t35 = t20 - 1.0;
             let rod_x = t19 * (t9 * t17) + x - t5 - (t21 + t16 * t25) * t35;
@@ -879,21 +742,21 @@ pub mod full {
             residuals: &mut [S],
             jacobian: &mut [S],
         ) {
-            let &[x, y, z, _, _, _, _, q2, _, length, radius, angle_b, upper_b,
-                zero_b] = parameters else { panic!("`parameters` must hold 14 numbers") };
-            let (sin_zero_b, cos_zero_b) = math::sin_cos(zero_b);
-            let t3 = radius + upper_b * cos_zero_b;
-            let (sin_angle_b, cos_angle_b) = math::sin_cos(angle_b);
-            let t5 = t3 * cos_angle_b;
-            let t7 = t3 * sin_angle_b;
-            let t9 = upper_b * sin_zero_b;
-            let t15 = math::sqrt(sin_angle_b * sin_angle_b + cos_angle_b * cos_angle_b);
-            let t16 = sin_angle_b / t15;
-            let t17 = cos_angle_b / t15;
-            let angle = q2 * t15;
-            let (t19, t20) = math::sin_cos(angle);
-            let t21 = t5 - radius * cos_angle_b;
-            let t22 = t7 - radius * sin_angle_b;
+            let &[x, y, z, _, _, _, _, q2, _, length, radius, angle, upper,
+                zero] = parameters else { panic!("`parameters` must hold 14 numbers") };
+            let (sin_zero, cos_zero) = math::sin_cos(zero);
+            let t3 = radius + upper * cos_zero;
+            let (sin_angle, cos_angle) = math::sin_cos(angle);
+            let t5 = t3 * cos_angle;
+            let t7 = t3 * sin_angle;
+            let t9 = upper * sin_zero;
+            let t15 = math::sqrt(sin_angle * sin_angle + cos_angle * cos_angle);
+            let t16 = sin_angle / t15;
+            let t17 = cos_angle / t15;
+            let angle_2 = q2 * t15;
+            let (t19, t20) = math::sin_cos(angle_2);
+            let t21 = t5 - radius * cos_angle;
+            let t22 = t7 - radius * sin_angle;
             let t25 = t17 * t22 - t16 * t21;
             let t28 = t21 + t16 * t25;
             let t29 = t22 - t17 * t25;
@@ -921,7 +784,7 @@ pub mod full {
     ///
     /// Data: none.
     ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `length`, `radius`, `angle_c`, `upper_c`, `zero_c`.
+    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `length`, `radius`, `angle`, `upper`, `zero`.
     ///
     /// Once per sample: 0 operations.
     /// Residuals: 57 operations (21 additions, 27 multiplications, 2 divisions, 7 functions).
@@ -949,21 +812,21 @@ pub mod full {
             parameters: &[f64],
             residuals: &mut [S],
         ) {
-            let &[x, y, z, _, _, _, _, _, q3, length, radius, angle_c, upper_c,
-                zero_c] = parameters else { panic!("`parameters` must hold 14 numbers") };
-            let (sin_zero_c, cos_zero_c) = math::sin_cos(zero_c);
-            let t3 = radius + upper_c * cos_zero_c;
-            let (sin_angle_c, cos_angle_c) = math::sin_cos(angle_c);
-            let t5 = t3 * cos_angle_c;
-            let t7 = t3 * sin_angle_c;
-            let t9 = upper_c * sin_zero_c;
-            let t15 = math::sqrt(sin_angle_c * sin_angle_c + cos_angle_c * cos_angle_c);
-            let t16 = sin_angle_c / t15;
-            let t17 = cos_angle_c / t15;
-            let angle = q3 * t15;
-            let (t19, t20) = math::sin_cos(angle);
-            let t21 = t5 - radius * cos_angle_c;
-            let t22 = t7 - radius * sin_angle_c;
+            let &[x, y, z, _, _, _, _, _, q3, length, radius, angle, upper,
+                zero] = parameters else { panic!("`parameters` must hold 14 numbers") };
+            let (sin_zero, cos_zero) = math::sin_cos(zero);
+            let t3 = radius + upper * cos_zero;
+            let (sin_angle, cos_angle) = math::sin_cos(angle);
+            let t5 = t3 * cos_angle;
+            let t7 = t3 * sin_angle;
+            let t9 = upper * sin_zero;
+            let t15 = math::sqrt(sin_angle * sin_angle + cos_angle * cos_angle);
+            let t16 = sin_angle / t15;
+            let t17 = cos_angle / t15;
+            let angle_2 = q3 * t15;
+            let (t19, t20) = math::sin_cos(angle_2);
+            let t21 = t5 - radius * cos_angle;
+            let t22 = t7 - radius * sin_angle;
             let t25 = t17 * t22 - t16 * t21;
             let t35 = t20 - 1.0;
             let rod_x = t19 * (t9 * t17) + x - t5 - (t21 + t16 * t25) * t35;
@@ -980,21 +843,21 @@ pub mod full {
             residuals: &mut [S],
             jacobian: &mut [S],
         ) {
-            let &[x, y, z, _, _, _, _, _, q3, length, radius, angle_c, upper_c,
-                zero_c] = parameters else { panic!("`parameters` must hold 14 numbers") };
-            let (sin_zero_c, cos_zero_c) = math::sin_cos(zero_c);
-            let t3 = radius + upper_c * cos_zero_c;
-            let (sin_angle_c, cos_angle_c) = math::sin_cos(angle_c);
-            let t5 = t3 * cos_angle_c;
-            let t7 = t3 * sin_angle_c;
-            let t9 = upper_c * sin_zero_c;
-            let t15 = math::sqrt(sin_angle_c * sin_angle_c + cos_angle_c * cos_angle_c);
-            let t16 = sin_angle_c / t15;
-            let t17 = cos_angle_c / t15;
-            let angle = q3 * t15;
-            let (t19, t20) = math::sin_cos(angle);
-            let t21 = t5 - radius * cos_angle_c;
-            let t22 = t7 - radius * sin_angle_c;
+            let &[x, y, z, _, _, _, _, _, q3, length, radius, angle, upper,
+                zero] = parameters else { panic!("`parameters` must hold 14 numbers") };
+            let (sin_zero, cos_zero) = math::sin_cos(zero);
+            let t3 = radius + upper * cos_zero;
+            let (sin_angle, cos_angle) = math::sin_cos(angle);
+            let t5 = t3 * cos_angle;
+            let t7 = t3 * sin_angle;
+            let t9 = upper * sin_zero;
+            let t15 = math::sqrt(sin_angle * sin_angle + cos_angle * cos_angle);
+            let t16 = sin_angle / t15;
+            let t17 = cos_angle / t15;
+            let angle_2 = q3 * t15;
+            let (t19, t20) = math::sin_cos(angle_2);
+            let t21 = t5 - radius * cos_angle;
+            let t22 = t7 - radius * sin_angle;
             let t25 = t17 * t22 - t16 * t21;
             let t28 = t21 + t16 * t25;
             let t29 = t22 - t17 * t25;
@@ -1180,7 +1043,7 @@ pub mod basic {
             Instance {
                 kind: ResidualKind::Closure,
                 of: 2,
-                family: &ClosureRodsC,
+                family: &ClosureRodsB,
                 parameters: &[3, 11],
                 inputs: &[
                     Input::Command(2), Input::Position(0), Input::Position(1), Input::Position(2),
@@ -1353,9 +1216,9 @@ pub mod basic {
     }
     /// `L² − ‖T − C(q)‖², T the point`
     ///
-    /// Data: `q`, `x`, `y`, `z`, `length`, `angle_b`, `upper_b`.
+    /// Data: `q`, `x`, `y`, `z`, `length`, `angle`, `upper`.
     ///
-    /// Parameters: `radius`, `zero_b`.
+    /// Parameters: `radius`, `zero`.
     ///
     /// Once per sample: 16 operations (2 additions, 6 multiplications, 2 divisions, 1 negation, 5 functions).
     /// Residuals: 42 operations (19 additions, 21 multiplications, 2 functions).
@@ -1375,23 +1238,23 @@ pub mod basic {
         };
         #[inline(always)]
         fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[q, x, y, z, length, angle_b,
-                upper_b] = data else { panic!("`data` must hold 7 numbers") };
-            let (prepared_5, prepared_4) = math::sin_cos(angle_b);
+            let &[q, x, y, z, length, angle,
+                upper] = data else { panic!("`data` must hold 7 numbers") };
+            let (prepared_5, prepared_4) = math::sin_cos(angle);
             let t6 = math::sqrt(prepared_5 * prepared_5 + prepared_4 * prepared_4);
             let prepared_6 = prepared_5 / t6;
             let prepared_7 = prepared_4 / t6;
-            let angle = q * t6;
-            let (prepared_8, t11) = math::sin_cos(angle);
+            let angle_2 = q * t6;
+            let (prepared_8, t11) = math::sin_cos(angle_2);
             let prepared_9 = t11 - 1.0;
             let prepared_10 = length * length;
             let prepared_11 = prepared_7 * prepared_8;
             let prepared_12 = prepared_6 * prepared_8;
-            let upper_b_2 = -upper_b;
+            let upper_2 = -upper;
             prepared[0][lane] = x;
             prepared[1][lane] = y;
             prepared[2][lane] = z;
-            prepared[3][lane] = upper_b_2;
+            prepared[3][lane] = upper_2;
             prepared[4][lane] = prepared_4;
             prepared[5][lane] = prepared_5;
             prepared[6][lane] = prepared_6;
@@ -1412,7 +1275,7 @@ pub mod basic {
             let x = prepared[0][lane];
             let y = prepared[1][lane];
             let z = prepared[2][lane];
-            let upper_b = prepared[3][lane];
+            let upper = prepared[3][lane];
             let prepared_4 = prepared[4][lane];
             let prepared_5 = prepared[5][lane];
             let prepared_6 = prepared[6][lane];
@@ -1422,12 +1285,12 @@ pub mod basic {
             let prepared_10 = prepared[10][lane];
             let prepared_11 = prepared[11][lane];
             let prepared_12 = prepared[12][lane];
-            let &[radius, zero_b] = parameters else { panic!("`parameters` must hold 2 numbers") };
-            let (sin_zero_b, cos_zero_b) = math::sin_cos(zero_b);
-            let t3 = radius - upper_b * cos_zero_b;
+            let &[radius, zero] = parameters else { panic!("`parameters` must hold 2 numbers") };
+            let (sin_zero, cos_zero) = math::sin_cos(zero);
+            let t3 = radius - upper * cos_zero;
             let t4 = t3 * prepared_4;
             let t5 = t3 * prepared_5;
-            let t7 = upper_b * sin_zero_b;
+            let t7 = upper * sin_zero;
             let t10 = t4 - radius * prepared_4;
             let t11 = t5 - radius * prepared_5;
             let t14 = prepared_7 * t11 - prepared_6 * t10;
@@ -1449,7 +1312,7 @@ pub mod basic {
             let x = prepared[0][lane];
             let y = prepared[1][lane];
             let z = prepared[2][lane];
-            let upper_b = prepared[3][lane];
+            let upper = prepared[3][lane];
             let prepared_4 = prepared[4][lane];
             let prepared_5 = prepared[5][lane];
             let prepared_6 = prepared[6][lane];
@@ -1459,12 +1322,12 @@ pub mod basic {
             let prepared_10 = prepared[10][lane];
             let prepared_11 = prepared[11][lane];
             let prepared_12 = prepared[12][lane];
-            let &[radius, zero_b] = parameters else { panic!("`parameters` must hold 2 numbers") };
-            let (sin_zero_b, cos_zero_b) = math::sin_cos(zero_b);
-            let t3 = radius - upper_b * cos_zero_b;
+            let &[radius, zero] = parameters else { panic!("`parameters` must hold 2 numbers") };
+            let (sin_zero, cos_zero) = math::sin_cos(zero);
+            let t3 = radius - upper * cos_zero;
             let t4 = t3 * prepared_4;
             let t5 = t3 * prepared_5;
-            let t7 = upper_b * sin_zero_b;
+            let t7 = upper * sin_zero;
             let t10 = t4 - radius * prepared_4;
             let t11 = t5 - radius * prepared_5;
             let t14 = prepared_7 * t11 - prepared_6 * t10;
@@ -1485,150 +1348,10 @@ pub mod basic {
             let t73 = prepared_5 * (t44 + t63) + prepared_4 * (t45 + t66);
             residuals[0][lane] = residual;
             jacobian[0][lane] = t73 - prepared_5 * t63 - prepared_4 * t66;
-            jacobian[1][lane] = upper_b
-                * (cos_zero_b
+            jacobian[1][lane] = upper
+                * (cos_zero
                 * (t43 + prepared_9 * t43 + prepared_8 * (prepared_6 * t44 + prepared_7 * t45))
-                + sin_zero_b * t73);
-        }
-    }
-    /// `L² − ‖T − C(q)‖², T the point`
-    ///
-    /// Data: `q`, `x`, `y`, `z`, `length`, `angle_c`, `upper_c`.
-    ///
-    /// Parameters: `radius`, `zero_c`.
-    ///
-    /// Once per sample: 16 operations (2 additions, 6 multiplications, 2 divisions, 1 negation, 5 functions).
-    /// Residuals: 42 operations (19 additions, 21 multiplications, 2 functions).
-    /// With the Jacobian: 79 operations (33 additions, 44 multiplications, 2 functions).
-    #[derive(Debug, Clone, Copy)]
-    pub struct ClosureRodsC;
-    impl Formulas for ClosureRodsC {
-        const SHAPE: Shape = Shape {
-            data: 7,
-            prepared: 13,
-            parameters: 2,
-            residuals: 1,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 2],
-            columns: &[0, 1],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[q, x, y, z, length, angle_c,
-                upper_c] = data else { panic!("`data` must hold 7 numbers") };
-            let (prepared_5, prepared_4) = math::sin_cos(angle_c);
-            let t6 = math::sqrt(prepared_5 * prepared_5 + prepared_4 * prepared_4);
-            let prepared_6 = prepared_5 / t6;
-            let prepared_7 = prepared_4 / t6;
-            let angle = q * t6;
-            let (prepared_8, t11) = math::sin_cos(angle);
-            let prepared_9 = t11 - 1.0;
-            let prepared_10 = length * length;
-            let prepared_11 = prepared_7 * prepared_8;
-            let prepared_12 = prepared_6 * prepared_8;
-            let upper_c_2 = -upper_c;
-            prepared[0][lane] = x;
-            prepared[1][lane] = y;
-            prepared[2][lane] = z;
-            prepared[3][lane] = upper_c_2;
-            prepared[4][lane] = prepared_4;
-            prepared[5][lane] = prepared_5;
-            prepared[6][lane] = prepared_6;
-            prepared[7][lane] = prepared_7;
-            prepared[8][lane] = prepared_8;
-            prepared[9][lane] = prepared_9;
-            prepared[10][lane] = prepared_10;
-            prepared[11][lane] = prepared_11;
-            prepared[12][lane] = prepared_12;
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let x = prepared[0][lane];
-            let y = prepared[1][lane];
-            let z = prepared[2][lane];
-            let upper_c = prepared[3][lane];
-            let prepared_4 = prepared[4][lane];
-            let prepared_5 = prepared[5][lane];
-            let prepared_6 = prepared[6][lane];
-            let prepared_7 = prepared[7][lane];
-            let prepared_8 = prepared[8][lane];
-            let prepared_9 = prepared[9][lane];
-            let prepared_10 = prepared[10][lane];
-            let prepared_11 = prepared[11][lane];
-            let prepared_12 = prepared[12][lane];
-            let &[radius, zero_c] = parameters else { panic!("`parameters` must hold 2 numbers") };
-            let (sin_zero_c, cos_zero_c) = math::sin_cos(zero_c);
-            let t3 = radius - upper_c * cos_zero_c;
-            let t4 = t3 * prepared_4;
-            let t5 = t3 * prepared_5;
-            let t7 = upper_c * sin_zero_c;
-            let t10 = t4 - radius * prepared_4;
-            let t11 = t5 - radius * prepared_5;
-            let t14 = prepared_7 * t11 - prepared_6 * t10;
-            let rod_x = x - t7 * prepared_11 - t4 - (t10 + prepared_6 * t14) * prepared_9;
-            let rod_y = y - t7 * prepared_12 - t5 - (t11 - prepared_7 * t14) * prepared_9;
-            let rod_z = prepared_8 * (prepared_6 * t11 + prepared_7 * t10) - t7 * prepared_9 + z
-                - t7;
-            let residual = prepared_10 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let x = prepared[0][lane];
-            let y = prepared[1][lane];
-            let z = prepared[2][lane];
-            let upper_c = prepared[3][lane];
-            let prepared_4 = prepared[4][lane];
-            let prepared_5 = prepared[5][lane];
-            let prepared_6 = prepared[6][lane];
-            let prepared_7 = prepared[7][lane];
-            let prepared_8 = prepared[8][lane];
-            let prepared_9 = prepared[9][lane];
-            let prepared_10 = prepared[10][lane];
-            let prepared_11 = prepared[11][lane];
-            let prepared_12 = prepared[12][lane];
-            let &[radius, zero_c] = parameters else { panic!("`parameters` must hold 2 numbers") };
-            let (sin_zero_c, cos_zero_c) = math::sin_cos(zero_c);
-            let t3 = radius - upper_c * cos_zero_c;
-            let t4 = t3 * prepared_4;
-            let t5 = t3 * prepared_5;
-            let t7 = upper_c * sin_zero_c;
-            let t10 = t4 - radius * prepared_4;
-            let t11 = t5 - radius * prepared_5;
-            let t14 = prepared_7 * t11 - prepared_6 * t10;
-            let rod_x = x - t7 * prepared_11 - t4 - (t10 + prepared_6 * t14) * prepared_9;
-            let rod_y = y - t7 * prepared_12 - t5 - (t11 - prepared_7 * t14) * prepared_9;
-            let rod_z = prepared_8 * (prepared_6 * t11 + prepared_7 * t10) - t7 * prepared_9 + z
-                - t7;
-            let residual = prepared_10 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            let t43 = 2.0 * rod_z;
-            let t44 = 2.0 * rod_y;
-            let t45 = 2.0 * rod_x;
-            let t46 = prepared_8 * t43;
-            let t48 = prepared_9 * t44;
-            let t49 = prepared_9 * t45;
-            let t60 = prepared_6 * t49 - prepared_7 * t48;
-            let t63 = t48 - prepared_6 * t46 + prepared_7 * t60;
-            let t66 = t49 - prepared_7 * t46 - prepared_6 * t60;
-            let t73 = prepared_5 * (t44 + t63) + prepared_4 * (t45 + t66);
-            residuals[0][lane] = residual;
-            jacobian[0][lane] = t73 - prepared_5 * t63 - prepared_4 * t66;
-            jacobian[1][lane] = upper_c
-                * (cos_zero_c
-                * (t43 + prepared_9 * t43 + prepared_8 * (prepared_6 * t44 + prepared_7 * t45))
-                + sin_zero_c * t73);
+                + sin_zero * t73);
         }
     }
     /// `L² − ‖T − C(q)‖², T the point`
@@ -1714,9 +1437,9 @@ pub mod basic {
     }
     /// `L² − ‖T − C(q)‖², T the point`
     ///
-    /// Data: `length`, `angle_b`, `upper_b`.
+    /// Data: `length`, `angle`, `upper`.
     ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `radius`, `zero_b`.
+    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `radius`, `zero`.
     ///
     /// Once per sample: 9 operations (1 addition, 3 multiplications, 2 divisions, 3 functions).
     /// Residuals: 48 operations (20 additions, 24 multiplications, 4 functions).
@@ -1736,13 +1459,13 @@ pub mod basic {
         };
         #[inline(always)]
         fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[length, angle_b, upper_b] = data else { panic!("`data` must hold 3 numbers") };
-            let (prepared_2, prepared_1) = math::sin_cos(angle_b);
+            let &[length, angle, upper] = data else { panic!("`data` must hold 3 numbers") };
+            let (prepared_2, prepared_1) = math::sin_cos(angle);
             let prepared_3 = math::sqrt(prepared_2 * prepared_2 + prepared_1 * prepared_1);
             let prepared_4 = prepared_2 / prepared_3;
             let prepared_5 = prepared_1 / prepared_3;
             let prepared_6 = length * length;
-            prepared[0][lane] = upper_b;
+            prepared[0][lane] = upper;
             prepared[1][lane] = prepared_1;
             prepared[2][lane] = prepared_2;
             prepared[3][lane] = prepared_3;
@@ -1757,7 +1480,7 @@ pub mod basic {
             parameters: &[f64],
             residuals: &mut [S],
         ) {
-            let upper_b = prepared[0][lane];
+            let upper = prepared[0][lane];
             let prepared_1 = prepared[1][lane];
             let prepared_2 = prepared[2][lane];
             let prepared_3 = prepared[3][lane];
@@ -1765,12 +1488,12 @@ pub mod basic {
             let prepared_5 = prepared[5][lane];
             let prepared_6 = prepared[6][lane];
             let &[x, y, z, _, _, _, _, q2, _, radius,
-                zero_b] = parameters else { panic!("`parameters` must hold 11 numbers") };
-            let (sin_zero_b, cos_zero_b) = math::sin_cos(zero_b);
-            let t3 = radius + upper_b * cos_zero_b;
+                zero] = parameters else { panic!("`parameters` must hold 11 numbers") };
+            let (sin_zero, cos_zero) = math::sin_cos(zero);
+            let t3 = radius + upper * cos_zero;
             let t4 = t3 * prepared_1;
             let t5 = t3 * prepared_2;
-            let t7 = upper_b * sin_zero_b;
+            let t7 = upper * sin_zero;
             let angle = q2 * prepared_3;
             let (t11, t12) = math::sin_cos(angle);
             let t13 = t4 - radius * prepared_1;
@@ -1791,7 +1514,7 @@ pub mod basic {
             residuals: &mut [S],
             jacobian: &mut [S],
         ) {
-            let upper_b = prepared[0][lane];
+            let upper = prepared[0][lane];
             let prepared_1 = prepared[1][lane];
             let prepared_2 = prepared[2][lane];
             let prepared_3 = prepared[3][lane];
@@ -1799,12 +1522,12 @@ pub mod basic {
             let prepared_5 = prepared[5][lane];
             let prepared_6 = prepared[6][lane];
             let &[x, y, z, _, _, _, _, q2, _, radius,
-                zero_b] = parameters else { panic!("`parameters` must hold 11 numbers") };
-            let (sin_zero_b, cos_zero_b) = math::sin_cos(zero_b);
-            let t3 = radius + upper_b * cos_zero_b;
+                zero] = parameters else { panic!("`parameters` must hold 11 numbers") };
+            let (sin_zero, cos_zero) = math::sin_cos(zero);
+            let t3 = radius + upper * cos_zero;
             let t4 = t3 * prepared_1;
             let t5 = t3 * prepared_2;
-            let t7 = upper_b * sin_zero_b;
+            let t7 = upper * sin_zero;
             let angle = q2 * prepared_3;
             let (t11, t12) = math::sin_cos(angle);
             let t13 = t4 - radius * prepared_1;
@@ -1834,9 +1557,9 @@ pub mod basic {
     }
     /// `L² − ‖T − C(q)‖², T the point`
     ///
-    /// Data: `length`, `angle_c`, `upper_c`.
+    /// Data: `length`, `angle`, `upper`.
     ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `radius`, `zero_c`.
+    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `radius`, `zero`.
     ///
     /// Once per sample: 9 operations (1 addition, 3 multiplications, 2 divisions, 3 functions).
     /// Residuals: 48 operations (20 additions, 24 multiplications, 4 functions).
@@ -1856,13 +1579,13 @@ pub mod basic {
         };
         #[inline(always)]
         fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[length, angle_c, upper_c] = data else { panic!("`data` must hold 3 numbers") };
-            let (prepared_2, prepared_1) = math::sin_cos(angle_c);
+            let &[length, angle, upper] = data else { panic!("`data` must hold 3 numbers") };
+            let (prepared_2, prepared_1) = math::sin_cos(angle);
             let prepared_3 = math::sqrt(prepared_2 * prepared_2 + prepared_1 * prepared_1);
             let prepared_4 = prepared_2 / prepared_3;
             let prepared_5 = prepared_1 / prepared_3;
             let prepared_6 = length * length;
-            prepared[0][lane] = upper_c;
+            prepared[0][lane] = upper;
             prepared[1][lane] = prepared_1;
             prepared[2][lane] = prepared_2;
             prepared[3][lane] = prepared_3;
@@ -1877,7 +1600,7 @@ pub mod basic {
             parameters: &[f64],
             residuals: &mut [S],
         ) {
-            let upper_c = prepared[0][lane];
+            let upper = prepared[0][lane];
             let prepared_1 = prepared[1][lane];
             let prepared_2 = prepared[2][lane];
             let prepared_3 = prepared[3][lane];
@@ -1885,12 +1608,12 @@ pub mod basic {
             let prepared_5 = prepared[5][lane];
             let prepared_6 = prepared[6][lane];
             let &[x, y, z, _, _, _, _, _, q3, radius,
-                zero_c] = parameters else { panic!("`parameters` must hold 11 numbers") };
-            let (sin_zero_c, cos_zero_c) = math::sin_cos(zero_c);
-            let t3 = radius + upper_c * cos_zero_c;
+                zero] = parameters else { panic!("`parameters` must hold 11 numbers") };
+            let (sin_zero, cos_zero) = math::sin_cos(zero);
+            let t3 = radius + upper * cos_zero;
             let t4 = t3 * prepared_1;
             let t5 = t3 * prepared_2;
-            let t7 = upper_c * sin_zero_c;
+            let t7 = upper * sin_zero;
             let angle = q3 * prepared_3;
             let (t11, t12) = math::sin_cos(angle);
             let t13 = t4 - radius * prepared_1;
@@ -1911,7 +1634,7 @@ pub mod basic {
             residuals: &mut [S],
             jacobian: &mut [S],
         ) {
-            let upper_c = prepared[0][lane];
+            let upper = prepared[0][lane];
             let prepared_1 = prepared[1][lane];
             let prepared_2 = prepared[2][lane];
             let prepared_3 = prepared[3][lane];
@@ -1919,12 +1642,12 @@ pub mod basic {
             let prepared_5 = prepared[5][lane];
             let prepared_6 = prepared[6][lane];
             let &[x, y, z, _, _, _, _, _, q3, radius,
-                zero_c] = parameters else { panic!("`parameters` must hold 11 numbers") };
-            let (sin_zero_c, cos_zero_c) = math::sin_cos(zero_c);
-            let t3 = radius + upper_c * cos_zero_c;
+                zero] = parameters else { panic!("`parameters` must hold 11 numbers") };
+            let (sin_zero, cos_zero) = math::sin_cos(zero);
+            let t3 = radius + upper * cos_zero;
             let t4 = t3 * prepared_1;
             let t5 = t3 * prepared_2;
-            let t7 = upper_c * sin_zero_c;
+            let t7 = upper * sin_zero;
             let angle = q3 * prepared_3;
             let (t11, t12) = math::sin_cos(angle);
             let t13 = t4 - radius * prepared_1;
