@@ -274,6 +274,7 @@ fn a_way_that_is_blocked_is_an_error() {
     // Below the base the platform hangs as well; the reference says which it is.
     file.reference = Some(Reference {
         commands_m: vec![0.0; 6],
+        has_angles: false,
         position_m: [0.0, 0.0, -0.8],
         orientation_rad: [0.0; 3],
     });

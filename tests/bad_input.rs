@@ -79,7 +79,7 @@ fn pair() -> Robot {
         clusters: vec![cluster("arm1", 0), cluster("arm2", 1)],
         links: vec![link("left", 0), link("right", 1)],
         commands: 2,
-        variants: Vec::new(),
+        ..Robot::default()
     }
 }
 

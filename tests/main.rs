@@ -22,6 +22,7 @@ mod generated_discovery;
 mod hand_written;
 mod kinematics;
 mod layout;
+mod machines;
 mod mutations;
 mod reference;
 mod robot_files;

@@ -132,14 +132,74 @@ impl Reference<'_> {
         }
     }
 
+    /// The formula of a link's value, if it is one.
+    fn derived(&self, owner: Owner, value: model::Value) -> Option<&Formula> {
+        match owner {
+            Owner::Link(link) => self.model.links[link].defaults.formula(value),
+            _ => None,
+        }
+    }
+
+    fn of_link(&self, owner: Owner) -> Scope {
+        let link = match owner {
+            Owner::Link(link) => Some(link),
+            _ => None,
+        };
+        Scope {
+            effect: usize::MAX,
+            command: link.and_then(|link| self.model.links[link].actuated_by),
+            track: None,
+            source: None,
+            link,
+            length_of: Some(owner),
+            set_one: true,
+        }
+    }
+
+    fn length(&self, owner: Owner) -> Dual64 {
+        match self.derived(owner, model::Value::Length) {
+            Some(formula) => self.formula(formula, self.of_link(owner)),
+            None => self.parameter(owner, "length", None),
+        }
+    }
+
+    fn value(&self, owner: Owner, value: model::Value) -> V {
+        match self.derived(owner, value) {
+            Some(Formula::Vector(parts)) => {
+                [0, 1, 2].map(|k| self.formula(&parts[k], self.of_link(owner)))
+            }
+            Some(other) => panic!("{other:?} is no vector"),
+            None => self.vector(owner, value.name()),
+        }
+    }
+
+    fn crank(&self, track: usize, value: model::CrankValue) -> V {
+        let crank = self.model.tracks[track].crank.as_ref().unwrap();
+        match crank.formula(value) {
+            Some(Formula::Vector(parts)) => {
+                let nowhere = Scope {
+                    command: None,
+                    length_of: None,
+                    ..self.of_link(Owner::Robot)
+                };
+                [0, 1, 2].map(|k| self.formula(&parts[k], nowhere))
+            }
+            Some(other) => panic!("{other:?} is no vector"),
+            None => self.vector(Owner::Crank(track), value.name()),
+        }
+    }
+
     fn joint(&self, owner: Owner, track: usize) -> Joint {
         let shared = self.variant.arm == Arm::Full && !self.variant.tracks[track].per_link;
         let path = if shared { Owner::Track(track) } else { owner };
-        let offset = self.vector(owner, "track_offset");
+        let offset = self.value(owner, model::Value::TrackOffset);
         let q = self.datum(Input::Command(track));
         let (travel, direction) = match self.variant.tracks[track].shape {
             TrackShape::Linear => {
-                let direction = self.vector(path, "track_direction");
+                let direction = match self.derived(owner, model::Value::TrackDirection) {
+                    Some(_) => self.value(owner, model::Value::TrackDirection),
+                    None => self.vector(path, "track_direction"),
+                };
                 (direction.map(|v| v * q), direction)
             }
             TrackShape::Piecewise => {
@@ -159,6 +219,20 @@ impl Reference<'_> {
                 let rotation = product(&product(&about_z(c), &about_y(b)), &about_x(a));
                 (apply(&rotation, point), apply(&rotation, slope))
             }
+            // By the exponential of the axis' cross product matrix: I + sin S + (1 − cos) S².
+            TrackShape::Crank => {
+                let axis = self.crank(track, model::CrankValue::Axis);
+                let angle = dot(axis, axis).sqrt() * q;
+                let unit = unit(axis);
+                let arm = minus(offset, self.crank(track, model::CrankValue::Centre));
+                let once = cross(unit, arm);
+                let twice = cross(unit, once);
+                let (sine, cosine) = (angle.sin(), angle.cos());
+                let travel =
+                    [0, 1, 2].map(|k| once[k] * sine + twice[k] * (Dual64::from(1.0) - cosine));
+                let direction = [0, 1, 2].map(|k| once[k] * cosine + twice[k] * sine);
+                (travel, direction)
+            }
         };
         Joint {
             offset,
@@ -176,7 +250,7 @@ impl Reference<'_> {
                     track: place,
                     source,
                 } if place == track => source,
-                Place::AllCarts => None,
+                Place::AllCarts if self.model.tracks[track].crank.is_none() => None,
                 _ => continue,
             };
             let scope = Scope {
@@ -216,10 +290,11 @@ impl Reference<'_> {
         } else {
             None
         };
-        let mut length = self.parameter(owner, "length", None);
+        let mut length = self.length(owner);
         let mut tcp = [0, 1, 2].map(|i| self.datum(Input::Position(i)));
-        let mut joint = if full {
-            self.vector(owner, "plate_joint")
+        let plate = self.model.plate;
+        let mut joint = if full && !plate.is_point() {
+            self.value(owner, model::Value::PlateJoint)
         } else {
             [Dual64::from(0.0); 3]
         };
@@ -263,11 +338,13 @@ impl Reference<'_> {
                 }
             }
         }
-        if let Some(command) = actuated {
+        if let Some(command) = actuated
+            && self.derived(owner, model::Value::Length).is_none()
+        {
             length += self.datum(Input::Command(command));
         }
         let base = match track {
-            None => self.vector(owner, "track_offset"),
+            None => self.value(owner, model::Value::TrackOffset),
             Some(track) => {
                 let path = self.joint(owner, track);
                 let mut base = plus(path.offset, path.travel);
@@ -277,7 +354,7 @@ impl Reference<'_> {
                     let offsets: Vec<V> = self
                         .joints(track)
                         .into_iter()
-                        .map(|joint| self.vector(joint, "track_offset"))
+                        .map(|joint| self.value(joint, model::Value::TrackOffset))
                         .collect();
                     let arm = minus(path.offset, mean(&offsets));
                     base = plus(
@@ -291,11 +368,18 @@ impl Reference<'_> {
             }
         };
         let mut point = tcp;
-        if full {
-            let [alpha, beta, gamma] = [0, 1, 2].map(|i| self.datum(Input::Angle(i)));
+        if plate.is_in_plane() {
+            point[2] = Dual64::from(0.0);
+        }
+        if full && !plate.is_point() {
+            let [alpha, mut beta, gamma] = [0, 1, 2].map(|i| self.datum(Input::Angle(i)));
+            let mut turn = [0, 1, 2].map(|i| self.seed(0.0, By::Rotation(i)));
+            if plate.is_in_plane() {
+                beta = Dual64::from(0.0);
+                turn = [beta, beta, turn[2]];
+            }
             let rotation = product(&product(&about_z(alpha), &about_y(beta)), &about_z(gamma));
             let arm = apply(&rotation, joint);
-            let turn = [0, 1, 2].map(|i| self.seed(0.0, By::Rotation(i)));
             point = plus(point, plus(arm, cross(turn, arm)));
         }
         let rod = minus(point, base);
@@ -305,7 +389,7 @@ impl Reference<'_> {
     fn displaced(&self, track: usize) -> bool {
         self.described.effects.iter().any(|used| match used.place {
             Place::Cart { track: place, .. } => place == track,
-            Place::AllCarts => true,
+            Place::AllCarts => self.model.tracks[track].crank.is_none(),
             _ => false,
         })
     }
@@ -373,6 +457,19 @@ impl Reference<'_> {
                 let component = (parameter.components == 3).then_some(*component);
                 self.parameter(Owner::Effect(scope.effect), &parameter.name, component)
             }
+            Formula::OfRobot(index, component) => {
+                let parameter = &self.model.parameters[*index];
+                let component = (parameter.components == 3).then_some(*component);
+                self.parameter(Owner::Robot, &parameter.name, component)
+            }
+            Formula::OfLink(value, component) => {
+                let owner = scope.length_of.unwrap();
+                if *value == model::Value::Length {
+                    self.length(owner)
+                } else {
+                    self.value(owner, *value)[*component]
+                }
+            }
             Formula::Negate(a) => -of(a),
             Formula::Binary(operator, a, b) => match operator {
                 BinaryOperator::Add => of(a) + of(b),
@@ -430,7 +527,7 @@ impl Reference<'_> {
                     component: 2,
                 }),
                 Readable::Tension => self.datum(Input::Tension(scope.link.unwrap())),
-                Readable::Length => self.parameter(scope.length_of.unwrap(), "length", None),
+                Readable::Length => self.length(scope.length_of.unwrap()),
                 Readable::Position(i) if scope.set_one => self.datum(Input::Position(i)),
                 Readable::Position(i) => self.datum(Input::TcpPosition(i)),
             },

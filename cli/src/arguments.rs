@@ -37,7 +37,7 @@ A measurement folder holds CSV files with a header line, in SI units (m, rad, s,
   cart_positions.csv  set 3: positions of the carts at random poses (optional)
   robot.toml          nominal parameters with tolerances, noise, loads
 
-A robot is described in a .tau file; the Gantry-Tau is built in.
+A robot is described in a .tau file; `tau robots` lists those that are built in.
 
 Exit codes: 0 done, 1 failed to converge or check failed, 2 bad input or usage."
 )]
@@ -58,6 +58,8 @@ pub(super) enum Command {
     Sensitivity(Sensitivity),
     Discover(Discover),
     Init(Init),
+    /// List the standard robots, which `--model NAME` takes
+    Robots,
     Simulate(Simulate),
     Generate(Generate),
     #[command(subcommand)]

@@ -17,6 +17,7 @@ mod kinematics;
 mod numbers;
 mod progress;
 mod resolve;
+mod robots;
 mod sensitivity;
 mod simulate;
 mod stamp;
@@ -182,6 +183,7 @@ impl Console<'_> {
             Command::Sensitivity(arguments) => sensitivity::run(arguments, self),
             Command::Discover(arguments) => discover::run(arguments, self),
             Command::Init(arguments) => init::run(arguments),
+            Command::Robots => robots::run(),
             Command::Simulate(arguments) => simulate::run(arguments),
             Command::Generate(arguments) => generate::run(arguments),
             Command::Kinematics(Kinematics::Forward(arguments)) => kinematics::forward(arguments),

@@ -55,9 +55,16 @@ pub(super) fn files(folder: Option<&Path>, robot: &arguments::Robot) -> Files {
     }
 }
 
-/// The robot of a description, or the built-in one.
+/// The robot of a description, a built-in one by its name, or without any the Gantry-Tau.
 pub(super) fn robot(description: Option<&Path>) -> Result<Robot, InputError> {
+    let built_in = |path: &Path| {
+        let named = tau_generated::ROBOTS.iter();
+        let mut named = named.filter(|(name, _)| path.as_os_str() == *name);
+        named.next().map(|(_, robot)| Robot::from(*robot))
+    };
     match description {
+        // A file of that name is meant first.
+        Some(path) if !path.exists() => built_in(path).map_or_else(|| Robot::read(path), Ok),
         Some(path) => Robot::read(path),
         None => Ok(Robot::from(&tau_generated::gantry_tau::ROBOT)),
     }

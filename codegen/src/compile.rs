@@ -183,7 +183,10 @@ fn is_same_variant(one: &Model, other: &Model, index: usize) -> bool {
         })
         .collect()
     };
-    (&one.tracks, &one.clusters, &one.links) == (&other.tracks, &other.clusters, &other.links)
+    (one.plate, &one.parameters) == (other.plate, &other.parameters)
+        && (&one.tracks, &one.clusters, &one.links)
+            == (&other.tracks, &other.clusters, &other.links)
+        && of_one.holds == of_other.holds
         && (&of_one.name, &of_one.docs) == (&of_other.name, &of_other.docs)
         && (of_one.arm, &of_one.tracks) == (of_other.arm, &of_other.tracks)
         && effects(one, of_one) == effects(other, of_other)
@@ -220,7 +223,10 @@ fn compile_known(
         Arm::Full => model.links.len(),
         Arm::Reduced => model.clusters.len(),
     };
-    let carts = model.tracks.len();
+    let carts: Vec<usize> = (0..model.tracks.len())
+        .filter(|&track| model.tracks[track].crank.is_none())
+        .collect();
+    let carts = || carts.iter().copied();
     let mut compiled = CompiledVariant {
         name: variant.name.clone(),
         docs: variant.docs.clone(),
@@ -235,6 +241,7 @@ fn compile_known(
                 shape: match track.shape {
                     TrackShape::Linear => runtime::TrackShape::Linear,
                     TrackShape::Piecewise => runtime::TrackShape::Piecewise,
+                    TrackShape::Crank => runtime::TrackShape::Crank,
                 },
                 per_link: track.per_link,
             })
@@ -259,10 +266,10 @@ fn compile_known(
     for of in (0..closures).filter(|&of| wanted(ResidualKind::ClosureByPose, of)) {
         compiled.add(equations::closure_by_pose(context(), of), known);
     }
-    for of in (0..carts).filter(|&of| wanted(ResidualKind::CartPose, of)) {
+    for of in carts().filter(|&of| wanted(ResidualKind::CartPose, of)) {
         compiled.add(equations::cart_pose(context(), of), known);
     }
-    for of in (0..carts).filter(|&of| wanted(ResidualKind::CartPosition, of)) {
+    for of in carts().filter(|&of| wanted(ResidualKind::CartPosition, of)) {
         compiled.add(equations::cart_position(context(), of), known);
     }
     compiled.name_families(model);

@@ -34,6 +34,11 @@ impl Rotation {
         ])
     }
 
+    /// ZYZ Euler angles of a body that stays upright: alpha and gamma turn about the same axis, beta is zero.
+    pub fn about_z(g: &mut Graph, [alpha, _, gamma]: Vector) -> Self {
+        Self(vec![(Axis::Z, g.add(alpha, gamma))])
+    }
+
     /// Rotation about x, then y, then z: Rz(c)·Ry(b)·Rx(a).
     pub fn xyz(angles: Vector) -> Self {
         Self(vec![

@@ -9,12 +9,25 @@ use tau_codegen::{compile, emit, language};
 
 const COMMAND: &str = "cargo regenerate";
 
+/// The standard robots.
+const STANDARD: [&str; 9] = [
+    "gantry_tau",
+    "linear_delta",
+    "rotary_delta",
+    "hexapod",
+    "servo_hexapod",
+    "hexaglide",
+    "five_bar",
+    "four_belts",
+    "four_lines",
+];
+
 #[test]
 fn generated_files_are_fresh() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"))
         .parent()
         .expect("the workspace's root");
-    for name in ["gantry_tau"] {
+    for name in STANDARD {
         let source = format!("generated/models/{name}.tau");
         let text = fs::read_to_string(root.join(&source)).expect("the description");
         let model = language::check_text(&text).expect("a description without errors");

@@ -77,7 +77,8 @@ impl Entry {
 pub(super) fn all(model: &Model, base: &Variant, families: &[Family]) -> Vec<Candidate> {
     let mut candidates = Vec::new();
     let is_admitted = |effect: &Effect, place| {
-        base.arm == Arm::Full || effect.needs_full_arm(place, &model.links).is_none()
+        effect.lacks_plate_joints(model.plate).is_none()
+            && (base.arm == Arm::Full || effect.needs_full_arm(place, &model.links).is_none())
     };
     for (index, effect) in model.effects.iter().enumerate() {
         let family = (index + families.len()).checked_sub(model.effects.len());

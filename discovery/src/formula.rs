@@ -206,7 +206,9 @@ impl<'a> Formulas<'a> {
     pub(super) fn form(&self, formula: &Formula) -> Formula {
         let form = |part: &Formula| Box::new(self.form(part));
         match formula {
-            Formula::Number(_) | Formula::Read(_) => formula.clone(),
+            Formula::Number(_) | Formula::Read(_) | Formula::OfRobot(..) | Formula::OfLink(..) => {
+                formula.clone()
+            }
             Formula::Parameter(index, component) => {
                 let place = self.starts[*index] + component;
                 let wanted = self.wanted.iter().position(|&wanted| wanted == place);
@@ -281,8 +283,10 @@ impl<'a> Formulas<'a> {
                     call(*function, arguments.collect::<Result<Vec<_>, _>>()?)
                 }
             },
-            // The checker resolves vectors into components; what is left has no value.
-            Formula::Vector(_) => Dual::constant(f64::NAN),
+            // The checker resolves vectors into components and refuses values of links; what is left has no value.
+            Formula::Vector(_) | Formula::OfRobot(..) | Formula::OfLink(..) => {
+                Dual::constant(f64::NAN)
+            }
         })
     }
 

@@ -76,15 +76,19 @@ pub(super) fn structure(model: &Model, variant: &Variant) -> String {
         .tracks
         .iter()
         .zip(&variant.tracks)
-        .map(|(track, own)| {
+        .filter_map(|(track, own)| {
             let shape = match own.shape {
                 TrackShape::Linear => "linear",
                 TrackShape::Piecewise => "piecewise",
+                TrackShape::Crank => return None,
             };
             let per_link = if own.per_link { " per link" } else { "" };
-            format!("track {} {shape}{per_link};", track.name)
+            Some(format!("track {} {shape}{per_link};", track.name))
         });
-    let tracks: Vec<String> = tracks.collect();
+    let held = variant.holds.iter().map(|held| held.written(model));
+    let held: Vec<String> = held.collect();
+    let hold = (!held.is_empty()).then(|| format!("hold {};", held.join(", ")));
+    let tracks: Vec<String> = tracks.chain(hold).collect();
     format!(
         "variant {} {{ arm {arm}; {} }}",
         variant.name,

@@ -340,7 +340,11 @@ fn find(
         let is_own = match parameter.owner {
             Owner::Link(of) | Owner::Cluster(of) => of == closure.of,
             Owner::Track(_) => true,
-            Owner::Effect(_) | Owner::Frame(_) | Owner::Target { .. } => false,
+            Owner::Crank(_)
+            | Owner::Robot
+            | Owner::Effect(_)
+            | Owner::Frame(_)
+            | Owner::Target { .. } => false,
         };
         is_quantity && is_own && parameter.component == component
     })

@@ -95,7 +95,11 @@ impl Machine {
         let commands = POSE_COLUMNS..POSE_COLUMNS + self.robot.commands;
         let (goal, unknowns): (Goal<'_>, Vec<usize>) = match by_position {
             true if self.orientation_follows() => {
-                (Goal::Position(to.position), (3..commands.end).collect())
+                let turning = self.turning_unknowns().iter().copied();
+                (
+                    Goal::Position(to.position),
+                    turning.chain(commands).collect(),
+                )
             }
             true => (Goal::Position(to.position), commands.collect()),
             false => (Goal::Pose(to), commands.collect()),
@@ -124,7 +128,7 @@ impl Machine {
 
     /// True if a position says all that can be asked for.
     pub fn is_given_by_position(&self) -> bool {
-        self.pose_unknowns().len() == 3 || self.orientation_follows()
+        !self.turns() || self.orientation_follows()
     }
 
     fn follow(

@@ -1,7 +1,7 @@
 //! Forward kinematics: from commands to the pose of the plate.
 
 use nalgebra::{Rotation3, SymmetricEigen, Unit, Vector3};
-use tau_robot::robot::Arm;
+use tau_robot::robot::Plate;
 
 use super::inputs::Sample;
 use super::inverse::Reached;
@@ -124,13 +124,15 @@ impl Machine {
         orientation: Option<Rotation3<f64>>,
     ) -> Result<Vec<AssemblyMode>, Error> {
         let reference = orientation.unwrap_or_else(Rotation3::identity);
-        let orientations = match self.variant.arm {
-            Arm::Full => cube_rotations().map(|turn| turn * reference).collect(),
-            Arm::Reduced => vec![reference],
+        let orientations: Vec<Rotation3<f64>> = match self.robot.plate {
+            _ if !self.turns() => vec![reference],
+            Plate::BodyInPlane => turns_in_plane().map(|turn| turn * reference).collect(),
+            _ => cube_rotations().map(|turn| turn * reference).collect(),
         };
+        let is_in_plane = self.robot.plate.is_in_plane();
         let (centre, radius) = self.reach(sample, reference)?;
         let mut modes: Vec<AssemblyMode> = Vec::new();
-        for direction in directions() {
+        for direction in directions().filter(|direction| !is_in_plane || direction.z == 0.0) {
             for &rotation in &orientations {
                 let start = Pose {
                     position: centre + direction * radius,
@@ -166,8 +168,8 @@ impl Machine {
             return Err(Error::NoAssembly);
         }
         // Descending, so the sign turns distance into preference.
-        let preference = |mode: &AssemblyMode| match (orientation, self.variant.arm) {
-            (Some(wanted), Arm::Full) => -turn_between(&mode.pose, &wanted),
+        let preference = |mode: &AssemblyMode| match orientation {
+            Some(wanted) if self.turns() => -turn_between(&mode.pose, &wanted),
             _ => mode.smallest_singular_value,
         };
         modes.sort_by(|a, b| preference(b).total_cmp(&preference(a)));
@@ -176,10 +178,19 @@ impl Machine {
 
     /// Columns of the closures' Jacobian that forward kinematics solves for.
     pub fn pose_unknowns(&self) -> &'static [usize] {
-        match self.variant.arm {
-            Arm::Full => &[0, 1, 2, 3, 4, 5],
-            Arm::Reduced => &[0, 1, 2],
-        }
+        self.variant.freedoms(self.robot.plate)
+    }
+
+    /// Those of them that are rotations.
+    pub fn turning_unknowns(&self) -> &'static [usize] {
+        let unknowns = self.pose_unknowns();
+        let shifts = unknowns.iter().filter(|&&unknown| unknown < 3).count();
+        unknowns.get(shifts..).unwrap_or_default()
+    }
+
+    /// True if the closures hold the plate's orientation.
+    pub fn turns(&self) -> bool {
+        !self.turning_unknowns().is_empty()
     }
 
     /// Smallest singular value of the pose columns and the motion that belongs to it. Rotation is
@@ -188,13 +199,11 @@ impl Machine {
         let unknowns = self.pose_unknowns();
         let mut jacobian = closures.jacobian.select_columns(unknowns);
         let rows = jacobian.nrows() as f64;
-        let lever = if unknowns.len() > 3 {
-            let lever = (jacobian.columns(3, 3).norm_squared() / rows).sqrt();
-            if lever > 0.0 { lever } else { 1.0 }
-        } else {
-            1.0
-        };
-        for column in 3..unknowns.len() {
+        let turning = self.turning_unknowns().len();
+        let shifts = unknowns.len() - turning;
+        let lever = (jacobian.columns(shifts, turning).norm_squared() / rows).sqrt();
+        let lever = if lever > 0.0 { lever } else { 1.0 };
+        for column in shifts..unknowns.len() {
             jacobian.column_mut(column).scale_mut(lever.recip());
         }
         let eigen = SymmetricEigen::new(jacobian.tr_mul(&jacobian));
@@ -278,6 +287,16 @@ fn directions() -> impl Iterator<Item = Vector3<f64>> {
             )
         })
         .filter_map(|direction| direction.try_normalize(0.5))
+}
+
+/// Eight turns about z, an eighth of a whole one apart.
+fn turns_in_plane() -> impl Iterator<Item = Rotation3<f64>> {
+    (0..8).map(|eighth| {
+        Rotation3::from_axis_angle(
+            &Vector3::z_axis(),
+            f64::from(eighth) * std::f64::consts::FRAC_PI_4,
+        )
+    })
 }
 
 /// The 24 rotations that carry a cube onto itself.

@@ -20,12 +20,14 @@ pub struct Surroundings {
     pub statics: Option<Statics>,
     /// Pose of the machine at some commands, where the file or the description states one.
     pub reference: Option<Reference>,
+    /// Nominal value of each of the variant's parameters; those that it holds are taken from here.
+    pub held: Vec<f64>,
 }
 
 /// One sample: commands, what stands where at them, and under which conditions.
 #[derive(Debug, Clone, Copy)]
 pub struct Sample<'a> {
-    /// Commands (m).
+    /// Commands (m, or rad of cranks and drums).
     pub commands_m: &'a [f64],
     /// Pose that the residual compares: of the plate in closures, of the target where a cart is measured.
     pub pose: Pose,
@@ -89,6 +91,8 @@ pub enum Missing {
     Forces,
     /// The path of a cart.
     Path,
+    /// The value of a parameter that the variant holds.
+    Held,
 }
 
 impl Missing {
@@ -106,6 +110,7 @@ impl fmt::Display for Missing {
             Self::Time => "the column `time_s`",
             Self::Temperature => "the column `temperature_c`",
             Self::Forces => "`[payload]` and all dimensions of the links in the robot file",
+            Self::Held => "the value of a parameter that the variant holds",
             Self::Path => "the path of the cart (set 2, `cart_poses.csv`)",
         })
     }
@@ -161,6 +166,7 @@ impl Surroundings {
                 Input::SegmentEnd { track, component } => segment(track)?.ends[1][component],
                 Input::SegmentStartCommand(track) => segment(track)?.commands[0],
                 Input::SegmentEndCommand(track) => segment(track)?.commands[1],
+                Input::Held(parameter) => *self.held.get(parameter).ok_or(Missing::Held)?,
             });
         }
         Ok(())

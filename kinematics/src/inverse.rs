@@ -2,12 +2,32 @@
 
 use nalgebra::Vector3;
 use tau_robot::measurements::Conditions;
-use tau_robot::robot::{Arm, Instance};
+use tau_robot::robot::{Arm, Instance, Value};
 
 use super::inputs::Sample;
 use super::machine::{Machine, POSE_COLUMNS};
 use super::newton::{self, Settled};
 use super::{Error, Pose};
+
+/// Steps in which half a turn of a crank is searched, to either side: no link closes and opens again within three degrees
+/// but at the end of its reach.
+const CRANK_STEPS: usize = 64;
+/// Newton's method doubles the digits of each step; more are needed only while it is far off.
+const DESCENT_STEPS: usize = 100;
+/// Shortest share of a step that is still tried.
+const SHORTEST_SHARE: f64 = 1e-9;
+/// Mismatch of a length (m) with which a search for its command has ended.
+const REACHED_M: f64 = 1e-6;
+
+/// How a command moves a closure.
+enum Transmission {
+    /// Along a track, or as a part of the length: the closure is a quadratic.
+    Direct,
+    /// By turning a crank.
+    Crank,
+    /// Through a formula of the length.
+    Formula,
+}
 
 /// Options of a search for commands.
 #[derive(Debug, Clone)]
@@ -78,15 +98,16 @@ impl Reached {
 
 impl Machine {
     /// True if the orientation follows from the position, so that a full pose can't be asked for
-    /// freely: a full arm with three closures more than commands, such as the Gantry-Tau.
+    /// freely: a full arm with as many closures more than commands as the plate has rotations, such as the Gantry-Tau.
     pub fn orientation_follows(&self) -> bool {
-        self.variant.arm == Arm::Full && self.closure_count() >= self.robot.commands + 3
+        let turning = self.turning_unknowns().len();
+        turning > 0 && self.closure_count() >= self.robot.commands + turning
     }
 
     /// Commands at which the plate takes a pose.
     ///
     /// Each command is the root of its link's closure, a quadratic where the track is linear or the
-    /// length is driven; Newton's method on the commands then takes in effects, piecewise tracks and
+    /// length is driven directly; where a crank turns or a formula drives, the root is searched. Newton's method on the commands then takes in effects, piecewise tracks and
     /// further links of the same cart. For a reduced arm only the position counts.
     ///
     /// # Errors
@@ -128,7 +149,7 @@ impl Machine {
             None => nalgebra::Rotation3::identity(),
         };
         let pose = Pose { position, rotation };
-        if self.variant.arm == Arm::Reduced {
+        if !self.turns() {
             return self.inverse(pose, options);
         }
         if !self.orientation_follows() {
@@ -137,7 +158,7 @@ impl Machine {
             ));
         }
         let start = self.closed_form(pose, options)?;
-        let unknowns: Vec<usize> = (3..POSE_COLUMNS)
+        let unknowns: Vec<usize> = (self.turning_unknowns().iter().copied())
             .chain((0..self.robot.commands).map(|k| POSE_COLUMNS + k))
             .collect();
         let settled = newton::solve(self, &options.sample(pose, &start), &unknowns)?;
@@ -186,7 +207,11 @@ impl Machine {
             let Some(command) = self.driving_command(instance) else {
                 continue;
             };
-            let root = self.root(instance, pose, command, &middle, options)?;
+            let root = match self.transmission(instance, command) {
+                Transmission::Direct => self.root(instance, pose, command, &middle, options)?,
+                Transmission::Crank => self.turn(instance, pose, command, options)?,
+                Transmission::Formula => self.descent(instance, pose, command, options)?,
+            };
             roots[command].0 += root;
             roots[command].1 += 1.0;
         }
@@ -208,6 +233,122 @@ impl Machine {
             let of_cluster = || self.robot.clusters.get(link.cluster)?.track;
             link.actuated_by.or_else(of_cluster)
         })
+    }
+
+    fn transmission(&self, instance: &Instance, command: usize) -> Transmission {
+        if command < self.robot.tracks.len() && self.robot.is_angle(command) {
+            return Transmission::Crank;
+        }
+        let is_full = self.variant.arm == Arm::Full;
+        let is_driven = command >= self.robot.tracks.len();
+        let formula = self.robot.formula_of(instance.of, Value::Length);
+        if is_full && is_driven && formula.is_some() {
+            Transmission::Formula
+        } else {
+            Transmission::Direct
+        }
+    }
+
+    /// Commands to start a search from: those nearby, or the middle of the range, or those of the reference, or zero.
+    fn start(&self, command: usize, options: &InverseOptions) -> f64 {
+        let has_range = options.range_m.get(command).is_some_and(Option::is_some);
+        let stated = self.surroundings.reference.as_ref();
+        match stated.and_then(|stated| stated.commands_m.get(command)) {
+            Some(&stated) if options.near.is_none() && !has_range => stated,
+            _ => self.middle(options)[command],
+        }
+    }
+
+    /// The angle of a crank at which its link closes: the root nearest to where the search starts, within half a turn.
+    fn turn(
+        &self,
+        instance: &Instance,
+        pose: Pose,
+        command: usize,
+        options: &InverseOptions,
+    ) -> Result<f64, Error> {
+        let mut commands = self.middle(options);
+        let start = self.start(command, options);
+        let mut at = |angle: f64| {
+            commands[command] = angle;
+            self.closure_by_pose(instance, &options.sample(pose, &commands))
+        };
+        let (mut ends, mut nearest) = ([at(start)?.0; 2], (f64::INFINITY, start));
+        for step in 1..=CRANK_STEPS {
+            for (side, end) in ends.iter_mut().enumerate() {
+                let turn = |step: usize| {
+                    let share = step as f64 / CRANK_STEPS as f64;
+                    start + std::f64::consts::PI * if side == 0 { share } else { -share }
+                };
+                let (angle, before) = (turn(step), *end);
+                let (residual, [x, y, z, ..]) = at(angle)?;
+                if residual.signum() != before.signum() {
+                    // The secant is near enough for Newton's method to go on from.
+                    return Ok(
+                        turn(step - 1) + (angle - turn(step - 1)) * before / (before - residual)
+                    );
+                }
+                let short_m = (residual / Vector3::new(x, y, z).norm()).abs();
+                if short_m < nearest.0 {
+                    nearest = (short_m, angle);
+                }
+                *end = residual;
+            }
+        }
+        Err(Error::OutOfReach {
+            closure: self.closure_name(instance).to_owned(),
+            short_m: nearest.0,
+        })
+    }
+
+    /// The command at which a length that follows from a formula closes, by Newton's method: driven lengths grow or
+    /// shrink with their commands throughout.
+    fn descent(
+        &self,
+        instance: &Instance,
+        pose: Pose,
+        command: usize,
+        options: &InverseOptions,
+    ) -> Result<f64, Error> {
+        let mut commands = self.middle(options);
+        commands[command] = self.start(command, options);
+        let at = |commands: &[f64]| {
+            self.closure_by_command(instance, &options.sample(pose, commands), command)
+        };
+        let (mut residual, mut slope) = at(&commands)?;
+        for _ in 0..DESCENT_STEPS {
+            let step = -residual / slope;
+            if residual == 0.0 || !step.is_finite() || step.abs() <= 1e-12 * commands[command].abs()
+            {
+                break;
+            }
+            let before = commands[command];
+            let mut share = 1.0;
+            let next = loop {
+                commands[command] = before + share * step;
+                match at(&commands) {
+                    Ok(next) if next.0.abs() < residual.abs() => break Some(next),
+                    Ok(_) | Err(Error::NotFinite { .. }) if share > SHORTEST_SHARE => share /= 2.0,
+                    Ok(_) | Err(Error::NotFinite { .. }) => break None,
+                    Err(error) => return Err(error),
+                }
+            };
+            let Some(next) = next else {
+                commands[command] = before;
+                break;
+            };
+            (residual, slope) = next;
+        }
+        let (_, [x, y, z, ..]) =
+            self.closure_by_pose(instance, &options.sample(pose, &commands))?;
+        let short_m = (residual / Vector3::new(x, y, z).norm()).abs();
+        if short_m > REACHED_M {
+            return Err(Error::OutOfReach {
+                closure: self.closure_name(instance).to_owned(),
+                short_m,
+            });
+        }
+        Ok(commands[command])
     }
 
     /// Root of a closure in one command: exact where the closure is a quadratic in it.

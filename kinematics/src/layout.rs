@@ -2,8 +2,8 @@
 //!
 //! Dimensions alone: effects displace joints by micrometres, which nobody sees in a drawing.
 
-use nalgebra::{Matrix3, SymmetricEigen, Vector3};
-use tau_robot::robot::{Instance, Owner, TrackShape};
+use nalgebra::{Matrix3, Rotation3, SymmetricEigen, Vector3};
+use tau_robot::robot::{CrankValue, Formula, Input, Instance, Owner, TrackShape, Value};
 
 use super::{Machine, Pose, xyz};
 
@@ -60,6 +60,8 @@ pub struct Rod {
 struct Joint<'a> {
     machine: &'a Machine,
     track: Option<usize>,
+    /// Axis and centre of the crank that it turns with.
+    crank: Option<[Vector3<f64>; 2]>,
     offset: Vector3<f64>,
     direction: Vector3<f64>,
     rotation: Vector3<f64>,
@@ -70,6 +72,9 @@ impl Joint<'_> {
         let Some(track) = self.track else {
             return self.offset;
         };
+        if let Some([axis, centre]) = self.crank {
+            return centre + Rotation3::new(axis * command) * (self.offset - centre);
+        }
         let Machine {
             variant,
             surroundings,
@@ -105,11 +110,12 @@ impl Machine {
             let joint = Joint {
                 machine: self,
                 track: cluster.track,
-                offset: self.dimension(closure, "track_offset"),
-                direction: self.dimension(closure, "track_direction"),
+                crank: cluster.track.and_then(|track| self.crank(track)),
+                offset: self.value(closure, Value::TrackOffset),
+                direction: self.value(closure, Value::TrackDirection),
                 rotation: self.dimension(closure, "track_rotation"),
             };
-            let plate = pose.position + pose.rotation * self.dimension(closure, "plate_joint");
+            let plate = pose.position + pose.rotation * self.value(closure, Value::PlateJoint);
             let start = joint.at(command(cluster.track).unwrap_or(0.0));
             links.push(Rod {
                 name: self.closure_name(closure).to_owned(),
@@ -135,7 +141,7 @@ impl Machine {
                 let now = command(Some(track))?;
                 let (low, high) = ranges_m.get(track).copied().unwrap_or((now, now));
                 let at = |step: usize| low + (high - low) * step as f64 / (PATH_POINTS - 1) as f64;
-                let is_straight = self.variant.tracks[track].shape != TrackShape::Piecewise;
+                let is_straight = self.variant.tracks[track].shape == TrackShape::Linear;
                 let steps: Vec<usize> = if is_straight {
                     vec![0, PATH_POINTS - 1]
                 } else {
@@ -155,7 +161,7 @@ impl Machine {
             let rods = links.iter().filter(|rod| keep(rod));
             outline(rods.map(|rod| Vector3::from(rod.ends_m[end])))
         };
-        let is_full = self.variant.arm == tau_robot::robot::Arm::Full;
+        let is_full = self.turns();
         Layout {
             variant: self.variant.name.clone(),
             tcp_m: pose.position_m(),
@@ -166,10 +172,67 @@ impl Machine {
         }
     }
 
+    /// A vector of a link or cluster, which may follow from a formula.
+    fn value(&self, closure: &Instance, value: Value) -> Vector3<f64> {
+        let formula = match self.variant.arm {
+            tau_robot::robot::Arm::Full => self.robot.formula_of(closure.of, value),
+            tau_robot::robot::Arm::Reduced => None,
+        };
+        match formula {
+            Some(Formula::Vector(components)) => Vector3::from_fn(|k, _| {
+                let leaf = |part: &Formula| match *part {
+                    Formula::OfLink(other, k) => Some(self.value(closure, other)[k]),
+                    _ => self.of_robot(part),
+                };
+                components[k].value(&leaf).unwrap_or(0.0)
+            }),
+            _ => self.dimension(closure, value.name()),
+        }
+    }
+
+    /// A component of a parameter of the machine.
+    fn of_robot(&self, leaf: &Formula) -> Option<f64> {
+        let Formula::OfRobot(index, component) = *leaf else {
+            return None;
+        };
+        let parameter = self.robot.model.as_ref()?.parameters.get(index)?;
+        let component = (parameter.components > 1).then_some(component);
+        let index = (self.variant).parameter(Owner::Robot, &parameter.name, component)?;
+        self.values.get(index).copied()
+    }
+
+    /// Axis and centre of a crank.
+    fn crank(&self, track: usize) -> Option<[Vector3<f64>; 2]> {
+        let crank = self
+            .robot
+            .model
+            .as_ref()?
+            .tracks
+            .get(track)?
+            .crank
+            .as_ref()?;
+        Some([CrankValue::Axis, CrankValue::Centre].map(|value| {
+            Vector3::from_fn(|k, _| match crank.formula(value) {
+                Some(Formula::Vector(components)) => components[k]
+                    .value(&|leaf| self.of_robot(leaf))
+                    .unwrap_or(0.0),
+                _ => {
+                    let owner = Owner::Crank(track);
+                    let index = self.variant.parameter(owner, value.name(), Some(k));
+                    index.map_or(0.0, |index| self.values[index])
+                }
+            })
+        }))
+    }
+
     /// A vector that a closure depends on; zero where the variant does not have it.
     fn dimension(&self, closure: &Instance, quantity: &str) -> Vector3<f64> {
         let component = |k: usize| {
-            let mut indices = closure.parameters.iter().copied();
+            let held = closure.inputs.iter().filter_map(|input| match *input {
+                Input::Held(index) => Some(index),
+                _ => None,
+            });
+            let mut indices = closure.parameters.iter().copied().chain(held);
             let found = indices.find(|&index| {
                 let parameter = &self.variant.parameters[index];
                 let is_dimension = matches!(

@@ -169,6 +169,24 @@ impl Machine {
             .collect()
     }
 
+    /// Residual of one closure (m²) and its derivative by a command.
+    ///
+    /// # Errors
+    /// Data that the sample lacks; a number that is not finite.
+    pub(crate) fn closure_by_command(
+        &self,
+        instance: &Instance,
+        sample: &Sample<'_>,
+        command: usize,
+    ) -> Result<(f64, f64), Error> {
+        let mut scratch = Scratch::default();
+        let residual = scratch.linearize(self, instance, sample)?;
+        let columns = instance.family.pattern().columns;
+        let wanted = POSE_COLUMNS + command;
+        let found = columns.iter().position(|&column| column as usize == wanted);
+        Ok((residual, found.map_or(0.0, |entry| scratch.jacobian[entry])))
+    }
+
     /// Residual of one closure (m²) and its gradient by position (3) and rotation vector (3).
     ///
     /// # Errors

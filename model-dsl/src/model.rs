@@ -11,7 +11,11 @@ pub struct Model {
     pub docs: Vec<String>,
     /// True if the description says `pub`.
     pub public: bool,
-    /// Tracks in order of declaration.
+    /// What the links hold.
+    pub plate: Plate,
+    /// Parameters of the whole machine, in order of declaration.
+    pub parameters: Vec<RobotParameter>,
+    /// Tracks and cranks in order of declaration.
     pub tracks: Vec<Track>,
     /// Clusters in order of declaration.
     pub clusters: Vec<Cluster>,
@@ -26,14 +30,23 @@ pub struct Model {
 }
 
 impl Model {
-    /// Number of commands: one per track, then one per link of actuated length.
+    /// Number of commands: one per track or crank, then one per driven link.
     pub fn commands(&self) -> usize {
-        self.tracks.len()
-            + self
-                .links
-                .iter()
-                .filter(|link| link.actuated_by.is_some())
-                .count()
+        self.drives().len()
+    }
+
+    /// What each command drives.
+    pub fn drives(&self) -> Vec<Drive> {
+        let carriers = self.tracks.iter().map(|track| Drive {
+            name: track.name.clone(),
+            is_angle: track.crank.is_some(),
+        });
+        let driven = self.links.iter().filter(|link| link.actuated_by.is_some());
+        let driven = driven.map(|link| Drive {
+            name: link.name.clone(),
+            is_angle: link.is_driven_by_angle,
+        });
+        carriers.chain(driven).collect()
     }
 
     /// Indices of the links of a cluster.
@@ -75,11 +88,149 @@ pub struct Reference {
     pub orientation: [f64; 3],
 }
 
-/// A linear guideway with its cart.
+/// What the links hold, by its freedoms. The plane is z = 0 of the measurement frame.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum Plate {
+    /// A rigid body in space: six freedoms.
+    #[default]
+    Body,
+    /// A point in space, in which all links meet: three freedoms.
+    Point,
+    /// A rigid body that slides and turns in the plane: three freedoms.
+    BodyInPlane,
+    /// A point in the plane: two freedoms.
+    PointInPlane,
+}
+
+impl Plate {
+    /// True if it has no orientation and no joints of its own.
+    pub fn is_point(self) -> bool {
+        matches!(self, Self::Point | Self::PointInPlane)
+    }
+
+    /// True if it stays in the plane z = 0, upright.
+    pub fn is_in_plane(self) -> bool {
+        matches!(self, Self::BodyInPlane | Self::PointInPlane)
+    }
+
+    /// Its freedoms, as columns of a motion: translation along x, y, z, then rotation about x, y, z.
+    pub fn freedoms(self) -> &'static [usize] {
+        match self {
+            Self::Body => &[0, 1, 2, 3, 4, 5],
+            Self::Point => &[0, 1, 2],
+            Self::BodyInPlane => &[0, 1, 5],
+            Self::PointInPlane => &[0, 1],
+        }
+    }
+
+    /// The same of an arm that is held at its TCP alone, whose orientation is not asked.
+    pub fn freedoms_of_tcp(self) -> &'static [usize] {
+        if self.is_in_plane() {
+            &[0, 1]
+        } else {
+            &[0, 1, 2]
+        }
+    }
+
+    /// As the language writes it.
+    pub fn written(self) -> &'static str {
+        match self {
+            Self::Body => "body",
+            Self::Point => "point",
+            Self::BodyInPlane => "body in plane",
+            Self::PointInPlane => "point in plane",
+        }
+    }
+}
+
+/// A drive, which takes one command.
 #[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Drive {
+    /// Name of the track, the crank or the driven link.
+    pub name: String,
+    /// True if its command is an angle (rad), false for a length (m).
+    pub is_angle: bool,
+}
+
+/// A parameter of the whole machine.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RobotParameter {
+    /// Name.
+    pub name: String,
+    /// 1, or 3 for a vector.
+    pub components: usize,
+    /// Dimension of each component.
+    pub dimension: Dimension,
+    /// Nominal value of each component, SI, where the description gives one.
+    pub nominal: Option<Vec<f64>>,
+    /// One standard deviation of the prior, SI.
+    pub tolerance: Option<f64>,
+    /// True for a constant, which is never fitted.
+    pub exact: bool,
+}
+
+/// What carries clusters: a linear guideway with its cart, or a crank.
+#[derive(Debug, Clone, PartialEq)]
 pub struct Track {
     /// Name.
     pub name: String,
+    /// The crank, where it is one.
+    pub crank: Option<Crank>,
+}
+
+/// An arm that turns about an axis by its command: what stands at `C⁰` at command 0 stands at
+/// `centre + Rot(q·axis)·(C⁰ − centre)`.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Crank {
+    /// A point of the axis in the measurement frame (m).
+    pub centre: Quantity<3>,
+    /// Rotation vector per unit of the command: along the axis, of length one where the command is the angle.
+    pub axis: Quantity<3>,
+}
+
+impl Crank {
+    /// The formula that a value is, if it is one.
+    pub fn formula(&self, value: CrankValue) -> Option<&Formula> {
+        self.quantity(value).formula.as_ref()
+    }
+
+    /// A value.
+    pub fn quantity(&self, value: CrankValue) -> &Quantity<3> {
+        match value {
+            CrankValue::Centre => &self.centre,
+            CrankValue::Axis => &self.axis,
+        }
+    }
+}
+
+/// A value of a crank.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum CrankValue {
+    /// `centre` (m, vector).
+    Centre,
+    /// `axis` (vector).
+    Axis,
+}
+
+impl CrankValue {
+    /// All of them.
+    pub const ALL: [Self; 2] = [Self::Centre, Self::Axis];
+
+    /// As the language writes it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Centre => "centre",
+            Self::Axis => "axis",
+        }
+    }
+
+    /// Its unit.
+    pub fn unit(self) -> &'static str {
+        match self {
+            Self::Centre => "m",
+            Self::Axis => "1",
+        }
+    }
 }
 
 /// Links between one cart, or the fixed base, and the plate.
@@ -98,8 +249,13 @@ pub struct Link {
     pub name: String,
     /// Its cluster.
     pub cluster: usize,
-    /// The command that drives its length (`actuated length`).
+    /// The command that drives its length (`actuated length`, `actuated angle`).
     pub actuated_by: Option<usize>,
+    /// True if that command is an angle, of which the length is a formula.
+    pub is_driven_by_angle: bool,
+    /// The tension that its drive is controlled to, where it pulls instead of holding a position; without a value
+    /// constant, but not known (N).
+    pub pull: Option<Quantity<1>>,
     /// Values that the description itself gives.
     pub defaults: LinkDefaults,
 }
@@ -117,13 +273,78 @@ pub struct LinkDefaults {
     pub track_direction: Quantity<3>,
 }
 
-/// An optional nominal value with an optional tolerance.
+impl LinkDefaults {
+    /// The formula that a value is, if it is one.
+    pub fn formula(&self, value: Value) -> Option<&Formula> {
+        match value {
+            Value::Length => self.length.formula.as_ref(),
+            Value::PlateJoint => self.plate_joint.formula.as_ref(),
+            Value::TrackOffset => self.track_offset.formula.as_ref(),
+            Value::TrackDirection => self.track_direction.formula.as_ref(),
+        }
+    }
+}
+
+/// A value of a link.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Value {
+    /// `length` (m).
+    Length,
+    /// `plate_joint` (m, vector).
+    PlateJoint,
+    /// `track_offset` (m, vector).
+    TrackOffset,
+    /// `track_direction` (vector).
+    TrackDirection,
+}
+
+impl Value {
+    /// All of them.
+    pub const ALL: [Self; 4] = [
+        Self::Length,
+        Self::PlateJoint,
+        Self::TrackOffset,
+        Self::TrackDirection,
+    ];
+
+    /// As the language writes it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Length => "length",
+            Self::PlateJoint => "plate_joint",
+            Self::TrackOffset => "track_offset",
+            Self::TrackDirection => "track_direction",
+        }
+    }
+
+    /// The value of a name.
+    pub fn find(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|value| value.name() == name)
+    }
+
+    /// Its dimension.
+    pub fn dimension(self) -> Dimension {
+        match self {
+            Self::TrackDirection => Dimension::NUMBER,
+            _ => Dimension::LENGTH,
+        }
+    }
+
+    /// True if it has three components.
+    pub fn is_vector(self) -> bool {
+        self != Self::Length
+    }
+}
+
+/// An optional nominal value with an optional tolerance, or a formula.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Quantity<const N: usize> {
     /// Nominal value, SI.
     pub value: Option<[f64; N]>,
     /// One standard deviation of its prior, SI.
     pub tolerance: Option<f64>,
+    /// What it follows from: it then has neither a value nor a parameter of its own. A vector where it has components.
+    pub formula: Option<Formula>,
 }
 
 impl<const N: usize> Default for Quantity<N> {
@@ -131,6 +352,7 @@ impl<const N: usize> Default for Quantity<N> {
         Self {
             value: None,
             tolerance: None,
+            formula: None,
         }
     }
 }
@@ -151,6 +373,8 @@ pub enum TrackShape {
     Linear,
     /// Interpolated between measured cart points.
     Piecewise,
+    /// A circle about the axis of a crank.
+    Crank,
 }
 
 /// A variant's model of one track.
@@ -175,6 +399,30 @@ pub struct Variant {
     pub tracks: Vec<TrackModel>,
     /// Effects with their places, in order.
     pub effects: Vec<EffectUse>,
+    /// Parameters that stay at their nominal values.
+    pub holds: Vec<Held>,
+}
+
+/// What a variant holds at its nominal value.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Held {
+    /// A parameter of the whole machine, by index.
+    Parameter(usize),
+    /// A value of a link, by index.
+    Link(usize, Value),
+    /// A value of a crank, by its index among the tracks.
+    Crank(usize, CrankValue),
+}
+
+impl Held {
+    /// As a description of the model writes it.
+    pub fn written(self, model: &Model) -> String {
+        match self {
+            Self::Parameter(index) => model.parameters[index].name.clone(),
+            Self::Link(link, value) => format!("{}.{}", model.links[link].name, value.name()),
+            Self::Crank(track, value) => format!("{}.{}", model.tracks[track].name, value.name()),
+        }
+    }
 }
 
 /// An effect at a place.
@@ -253,6 +501,13 @@ impl Effect {
     /// True if one of its terms reads a quantity.
     pub fn reads(&self, quantity: Readable) -> bool {
         self.quantities().any(|own| own == quantity)
+    }
+
+    /// Why it has nothing to act on at a place of a robot with such a plate, if it has not.
+    pub fn lacks_plate_joints(&self, plate: Plate) -> Option<&'static str> {
+        let moves_joint = self.terms.iter().any(|term| term.target == Target::Joint);
+        (plate.is_point() && moves_joint)
+            .then_some("links that meet in a point have no plate joints to move")
     }
 
     /// Why it needs a full arm at a place of a robot with such links, if it does.
@@ -371,6 +626,10 @@ pub enum Formula {
     Number(f64),
     /// A component of a parameter: index in [`Effect::parameters`], component (0 for a scalar).
     Parameter(usize, usize),
+    /// A component of a parameter of the whole machine: index in [`Model::parameters`], component.
+    OfRobot(usize, usize),
+    /// A component of another value of the same link, which has parameters of its own.
+    OfLink(Value, usize),
     /// A quantity of the sample or the model.
     Read(Readable),
     /// `-a`.
@@ -390,7 +649,11 @@ impl Formula {
     /// The formulas that it is made of, in order.
     fn children(&self) -> impl DoubleEndedIterator<Item = &Self> {
         let (first, second, more): (Option<&Self>, Option<&Self>, &[Self]) = match self {
-            Self::Number(_) | Self::Parameter(..) | Self::Read(_) => (None, None, &[]),
+            Self::Number(_)
+            | Self::Parameter(..)
+            | Self::OfRobot(..)
+            | Self::OfLink(..)
+            | Self::Read(_) => (None, None, &[]),
             Self::Negate(inner) | Self::Power(inner, _) => (Some(inner), None, &[]),
             Self::Binary(_, left, right) => (Some(left), Some(right), &[]),
             Self::Call(_, arguments) => (None, None, arguments),
@@ -418,7 +681,7 @@ impl Formula {
     pub fn value(&self, of: &dyn Fn(&Self) -> Option<f64>) -> Option<f64> {
         Some(match self {
             Self::Number(value) => *value,
-            Self::Parameter(..) | Self::Read(_) => of(self)?,
+            Self::Parameter(..) | Self::OfRobot(..) | Self::OfLink(..) | Self::Read(_) => of(self)?,
             Self::Vector(_) => return None,
             Self::Negate(inner) => -inner.value(of)?,
             Self::Binary(operator, left, right) => operator.of(left.value(of)?, right.value(of)?),

@@ -1,9 +1,11 @@
 //! The syntax tree: what was written, with the place of every part.
 
+use std::rc::Rc;
+
 use proc_macro2::Ident;
 
 use crate::diagnostics::Location;
-use crate::model::{Arm, BinaryOperator, TrackShape};
+use crate::model::{Arm, BinaryOperator, Plate, TrackShape};
 
 #[derive(Debug, Default)]
 pub(crate) struct Description {
@@ -25,7 +27,9 @@ pub(crate) struct Robot {
     pub(crate) docs: Vec<String>,
     pub(crate) public: bool,
     pub(crate) name: Ident,
-    pub(crate) tracks: Vec<Ident>,
+    pub(crate) plates: Vec<(Plate, Location)>,
+    pub(crate) parameters: Vec<Parameters>,
+    pub(crate) tracks: Vec<Track>,
     pub(crate) clusters: Vec<Cluster>,
     pub(crate) effects: Vec<Effect>,
     pub(crate) variants: Vec<Variant>,
@@ -38,7 +42,7 @@ pub(crate) struct Reference {
     /// The word `reference`.
     pub(crate) location: Location,
     /// `commands`, `position` or `orientation`, with its value.
-    pub(crate) values: Vec<(Ident, Quantity)>,
+    pub(crate) values: Vec<(Ident, Vec<Quantity>)>,
 }
 
 #[derive(Debug)]
@@ -53,17 +57,35 @@ pub(crate) struct Cluster {
 #[derive(Debug)]
 pub(crate) struct Links {
     pub(crate) names: Vec<Ident>,
-    /// The words `actuated length`.
-    pub(crate) actuated: Option<Location>,
-    pub(crate) values: Vec<LinkValue>,
+    /// The words `actuated length` or `actuated angle`; true for the latter.
+    pub(crate) actuated: Option<(bool, Location)>,
+    pub(crate) values: Vec<Value>,
+    /// `pulled;`, `pulled = 20 N tol 1 N;`
+    pub(crate) pulls: Vec<Value>,
 }
 
-/// `length = 2.04 m tol 0.3 mm;`
+/// `track one;`, `crank one { axis = (0, 1, 0); }`
 #[derive(Debug)]
-pub(crate) struct LinkValue {
+pub(crate) struct Track {
     pub(crate) name: Ident,
-    pub(crate) value: Option<Quantity>,
+    /// Values of a crank, which those that are declared together share.
+    pub(crate) crank: Option<Rc<Vec<Value>>>,
+}
+
+/// `length = 2.04 m tol 0.3 mm;`, `length = arm;`, `length = 2 m exact;`
+#[derive(Debug)]
+pub(crate) struct Value {
+    pub(crate) name: Ident,
+    pub(crate) value: Option<Given>,
     pub(crate) tolerance: Option<Quantity>,
+    /// The word `exact`.
+    pub(crate) exact: Option<Location>,
+}
+
+#[derive(Debug)]
+pub(crate) enum Given {
+    Quantity(Quantity),
+    Formula(Expression),
 }
 
 /// One number or three, with a unit.
@@ -108,6 +130,8 @@ pub(crate) struct Parameters {
     pub(crate) dimension: UnitExpression,
     pub(crate) nominal: Option<Quantity>,
     pub(crate) tolerance: Option<Quantity>,
+    /// The word `exact`.
+    pub(crate) exact: Option<Location>,
     pub(crate) search: Option<(Quantity, Quantity)>,
 }
 
@@ -160,6 +184,7 @@ pub(crate) enum VariantBody {
     Derived {
         base: Ident,
         effects: Vec<EffectUse>,
+        holds: Vec<Held>,
     },
 }
 
@@ -175,6 +200,17 @@ pub(crate) enum VariantLine {
         per_link: Option<Location>,
         location: Location,
     },
+    /// `hold radius, l1.length;`
+    Hold(Vec<Held>),
+}
+
+/// `radius`, `l1.length` or `all.plate_joint`
+#[derive(Debug)]
+pub(crate) struct Held {
+    /// The parameter, or the link.
+    pub(crate) name: Ident,
+    pub(crate) value: Option<Ident>,
+    pub(crate) location: Location,
 }
 
 #[derive(Debug)]

@@ -10,26 +10,33 @@ use tau_codegen::CompiledRobot;
 use tau_codegen::compile::CompiledVariant;
 pub use tau_codegen::equations::Parameter;
 use tau_codegen::language;
-use tau_codegen::language::model::{EffectUse, Place};
+pub use tau_codegen::language::model::{CrankValue, Drive, Formula, Plate, Value};
+use tau_codegen::language::model::{EffectUse, Model, Place};
 use tau_runtime as runtime;
 pub use tau_runtime::{Arm, Input, Owner, ResidualFamily, ResidualKind, TrackModel, TrackShape};
 
 use crate::input_error::{self, InputError};
 
 /// A robot: its structure and its variants.
-#[derive(Clone)]
+#[derive(Clone, Default)]
 pub struct Robot {
     /// Name in the description.
     pub name: String,
     /// The whole description, in the language.
     pub description: String,
-    /// Names of the tracks; carts carry the same numbers, from 1.
+    /// What the links hold.
+    pub plate: Plate,
+    /// What each command drives; none for a robot made by hand.
+    pub drives: Vec<Drive>,
+    /// The description's model; none for a robot made by hand.
+    pub model: Option<Arc<Model>>,
+    /// Names of the tracks and cranks; carts carry the same numbers, from 1.
     pub tracks: Vec<String>,
     /// Clusters in order of declaration.
     pub clusters: Vec<Cluster>,
     /// Links in order of declaration.
     pub links: Vec<Link>,
-    /// Number of commands `q1_m, q2_m, …`.
+    /// Number of commands.
     pub commands: usize,
     /// Variants in order of declaration.
     pub variants: Vec<Variant>,
@@ -113,6 +120,50 @@ impl Robot {
             driven_lengths,
             is_gantry_tau: on_tracks == [1, 2, 3] && self.links.len() == 6 && driven_lengths == 0,
         }
+    }
+
+    /// True if a command is an angle (rad), false for a length (m).
+    pub fn is_angle(&self, command: usize) -> bool {
+        (self.drives.get(command)).is_some_and(|drive| drive.is_angle)
+    }
+
+    /// Name of a command's column in tables, `q1_m` or `q1_rad`.
+    pub fn command_column(&self, command: usize) -> String {
+        let unit = if self.is_angle(command) { "rad" } else { "m" };
+        format!("q{}_{unit}", command + 1)
+    }
+
+    /// Names of the columns of all commands.
+    pub fn command_columns(&self) -> Vec<String> {
+        (0..self.commands)
+            .map(|command| self.command_column(command))
+            .collect()
+    }
+
+    /// The formula that a value of a link is, where the description gives one: it then has no parameter of its own.
+    pub fn formula_of(&self, link: usize, value: Value) -> Option<&Formula> {
+        self.model
+            .as_ref()?
+            .links
+            .get(link)?
+            .defaults
+            .formula(value)
+    }
+
+    /// True if a quantity of a link, such as `plate_joint`, is a parameter that a file or the description gives.
+    pub fn has_parameter(&self, link: usize, quantity: &str) -> bool {
+        let track = (self.links.get(link)).and_then(|link| self.clusters.get(link.cluster)?.track);
+        let model = self.model.as_ref();
+        let on_crank = track
+            .is_some_and(|track| model.is_some_and(|model| model.tracks[track].crank.is_some()));
+        let exists = match quantity {
+            "plate_joint" => !self.plate.is_point(),
+            "track_direction" => track.is_some() && !on_crank,
+            _ => true,
+        };
+        let is_formula =
+            Value::find(quantity).is_some_and(|value| self.formula_of(link, value).is_some());
+        exists && !is_formula
     }
 
     /// A robot from its description, compiled at run time: its functions are interpreted.
@@ -246,6 +297,15 @@ impl Variant {
             .collect()
     }
 
+    /// Freedoms of the plate that its closures hold, as columns of a motion: translation along x, y, z, then rotation
+    /// about x, y, z. A reduced arm says nothing about orientation.
+    pub fn freedoms(&self, plate: Plate) -> &'static [usize] {
+        match self.arm {
+            Arm::Full => plate.freedoms(),
+            Arm::Reduced => plate.freedoms_of_tcp(),
+        }
+    }
+
     /// Index of a parameter by its owner, quantity and component.
     pub fn parameter(
         &self,
@@ -299,9 +359,14 @@ impl ResidualFamily for Static {
 
 impl From<&runtime::Robot> for Robot {
     fn from(robot: &runtime::Robot) -> Self {
+        // Tables of generated code hold what its functions need; all else stands in the description.
+        let model = language::check_text(robot.description).ok();
         Self {
             name: robot.name.into(),
             description: robot.description.into(),
+            plate: model.as_ref().map_or(Plate::Body, |model| model.plate),
+            drives: model.as_ref().map_or_else(Vec::new, Model::drives),
+            model: model.map(Arc::new),
             tracks: robot.tracks.iter().map(|&name| name.into()).collect(),
             clusters: robot
                 .clusters
@@ -377,6 +442,9 @@ impl From<&CompiledRobot> for Robot {
         Self {
             name: model.name.clone(),
             description: robot.description.clone(),
+            plate: model.plate,
+            drives: model.drives(),
+            model: Some(Arc::new(model.clone())),
             tracks: model
                 .tracks
                 .iter()

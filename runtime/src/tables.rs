@@ -58,6 +58,8 @@ pub enum TrackShape {
     Linear,
     /// Interpolation between measured cart points, carried by a calibrated rigid transform (eq. 4).
     Piecewise,
+    /// `C(q) = centre + Rot(q·axis)·(C0 − centre)`.
+    Crank,
 }
 
 /// A variant's model of one track.
@@ -104,6 +106,10 @@ pub enum Owner {
     Cluster(usize),
     /// A track, by index (directions shared by the links of a cart).
     Track(usize),
+    /// A crank, by its index among the tracks.
+    Crank(usize),
+    /// The whole machine.
+    Robot,
     /// An effect of the variant, by index in its list.
     Effect(usize),
     /// The tracker frame of set 2 or 3.
@@ -124,8 +130,8 @@ pub struct Parameter {
     pub name: &'static str,
     /// Its owner.
     pub owner: Owner,
-    /// `length`, `plate_joint`, `track_offset`, `track_direction`, `track_rotation`, `translation`,
-    /// `rotation`, `position`, or the name of an effect's parameter.
+    /// `length`, `plate_joint`, `track_offset`, `track_direction`, `track_rotation`, `centre`, `axis`, `translation`,
+    /// `rotation`, `position`, or the name of a parameter of the machine or an effect.
     pub quantity: &'static str,
     /// Component 0, 1 or 2 of a vector.
     pub component: Option<usize>,
@@ -214,7 +220,7 @@ pub struct Instance {
 /// A number that a sample brings.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Input {
-    /// Commanded position (m), by index of the command.
+    /// Commanded position (m) or angle (rad), by index of the command.
     Command(usize),
     /// Measured position x, y, z (m): of the TCP (set 1) or of the target (sets 2 and 3, registered).
     Position(usize),
@@ -256,4 +262,6 @@ pub enum Input {
     SegmentStartCommand(usize),
     /// Command at its end (m).
     SegmentEndCommand(usize),
+    /// Value of a parameter that the variant holds, by its index in [`Variant::parameters`].
+    Held(usize),
 }

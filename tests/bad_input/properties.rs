@@ -70,6 +70,7 @@ fn robot_file() -> impl Strategy<Value = RobotFile> {
     ))
     .prop_map(|stated| {
         stated.map(|(commands_m, position_m, orientation_rad)| Reference {
+            has_angles: false,
             commands_m,
             position_m,
             orientation_rad,

@@ -416,10 +416,10 @@ impl<'a> Setup<'a> {
         let with_commands = asked == Asked::Commands;
         let (machine, certainty) = (&self.machine, &self.certainty);
         let known = certainty.of(machine, rows, reached, with_commands);
-        let has_orientation = self.machine.variant.arm == Arm::Full;
+        let has_orientation = self.machine.turns();
         let pairs = || rows.iter().zip(reached).zip(&known);
         let mut header = vec!["pose".to_owned()];
-        header.extend((1..=self.machine.robot.commands).map(|k| format!("q{k}_m")));
+        header.extend(self.machine.robot.command_columns());
         header.extend(["x_m", "y_m", "z_m"].map(String::from));
         if has_orientation {
             header.extend(["alpha_rad", "beta_rad", "gamma_rad"].map(String::from));

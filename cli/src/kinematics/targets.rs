@@ -4,7 +4,6 @@ use std::io::{self, Read};
 use std::path::Path;
 
 use tau::kinematics::{Machine, Pose, Sample};
-use tau::robot::Arm;
 use tau_robot::input_error::{InputError, Mistakes, Source, quoted, read, utf8};
 use tau_robot::measurements::set::{
     ANGLES, ConditionColumns, DIRECTION, POSITION, Set, TEMPERATURE, TIME, read_directions, vector,
@@ -140,14 +139,14 @@ pub(super) fn of_file(
         .chain(&ANGLES)
         .map(ToString::to_string)
         .chain(directions.iter().cloned())
-        .chain(shape.command_names())
+        .chain(machine.robot.command_columns())
         .chain(["rx_rad", "ry_rad", "rz_rad"].map(str::to_owned))
         .collect();
     let sigmas = known.iter().map(|name| format!("sigma_{name}"));
     let known = sigmas.chain(["inside".to_owned()]).chain(known.clone());
     let known: Vec<String> = known.collect();
     let required = match asked {
-        Asked::Poses => shape.command_names(),
+        Asked::Poses => machine.robot.command_columns(),
         Asked::Commands => POSITION.map(str::to_owned).to_vec(),
     };
     let Set {
@@ -160,8 +159,7 @@ pub(super) fn of_file(
 
     let has = |name: &&str| table.column(name).is_some();
     // A reduced arm says nothing about orientation, so that a position is a start, too.
-    let is_position = (asked == Asked::Commands || machine.variant.arm == Arm::Reduced)
-        && !ANGLES.iter().any(has);
+    let is_position = (asked == Asked::Commands || !machine.turns()) && !ANGLES.iter().any(has);
     let mut pose: Vec<&str> = POSITION.to_vec();
     if !is_position {
         pose.extend(ANGLES);

@@ -3,7 +3,6 @@
 use rayon::prelude::*;
 use tau::calibration::Prepared;
 use tau::kinematics::{Machine, Reached};
-use tau::robot::Arm;
 use tau::robot_file::{Provenance, RobotFile};
 use tau::uncertainty::{PoseUncertainty, Uncertainty};
 
@@ -139,11 +138,12 @@ impl Known {
         let mut names = Vec::new();
         if certainty.has_sigmas() {
             names.extend(["x_m", "y_m", "z_m"].map(|name| format!("sigma_{name}")));
-            if machine.variant.arm == Arm::Full {
+            if machine.turns() {
                 names.extend(["rx_rad", "ry_rad", "rz_rad"].map(|name| format!("sigma_{name}")));
             }
             if with_commands {
-                names.extend((1..=machine.robot.commands).map(|k| format!("sigma_q{k}_m")));
+                let commands = machine.robot.command_columns();
+                names.extend(commands.iter().map(|name| format!("sigma_{name}")));
             }
         }
         if certainty.has_region() {
@@ -164,7 +164,7 @@ impl Known {
             let nothing = || vec![f64::NAN; 3];
             let pose = self.pose.as_ref();
             let mut numbers = pose.map_or_else(nothing, |pose| pose.position_m().to_vec());
-            if machine.variant.arm == Arm::Full {
+            if machine.turns() {
                 numbers.extend(pose.map_or_else(nothing, |pose| pose.rotation_rad().to_vec()));
             }
             if with_commands {

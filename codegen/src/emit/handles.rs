@@ -122,7 +122,8 @@ pub fn clashes(robot: &CompiledRobot) -> Vec<Clash> {
 }
 
 fn clashes_in(variant: &CompiledVariant) -> Vec<Clash> {
-    let mut named: BTreeMap<String, &str> = BTreeMap::new();
+    // The tables of the variant stand beside its parameters.
+    let mut named: BTreeMap<String, &str> = BTreeMap::from([("VARIANT".to_owned(), "VARIANT")]);
     let mut clashes = Vec::new();
     for parameter in &variant.parameters {
         let constant = parameter_constant(&parameter.name);

@@ -63,6 +63,7 @@ pub(super) fn variant(
         let shape = match track.shape {
             TrackShape::Linear => quote!(TrackShape::Linear),
             TrackShape::Piecewise => quote!(TrackShape::Piecewise),
+            TrackShape::Crank => quote!(TrackShape::Crank),
         };
         let per_link = track.per_link;
         quote!(TrackModel { shape: #shape, per_link: #per_link })
@@ -144,6 +145,11 @@ fn owner(owner: Owner) -> TokenStream {
             let track = index(track);
             quote!(Owner::Track(#track))
         }
+        Owner::Crank(track) => {
+            let track = index(track);
+            quote!(Owner::Crank(#track))
+        }
+        Owner::Robot => quote!(Owner::Robot),
         Owner::Effect(effect) => {
             let effect = index(effect);
             quote!(Owner::Effect(#effect))
@@ -182,6 +188,7 @@ fn input(input: Input) -> TokenStream {
         Input::SegmentEnd { track, component } => component_of("SegmentEnd", track, component),
         Input::SegmentStartCommand(track) => simple("SegmentStartCommand", track),
         Input::SegmentEndCommand(track) => simple("SegmentEndCommand", track),
+        Input::Held(parameter) => simple("Held", parameter),
     }
 }
 

@@ -6,7 +6,7 @@
 
 use std::collections::BTreeMap;
 
-use tau_model_dsl::model::{Arm, Place, Target};
+use tau_model_dsl::model::{Arm, Place, Plate, Target, Value};
 use tau_runtime::{Input, Owner, ResidualKind};
 
 use super::context::PoseSymbols;
@@ -17,6 +17,10 @@ use crate::graph::{Expr, Node, Stage, Symbol};
 use crate::vector::{self, Rotation, Vector};
 
 const REDUCED: &str = "L² − ‖T − C(q)‖²";
+const POINT: &str = "L² − ‖T − C(q)‖², T the point";
+const POINT_IN_PLANE: &str = "L² − ‖T − C(q)‖², T the point, z = 0";
+const IN_PLANE: &str = "L² − ‖T + R·P − C(q)‖², z = 0, R = Rz(alpha + gamma)";
+const REDUCED_IN_PLANE: &str = "L² − ‖T − C(q)‖², z = 0";
 const FULL: &str = "L² − ‖T + R·P − C(q)‖², R = Rz(alpha)·Ry(beta)·Rz(gamma)";
 
 /// Closure of a link (full arm) or cluster (reduced arm), by its parameters.
@@ -24,11 +28,11 @@ const FULL: &str = "L² − ‖T + R·P − C(q)‖², R = Rz(alpha)·Ry(beta)·
 /// With `pose`, also by the TCP's position and Euler angles, as further columns in front.
 pub fn closure(mut context: Context<'_>, of: usize, pose: bool) -> Equations {
     let residual = residual(&mut context, of, None);
+    let equation = equation(&context);
     let Context {
         mut g,
         parameters,
         data,
-        variant,
         ..
     } = context;
     let pose_inputs = [
@@ -57,11 +61,7 @@ pub fn closure(mut context: Context<'_>, of: usize, pose: bool) -> Equations {
         pose: vec![],
         parameters: parameters.into_iter().collect(),
         residuals: vec![residual],
-        equation: if variant.arm == Arm::Reduced {
-            REDUCED
-        } else {
-            FULL
-        },
+        equation,
         graph: g,
     }
 }
@@ -86,11 +86,11 @@ pub fn closure_by_pose(mut context: Context<'_>, of: usize) -> Equations {
         commands: commands.clone(),
     });
     let perturbed = residual(&mut context, of, Some(turn));
+    let equation = equation(&context);
     let Context {
         mut g,
         parameters,
         data,
-        variant,
         ..
     } = context;
     let columns: Vec<Symbol> = shift
@@ -116,12 +116,20 @@ pub fn closure_by_pose(mut context: Context<'_>, of: usize) -> Equations {
         pose: position.into_iter().chain(angles).chain(commands).collect(),
         parameters: parameters.into_iter().collect(),
         residuals: vec![roots[0]],
-        equation: if variant.arm == Arm::Reduced {
-            REDUCED
-        } else {
-            FULL
-        },
+        equation,
         graph: g,
+    }
+}
+
+/// The closure in words.
+fn equation(context: &Context<'_>) -> &'static str {
+    match (context.model.plate, context.variant.arm) {
+        (Plate::Point, _) => POINT,
+        (Plate::PointInPlane, _) => POINT_IN_PLANE,
+        (Plate::Body, Arm::Reduced) => REDUCED,
+        (Plate::Body, Arm::Full) => FULL,
+        (Plate::BodyInPlane, Arm::Reduced) => REDUCED_IN_PLANE,
+        (Plate::BodyInPlane, Arm::Full) => IN_PLANE,
     }
 }
 
@@ -150,9 +158,11 @@ fn residual(context: &mut Context<'_>, of: usize, turn: Option<Vector>) -> Expr 
     context.own_command = track.or(actuated_by);
 
     let mut tcp = context.vector_datum(Input::Position);
-    let mut length = context.parameter(owner, "length", None);
+    let mut length = context.length(owner);
+    let plate = context.model.plate;
     let mut joint = match context.variant.arm {
-        Arm::Full => Some(context.vector_parameter(owner, "plate_joint")),
+        Arm::Full if plate.is_point() => None,
+        Arm::Full => Some(context.vector_value(owner, Value::PlateJoint)),
         Arm::Reduced => None,
     };
     for (index, used) in context.variant.effects.clone().iter().enumerate() {
@@ -188,20 +198,36 @@ fn residual(context: &mut Context<'_>, of: usize, turn: Option<Vector>) -> Expr 
             }
         }
     }
-    if let Some(command) = actuated_by {
+    // A formula reads its command itself.
+    let counts_from_zero = context.formula_of(owner, Value::Length).is_none();
+    if let Some(command) = actuated_by.filter(|_| counts_from_zero) {
         let q = context.datum(Input::Command(command));
         length = context.g.add(length, q);
     }
     let base = match track {
         Some(track) => context.joint_position(owner, track),
-        None => context.vector_parameter(owner, "track_offset"),
+        None => context.vector_value(owner, Value::TrackOffset),
     };
+    if plate.is_in_plane() {
+        tcp[2] = context.g.constant(0.0);
+    }
     let mut plate_point = tcp;
     if let Some(joint) = joint {
         let angles = context.vector_datum(Input::Angle);
         let g = &mut context.g;
-        let mut arm = Rotation::zyz(angles).apply(g, joint, "r");
-        if let Some(turn) = turn {
+        let rotation = if plate.is_in_plane() {
+            Rotation::about_z(g, angles)
+        } else {
+            Rotation::zyz(angles)
+        };
+        let mut arm = rotation.apply(g, joint, "r");
+        if let Some([x, y, z]) = turn {
+            let zero = g.constant(0.0);
+            let turn = if plate.is_in_plane() {
+                [zero, zero, z]
+            } else {
+                [x, y, z]
+            };
             let swing = vector::cross(g, turn, arm);
             arm = vector::add(g, arm, swing);
         }

@@ -6,6 +6,7 @@ use tau_model_dsl::model::{Model, Variant};
 use tau_runtime::{Input, Owner};
 
 use super::Parameter;
+use super::roles::role;
 use crate::graph::{Expr, Graph, Stage};
 use crate::vector::Vector;
 
@@ -82,6 +83,9 @@ impl<'a> Context<'a> {
         if let Some(&symbol) = self.parameters.get(&index) {
             return symbol;
         }
+        if self.table[index].is_held(self.model, self.variant) {
+            return self.datum(Input::Held(index));
+        }
         let name = self.local_name(&self.table[index]);
         let symbol = self.g.symbol(name, Stage::Parameter);
         self.parameters.insert(index, symbol);
@@ -120,6 +124,8 @@ impl<'a> Context<'a> {
                 }
             }
             Owner::Track(_) => info.quantity.clone(),
+            Owner::Robot => self.role_of(&info.quantity),
+            Owner::Crank(_) => format!("crank_{}", info.quantity),
             Owner::Effect(index) => {
                 let effect = &self.model.effects[self.variant.effects[index].effect];
                 format!("{}_{}", effect.name, info.quantity)
@@ -131,6 +137,23 @@ impl<'a> Context<'a> {
             name.push_str(["_x", "_y", "_z"][component]);
         }
         name
+    }
+
+    /// Name of a parameter of the machine by its role for the link that the equations are of.
+    fn role_of(&self, name: &str) -> String {
+        let link = match self.own {
+            Some(Owner::Link(link)) => Some(link),
+            _ => None,
+        };
+        let index = self
+            .model
+            .parameters
+            .iter()
+            .position(|own| own.name == name);
+        let role = link
+            .zip(index)
+            .and_then(|(link, index)| role(self.model, link, index));
+        role.unwrap_or_else(|| name.to_owned())
     }
 
     /// The symbol of a datum.
@@ -187,6 +210,7 @@ impl<'a> Context<'a> {
             Input::SegmentEnd { component, .. } => format!("segment_end_{}", axis(component)),
             Input::SegmentStartCommand(_) => "segment_start_q".into(),
             Input::SegmentEndCommand(_) => "segment_end_q".into(),
+            Input::Held(index) => self.local_name(&self.table[index]),
         }
     }
 }

@@ -1,6 +1,6 @@
 //! Formulas of effects as expressions.
 
-use tau_model_dsl::model::{BinaryOperator, Formula, Function, Readable};
+use tau_model_dsl::model::{BinaryOperator, Formula, Function, Readable, Value};
 use tau_runtime::{Input, Owner};
 
 use super::Context;
@@ -23,6 +23,21 @@ pub(super) struct Scope {
     pub(super) length_of: Option<Owner>,
     /// True if `x`, `y`, `z` are the measured position of this residual (set 1), or the TCP's elsewhere.
     pub(super) at_tcp: bool,
+}
+
+impl Scope {
+    /// Outside of effects, where formulas read parameters of the machine.
+    pub(super) fn nowhere() -> Self {
+        Self {
+            effect: usize::MAX,
+            command: None,
+            track: None,
+            source: None,
+            link: None,
+            length_of: None,
+            at_tcp: false,
+        }
+    }
 }
 
 impl Context<'_> {
@@ -48,6 +63,19 @@ impl Context<'_> {
                 }
                 let component = (parameter.components > 1).then_some(*component);
                 self.parameter(Owner::Effect(scope.effect), &parameter.name, component)
+            }
+            Formula::OfRobot(index, component) => {
+                let parameter = &self.model.parameters[*index];
+                let component = (parameter.components > 1).then_some(*component);
+                self.parameter(Owner::Robot, &parameter.name, component)
+            }
+            Formula::OfLink(value, component) => {
+                let owner = scope.length_of.expect("values are read in values of links");
+                match value {
+                    Value::Length => self.length(owner),
+                    Value::TrackDirection => self.direction_of(owner)[*component],
+                    _ => self.vector_value(owner, *value)[*component],
+                }
             }
             Formula::Read(readable) => self.read(*readable, scope),
             Formula::Negate(a) => {
@@ -121,7 +149,7 @@ impl Context<'_> {
             Readable::LoadHorizontal => self.load(scope, 1),
             Readable::LoadVertical => self.load(scope, 2),
             Readable::Tension => self.datum(Input::Tension(scope.link.expect(known))),
-            Readable::Length => self.parameter(scope.length_of.expect(known), "length", None),
+            Readable::Length => self.length(scope.length_of.expect(known)),
             Readable::Position(component) if scope.at_tcp => self.datum(Input::Position(component)),
             Readable::Position(component) => self.datum(Input::TcpPosition(component)),
         }

@@ -9,7 +9,9 @@ mod context;
 mod formula;
 mod motion;
 mod parameters;
+mod roles;
 mod targets;
+mod value;
 
 pub use closure::{closure, closure_by_pose};
 pub use context::{Context, Staging};

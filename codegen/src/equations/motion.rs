@@ -9,12 +9,12 @@
 //! interpolation weight, which is prepared work. So `track_offset` means the same, and takes the same prior, in linear
 //! and piecewise variants. `track_rotation` are angles about x, y, z, small ones on top of a registration of set 2.
 
-use tau_model_dsl::model::{Arm, EffectUse, Place, Target, TrackShape};
+use tau_model_dsl::model::{Arm, CrankValue, EffectUse, Place, Target, TrackShape, Value};
 use tau_runtime::{Input, Owner};
 
 use super::Context;
 use super::formula::Scope;
-use crate::graph::{Expr, Stage};
+use crate::graph::{Elementary, Expr, Stage};
 use crate::vector::{self, Rotation, Vector};
 
 /// Displacement of a cart by effects, in its track's frame.
@@ -68,22 +68,23 @@ impl Context<'_> {
 
     /// The path of a joint (eqs. 2 and 4).
     pub(super) fn path(&mut self, joint: Owner, track: usize) -> Path {
-        let offset = self.vector_parameter(joint, "track_offset");
-        let owner = self.path_owner(joint, track);
+        let offset = self.vector_value(joint, Value::TrackOffset);
         let q = self.datum(Input::Command(track));
         let (travel, direction) = match self.variant.tracks[track].shape {
             TrackShape::Linear => {
-                let direction = self.vector_parameter(owner, "track_direction");
+                let direction = self.direction_of(joint);
                 (vector::scale(&mut self.g, q, direction), direction)
             }
             TrackShape::Piecewise => {
                 let (point, direction) = self.segment(track, q);
+                let owner = self.path_owner(joint, track);
                 let angles = self.vector_parameter(owner, "track_rotation");
                 let rotation = Rotation::xyz(angles);
                 let travel = rotation.apply(&mut self.g, point, "path");
                 let direction = rotation.apply(&mut self.g, direction, "direction");
                 (travel, direction)
             }
+            TrackShape::Crank => self.turned(track, q, offset),
         };
         let position = vector::add(&mut self.g, offset, travel);
         Path {
@@ -92,6 +93,56 @@ impl Context<'_> {
             offset,
             direction,
         }
+    }
+
+    /// Direction of a joint's straight path: its own, or that of its cart.
+    pub(super) fn direction_of(&mut self, joint: Owner) -> Vector {
+        let track = match joint {
+            Owner::Link(link) => self.model.clusters[self.model.links[link].cluster].track,
+            Owner::Cluster(cluster) => self.model.clusters[cluster].track,
+            _ => None,
+        };
+        match (self.formula_of(joint, Value::TrackDirection), track) {
+            (None, Some(track)) => {
+                let owner = self.path_owner(joint, track);
+                self.vector_parameter(owner, "track_direction")
+            }
+            _ => self.vector_value(joint, Value::TrackDirection),
+        }
+    }
+
+    /// Displacement of a joint on a crank since q = 0, by Rodrigues' formula, and its direction of travel.
+    fn turned(&mut self, track: usize, q: Expr, offset: Vector) -> (Vector, Vector) {
+        let axis = self.crank_value(track, CrankValue::Axis);
+        let centre = self.crank_value(track, CrankValue::Centre);
+        let g = &mut self.g;
+        let square = vector::dot(g, axis, axis);
+        let size = g.apply(Elementary::Sqrt, square);
+        let unit = axis.map(|component| g.divide(component, size));
+        let angle = g.multiply(size, q);
+        g.name(angle, "angle");
+        let (sine, cosine) = (
+            g.apply(Elementary::Sin, angle),
+            g.apply(Elementary::Cos, angle),
+        );
+        let arm = vector::subtract(g, offset, centre);
+        let height = vector::dot(g, unit, arm);
+        let along = vector::scale(g, height, unit);
+        let outward = vector::subtract(g, arm, along);
+        let sideways = vector::cross(g, unit, arm);
+        let one = g.constant(1.0);
+        let back = g.subtract(cosine, one);
+        let (inward, swing) = (
+            vector::scale(g, back, outward),
+            vector::scale(g, sine, sideways),
+        );
+        let travel = vector::add(g, inward, swing);
+        let (inward, swing) = (
+            vector::scale(g, sine, outward),
+            vector::scale(g, cosine, sideways),
+        );
+        let direction = vector::subtract(g, swing, inward);
+        (travel, direction)
     }
 
     /// Point and slope of the measured path at a command. The segment is data, so at a knot the
@@ -149,7 +200,7 @@ impl Context<'_> {
                     track: place,
                     source,
                 } if place == track => source,
-                Place::AllCarts => None,
+                Place::AllCarts if self.model.tracks[track].crank.is_none() => None,
                 _ => continue,
             };
             let scope = Scope {
@@ -195,7 +246,7 @@ impl Context<'_> {
         let offsets: Vec<Vector> = self
             .joints(track)
             .into_iter()
-            .map(|joint| self.vector_parameter(joint, "track_offset"))
+            .map(|joint| self.vector_value(joint, Value::TrackOffset))
             .collect();
         vector::mean(&mut self.g, &offsets)
     }

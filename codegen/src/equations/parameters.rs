@@ -1,6 +1,8 @@
 //! The table of a variant's parameters.
 
-use tau_model_dsl::model::{Arm, LinkDefaults, Model, Place, TrackShape, Variant};
+use tau_model_dsl::model::{
+    Arm, CrankValue, Held, LinkDefaults, Model, Place, TrackShape, Variant,
+};
 use tau_runtime::Owner;
 
 /// A scalar parameter of a variant: the owned form of [`tau_runtime::Parameter`].
@@ -25,6 +27,23 @@ pub struct Parameter {
     pub search: Option<(f64, f64)>,
 }
 
+impl Parameter {
+    /// True if a variant holds it at its value.
+    pub fn is_held(&self, model: &Model, variant: &Variant) -> bool {
+        variant.holds.iter().any(|&held| match held {
+            Held::Parameter(index) => {
+                self.owner == Owner::Robot && self.quantity == model.parameters[index].name
+            }
+            Held::Link(link, value) => {
+                self.owner == Owner::Link(link) && self.quantity == value.name()
+            }
+            Held::Crank(track, value) => {
+                self.owner == Owner::Crank(track) && self.quantity == value.name()
+            }
+        })
+    }
+}
+
 /// All parameters of a variant: links or clusters, shared track directions, effects, then the frames
 /// and targets of sets 2 and 3.
 pub fn parameters(model: &Model, variant: &Variant) -> Vec<Parameter> {
@@ -39,32 +58,39 @@ pub fn parameters(model: &Model, variant: &Variant) -> Vec<Parameter> {
                     track_offset,
                     track_direction,
                 } = &link.defaults;
-                table.scalar(
-                    &link.name,
-                    owner,
-                    "length",
-                    "m",
-                    length.value.map(|v| v[0]),
-                    length.tolerance,
-                );
-                table.vector(
-                    &link.name,
-                    owner,
-                    "plate_joint",
-                    "m",
-                    plate_joint.value,
-                    plate_joint.tolerance,
-                );
-                table.vector(
-                    &link.name,
-                    owner,
-                    "track_offset",
-                    "m",
-                    track_offset.value,
-                    track_offset.tolerance,
-                );
+                if length.formula.is_none() {
+                    table.scalar(
+                        &link.name,
+                        owner,
+                        "length",
+                        "m",
+                        length.value.map(|v| v[0]),
+                        length.tolerance,
+                    );
+                }
+                if !model.plate.is_point() && plate_joint.formula.is_none() {
+                    table.vector(
+                        &link.name,
+                        owner,
+                        "plate_joint",
+                        "m",
+                        plate_joint.value,
+                        plate_joint.tolerance,
+                    );
+                }
+                if track_offset.formula.is_none() {
+                    table.vector(
+                        &link.name,
+                        owner,
+                        "track_offset",
+                        "m",
+                        track_offset.value,
+                        track_offset.tolerance,
+                    );
+                }
                 if let Some(track) = model.clusters[link.cluster].track
                     && variant.tracks[track].per_link
+                    && !has_given_direction(model, variant, index)
                 {
                     table.path(
                         &link.name,
@@ -75,7 +101,11 @@ pub fn parameters(model: &Model, variant: &Variant) -> Vec<Parameter> {
                 }
             }
             for (index, track) in model.tracks.iter().enumerate() {
-                if !variant.tracks[index].per_link {
+                let links = model.links_of_track(index);
+                let all_given = links
+                    .iter()
+                    .all(|&link| has_given_direction(model, variant, link));
+                if !variant.tracks[index].per_link && track.crank.is_none() && !all_given {
                     table.path(
                         &track.name,
                         Owner::Track(index),
@@ -90,10 +120,46 @@ pub fn parameters(model: &Model, variant: &Variant) -> Vec<Parameter> {
                 let owner = Owner::Cluster(index);
                 table.scalar(&cluster.name, owner, "length", "m", None, None);
                 table.vector(&cluster.name, owner, "track_offset", "m", None, None);
-                if let Some(track) = cluster.track {
+                if let Some(track) = cluster.track.filter(|&track| is_rail(model, track)) {
                     table.path(&cluster.name, owner, variant.tracks[track].shape, None);
                 }
             }
+        }
+    }
+    for (index, track) in model.tracks.iter().enumerate() {
+        let Some(crank) = &track.crank else {
+            continue;
+        };
+        for value in CrankValue::ALL {
+            let quantity = crank.quantity(value);
+            if quantity.formula.is_none() {
+                table.vector(
+                    &track.name,
+                    Owner::Crank(index),
+                    value.name(),
+                    value.unit(),
+                    quantity.value,
+                    quantity.tolerance,
+                );
+            }
+        }
+    }
+    for parameter in model.parameters.iter().filter(|own| !own.exact) {
+        for component in 0..parameter.components {
+            let nominal = parameter.nominal.as_ref();
+            table.push(
+                Parameter {
+                    name: String::new(),
+                    owner: Owner::Robot,
+                    quantity: parameter.name.clone(),
+                    component: (parameter.components > 1).then_some(component),
+                    unit: parameter.dimension.si_unit(),
+                    nominal: nominal.and_then(|values| values.get(component).copied()),
+                    tolerance: parameter.tolerance,
+                    search: None,
+                },
+                "",
+            );
         }
     }
     for (index, used) in variant.effects.iter().enumerate() {
@@ -122,7 +188,8 @@ pub fn parameters(model: &Model, variant: &Variant) -> Vec<Parameter> {
         let frame = format!("set{set}");
         table.vector(&frame, Owner::Frame(set), "translation", "m", None, None);
         table.vector(&frame, Owner::Frame(set), "rotation", "rad", None, None);
-        for (index, track) in model.tracks.iter().enumerate() {
+        let rails = model.tracks.iter().enumerate();
+        for (index, track) in rails.filter(|(_, track)| track.crank.is_none()) {
             let owner = Owner::Target { set, track: index };
             let target = format!("{frame}.target({})", track.name);
             table.vector(&target, owner, "position", "m", None, None);
@@ -132,6 +199,18 @@ pub fn parameters(model: &Model, variant: &Variant) -> Vec<Parameter> {
         }
     }
     table.infos
+}
+
+/// True if a link's direction follows from a formula, so that neither it nor its track has a parameter of it.
+pub(super) fn has_given_direction(model: &Model, variant: &Variant, link: usize) -> bool {
+    let link = &model.links[link];
+    let track = model.clusters[link.cluster].track;
+    let is_linear = track.is_some_and(|track| variant.tracks[track].shape == TrackShape::Linear);
+    is_linear && link.defaults.track_direction.formula.is_some()
+}
+
+fn is_rail(model: &Model, track: usize) -> bool {
+    model.tracks[track].crank.is_none()
 }
 
 /// Names of an effect's places, as the description writes them.
@@ -154,7 +233,11 @@ struct Table {
 
 impl Table {
     fn push(&mut self, mut info: Parameter, of: &str) {
-        info.name = format!("{of}.{}", info.quantity);
+        info.name = if of.is_empty() {
+            info.quantity.clone()
+        } else {
+            format!("{of}.{}", info.quantity)
+        };
         if let Some(component) = info.component {
             info.name.push_str([".x", ".y", ".z"][component]);
         }
@@ -230,6 +313,7 @@ impl Table {
             TrackShape::Piecewise => {
                 self.vector(of, owner, "track_rotation", "rad", Some([0.0; 3]), None);
             }
+            TrackShape::Crank => {}
         }
     }
 }

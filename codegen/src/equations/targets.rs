@@ -41,6 +41,9 @@ pub fn cart_position(mut context: Context<'_>, track: usize) -> Equations {
 
 fn residuals(context: &mut Context<'_>, track: usize, set: u8) -> Vec<Expr> {
     context.own_command = Some(track);
+    if let [joint] = context.joints(track)[..] {
+        context.own = Some(joint);
+    }
     let target = Owner::Target { set, track };
     let (point, rotation) = context.cart_motion(track);
     let mounting = context.vector_parameter(target, "position");

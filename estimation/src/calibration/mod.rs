@@ -196,6 +196,7 @@ impl Prepared {
             paths: paths::registered(robot, variant, folder, registration.as_ref())?,
             statics: Statics::new(robot, file),
             reference: file.reference.clone(),
+            held: nominal.iter().map(|nominal| nominal.value).collect(),
         };
         let machine = Machine {
             robot: robot.clone(),

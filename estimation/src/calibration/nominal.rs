@@ -4,7 +4,7 @@ use nalgebra::{Rotation3, Vector3};
 use tau_kinematics::{xyz, xyz_angles};
 use tau_robot::input_error::InputError;
 use tau_robot::robot::{Owner, Parameter, Robot, Variant};
-use tau_robot::robot_file::keys::{effect_key, quantity_of};
+use tau_robot::robot_file::keys::{crank_key, effect_key, quantity_of};
 use tau_robot::robot_file::{LinkValues, RobotFile};
 
 use super::registration::Registration;
@@ -74,6 +74,7 @@ impl<'a> Sources<'a> {
                     let middle = search.map_or(0.0, |(low, high)| f64::midpoint(low, high));
                     Some(Nominal::new(middle, parameter.tolerance))
                 }),
+            Owner::Robot | Owner::Crank(_) => self.machine(parameter).or_else(from_description),
             Owner::Frame(_) | Owner::Target { .. } => {
                 from_description().or(Some(Nominal::new(0.0, parameter.tolerance)))
             }
@@ -100,6 +101,23 @@ impl<'a> Sources<'a> {
     fn effect(&self, parameter: &Parameter) -> Option<Nominal> {
         let key = effect_key(parameter)?;
         let value = self.file.effects.get(key)?.get(&parameter.quantity)?;
+        let value_of = value.value.get(parameter.component.unwrap_or(0))?;
+        Some(Nominal {
+            value: *value_of,
+            tolerance: Some(value.tol),
+            is_calibrated: value.sigma.is_some(),
+        })
+    }
+
+    /// A parameter of the machine, or a value of a crank.
+    fn machine(&self, parameter: &Parameter) -> Option<Nominal> {
+        let value = match parameter.owner {
+            Owner::Crank(track) => {
+                let values = self.file.cranks.get(self.robot.tracks.get(track)?)?;
+                values.get(crank_key(&parameter.quantity))?
+            }
+            _ => self.file.parameters.get(&parameter.quantity)?,
+        };
         let value_of = value.value.get(parameter.component.unwrap_or(0))?;
         Some(Nominal {
             value: *value_of,
@@ -178,7 +196,11 @@ impl<'a> Sources<'a> {
                 (&self.file.clusters, &self.robot.clusters.get(cluster)?.name)
             }
             Owner::Track(track) => (&self.file.tracks, self.robot.tracks.get(track)?),
-            Owner::Effect(_) | Owner::Frame(_) | Owner::Target { .. } => return None,
+            Owner::Crank(_)
+            | Owner::Robot
+            | Owner::Effect(_)
+            | Owner::Frame(_)
+            | Owner::Target { .. } => return None,
         };
         section.get(name)
     }

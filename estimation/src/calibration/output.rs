@@ -3,7 +3,7 @@
 use tau_kinematics::{Machine, Sample, xyz, xyz_angles};
 use tau_robot::measurements::TcpPose;
 use tau_robot::robot::{Instance, Owner, ResidualKind};
-use tau_robot::robot_file::keys::{WIDE, effect_key, quantity_slot};
+use tau_robot::robot_file::keys::{WIDE, crank_key, effect_key, quantity_slot};
 use tau_robot::robot_file::{Covariance, Reference, RobotFile, Value};
 
 use super::cost::closure_cost;
@@ -170,6 +170,7 @@ pub(super) fn reference(machine: &Machine, poses: &[&TcpPose]) -> Option<Referen
     let rounded = |value: f64| (value * 1e4).round() / 1e4;
     Some(Reference {
         commands_m: measured.commands_m.clone(),
+        has_angles: (0..machine.robot.commands).any(|command| machine.robot.is_angle(command)),
         position_m: pose.position_m().map(rounded),
         orientation_rad: pose.angles_rad().map(rounded),
     })
@@ -219,6 +220,24 @@ pub(super) fn file(
                 };
                 let values = file.effects.entry(key.to_owned()).or_default();
                 let value = values.entry(parameter.quantity.clone()).or_default();
+                set(
+                    value,
+                    parameter.component,
+                    estimate.value,
+                    estimate.sigma,
+                    tolerance,
+                );
+                continue;
+            }
+            Owner::Crank(_) | Owner::Robot => {
+                let value = match parameter.owner {
+                    Owner::Crank(track) => {
+                        let values = file.cranks.entry(robot.tracks[track].clone()).or_default();
+                        let key = crank_key(&parameter.quantity).to_owned();
+                        values.entry(key).or_default()
+                    }
+                    _ => (file.parameters.entry(parameter.quantity.clone())).or_default(),
+                };
                 set(
                     value,
                     parameter.component,
@@ -300,7 +319,11 @@ fn component_of(
     let is_own = |owner: Owner| match owner {
         Owner::Link(index) | Owner::Cluster(index) => index == closure.of,
         Owner::Track(_) => true,
-        Owner::Effect(_) | Owner::Frame(_) | Owner::Target { .. } => false,
+        Owner::Crank(_)
+        | Owner::Robot
+        | Owner::Effect(_)
+        | Owner::Frame(_)
+        | Owner::Target { .. } => false,
     };
     closure
         .parameters

@@ -41,6 +41,7 @@ pub struct Sample {
 /// That something is missing, whichever set it is missing in.
 fn in_words(missing: Missing) -> &'static str {
     match missing {
+        Missing::Held => "the value of a parameter that the variant holds is missing",
         Missing::Command => "a command is missing",
         Missing::Direction => "the column of the side of approach (`dir`) is missing",
         Missing::Time => "the column `time_s` is missing",

@@ -3,7 +3,7 @@
 use proc_macro2::Ident;
 
 use super::robot::unknown_track;
-use super::scope::Scope;
+use super::scope::{Home, Scope};
 use super::value::{Checked, Shape, common, different_help};
 use super::vocabulary::{FUNCTIONS, meaning};
 use crate::diagnostics::{Diagnostics, Location};
@@ -11,6 +11,34 @@ use crate::model::{Formula, Function, Readable, Subject};
 use crate::names::suggest;
 use crate::syntax::{Expression, ExpressionKind};
 use crate::units::Dimension;
+
+/// Checks `norm(v)`: the length of a vector.
+fn norm(
+    arguments: &[Expression],
+    values: Vec<Option<Checked>>,
+    location: Location,
+    diagnostics: &mut Diagnostics,
+) -> Option<Checked> {
+    let Ok([value]) = <[Option<Checked>; 1]>::try_from(values) else {
+        let found = arguments.len();
+        let message = format!("`norm` takes 1 argument, found {found}");
+        diagnostics.error(location, message, "write `norm((x, y, z))`");
+        return None;
+    };
+    let Checked { shape, dimension } = value?;
+    let Shape::Vector(components) = shape else {
+        let message = "`norm` takes a vector, but this is a scalar";
+        let help = "the size of a scalar is `abs(a)`";
+        diagnostics.error(arguments.first()?.location, message, help);
+        return None;
+    };
+    let [x, y, z] = components.map(|component| Formula::Power(Box::new(component), 2));
+    let length = Formula::Call(Function::Sqrt, vec![x + y + z]);
+    Some(Checked {
+        shape: Shape::Scalar(length),
+        dimension,
+    })
+}
 
 /// Checks `sin(a)`, given the values of its arguments.
 pub(super) fn call(
@@ -21,13 +49,17 @@ pub(super) fn call(
     scope: &Scope<'_>,
     diagnostics: &mut Diagnostics,
 ) -> Option<Checked> {
+    if *name == "norm" {
+        return norm(arguments, values, location, diagnostics);
+    }
     let Some((_, function, arity)) = FUNCTIONS.iter().find(|(own, ..)| *name == own) else {
         let text = name.to_string();
         let is_value = scope.parameter(name).is_some() || meaning(&text).is_some();
         let help = if is_value {
             format!("for a product write `{text} * (…)`")
         } else {
-            suggest("function", &text, FUNCTIONS.iter().map(|(name, ..)| *name))
+            let known = FUNCTIONS.iter().map(|(name, ..)| *name);
+            suggest("function", &text, known.chain(["norm"]))
         };
         diagnostics.error(name, format!("`{text}` is not a function"), help);
         return None;
@@ -135,6 +167,12 @@ pub(super) fn command_of(
     scope: &Scope<'_>,
     diagnostics: &mut Diagnostics,
 ) -> Option<Checked> {
+    if let Home::Value(home) = &scope.home {
+        let message = format!("`{}` cannot read the command of another drive", home.what);
+        let help = "`length` of a driven link reads its own command: `q`";
+        diagnostics.error(location, message, help);
+        return None;
+    }
     let [
         Expression {
             kind: ExpressionKind::Name(place),
@@ -149,14 +187,14 @@ pub(super) fn command_of(
     };
     let what = if *place == "source" {
         if scope
-            .subject
+            .subject()
             .is_some_and(|subject| subject != Subject::CartFromSource)
         {
-            let message = format!("effect `{}` has no source", scope.effect.name);
-            let help = format!(
-                "declare it: `effect {} on cart from source`",
-                scope.effect.name
-            );
+            let Home::Effect(name, _) = &scope.home else {
+                return None;
+            };
+            let message = format!("effect `{name}` has no source");
+            let help = format!("declare it: `effect {name} on cart from source`");
             diagnostics.error(place, message, help);
             return None;
         }
@@ -168,5 +206,15 @@ pub(super) fn command_of(
         };
         Readable::CommandOf(track)
     };
+    if let Readable::CommandOf(track) = what
+        && scope
+            .tracks
+            .get(track)
+            .is_some_and(|track| track.crank.is_some())
+    {
+        let message = format!("`q({place})` is the angle of a crank, but effects read lengths");
+        diagnostics.error(place, message, "name a track");
+        return None;
+    }
     Some(Checked::scalar(Formula::Read(what), Dimension::LENGTH))
 }

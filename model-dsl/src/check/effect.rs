@@ -3,7 +3,7 @@
 use super::Declared;
 use super::formula::formula;
 use super::quantity::{dimension, scalar, tolerance, unit_help};
-use super::scope::Scope;
+use super::scope::{Home, Scope};
 use super::value::Shape;
 use super::vocabulary::{TARGETS, meaning, subject_of, subject_word};
 use crate::diagnostics::Diagnostics;
@@ -26,7 +26,7 @@ pub(super) fn effect(
 ) -> CheckedEffect {
     let subject = subject(effect, diagnostics);
     let before = diagnostics.count();
-    let mut scope = Scope::new(effect, subject, tracks);
+    let mut scope = Scope::new(Home::Effect(effect.name.to_string(), subject), tracks);
     let mut names = Declared::default();
     for declaration in &effect.parameters {
         parameters(declaration, &mut names, &mut scope, diagnostics);
@@ -121,6 +121,10 @@ fn parameters<'a>(
         .tolerance
         .as_ref()
         .and_then(|quantity| tolerance(quantity, dimension, &first, diagnostics));
+    if let Some(exact) = declaration.exact {
+        let message = "an exact parameter of an effect would be a number of its formulas";
+        diagnostics.error(exact, message, "write the number into the formulas");
+    }
     let search = search(declaration, dimension, &first, diagnostics);
     for given in &declaration.names {
         let name = given.name.to_string();
@@ -218,7 +222,7 @@ fn term(
 ) -> Option<Term> {
     let name = given.target.to_string();
     let target = TARGETS.iter().find(|(own, ..)| *own == name);
-    match (target, scope.subject) {
+    match (target, scope.subject()) {
         (None, _) => {
             let names = TARGETS.iter().map(|(name, ..)| *name);
             let help = match nearest(&name, names.clone()) {

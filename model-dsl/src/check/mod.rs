@@ -5,6 +5,10 @@
 mod call;
 mod effect;
 mod formula;
+mod geometry;
+mod hold;
+mod mobility;
+mod parameter;
 mod place;
 mod quantity;
 mod reference;
@@ -42,6 +46,8 @@ pub(crate) fn robot(
         name: robot.name.to_string(),
         docs: robot.docs.clone(),
         public: robot.public,
+        plate: geometry.plate,
+        parameters: geometry.parameters,
         tracks: geometry.tracks,
         clusters: geometry.clusters,
         links: geometry.links,

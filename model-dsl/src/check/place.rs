@@ -6,7 +6,7 @@ use super::effect::CheckedEffect;
 use super::robot::unknown_track;
 use super::variant::Context;
 use crate::diagnostics::{Diagnostic, Diagnostics, Location};
-use crate::model::{Effect, EffectUse, Place, Readable, Subject};
+use crate::model::{Effect, EffectUse, Link, Place, Readable, Subject};
 use crate::names::suggest;
 use crate::syntax;
 
@@ -97,7 +97,12 @@ impl Context<'_> {
     }
 
     fn some_cart(&self, place: &Ident, diagnostics: &mut Diagnostics) -> Option<()> {
-        if !self.geometry.tracks.is_empty() {
+        if self
+            .geometry
+            .tracks
+            .iter()
+            .any(|track| track.crank.is_none())
+        {
             return Some(());
         }
         let message = format!("robot `{}` has no carts", self.robot.name);
@@ -111,6 +116,7 @@ impl Context<'_> {
             .tracks
             .iter()
             .position(|track| *place == track.name);
+        let found = found.filter(|&track| self.geometry.tracks[track].crank.is_none());
         if found.is_none() {
             diagnostics.push(
                 self.wrong_kind(place, effect, "cart", "track")
@@ -152,10 +158,10 @@ impl Context<'_> {
                 .is_some_and(|cluster| cluster.track.is_none())
         });
         // A cluster on an unknown track has no cart either, but that has been reported.
-        let places_known =
-            self.robot.clusters.iter().all(|cluster| {
-                cluster.place == "base" || self.robot.tracks.contains(&cluster.place)
-            });
+        let places_known = self.robot.clusters.iter().all(|cluster| {
+            cluster.place == "base"
+                || (self.robot.tracks.iter()).any(|track| track.name == cluster.place)
+        });
         let of_cart = [("q", Readable::Command), ("direction", Readable::Direction)];
         let reads = of_cart
             .iter()
@@ -167,6 +173,25 @@ impl Context<'_> {
             );
             let help = "use it at links whose cluster is on a track";
             diagnostics.error(place, message, help);
+            return None;
+        }
+        let turns = |link: &&Link| {
+            let cluster = self.geometry.clusters.get(link.cluster);
+            let track = cluster.and_then(|cluster| self.geometry.tracks.get(cluster.track?));
+            track.is_some_and(|track| track.crank.is_some())
+        };
+        if checked.effect.reads(Readable::Command)
+            && let Some(link) = on.iter().find(turns)
+        {
+            let message = format!(
+                "`{effect}` reads `q` as a length, but `{}` stands on a crank, whose command is an angle",
+                link.name
+            );
+            diagnostics.error(
+                place,
+                message,
+                "use it at links whose cluster is on a track",
+            );
             return None;
         }
         Some(found)
@@ -188,9 +213,9 @@ impl Context<'_> {
         };
         let message = format!("`{effect}` acts on a {on}, but `{place}` is {found}");
         let names: Vec<_> = if wanted == "track" {
-            self.geometry
-                .tracks
-                .iter()
+            let tracks = self.geometry.tracks.iter();
+            tracks
+                .filter(|track| track.crank.is_none())
                 .map(|track| format!("`{}`", track.name))
                 .collect()
         } else {

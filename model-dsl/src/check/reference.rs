@@ -3,8 +3,8 @@
 use super::Declared;
 use super::quantity::values;
 use super::robot::Geometry;
-use crate::diagnostics::Diagnostics;
-use crate::model::Reference;
+use crate::diagnostics::{Diagnostics, Location};
+use crate::model::{Drive, Reference};
 use crate::syntax;
 use crate::units::Dimension;
 
@@ -21,13 +21,9 @@ pub(super) fn reference(
         let message = "a second `reference`, but one pose settles how the arm is assembled";
         diagnostics.error(second.location, message, "leave out one of them");
     }
-    let driven = geometry
-        .links
-        .iter()
-        .filter(|link| link.actuated_by.is_some());
-    let count = geometry.tracks.len() + driven.count();
+    let drives = &geometry.drives;
     let mut reference = Reference {
-        commands: vec![0.0; count],
+        commands: vec![0.0; drives.len()],
         position: [0.0; 3],
         orientation: [0.0; 3],
     };
@@ -35,30 +31,57 @@ pub(super) fn reference(
     for (name, given) in &first.values {
         names.declare(name, "part of the reference", diagnostics);
         let what = format!("`{name}`");
-        let (dimension, expected) = match name.to_string().as_str() {
-            "commands" => (Dimension::LENGTH, count),
-            "position" => (Dimension::LENGTH, 3),
-            _ => (Dimension::ANGLE, 3),
-        };
-        let Some(numbers) = values(given, Some(dimension), &what, diagnostics) else {
+        let Some(location) = whole(given) else {
             continue;
         };
-        if numbers.len() != expected {
-            let message = format!("{what} must be {expected} numbers, found {}", numbers.len());
-            let help = match name.to_string().as_str() {
-                "commands" => "one for each track, then one for each link of `actuated length`",
-                "position" => "write `(x, y, z)`",
-                _ => "write the ZYZ Euler angles `(alpha, beta, gamma)`",
-            };
-            diagnostics.error(given.location, message, help);
+        if name == "commands" {
+            if let Some(numbers) = commands(given, location, drives, diagnostics) {
+                reference.commands = numbers;
+            }
             continue;
         }
-        let slot = match name.to_string().as_str() {
-            "commands" => &mut reference.commands[..],
-            "position" => &mut reference.position[..],
-            _ => &mut reference.orientation[..],
+        let is_position = name == "position";
+        let dimension = if is_position {
+            Dimension::LENGTH
+        } else {
+            Dimension::ANGLE
         };
-        slot.copy_from_slice(&numbers);
+        let Some(numbers) = given
+            .first()
+            .and_then(|given| values(given, Some(dimension), &what, diagnostics))
+        else {
+            continue;
+        };
+        let Ok(numbers) = <[f64; 3]>::try_from(numbers.as_slice()) else {
+            let message = format!("{what} must be 3 numbers, found {}", numbers.len());
+            let help = if is_position {
+                "write `(x, y, z)`"
+            } else {
+                "write the ZYZ Euler angles `(alpha, beta, gamma)`"
+            };
+            diagnostics.error(location, message, help);
+            continue;
+        };
+        let plate = geometry.plate;
+        let wrong = match is_position {
+            false if plate.is_point() => Some("leave it out: a point has no orientation"),
+            false if plate.is_in_plane() && numbers[1] != 0.0 => {
+                Some("in the plane beta is zero: write the turn about z as `(angle, 0, 0)`")
+            }
+            true if plate.is_in_plane() && numbers[2] != 0.0 => {
+                Some("the plane is z = 0: write `(x, y, 0)`, and heights into the links' joints")
+            }
+            _ => None,
+        };
+        if let Some(help) = wrong {
+            let written = plate.written();
+            let message = format!("{what} does not fit a plate that is a {written}");
+            diagnostics.error(location, message, help);
+        } else if is_position {
+            reference.position = numbers;
+        } else {
+            reference.orientation = numbers;
+        }
     }
     if !first.values.iter().any(|(name, _)| name == "position") {
         diagnostics.error(
@@ -68,4 +91,53 @@ pub(super) fn reference(
         );
     }
     Some(reference)
+}
+
+/// The place of several quantities.
+fn whole(given: &[syntax::Quantity]) -> Option<Location> {
+    let (first, last) = given.first().zip(given.last())?;
+    Some(first.location.to(last.location))
+}
+
+/// A number for each drive, lengths in m and angles in rad.
+fn commands(
+    given: &[syntax::Quantity],
+    location: Location,
+    drives: &[Drive],
+    diagnostics: &mut Diagnostics,
+) -> Option<Vec<f64>> {
+    let found: usize = given.iter().map(|one| one.numbers.len()).sum();
+    if found != drives.len() {
+        let expected = drives.len();
+        let message = format!("`commands` must be {expected} numbers, found {found}");
+        let help = "one for each track or crank, then one for each driven link";
+        diagnostics.error(location, message, help);
+        return None;
+    }
+    let mut numbers = Vec::new();
+    for one in given {
+        let own = drives.get(numbers.len()..numbers.len() + one.numbers.len())?;
+        let is_angle = own.first()?.is_angle;
+        if let Some(other) = own.iter().find(|drive| drive.is_angle != is_angle) {
+            let message = format!(
+                "one unit for all commands, but some are lengths and that of `{}` is {}",
+                other.name,
+                if other.is_angle {
+                    "an angle"
+                } else {
+                    "a length"
+                }
+            );
+            let help = "give each command its unit: `(0.1 m, 0.2 rad)`";
+            diagnostics.error(location, message, help);
+            return None;
+        }
+        let dimension = if is_angle {
+            Dimension::ANGLE
+        } else {
+            Dimension::LENGTH
+        };
+        numbers.extend(values(one, Some(dimension), "`commands`", diagnostics)?);
+    }
+    Some(numbers)
 }

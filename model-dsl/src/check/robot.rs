@@ -1,21 +1,29 @@
-//! Tracks, clusters and links.
+//! Plate, tracks, clusters and links.
+
+use std::rc::Rc;
 
 use proc_macro2::Ident;
 
-use super::Declared;
-use super::quantity::{scalar, tolerance, values};
+use super::geometry::{self, Carrier, OfLink};
+use super::quantity::{scalar, tolerance};
+use super::scope::Scope;
+use super::{Declared, mobility, parameter};
 use crate::diagnostics::{Diagnostic, Diagnostics};
-use crate::model::{Cluster, Link, LinkDefaults, Quantity, Track};
+use crate::model::{Cluster, Crank, Drive, Link, Plate, Quantity, RobotParameter, Track};
 use crate::names::suggest;
-use crate::syntax;
+use crate::syntax::{self, Given};
 use crate::units::Dimension;
 
 /// Tracks, or links, of a robot. Every parameter of every link is a column of dense matrices, so that memory and time
 /// grow with their square and more; parallel robots have a dozen, cable robots and their like a few dozen.
 const MOST_PARTS: usize = 200;
 
-/// The moving parts of a robot, with the names of all.
+/// The parts of a robot, with the names of all.
 pub(super) struct Geometry {
+    pub(super) plate: Plate,
+    pub(super) parameters: Vec<RobotParameter>,
+    /// What each command drives.
+    pub(super) drives: Vec<Drive>,
     pub(super) tracks: Vec<Track>,
     pub(super) clusters: Vec<Cluster>,
     pub(super) links: Vec<Link>,
@@ -23,17 +31,17 @@ pub(super) struct Geometry {
 }
 
 pub(super) fn geometry(robot: &syntax::Robot, diagnostics: &mut Diagnostics) -> Geometry {
+    let before = diagnostics.count();
+    let mut names = Declared::default();
+    let (parameters, mut scope) = parameter::parameters(robot, &mut names, diagnostics);
     let mut geometry = Geometry {
-        tracks: robot
-            .tracks
-            .iter()
-            .map(|name| Track {
-                name: name.to_string(),
-            })
-            .collect(),
+        plate: plate(robot, diagnostics),
+        parameters,
+        drives: Vec::new(),
+        tracks: tracks(robot, &mut scope, diagnostics),
         clusters: Vec::new(),
         links: Vec::new(),
-        names: Declared::default(),
+        names,
     };
     if !robot
         .name
@@ -52,7 +60,12 @@ pub(super) fn geometry(robot: &syntax::Robot, diagnostics: &mut Diagnostics) -> 
         );
     }
     for track in &robot.tracks {
-        geometry.names.declare(track, "track", diagnostics);
+        let what = if track.crank.is_some() {
+            "crank"
+        } else {
+            "track"
+        };
+        geometry.names.declare(&track.name, what, diagnostics);
     }
     let mut places_known = true;
     let mut actuators = 0;
@@ -64,7 +77,7 @@ pub(super) fn geometry(robot: &syntax::Robot, diagnostics: &mut Diagnostics) -> 
         let track = robot
             .tracks
             .iter()
-            .position(|track| *track == cluster.place);
+            .position(|track| track.name == cluster.place);
         if track.is_none() && !on_base {
             places_known = false;
             diagnostics.push(unknown_track(&cluster.place, &geometry.tracks));
@@ -74,7 +87,7 @@ pub(super) fn geometry(robot: &syntax::Robot, diagnostics: &mut Diagnostics) -> 
             diagnostics.error(&cluster.name, message, "declare one: `link l1;`");
         }
         for links in &cluster.links {
-            if let Some(actuated) = links.actuated.filter(|_| track.is_some()) {
+            if let Some((_, actuated)) = links.actuated.filter(|_| track.is_some()) {
                 let message = format!(
                     "the links of cluster `{}` are driven by its cart already",
                     cluster.name
@@ -85,18 +98,29 @@ pub(super) fn geometry(robot: &syntax::Robot, diagnostics: &mut Diagnostics) -> 
                     "leave out `actuated length`, or place the cluster `on base`",
                 );
             }
-            let defaults = defaults(links, on_base, diagnostics);
+            let is_crank = |track: usize| geometry.tracks[track].crank.is_some();
+            let of = OfLink {
+                carrier: match track {
+                    None => Carrier::Base,
+                    Some(track) if is_crank(track) => Carrier::Crank,
+                    Some(_) => Carrier::Track,
+                },
+                plate: geometry.plate,
+                driven_by_angle: links.actuated.map(|(by_angle, _)| by_angle),
+            };
+            let defaults = geometry::link(links, of, &mut scope, diagnostics);
+            let pull = pull(links, diagnostics);
             for name in &links.names {
                 geometry.names.declare(name, "link", diagnostics);
                 let actuated_by = links.actuated.map(|_| robot.tracks.len() + actuators);
                 actuators += usize::from(actuated_by.is_some());
-                let cluster = geometry.clusters.len();
-                let (name, defaults) = (name.to_string(), defaults.clone());
                 geometry.links.push(Link {
-                    name,
-                    cluster,
+                    name: name.to_string(),
+                    cluster: geometry.clusters.len(),
                     actuated_by,
-                    defaults,
+                    is_driven_by_angle: of.driven_by_angle == Some(true),
+                    pull: pull.clone(),
+                    defaults: defaults.clone(),
                 });
             }
         }
@@ -106,7 +130,100 @@ pub(super) fn geometry(robot: &syntax::Robot, diagnostics: &mut Diagnostics) -> 
         });
     }
     whole(robot, &geometry, places_known, actuators, diagnostics);
+    // What has an error may be what would use a parameter, or let the plate move.
+    if diagnostics.count() == before {
+        parameter::unused(&scope, diagnostics);
+        mobility::mobility(robot, &geometry, diagnostics);
+    }
+    let carriers = geometry.tracks.iter().map(|track| Drive {
+        name: track.name.clone(),
+        is_angle: track.crank.is_some(),
+    });
+    let driven = geometry
+        .links
+        .iter()
+        .filter(|link| link.actuated_by.is_some());
+    let driven = driven.map(|link| Drive {
+        name: link.name.clone(),
+        is_angle: link.is_driven_by_angle,
+    });
+    geometry.drives = carriers.chain(driven).collect();
     geometry
+}
+
+/// Tracks and cranks.
+fn tracks(
+    robot: &syntax::Robot,
+    scope: &mut Scope<'_>,
+    diagnostics: &mut Diagnostics,
+) -> Vec<Track> {
+    let mut known: Option<(&Rc<Vec<syntax::Value>>, Crank)> = None;
+    let mut tracks = Vec::new();
+    for track in &robot.tracks {
+        let crank = track.crank.as_ref().map(|values| match &known {
+            Some((same, crank)) if Rc::ptr_eq(same, values) => crank.clone(),
+            _ => {
+                let crank = geometry::crank(values, scope, diagnostics);
+                known = Some((values, crank.clone()));
+                crank
+            }
+        });
+        tracks.push(Track {
+            name: track.name.to_string(),
+            crank,
+        });
+    }
+    tracks
+}
+
+/// The tension to which a link's drive is controlled, where it pulls.
+fn pull(links: &syntax::Links, diagnostics: &mut Diagnostics) -> Option<Quantity<1>> {
+    let [first, more @ ..] = &links.pulls[..] else {
+        return None;
+    };
+    for second in more {
+        let message = "`pulled` is said already";
+        diagnostics.error(&second.name, message, "say it once");
+    }
+    if links.actuated.is_none() {
+        let message = "a link without a drive holds its length and pulls by nothing";
+        let help = "leave it out, or say what drives the link: `actuated length`";
+        diagnostics.error(&first.name, message, help);
+    }
+    let mut quantity = Quantity::default();
+    let (dimension, what) = (Some(Dimension::FORCE), "the tension of `pulled`");
+    match &first.value {
+        None => {}
+        Some(Given::Quantity(given)) => {
+            let tension = scalar(given, dimension, what, diagnostics);
+            if let Some(tension) = tension.filter(|tension| *tension <= 0.0) {
+                let message = format!("{what} must be greater than zero, found {tension} N");
+                diagnostics.error(given.location, message, "write the force in the link");
+            }
+            quantity.value = tension.map(|tension| [tension]);
+        }
+        Some(Given::Formula(given)) => {
+            let message = format!("{what} is a number");
+            diagnostics.error(given.location, message, "write `pulled = 20 N tol 1 N;`");
+        }
+    }
+    quantity.tolerance = first
+        .tolerance
+        .as_ref()
+        .and_then(|given| tolerance(given, dimension, "`pulled`", diagnostics));
+    Some(quantity)
+}
+
+/// What the links hold; one declaration at most.
+fn plate(robot: &syntax::Robot, diagnostics: &mut Diagnostics) -> Plate {
+    let [first, more @ ..] = &robot.plates[..] else {
+        return Plate::default();
+    };
+    for (_, location) in more {
+        let message = "a second `plate`, but the links hold one";
+        diagnostics.error(*location, message, "leave out one of them");
+    }
+    first.0
 }
 
 /// Requirements on a robot as a whole.
@@ -149,11 +266,15 @@ fn whole(
     if places_known && robot.tracks.is_empty() && actuators == 0 && !geometry.links.is_empty() {
         missing(
             format!("robot `{name}` has nothing that moves"),
-            "declare a track, or links of `actuated length`",
+            "declare a track, a crank, or links of `actuated length`",
         );
     }
     for (index, track) in robot.tracks.iter().enumerate().filter(|_| places_known) {
-        let first = robot.tracks.iter().position(|other| other == track) == Some(index);
+        let (name, is_crank) = (&track.name, track.crank.is_some());
+        let track = name;
+        let mut all = robot.tracks.iter();
+        let first = all.position(|other| other.name == *track) == Some(index);
+        let what = if is_crank { "crank" } else { "track" };
         if first
             && !geometry
                 .clusters
@@ -162,8 +283,8 @@ fn whole(
         {
             diagnostics.error(
                 track,
-                format!("track `{track}` carries no cluster"),
-                format!("declare one, `cluster … on {track} {{ … }}`, or remove the track"),
+                format!("{what} `{track}` carries no cluster"),
+                format!("declare one, `cluster … on {track} {{ … }}`, or remove the {what}"),
             );
         }
     }
@@ -176,92 +297,4 @@ pub(super) fn unknown_track(name: &Ident, tracks: &[Track]) -> Diagnostic {
         &name.to_string(),
         names,
     ))
-}
-
-/// The values that a link's declaration gives.
-fn defaults(links: &syntax::Links, on_base: bool, diagnostics: &mut Diagnostics) -> LinkDefaults {
-    let mut defaults = LinkDefaults::default();
-    let mut names = Declared::default();
-    for given in &links.values {
-        names.declare(&given.name, "value of this link", diagnostics);
-        match given.name.to_string().as_str() {
-            "length" => {
-                defaults.length = length(given, diagnostics);
-            }
-            "plate_joint" => defaults.plate_joint = vector(given, Dimension::LENGTH, diagnostics),
-            "track_offset" => defaults.track_offset = vector(given, Dimension::LENGTH, diagnostics),
-            _ => {
-                defaults.track_direction = vector(given, Dimension::NUMBER, diagnostics);
-                direction(given, &defaults.track_direction, on_base, diagnostics);
-            }
-        }
-    }
-    defaults
-}
-
-fn length(given: &syntax::LinkValue, diagnostics: &mut Diagnostics) -> Quantity<1> {
-    let (dimension, what) = (Some(Dimension::LENGTH), "`length`");
-    let value = given
-        .value
-        .as_ref()
-        .and_then(|value| scalar(value, dimension, what, diagnostics).zip(Some(value)));
-    if let Some((length, value)) = value.filter(|(length, _)| *length <= 0.0) {
-        let message = format!("`length` must be greater than zero, found {length} m");
-        diagnostics.error(
-            value.location,
-            message,
-            "write the distance of the two joints",
-        );
-    }
-    let tolerance = given
-        .tolerance
-        .as_ref()
-        .and_then(|value| tolerance(value, dimension, what, diagnostics));
-    Quantity {
-        value: value.map(|(length, _)| [length]),
-        tolerance,
-    }
-}
-
-fn vector(
-    given: &syntax::LinkValue,
-    dimension: Dimension,
-    diagnostics: &mut Diagnostics,
-) -> Quantity<3> {
-    let (dimension, what) = (Some(dimension), format!("`{}`", given.name));
-    let value = given.value.as_ref().and_then(|quantity| {
-        let values = values(quantity, dimension, &what, diagnostics)?;
-        let vector = values.try_into().ok();
-        if vector.is_none() {
-            let message = format!("{what} must be a vector, found one number");
-            diagnostics.error(quantity.location, message, "write `(x, y, z)`");
-        }
-        vector
-    });
-    let tolerance = given
-        .tolerance
-        .as_ref()
-        .and_then(|value| tolerance(value, dimension, &what, diagnostics));
-    Quantity { value, tolerance }
-}
-
-fn direction(
-    given: &syntax::LinkValue,
-    direction: &Quantity<3>,
-    on_base: bool,
-    diagnostics: &mut Diagnostics,
-) {
-    if on_base {
-        diagnostics.error(
-            &given.name,
-            "a link on the fixed base has no track direction",
-            "leave it out",
-        );
-    } else if direction.value == Some([0.0; 3]) {
-        diagnostics.error(
-            &given.name,
-            "the track direction is zero",
-            "write a vector along the track",
-        );
-    }
 }

@@ -1,49 +1,92 @@
-//! Names in formulas: parameters of the effect, quantities, units.
+//! Names in formulas: parameters of the effect or the robot, quantities, values of the link, units.
 
 use proc_macro2::Ident;
 
 use super::value::{Checked, Shape};
 use super::vocabulary::{FUNCTIONS, QUANTITIES, find_quantity, subject_word};
 use crate::diagnostics::{Diagnostic, Diagnostics, Location};
-use crate::model::{EffectParameter, Formula, Subject, Track};
+use crate::model::{EffectParameter, Formula, Readable, Subject, Track, Value};
 use crate::names::{article, nearest};
-use crate::syntax;
 use crate::units::{Dimension, find_unit};
 
-/// Names that the formulas of one effect may use.
+/// Names that formulas may use.
 pub(super) struct Scope<'a> {
-    pub(super) effect: &'a syntax::Effect,
-    pub(super) subject: Option<Subject>,
+    pub(super) home: Home,
     pub(super) tracks: &'a [Track],
     parameters: Vec<Declaration<'a>>,
+}
+
+/// Where a formula stands.
+pub(super) enum Home {
+    /// In an effect of a name, on a subject that is `None` after an error.
+    Effect(String, Option<Subject>),
+    /// The value of a link or a crank.
+    Value(ValueHome),
+}
+
+/// Names of a value's own.
+pub(super) struct ValueHome {
+    /// The value in words, such as `length`.
+    pub(super) what: &'static str,
+    /// Dimension of `q`, where it may be read.
+    pub(super) command: Option<Dimension>,
+    /// Other values of the same link.
+    pub(super) others: Vec<(Value, Other)>,
+}
+
+/// What a value's name means in a formula of the same link.
+#[derive(Clone)]
+pub(super) enum Other {
+    /// Parameters of its own.
+    Own,
+    /// The formula that it is.
+    Formula(Formula),
+    /// Why it can't be read.
+    Refused(&'static str),
+    /// An error has been reported.
+    Poisoned,
 }
 
 struct Declaration<'a> {
     name: &'a Ident,
     parameter: EffectParameter,
+    /// What its components mean.
+    leaves: Vec<Formula>,
     /// True if the dimension is known.
     sound: bool,
     used: bool,
 }
 
 impl<'a> Scope<'a> {
-    pub(super) fn new(
-        effect: &'a syntax::Effect,
-        subject: Option<Subject>,
-        tracks: &'a [Track],
-    ) -> Self {
+    pub(super) fn new(home: Home, tracks: &'a [Track]) -> Self {
         Self {
-            effect,
-            subject,
+            home,
             tracks,
             parameters: Vec::new(),
         }
     }
 
+    /// Declares a parameter of an effect.
     pub(super) fn declare(&mut self, name: &'a Ident, parameter: EffectParameter, sound: bool) {
+        let index = self.parameters.len();
+        let leaves =
+            (0..parameter.components).map(|component| Formula::Parameter(index, component));
+        let leaves = leaves.collect();
+        self.declare_as(name, parameter, leaves, sound);
+    }
+
+    /// Declares a parameter whose components mean something else.
+    pub(super) fn declare_as(
+        &mut self,
+        name: &'a Ident,
+        parameter: EffectParameter,
+        leaves: Vec<Formula>,
+        sound: bool,
+    ) {
         self.parameters.push(Declaration {
             name,
             parameter,
+            leaves,
             sound,
             used: false,
         });
@@ -68,9 +111,80 @@ impl<'a> Scope<'a> {
         self.parameters.iter().position(|own| own.name == name)
     }
 
-    fn word(&self) -> Option<&'static str> {
-        self.subject.map(subject_word)
+    pub(super) fn subject(&self) -> Option<Subject> {
+        match self.home {
+            Home::Effect(_, subject) => subject,
+            Home::Value(_) => None,
+        }
     }
+
+    fn word(&self) -> Option<&'static str> {
+        self.subject().map(subject_word)
+    }
+
+    /// The place of the formulas in words.
+    fn place(&self) -> String {
+        match &self.home {
+            Home::Effect(name, _) => format!("effect `{name}`"),
+            Home::Value(home) => format!("the formula of `{}`", home.what),
+        }
+    }
+}
+
+/// What a name of its own means in the value of a link or a crank; `None` for names that it shares with effects.
+fn of_value(
+    name: &Ident,
+    home: &ValueHome,
+    diagnostics: &mut Diagnostics,
+) -> Option<Option<Checked>> {
+    let text = name.to_string();
+    if text == "q" {
+        let Some(dimension) = home.command else {
+            let message = format!("`{}` cannot read `q`", home.what);
+            let help = "only `length` of a link that is `actuated` reads its command";
+            diagnostics.error(name, message, help);
+            return Some(None);
+        };
+        let q = Formula::Read(Readable::Command);
+        return Some(Some(Checked::scalar(q, dimension)));
+    }
+    if let Some(value) = Value::find(&text) {
+        let other = home.others.iter().find(|(own, _)| *own == value);
+        let reason = match other.map(|(_, other)| other) {
+            Some(Other::Own) => {
+                let leaf = |component| Formula::OfLink(value, component);
+                let shape = if value.is_vector() {
+                    Shape::Vector(Box::new([leaf(0), leaf(1), leaf(2)]))
+                } else {
+                    Shape::Scalar(leaf(0))
+                };
+                let dimension = Some(value.dimension());
+                return Some(Some(Checked { shape, dimension }));
+            }
+            Some(Other::Formula(formula)) => {
+                let shape = match formula.clone() {
+                    Formula::Vector(components) => Shape::Vector(components),
+                    scalar => Shape::Scalar(scalar),
+                };
+                let dimension = Some(value.dimension());
+                return Some(Some(Checked { shape, dimension }));
+            }
+            Some(Other::Poisoned) => return Some(None),
+            Some(Other::Refused(reason)) => reason,
+            None => "it is no value of the same link",
+        };
+        let message = format!("`{}` cannot read `{text}`: {reason}", home.what);
+        let help = "declare what both follow from as a parameter of the robot: `param name: …;`";
+        diagnostics.error(name, message, help);
+        return Some(None);
+    }
+    if find_quantity(&text).is_some() {
+        let message = format!("`{}` cannot read `{text}`", home.what);
+        let help = "values of the geometry are the same at every pose; what changes is an effect: `effect … on link { … }`";
+        diagnostics.error(name, message, help);
+        return Some(None);
+    }
+    None
 }
 
 /// Value of a name: a parameter, a constant, a quantity or a unit.
@@ -83,12 +197,9 @@ pub(super) fn named(
     if let Some(index) = scope.parameter(name) {
         let own = &mut scope.parameters[index];
         own.used = true;
-        let shape = if own.parameter.components == 3 {
-            Shape::Vector(Box::new(
-                [0, 1, 2].map(|component| Formula::Parameter(index, component)),
-            ))
-        } else {
-            Shape::Scalar(Formula::Parameter(index, 0))
+        let shape = match own.leaves.as_slice() {
+            [x, y, z] => Shape::Vector(Box::new([x.clone(), y.clone(), z.clone()])),
+            leaves => Shape::Scalar(leaves.first()?.clone()),
         };
         let dimension = own.sound.then_some(own.parameter.dimension);
         return Some(Checked { shape, dimension });
@@ -98,6 +209,11 @@ pub(super) fn named(
             Formula::Number(std::f64::consts::PI),
             Dimension::NUMBER,
         ));
+    }
+    if let Home::Value(home) = &scope.home
+        && let Some(value) = of_value(name, home, diagnostics)
+    {
+        return value;
     }
     if let Some(quantity) = find_quantity(&text) {
         available(name, quantity.subjects, scope, diagnostics)?;
@@ -153,6 +269,7 @@ fn unknown(name: &Ident, scope: &Scope<'_>) -> Diagnostic {
         .iter()
         .map(|own| ("parameter", own.parameter.name.as_str()));
     let quantities = QUANTITIES.iter().map(|own| ("quantity", own.name));
+    let quantities = quantities.filter(|_| matches!(scope.home, Home::Effect(..)));
     let functions = FUNCTIONS.iter().map(|(name, ..)| ("function", *name));
     let all: Vec<_> = parameters.chain(quantities).chain(functions).collect();
     let near = nearest(&text, all.iter().map(|(_, name)| *name))
@@ -167,13 +284,12 @@ fn unknown(name: &Ident, scope: &Scope<'_>) -> Diagnostic {
         None if scope.tracks.iter().any(|track| track.name == text) => {
             format!("write `q({text})` for the command of track `{text}`")
         }
+        None if matches!(scope.home, Home::Value(_)) => {
+            format!("declare it as a parameter of the robot: `param {text}: …;`")
+        }
         None => format!("declare it: `param {text}: …;`"),
     };
-    Diagnostic::new(
-        name,
-        format!("cannot find `{text}` in effect `{}`", scope.effect.name),
-    )
-    .help(help)
+    Diagnostic::new(name, format!("cannot find `{text}` in {}", scope.place())).help(help)
 }
 
 /// Value of a component of a parameter.
@@ -185,6 +301,22 @@ pub(super) fn component(
     diagnostics: &mut Diagnostics,
 ) -> Option<Checked> {
     let Some(index) = scope.parameter(name) else {
+        if matches!(scope.home, Home::Value(_)) && Value::find(&name.to_string()).is_some() {
+            let shape = named(name, scope, diagnostics)?;
+            let component = usize::try_from(component).ok();
+            return match (shape.shape, component) {
+                (Shape::Vector(components), Some(component @ 0..3)) => Some(Checked {
+                    shape: Shape::Scalar(components[component].clone()),
+                    dimension: shape.dimension,
+                }),
+                _ => {
+                    let message = format!("`{name}` has no such component");
+                    let help = "vectors have the components 0 to 2, lengths have none";
+                    diagnostics.error(location, message, help);
+                    None
+                }
+            };
+        }
         diagnostics.push(if find_quantity(&name.to_string()).is_some() {
             Diagnostic::new(
                 location,
@@ -213,8 +345,9 @@ pub(super) fn component(
         return None;
     };
     let dimension = own.sound.then_some(own.parameter.dimension);
+    let leaf = own.leaves.get(component)?.clone();
     Some(Checked {
-        shape: Shape::Scalar(Formula::Parameter(index, component)),
+        shape: Shape::Scalar(leaf),
         dimension,
     })
 }

@@ -6,7 +6,7 @@ use super::Declared;
 use super::effect::CheckedEffect;
 use super::robot::{Geometry, unknown_track};
 use crate::diagnostics::{Diagnostic, Diagnostics, Location};
-use crate::model::{Arm, EffectUse, TrackModel, Variant};
+use crate::model::{Arm, EffectUse, Held, Track, TrackModel, TrackShape, Value, Variant};
 use crate::names::suggest;
 use crate::syntax::{self, VariantBody, VariantLine};
 
@@ -16,16 +16,27 @@ pub(super) struct Context<'a> {
     pub(super) effects: &'a [CheckedEffect],
 }
 
+/// A variant with what it takes from its bases.
+struct Resolved {
+    arm: Arm,
+    tracks: Vec<TrackModel>,
+    effects: Vec<EffectUse>,
+    holds: Vec<Held>,
+}
+
 /// Declarations of a variant's own.
 enum Own {
     Structure {
         arm: Arm,
         tracks: Vec<TrackModel>,
+        holds: Vec<(Held, Location)>,
     },
     /// Index of the base, and the effects added to it.
     Derived {
         base: usize,
         effects: Vec<(EffectUse, Location)>,
+        /// With the place where each is named.
+        holds: Vec<(Held, Location)>,
     },
     /// An error has been reported.
     Poisoned,
@@ -54,13 +65,22 @@ pub(super) fn variants(
         module_name(&variant.name, &robot.variants, diagnostics);
         own.push(match &variant.body {
             VariantBody::Own(lines) => context.structure(&variant.name, lines, diagnostics),
-            VariantBody::Derived { base, effects } => context.derived(base, effects, diagnostics),
+            VariantBody::Derived {
+                base,
+                effects,
+                holds,
+            } => context.derived(base, effects, holds, diagnostics),
         });
     }
     let mut variants = Vec::new();
     for (index, variant) in robot.variants.iter().enumerate() {
         if let Some(resolved) = context.resolve(index, &own, diagnostics) {
-            let (arm, tracks, effects) = resolved;
+            let Resolved {
+                arm,
+                tracks,
+                effects,
+                holds,
+            } = resolved;
             let (name, docs) = (variant.name.to_string(), variant.docs.clone());
             variants.push(Variant {
                 name,
@@ -68,6 +88,7 @@ pub(super) fn variants(
                 arm,
                 tracks,
                 effects,
+                holds,
             });
         }
     }
@@ -95,11 +116,21 @@ impl Context<'_> {
     fn structure(&self, name: &Ident, lines: &[VariantLine], diagnostics: &mut Diagnostics) -> Own {
         let before = diagnostics.count();
         let mut arm: Option<(Arm, Location)> = None;
-        let mut tracks: Vec<Option<TrackModel>> = vec![None; self.geometry.tracks.len()];
+        // A crank moves its joints on circles whatever the variant.
+        let turning = TrackModel {
+            shape: TrackShape::Crank,
+            per_link: false,
+        };
+        let of_crank = |track: &Track| track.crank.is_some().then_some(turning);
+        let mut tracks: Vec<Option<TrackModel>> =
+            self.geometry.tracks.iter().map(of_crank).collect();
+        let has_rails = tracks.iter().any(Option::is_none);
         let mut chosen: Vec<&Ident> = Vec::new();
         let mut per_links = Vec::new();
+        let mut holds = Vec::new();
         for line in lines {
             match line {
+                VariantLine::Hold(named) => holds.extend(self.all_held(named, diagnostics)),
                 VariantLine::Arm {
                     arm: choice,
                     location,
@@ -127,12 +158,16 @@ impl Context<'_> {
                     };
                     match track {
                         None => {
-                            if tracks.is_empty() && !self.robot.clusters.is_empty() {
+                            if !has_rails && !self.robot.clusters.is_empty() {
                                 let message = format!("robot `{}` has no tracks", self.robot.name);
                                 let help = "leave the line out";
                                 diagnostics.error(*location, message, help);
                             }
-                            tracks.fill(Some(model));
+                            for (slot, track) in tracks.iter_mut().zip(&self.geometry.tracks) {
+                                if track.crank.is_none() {
+                                    *slot = Some(model);
+                                }
+                            }
                         }
                         Some(track) => {
                             if let Some(first) = chosen.iter().find(|first| **first == track) {
@@ -148,11 +183,23 @@ impl Context<'_> {
                 }
             }
         }
+        if self.geometry.plate.is_point() {
+            if let Some((Arm::Reduced, location)) = arm {
+                let message = format!(
+                    "a reduced arm folds plate joints away, but the plate is a {}, which has none",
+                    self.geometry.plate.written()
+                );
+                diagnostics.error(location, message, "leave the line out");
+            }
+            arm = arm.or_else(|| Some((Arm::Full, Location::from(name))));
+        }
         if arm.is_none() {
             let message = format!("variant `{name}` has no arm");
             diagnostics.error(name, message, "write `arm reduced;` or `arm full;`");
         }
-        if let Some((Arm::Reduced, location)) = arm {
+        if let Some((Arm::Reduced, location)) = arm
+            && !self.geometry.plate.is_point()
+        {
             self.reduced(location, &per_links, diagnostics);
         }
         let missing: Vec<_> = (self.geometry.tracks.iter().zip(&tracks))
@@ -171,7 +218,7 @@ impl Context<'_> {
         }
         match (arm, tracks.into_iter().collect()) {
             (Some((arm, _)), Some(tracks)) if diagnostics.count() == before => {
-                Own::Structure { arm, tracks }
+                Own::Structure { arm, tracks, holds }
             }
             _ => Own::Poisoned,
         }
@@ -189,7 +236,14 @@ impl Context<'_> {
             .tracks
             .iter()
             .position(|track| *name == track.name);
-        if let Some(slot) = index.and_then(|index| tracks.get_mut(index)) {
+        let is_crank = |index: &usize| {
+            let found = self.geometry.tracks.get(*index);
+            found.is_some_and(|track| track.crank.is_some())
+        };
+        if index.is_some_and(|index| is_crank(&index)) {
+            let message = format!("`{name}` is a crank, which moves its joints on circles");
+            diagnostics.error(name, message, "leave the line out");
+        } else if let Some(slot) = index.and_then(|index| tracks.get_mut(index)) {
             *slot = Some(model);
         } else if *name == "base" {
             let help = "its joints do not move; leave the line out";
@@ -205,6 +259,20 @@ impl Context<'_> {
             let message = "tracks per link need the links, but the arm is reduced";
             let help = "write `arm full;`, or leave out `per link`";
             diagnostics.error(*location, message, help);
+        }
+        for link in &self.geometry.links {
+            let own = Value::ALL.into_iter();
+            for value in own.filter(|value| link.defaults.formula(*value).is_some()) {
+                let message = format!(
+                    "a reduced arm has values of clusters, but `{}` of `{}` is a formula or exact",
+                    value.name(),
+                    link.name
+                );
+                let help =
+                    "write `arm full;`, or, where the orientation does not count, `plate point;`";
+                diagnostics.error(arm, message, help);
+                return;
+            }
         }
         for (index, cluster) in self.geometry.clusters.iter().enumerate() {
             let links = self
@@ -228,6 +296,7 @@ impl Context<'_> {
         &self,
         base: &Ident,
         effects: &[syntax::EffectUse],
+        holds: &[syntax::Held],
         diagnostics: &mut Diagnostics,
     ) -> Own {
         let variants = &self.robot.variants;
@@ -248,10 +317,12 @@ impl Context<'_> {
             .iter()
             .filter_map(|used| self.effect_use(used, diagnostics))
             .collect();
+        let held = self.all_held(holds, diagnostics);
         match found {
             Some(base) => Own::Derived {
                 base,
                 effects: uses,
+                holds: held,
             },
             None => Own::Poisoned,
         }
@@ -263,12 +334,12 @@ impl Context<'_> {
         index: usize,
         own: &[Own],
         diagnostics: &mut Diagnostics,
-    ) -> Option<(Arm, Vec<TrackModel>, Vec<EffectUse>)> {
+    ) -> Option<Resolved> {
         let mut chain = vec![index];
         let mut current = index;
         let (arm, tracks) = loop {
             match own.get(current)? {
-                Own::Structure { arm, tracks } => break (*arm, tracks.clone()),
+                Own::Structure { arm, tracks, .. } => break (*arm, tracks.clone()),
                 Own::Poisoned => return None,
                 Own::Derived { base, .. } => {
                     if let Some(start) = chain.iter().position(|seen| seen == base) {
@@ -284,10 +355,23 @@ impl Context<'_> {
             }
         };
         let mut effects: Vec<EffectUse> = Vec::new();
+        let mut holds: Vec<Held> = Vec::new();
         for &member in chain.iter().rev() {
-            let Some(Own::Derived { effects: added, .. }) = own.get(member) else {
-                continue;
+            let (added, held): (&[_], &[_]) = match own.get(member) {
+                Some(Own::Derived { effects, holds, .. }) => (effects, holds),
+                Some(Own::Structure { holds, .. }) => (&[], holds),
+                _ => continue,
             };
+            for (one, location) in held {
+                if member == index
+                    && let Some((message, help)) = self.cannot_hold(*one, arm, &tracks)
+                {
+                    diagnostics.error(*location, message, help);
+                }
+                if !holds.contains(one) {
+                    holds.push(*one);
+                }
+            }
             for (used, location) in added {
                 let twice = effects
                     .iter()
@@ -305,7 +389,10 @@ impl Context<'_> {
                     let message = format!("`{}` acts at this place already", effect.name);
                     diagnostics.error(*location, message, "name it once");
                 }
-                if arm == Arm::Reduced
+                if let Some(reason) = effect.lacks_plate_joints(self.geometry.plate) {
+                    let message = format!("effect `{}` cannot act here: {reason}", effect.name);
+                    diagnostics.error(*location, message, "leave the effect out");
+                } else if arm == Arm::Reduced
                     && let Some(reason) = effect.needs_full_arm(used.place, &self.geometry.links)
                 {
                     let message = format!("effect `{}` needs a full arm: {reason}", effect.name);
@@ -314,7 +401,13 @@ impl Context<'_> {
                 }
             }
         }
-        Some((arm, tracks, effects))
+        holds.sort_unstable();
+        Some(Resolved {
+            arm,
+            tracks,
+            effects,
+            holds,
+        })
     }
 
     fn cycle(&self, chain: &[usize]) -> Diagnostic {

@@ -177,7 +177,7 @@ pub(super) fn meaning(name: &str) -> Option<&'static str> {
         Some("a constant")
     } else if find_unit(name).is_some() {
         Some("a unit")
-    } else if FUNCTIONS.iter().any(|(own, ..)| *own == name) {
+    } else if name == "norm" || FUNCTIONS.iter().any(|(own, ..)| *own == name) {
         Some("a function")
     } else {
         None

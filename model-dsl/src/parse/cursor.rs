@@ -10,6 +10,7 @@ use crate::names::{is_rust, reserved};
 const DELIMITERS: [Delimiter; 3] = [Delimiter::Brace, Delimiter::Parenthesis, Delimiter::Bracket];
 
 /// A position in the tokens of one pair of brackets, or of the whole description.
+#[derive(Clone)]
 pub(super) struct Parser<'a> {
     start: Cursor<'a>,
     cursor: Cursor<'a>,
@@ -152,6 +153,11 @@ impl<'a> Parser<'a> {
     pub(super) fn expect(&mut self, operator: &str, help: &str) -> Parse<Location> {
         self.eat(operator)
             .ok_or_else(|| self.expected(&format!("`{operator}`")).help(help))
+    }
+
+    /// True if `tol` or `exact` comes next, which say how well a value is known.
+    pub(super) fn at_certainty(&self) -> bool {
+        self.at_any(&["tol", "exact"])
     }
 
     pub(super) fn semicolon(&mut self) -> Parse<()> {

@@ -5,7 +5,7 @@ use proc_macro2::Delimiter;
 use super::cursor::Parser;
 use super::quantity::{quantity, unit, whole_number};
 use super::{Parse, formula, unknown_item};
-use crate::diagnostics::{Diagnostic, Diagnostics};
+use crate::diagnostics::{Diagnostic, Diagnostics, Location};
 use crate::names::nearest;
 use crate::syntax::{Effect, ParameterName, Parameters, Term};
 
@@ -80,7 +80,7 @@ fn begins(parser: &Parser<'_>) -> bool {
 }
 
 /// `param a, b[3]: length = 0 mm tol 1 mm;` from the first name on.
-fn parameters(parser: &mut Parser<'_>, optional: bool) -> Parse<Parameters> {
+pub(super) fn parameters(parser: &mut Parser<'_>, optional: bool) -> Parse<Parameters> {
     let mut names = vec![parameter_name(parser)?];
     while parser.eat(",").is_some() {
         names.push(parameter_name(parser)?);
@@ -97,6 +97,7 @@ fn parameters(parser: &mut Parser<'_>, optional: bool) -> Parse<Parameters> {
     } else {
         None
     };
+    let exact = parser.eat_word("exact").map(Location::from);
     parser.semicolon()?;
     Ok(Parameters {
         optional,
@@ -104,6 +105,7 @@ fn parameters(parser: &mut Parser<'_>, optional: bool) -> Parse<Parameters> {
         dimension,
         nominal,
         tolerance,
+        exact,
         search: None,
     })
 }
@@ -131,6 +133,7 @@ fn searched(parser: &mut Parser<'_>) -> Parse<Parameters> {
         dimension,
         nominal: None,
         tolerance,
+        exact: None,
         search,
     })
 }

@@ -138,7 +138,7 @@ fn primary(parser: &mut Parser<'_>) -> Parse<Node> {
     }
     if parser.literal().is_some() {
         let (value, _) = number(parser)?;
-        if parser.word().is_none() || parser.at_rust() {
+        if parser.word().is_none() || parser.at_rust() || parser.at_certainty() {
             return node(parser, ExpressionKind::Number(value), &start, 1);
         }
         let unit = unit_factor(parser, "a unit", 1)?;

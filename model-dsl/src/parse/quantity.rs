@@ -108,14 +108,32 @@ pub(super) fn quantity(parser: &mut Parser<'_>) -> Parse<Quantity> {
     with_unit(parser, start, numbers)
 }
 
-/// `2 m`, or any number of numbers with one unit: `(1, 2, 3, 4) mm`
-pub(super) fn list(parser: &mut Parser<'_>) -> Parse<Quantity> {
+/// `2 m`, any number of numbers with one unit, `(1, 2, 3, 4) mm`, or with one each, `(1 mm, 2 rad)`.
+pub(super) fn list(parser: &mut Parser<'_>) -> Parse<Vec<Quantity>> {
     let start = parser.here();
+    let mut each = parser.clone();
+    if let Some(mut inside) = each.enter(Delimiter::Parenthesis) {
+        let first = signed(&mut inside);
+        if first.is_ok() && inside.word().is_some() {
+            let mut inside = parser.enter(Delimiter::Parenthesis).unwrap_or(inside);
+            let mut quantities = vec![quantity(&mut inside)?];
+            while inside.eat(",").is_some() {
+                quantities.push(quantity(&mut inside)?);
+            }
+            return if inside.at_end() {
+                Ok(quantities)
+            } else {
+                Err(inside
+                    .expected("`,` or `)`")
+                    .help("values have commas between them: `(1 mm, 2 rad)`"))
+            };
+        }
+    }
     let numbers = match numbers(parser)? {
         Some(numbers) => numbers,
         None => vec![signed(parser)?],
     };
-    with_unit(parser, start, numbers)
+    Ok(vec![with_unit(parser, start, numbers)?])
 }
 
 /// `(1, 2, 3)`; `None` where no parenthesis opens.
@@ -139,7 +157,7 @@ fn numbers(parser: &mut Parser<'_>) -> Parse<Option<Vec<f64>>> {
 fn with_unit(parser: &mut Parser<'_>, start: Span, numbers: Vec<f64>) -> Parse<Quantity> {
     let has_unit = parser
         .word()
-        .is_some_and(|word| word != "tol" && word != "in")
+        .is_some_and(|word| word != "in" && !parser.at_certainty())
         || parser.literal().is_some_and(|text| text == "1");
     let unit = if has_unit {
         Some(unit(parser, "a unit")?)

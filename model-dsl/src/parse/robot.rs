@@ -1,15 +1,18 @@
 //! `robot`, with its tracks, clusters and variants.
 
+use std::rc::Rc;
+
 use proc_macro2::{Delimiter, Ident};
 
 use super::cursor::Parser;
 use super::quantity::{list, quantity};
-use super::{Parse, effect, unknown_item};
+use super::{Parse, effect, formula, unknown_item};
 use crate::diagnostics::{Diagnostics, Location};
-use crate::model::{Arm, TrackShape};
+use crate::model::{Arm, Plate, TrackShape};
 use crate::names::nearest;
 use crate::syntax::{
-    Cluster, EffectUse, LinkValue, Links, Reference, Robot, Variant, VariantBody, VariantLine,
+    Cluster, EffectUse, Given, Held, Links, Reference, Robot, Track, Value, Variant, VariantBody,
+    VariantLine,
 };
 
 /// `robot Name { … }` from the name on; into `slot`, or if that is taken, returns the name.
@@ -34,6 +37,8 @@ pub(super) fn robot(
         docs,
         public,
         name,
+        plates: Vec::new(),
+        parameters: Vec::new(),
         tracks: Vec::new(),
         clusters: Vec::new(),
         effects: Vec::new(),
@@ -42,15 +47,35 @@ pub(super) fn robot(
     });
     let help = "a robot's parts stand in braces: `robot Name { … }`";
     let mut body = parser.expect_braces(help)?;
-    let keywords = ["track", "cluster", "effect", "variant", "reference"];
+    let keywords = [
+        "plate",
+        "param",
+        "track",
+        "crank",
+        "cluster",
+        "effect",
+        "variant",
+        "reference",
+    ];
     body.items(
         |parser| parser.at_any(&keywords),
         diagnostics,
         |parser, diagnostics| {
             let docs = parser.docs()?;
-            if parser.eat_word("track").is_some() {
-                robot.tracks.extend(parser.new_names("the track's name")?);
+            if let Some(word) = parser.eat_word("plate") {
+                robot.plates.push(plate(parser, word.into())?);
+                Ok(())
+            } else if parser.eat_word("track").is_some() {
+                let names = parser.new_names("the track's name")?;
+                let track = |name| Track { name, crank: None };
+                robot.tracks.extend(names.into_iter().map(track));
                 parser.semicolon()
+            } else if parser.eat_word("crank").is_some() {
+                robot.tracks.extend(cranks(parser, diagnostics)?);
+                Ok(())
+            } else if parser.eat_word("param").is_some() {
+                robot.parameters.push(effect::parameters(parser, false)?);
+                Ok(())
             } else if parser.eat_word("cluster").is_some() {
                 robot.clusters.push(cluster(parser, diagnostics)?);
                 Ok(())
@@ -72,6 +97,24 @@ pub(super) fn robot(
         },
     );
     Ok(second)
+}
+
+/// `plate point in plane;` from behind the word on.
+fn plate(parser: &mut Parser<'_>, word: Location) -> Parse<(Plate, Location)> {
+    let is_point = choice(parser, &[("body", false), ("point", true)])?;
+    let is_in_plane = parser.eat_word("in").is_some();
+    if is_in_plane {
+        parser.expect_word("plane", "the plane is z = 0: `in plane`")?;
+    }
+    let location = parser.since(word);
+    parser.semicolon()?;
+    let plate = match (is_point, is_in_plane) {
+        (false, false) => Plate::Body,
+        (true, false) => Plate::Point,
+        (false, true) => Plate::BodyInPlane,
+        (true, true) => Plate::PointInPlane,
+    };
+    Ok((plate, location))
 }
 
 /// `reference { commands = (0, 0, 0) m; position = (0, 0, 0.8) m; orientation = (0, 0, 0) rad; }` from the brace on.
@@ -97,7 +140,7 @@ fn reference(
             let value = if name == "commands" {
                 list(parser)?
             } else {
-                quantity(parser)?
+                vec![quantity(parser)?]
             };
             values.push((name, value));
             parser.semicolon()
@@ -135,50 +178,85 @@ fn cluster(parser: &mut Parser<'_>, diagnostics: &mut Diagnostics) -> Parse<Clus
     Ok(cluster)
 }
 
+/// `crank a, b { axis = (0, 1, 0); }` from the first name on.
+fn cranks(parser: &mut Parser<'_>, diagnostics: &mut Diagnostics) -> Parse<Vec<Track>> {
+    let names = parser.new_names("the crank's name")?;
+    let help = "a crank ends with `;`, or with its values in braces";
+    let values = Rc::new(values(parser, &["centre", "axis"], help, diagnostics)?);
+    let crank = |name| Track {
+        name,
+        crank: Some(Rc::clone(&values)),
+    };
+    Ok(names.into_iter().map(crank).collect())
+}
+
 /// `link a, b actuated length { … }` from the first name on.
 fn links(parser: &mut Parser<'_>, diagnostics: &mut Diagnostics) -> Parse<Links> {
     let names = parser.new_names("the link's name")?;
     let actuated = match parser.eat_word("actuated") {
         Some(start) => {
-            parser.expect_word(
-                "length",
-                "the length is what can be driven: `actuated length`",
-            )?;
-            Some(parser.since(start))
+            let by_angle = parser.eat_word("angle").is_some();
+            if !by_angle {
+                parser.expect_word(
+                    "length",
+                    "the length is what can be driven: by a length, `actuated length`, or through a drum, `actuated \
+                     angle`",
+                )?;
+            }
+            Some((by_angle, parser.since(start)))
         }
         None => None,
     };
-    let mut values = Vec::new();
-    if let Some(mut body) = parser.enter(Delimiter::Brace) {
-        let keywords = ["length", "plate_joint", "track_offset", "track_direction"];
-        body.items(
-            |parser| parser.at_any(&keywords),
-            diagnostics,
-            |parser, _| {
-                parser.docs()?;
-                if !parser.at_any(&keywords) {
-                    return Err(unknown_item(parser, &keywords));
-                }
-                values.push(link_value(parser)?);
-                Ok(())
-            },
-        );
-    } else {
-        let help = "a link ends with `;`, or with its values in braces";
-        parser.expect(";", help)?;
-    }
+    let keywords = [
+        "length",
+        "plate_joint",
+        "track_offset",
+        "track_direction",
+        "pulled",
+    ];
+    let help = "a link ends with `;`, or with its values in braces";
+    let values = values(parser, &keywords, help, diagnostics)?;
+    let (pulls, values) = values.into_iter().partition(|value| value.name == "pulled");
     Ok(Links {
         names,
         actuated,
         values,
+        pulls,
     })
 }
 
-/// `length = 2.04 m tol 0.3 mm;`
-fn link_value(parser: &mut Parser<'_>) -> Parse<LinkValue> {
-    let name = parser.name("a quantity of the link")?;
+/// Values in braces, or none and `;`.
+fn values(
+    parser: &mut Parser<'_>,
+    keywords: &[&str],
+    help: &str,
+    diagnostics: &mut Diagnostics,
+) -> Parse<Vec<Value>> {
+    let mut values = Vec::new();
+    let Some(mut body) = parser.enter(Delimiter::Brace) else {
+        parser.expect(";", help)?;
+        return Ok(values);
+    };
+    body.items(
+        |parser| parser.at_any(keywords),
+        diagnostics,
+        |parser, _| {
+            parser.docs()?;
+            if !parser.at_any(keywords) {
+                return Err(unknown_item(parser, keywords));
+            }
+            values.push(value(parser)?);
+            Ok(())
+        },
+    );
+    Ok(values)
+}
+
+/// `length = 2.04 m tol 0.3 mm;`, `length = arm;`, `pulled;`
+fn value(parser: &mut Parser<'_>) -> Parse<Value> {
+    let name = parser.name("a value")?;
     let value = if parser.eat("=").is_some() {
-        Some(quantity(parser)?)
+        Some(given(parser)?)
     } else {
         None
     };
@@ -187,17 +265,49 @@ fn link_value(parser: &mut Parser<'_>) -> Parse<LinkValue> {
     } else {
         None
     };
-    if value.is_none() && tolerance.is_none() {
+    if value.is_none() && tolerance.is_none() && name != "pulled" {
         return Err(parser
             .expected("`=` or `tol`")
             .help(format!("write `{name} = value unit tol value unit;`")));
     }
+    let exact = parser.eat_word("exact").map(Location::from);
     parser.semicolon()?;
-    Ok(LinkValue {
+    Ok(Value {
         name,
         value,
         tolerance,
+        exact,
     })
+}
+
+/// A number or three with a unit, or a formula; of two readings that both fail, the one that gets further is believed.
+fn given(parser: &mut Parser<'_>) -> Parse<Given> {
+    let ends = |parser: &Parser<'_>| parser.at(";") || parser.at_certainty();
+    let mut as_quantity = parser.clone();
+    let plain = quantity(&mut as_quantity);
+    if plain.is_ok() && ends(&as_quantity) {
+        *parser = as_quantity;
+        return plain.map(Given::Quantity);
+    }
+    let mut as_formula = parser.clone();
+    let formula = formula::formula(&mut as_formula);
+    if formula.is_ok() && ends(&as_formula) {
+        *parser = as_formula;
+        return formula.map(Given::Formula);
+    }
+    let reached = |span: proc_macro2::Span| (span.start().line, span.start().column);
+    let ends_at = |parser: &Parser<'_>, error: Option<proc_macro2::Span>| {
+        reached(error.unwrap_or_else(|| parser.here()))
+    };
+    let of_quantity = ends_at(&as_quantity, plain.as_ref().err().map(|error| error.span));
+    let of_formula = ends_at(&as_formula, formula.as_ref().err().map(|error| error.span));
+    if of_formula > of_quantity {
+        *parser = as_formula;
+        formula.map(Given::Formula)
+    } else {
+        *parser = as_quantity;
+        plain.map(Given::Quantity)
+    }
 }
 
 /// `variant Name { … }` or `variant Name = Base + …;` from the name on.
@@ -213,11 +323,23 @@ fn variant(
         while parser.eat("+").is_some() {
             effects.push(effect_use(parser)?);
         }
-        parser.expect(";", "a derived variant reads `Base + effect(place) + …;`")?;
+        let holds = if parser.eat_word("hold").is_some() {
+            all_held(parser)?
+        } else {
+            Vec::new()
+        };
+        parser.expect(
+            ";",
+            "a derived variant reads `Base + effect(place) + … hold parameter, …;`",
+        )?;
         return Ok(Variant {
             docs,
             name,
-            body: VariantBody::Derived { base, effects },
+            body: VariantBody::Derived {
+                base,
+                effects,
+                holds,
+            },
         });
     }
     let Some(mut body) = parser.enter(Delimiter::Brace) else {
@@ -225,7 +347,7 @@ fn variant(
         return Err(parser.expected("`{` or `=`").help(help));
     };
     let mut lines = Vec::new();
-    let keywords = ["arm", "tracks", "track"];
+    let keywords = ["arm", "tracks", "track", "hold"];
     body.items(
         |parser| parser.at_any(&keywords),
         diagnostics,
@@ -239,6 +361,31 @@ fn variant(
         docs,
         name,
         body: VariantBody::Own(lines),
+    })
+}
+
+/// `radius, l1.length`
+fn all_held(parser: &mut Parser<'_>) -> Parse<Vec<Held>> {
+    let mut all = vec![held(parser)?];
+    while parser.eat(",").is_some() {
+        all.push(held(parser)?);
+    }
+    Ok(all)
+}
+
+/// `radius`, `l1.length`
+fn held(parser: &mut Parser<'_>) -> Parse<Held> {
+    let name = parser.name("a parameter to hold")?;
+    let value = if parser.eat(".").is_some() {
+        Some(parser.name("a value of the link")?)
+    } else {
+        None
+    };
+    let location = parser.since(&name);
+    Ok(Held {
+        name,
+        value,
+        location,
     })
 }
 
@@ -282,12 +429,17 @@ fn variant_line(parser: &mut Parser<'_>) -> Parse<VariantLine> {
         parser.semicolon()?;
         return Ok(VariantLine::Arm { arm, location });
     }
+    if parser.eat_word("hold").is_some() {
+        let held = all_held(parser)?;
+        parser.semicolon()?;
+        return Ok(VariantLine::Hold(held));
+    }
     let track = if parser.eat_word("track").is_some() {
         Some(parser.name("a track")?)
     } else if parser.eat_word("tracks").is_some() {
         None
     } else {
-        return Err(unknown_item(parser, &["arm", "tracks", "track"]));
+        return Err(unknown_item(parser, &["arm", "tracks", "track", "hold"]));
     };
     let shape = choice(
         parser,

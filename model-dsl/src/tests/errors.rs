@@ -331,7 +331,7 @@ fn references_that_say_nothing() {
     reference { commands = (0, 0, 0) m; position = (1, 2, 3) rad; orientation = 2 rad; }
                            ^^^^^^^^^^^
     `commands` must be 2 numbers, found 3
-    help: one for each track, then one for each link of `actuated length`
+    help: one for each track or crank, then one for each driven link
     reference { commands = (0, 0, 0) m; position = (1, 2, 3) rad; orientation = 2 rad; }
                                                    ^^^^^^^^^^^^^
     `position` must be length (m), found angle (rad)

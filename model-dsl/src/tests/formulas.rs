@@ -10,6 +10,7 @@ fn show(formula: &Formula) -> String {
     match formula {
         Formula::Number(value) => format!("{value}"),
         Formula::Parameter(index, component) => format!("p{index}.{component}"),
+        Formula::OfRobot(..) | Formula::OfLink(..) => unreachable!("effects read neither"),
         Formula::Read(quantity) => format!("{quantity:?}"),
         Formula::Negate(inner) => format!("(-{})", show(inner)),
         Formula::Binary(operator, left, right) => {

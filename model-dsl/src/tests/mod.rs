@@ -4,6 +4,7 @@ mod book;
 mod errors;
 mod formulas;
 mod fuzz;
+mod machines;
 mod robots;
 
 use crate::{Diagnostic, Errors, Model, check_text};

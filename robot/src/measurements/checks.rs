@@ -243,7 +243,7 @@ mod tests {
                 link("l3c", 2),
             ],
             commands: 3,
-            variants: Vec::new(),
+            ..Robot::default()
         }
     }
 

@@ -6,7 +6,9 @@ use tau_model_dsl::nearest;
 use toml::Spanned;
 use toml::de::{DeString, DeTable};
 
-use super::keys::{described_links, effect_key, key_place, quantity_of};
+use super::keys::{
+    crank_values, described_links, effect_key, key_place, machine_parameters, quantity_of,
+};
 use super::{LinkValues, RobotFile};
 use crate::input_error::{Mistakes, quoted, suggestion};
 use crate::robot::{Owner, Robot};
@@ -22,11 +24,22 @@ pub(super) fn names<'r>(
     let links: Vec<&str> = robot.links.iter().map(|link| link.name.as_str()).collect();
     let clusters: Vec<&str> = robot.clusters.iter().map(|c| c.name.as_str()).collect();
     let tracks: Vec<&str> = robot.tracks.iter().map(String::as_str).collect();
+    let model = robot.model.as_ref();
+    let cranks: Vec<&str> = model.map_or_else(Vec::new, |model| {
+        let tracks = model.tracks.iter().filter(|track| track.crank.is_some());
+        tracks.map(|track| track.name.as_str()).collect()
+    });
+    let parameters: Vec<&str> = model.map_or_else(Vec::new, |model| {
+        let fitted = model.parameters.iter().filter(|own| !own.exact);
+        fitted.map(|own| own.name.as_str()).collect()
+    });
     for (section, what, known) in [
         ("links", "link", &links),
         ("clusters", "cluster", &clusters),
         ("tracks", "track", &tracks),
         ("paths", "track", &tracks),
+        ("cranks", "crank", &cranks),
+        ("parameters", "parameter", &parameters),
     ] {
         for key in keys_of(root, section) {
             let name = key.get_ref().as_ref();
@@ -84,7 +97,7 @@ pub(super) fn names<'r>(
 /// The reference has a number for each command.
 fn reference(mistakes: &mut Mistakes<'_>, root: &DeTable<'_>, file: &RobotFile, robot: &Robot) {
     let table = root.get("reference").map(Spanned::get_ref);
-    let given = table.and_then(|table| table.get("commands_m"));
+    let given = table.and_then(|table| table.get("commands_m").or_else(|| table.get("commands")));
     if let (Some(reference), Some(given)) = (&file.reference, given)
         && reference.commands_m.len() != robot.commands
     {
@@ -157,6 +170,7 @@ pub(super) fn complete(
     robot: &Robot,
     misspelt: &[&str],
 ) {
+    of_machine(mistakes, root, robot, misspelt);
     let described = described_links(robot);
     for (index, link) in robot.links.iter().enumerate() {
         let cluster = &robot.clusters[link.cluster];
@@ -195,7 +209,7 @@ pub(super) fn complete(
             } else {
                 given(key)
             };
-            !is_given && !described(quantity)
+            robot.has_parameter(index, quantity) && !is_given && !described(quantity)
         })
         .map(|(key, _)| key)
         .collect();
@@ -217,6 +231,47 @@ pub(super) fn complete(
                     quoted(missing)
                 ),
             ),
+        }
+    }
+}
+
+/// Every crank and every parameter of the machine has its values, in as many components, from the file or from the
+/// description.
+fn of_machine(mistakes: &mut Mistakes<'_>, root: &DeTable<'_>, robot: &Robot, misspelt: &[&str]) {
+    let entry = |section: &str, name: &str| {
+        let table = root.get(section)?.get_ref().as_table()?;
+        Some(table.get(name)?.clone())
+    };
+    for parameter in machine_parameters(robot) {
+        let name = parameter.name.as_str();
+        let Some(given) = entry("parameters", name) else {
+            if parameter.nominal.is_none() && !misspelt.contains(&name) {
+                let place = key_place(root, "parameters");
+                let message = format!("parameter `{name}` is missing in `[parameters]`");
+                let unit = parameter.dimension.si_unit();
+                let help = format!("write `{name} = {{ value = …, tol = … }}`, in {unit}");
+                mistakes.push_with_help(place, message, help);
+            }
+            continue;
+        };
+        let value = given.get_ref().get("value");
+        let count = value.map(|value| value.get_ref().as_array().map_or(1, |array| array.len()));
+        if count.is_some_and(|count| count != parameter.components) {
+            let expected = if parameter.components == 1 {
+                "a number"
+            } else {
+                "three numbers"
+            };
+            let message = format!("expected {expected} as the value of `{name}`");
+            mistakes.push(given.span(), message);
+        }
+    }
+    for (crank, value) in crank_values(robot) {
+        let given = entry("cranks", &crank);
+        let is_given = given.is_some_and(|given| given.get_ref().get(value.key).is_some());
+        if !is_given && value.quantity.value.is_none() {
+            let message = format!("`{}` is missing in `[cranks.{crank}]`", value.key);
+            mistakes.push(key_place(root, "cranks"), message);
         }
     }
 }

@@ -4,7 +4,9 @@ use std::fmt::{self, Write};
 
 use tau_codegen::language::{self, model};
 
-use super::keys::{described_links, described_reference, quantity_of};
+use super::keys::{
+    crank_values, described_links, described_reference, machine_parameters, quantity_of,
+};
 use super::write::{key, string};
 use super::{Noise, RobotFile};
 use crate::input_error::{InputError, quoted};
@@ -45,15 +47,15 @@ impl RobotFile {
         let described = described_links(robot);
         let of_link = |(index, link): (usize, &Link)| {
             let values = described.get(index);
-            let lacks = quantities_of(robot, link).filter(|(_, quantity, _)| {
+            let lacks = quantities_of(robot, index).filter(|(_, quantity, _)| {
                 values.is_none_or(|values| quantity_of(values, quantity).is_none())
             });
             let lacks: Vec<&str> = lacks.map(|(_, quantity, _)| *quantity).collect();
             (!lacks.is_empty()).then(|| format!("{} of `{}`", quoted(lacks), link.name))
         };
-        let lacks: Vec<String> = (robot.links.iter().enumerate())
-            .filter_map(of_link)
-            .collect();
+        let of_links = robot.links.iter().enumerate().filter_map(of_link);
+        let of_machine = undescribed(robot);
+        let lacks: Vec<String> = of_links.chain(of_machine).collect();
         if !lacks.is_empty() {
             let message = format!("nothing gives a value for {}", lacks.join(", "));
             return Err(InputError::whole(&robot.name, message).help(
@@ -80,12 +82,24 @@ impl RobotFile {
 /// The values that a link has.
 fn quantities_of(
     robot: &Robot,
-    link: &Link,
+    link: usize,
 ) -> impl Iterator<Item = &'static (&'static str, &'static str, &'static str)> {
-    let moves = robot.clusters[link.cluster].track.is_some();
-    VALUES
-        .iter()
-        .filter(move |(_, quantity, _)| moves || *quantity != "track_direction")
+    let values = VALUES.iter();
+    values.filter(move |(_, quantity, _)| robot.has_parameter(link, quantity))
+}
+
+/// Parameters of the machine and values of cranks to which the description gives no number, in words.
+fn undescribed(robot: &Robot) -> Vec<String> {
+    let of_crank = |(crank, key): (String, &'static str)| format!("`{key}` of `{crank}`");
+    let cranks = crank_values(robot)
+        .into_iter()
+        .filter(|(_, value)| value.quantity.value.is_none())
+        .map(|(crank, value)| of_crank((crank, value.name)));
+    let parameters = machine_parameters(robot)
+        .into_iter()
+        .filter(|parameter| parameter.nominal.is_none())
+        .map(|parameter| format!("parameter `{}`", parameter.name));
+    cranks.chain(parameters).collect()
 }
 
 const HEAD: &str = "\
@@ -134,7 +148,8 @@ fn write_template(out: &mut String, robot: &Robot) -> fmt::Result {
     match described_reference(robot) {
         Some(reference) => {
             writeln!(out, "[reference]")?;
-            writeln!(out, "commands_m = {}", numbers(&reference.commands_m))?;
+            let commands = numbers(&reference.commands_m);
+            writeln!(out, "{} = {commands}", reference.key())?;
             writeln!(out, "position_m = {}", numbers(&reference.position_m))?;
             writeln!(
                 out,
@@ -152,10 +167,13 @@ fn write_template(out: &mut String, robot: &Robot) -> fmt::Result {
     write!(out, "{LINKS}")?;
     let model = language::check_text(&robot.description).ok();
     for (index, link) in robot.links.iter().enumerate() {
+        if quantities_of(robot, index).next().is_none() {
+            continue;
+        }
         let described = model.as_ref().and_then(|model| model.links.get(index));
         let separator = if index == 0 { "" } else { "\n" };
         writeln!(out, "{separator}[links.{}]", key(&link.name))?;
-        for (name, quantity, meaning) in quantities_of(robot, link) {
+        for (name, quantity, meaning) in quantities_of(robot, index) {
             let (value, tol) = given(described, quantity);
             let value = value.unwrap_or_else(|| {
                 let blank = format!("\"{PLACEHOLDER}\"");
@@ -172,6 +190,48 @@ fn write_template(out: &mut String, robot: &Robot) -> fmt::Result {
             };
             writeln!(out, "{name} = {{ value = {value}, tol = {tol} }}{note}")?;
         }
+    }
+    write_machine(out, robot)
+}
+
+/// Values of cranks and parameters of the machine.
+fn write_machine(out: &mut String, robot: &Robot) -> fmt::Result {
+    let blank = |components: usize| match components {
+        1 => format!("\"{PLACEHOLDER}\""),
+        _ => format!(
+            "[{}]",
+            vec![format!("\"{PLACEHOLDER}\""); components].join(", ")
+        ),
+    };
+    let certainty =
+        |tolerance: Option<f64>| tolerance.map_or_else(|| format!("\"{PLACEHOLDER}\""), number);
+    let mut of = String::new();
+    for (crank, value) in crank_values(robot) {
+        if crank != of {
+            writeln!(out, "\n[cranks.{}]", key(&crank))?;
+            of = crank;
+        }
+        let text = (value.quantity.value).map_or_else(|| blank(3), |value| numbers(&value));
+        let tol = certainty(value.quantity.tolerance);
+        writeln!(out, "{} = {{ value = {text}, tol = {tol} }}", value.key)?;
+    }
+    let parameters = machine_parameters(robot);
+    if !parameters.is_empty() {
+        writeln!(
+            out,
+            "\n# Parameters of the whole machine, in SI units.\n[parameters]"
+        )?;
+    }
+    for parameter in parameters {
+        let text = match parameter.nominal.as_deref() {
+            Some([value]) => number(*value),
+            Some(values) => numbers(values),
+            None => blank(parameter.components),
+        };
+        let tol = certainty(parameter.tolerance);
+        let name = key(&parameter.name);
+        let unit = parameter.dimension.si_unit();
+        writeln!(out, "{name} = {{ value = {text}, tol = {tol} }}  # {unit}")?;
     }
     Ok(())
 }

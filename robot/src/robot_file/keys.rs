@@ -69,10 +69,68 @@ pub(crate) fn described_links(robot: &Robot) -> Vec<LinkValues> {
     links.iter().map(of_link).collect()
 }
 
+/// A value of a crank that is a parameter.
+pub(crate) struct OfCrank {
+    /// As the language writes it, `centre` or `axis`.
+    pub(crate) name: &'static str,
+    /// Its key in the file.
+    pub(crate) key: &'static str,
+    /// What the description gives.
+    pub(crate) quantity: language::model::Quantity<3>,
+}
+
+/// The values of cranks that are parameters, with the names of the cranks.
+pub(crate) fn crank_values(robot: &Robot) -> Vec<(String, OfCrank)> {
+    use language::model::CrankValue;
+    let Some(model) = &robot.model else {
+        return Vec::new();
+    };
+    let tracks = model.tracks.iter();
+    let cranks = tracks.filter_map(|track| Some((&track.name, track.crank.as_ref()?)));
+    let values = cranks.flat_map(|(name, crank)| {
+        CrankValue::ALL.map(|value| {
+            let quantity = crank.quantity(value).clone();
+            let (key, value) = (crank_key(value.name()), value.name());
+            (
+                name.clone(),
+                OfCrank {
+                    name: value,
+                    key,
+                    quantity,
+                },
+            )
+        })
+    });
+    values
+        .filter(|(_, value)| value.quantity.formula.is_none())
+        .collect()
+}
+
+/// Key of a value of a crank in the file.
+pub fn crank_key(quantity: &str) -> &'static str {
+    if quantity == "centre" {
+        "centre_m"
+    } else {
+        "axis"
+    }
+}
+
+/// The parameters of the whole machine that are none of its constants.
+pub(crate) fn machine_parameters(robot: &Robot) -> Vec<language::model::RobotParameter> {
+    let model = robot.model.as_ref();
+    let parameters = model.map_or_else(Vec::new, |model| model.parameters.clone());
+    parameters
+        .into_iter()
+        .filter(|parameter| !parameter.exact)
+        .collect()
+}
+
 /// Reference of the description.
 pub fn described_reference(robot: &Robot) -> Option<Reference> {
     let model = language::check_text(&robot.description).ok()?;
+    let has_angles = model.drives().iter().any(|drive| drive.is_angle);
     model.reference.map(|reference| Reference {
+        has_angles,
         commands_m: reference.commands,
         position_m: reference.position,
         orientation_rad: reference.orientation,

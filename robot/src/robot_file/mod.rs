@@ -47,6 +47,10 @@ pub struct RobotFile {
     pub clusters: BTreeMap<String, LinkValues>,
     /// `[tracks.NAME]`, by name: directions or rotations that the links of a cart share.
     pub tracks: BTreeMap<String, LinkValues>,
+    /// `[cranks.NAME]`, by name: `centre_m` and `axis`.
+    pub cranks: BTreeMap<String, BTreeMap<String, Value>>,
+    /// `[parameters]`: parameters of the whole machine, by name.
+    pub parameters: BTreeMap<String, Value>,
     /// `[effects."rack_pitch(two)"]`, by name and place: parameter values by name.
     pub effects: BTreeMap<String, BTreeMap<String, Value>>,
 }
@@ -106,12 +110,25 @@ pub struct Payload {
 /// can be assembled, so a few centimetres and degrees are good enough.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Reference {
-    /// One per command (m).
+    /// One per command (m, or rad of cranks and drums).
     pub commands_m: Vec<f64>,
+    /// True if some of them are angles.
+    pub has_angles: bool,
     /// Position of the TCP in the measurement frame (m).
     pub position_m: [f64; 3],
     /// ZYZ Euler angles alpha, beta, gamma of the TCP frame in the measurement frame (rad).
     pub orientation_rad: [f64; 3],
+}
+
+impl Reference {
+    /// Key of the commands in the file: where some are angles, it names no unit.
+    pub fn key(&self) -> &'static str {
+        if self.has_angles {
+            "commands"
+        } else {
+            "commands_m"
+        }
+    }
 }
 
 /// Values with one tolerance: one component for a scalar, three for a vector.

@@ -124,6 +124,8 @@ impl<'a> Document<'a> {
                 "links",
                 "clusters",
                 "tracks",
+                "cranks",
+                "parameters",
                 "effects",
                 "drives",
                 "targets",
@@ -157,6 +159,11 @@ impl<'a> Document<'a> {
             links: self.section(root, "links", Self::link_values),
             clusters: self.section(root, "clusters", Self::link_values),
             tracks: self.section(root, "tracks", Self::link_values),
+            cranks: self.section(root, "cranks", Self::crank_values),
+            parameters: (root.get("parameters"))
+                .and_then(|value| self.table(value))
+                .map(|table| self.effect_values(table))
+                .unwrap_or_default(),
             effects: self
                 .section(root, "effects", Self::effect_values)
                 .into_iter()
@@ -270,11 +277,15 @@ impl<'a> Document<'a> {
     fn reference(&mut self, root: &DeTable<'_>) -> Option<Reference> {
         let table = self.table(root.get("reference")?)?;
         let place = key_place(root, "reference");
-        self.known_keys(table, &["commands_m", "position_m", "orientation_rad"]);
-        let commands = self.required(table, "commands_m", &place);
+        let has_angles = table.contains_key("commands");
+        let key = if has_angles { "commands" } else { "commands_m" };
+        self.known_keys(table, &[key, "position_m", "orientation_rad"]);
+        let commands = self.required(table, key, &place);
         let commands_m = commands.and_then(|value| {
             let commands = self.list(value, "an array with a number for each command")?;
-            self.metres(value.span(), &commands, LONGEST_M);
+            if !has_angles {
+                self.metres(value.span(), &commands, LONGEST_M);
+            }
             Some(commands)
         });
         let position = self.required(table, "position_m", &place);
@@ -291,6 +302,7 @@ impl<'a> Document<'a> {
         });
         Some(Reference {
             commands_m: commands_m?,
+            has_angles,
             position_m: position_m?,
             orientation_rad: orientation_rad?,
         })
@@ -333,6 +345,19 @@ impl<'a> Document<'a> {
             track_direction: value("track_direction", Kind::Direction),
             track_rotation: value("track_rotation_rad", Kind::Angles),
         }
+    }
+
+    fn crank_values(&mut self, table: &DeTable<'_>) -> BTreeMap<String, Value> {
+        let kinds = [
+            ("centre_m", Kind::Point(FARTHEST_M)),
+            ("axis", Kind::Direction),
+        ];
+        self.known_keys(table, &kinds.map(|(key, _)| key));
+        let values = kinds.into_iter().filter_map(|(key, kind)| {
+            let value = self.value(table.get(key)?, kind)?;
+            Some((key.to_owned(), value))
+        });
+        values.collect()
     }
 
     fn effect_values(&mut self, table: &DeTable<'_>) -> BTreeMap<String, Value> {

@@ -54,7 +54,7 @@ impl RobotFile {
                 out,
                 "\n[reference]  # where the machine stands at these commands: how the arm is assembled; ZYZ angles"
             )?;
-            writeln!(out, "commands_m = {:?}", reference.commands_m)?;
+            writeln!(out, "{} = {:?}", reference.key(), reference.commands_m)?;
             writeln!(out, "position_m = {:?}", reference.position_m)?;
             writeln!(out, "orientation_rad = {:?}", reference.orientation_rad)?;
         }
@@ -70,6 +70,18 @@ impl RobotFile {
                 writeln!(out, "\n[{section}.{}]", key(name))?;
                 write_values(out, values)?;
             }
+        }
+        for (name, values) in &self.cranks {
+            writeln!(out, "\n[cranks.{}]", key(name))?;
+            for (value_key, value) in values {
+                writeln!(out, "{value_key} = {}", inline(value))?;
+            }
+        }
+        if !self.parameters.is_empty() {
+            writeln!(out, "\n[parameters]  # of the whole machine")?;
+        }
+        for (parameter, value) in &self.parameters {
+            writeln!(out, "{} = {}", key(parameter), inline(value))?;
         }
         for (name, path) in &self.paths {
             writeln!(

@@ -1,0 +1,71 @@
+//! Values of links and cranks: parameters of their own, or formulas.
+
+use tau_model_dsl::model::{Crank, CrankValue, Formula, Value};
+use tau_runtime::Owner;
+
+use super::Context;
+use super::formula::Scope;
+use crate::graph::Expr;
+use crate::vector::Vector;
+
+impl<'a> Context<'a> {
+    /// `length` of a link or cluster; that of a link may follow from its command.
+    pub(super) fn length(&mut self, owner: Owner) -> Expr {
+        match self.formula_of(owner, Value::Length) {
+            Some(formula) => {
+                let scope = self.scope_of(owner);
+                self.formula(formula, scope)[0]
+            }
+            None => self.parameter(owner, "length", None),
+        }
+    }
+
+    /// A vector of a link or cluster.
+    pub(super) fn vector_value(&mut self, owner: Owner, value: Value) -> Vector {
+        match self.formula_of(owner, value) {
+            Some(formula) => {
+                let scope = self.scope_of(owner);
+                self.vector_formula(formula, scope)
+            }
+            None => self.vector_parameter(owner, value.name()),
+        }
+    }
+
+    /// A vector of a crank.
+    pub(super) fn crank_value(&mut self, track: usize, value: CrankValue) -> Vector {
+        let model = self.model;
+        let crank = model.tracks[track].crank.as_ref();
+        match crank.and_then(|crank: &Crank| crank.formula(value)) {
+            Some(formula) => self.vector_formula(formula, Scope::nowhere()),
+            None => self.vector_parameter(Owner::Crank(track), value.name()),
+        }
+    }
+
+    /// The formula that a value of a link is; clusters have none.
+    pub(super) fn formula_of(&self, owner: Owner, value: Value) -> Option<&'a Formula> {
+        let model = self.model;
+        match owner {
+            Owner::Link(link) => model.links[link].defaults.formula(value),
+            _ => None,
+        }
+    }
+
+    fn vector_formula(&mut self, formula: &Formula, scope: Scope) -> Vector {
+        let components = self.formula(formula, scope);
+        components
+            .try_into()
+            .unwrap_or_else(|_| unreachable!("the checker admits only vectors here"))
+    }
+
+    fn scope_of(&self, owner: Owner) -> Scope {
+        let command = match owner {
+            Owner::Link(link) => self.model.links[link].actuated_by,
+            _ => None,
+        };
+        Scope {
+            command,
+            length_of: Some(owner),
+            ..Scope::nowhere()
+        }
+    }
+}

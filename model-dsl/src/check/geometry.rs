@@ -1,0 +1,423 @@
+//! Values of links and cranks: numbers with tolerances, or formulas.
+
+use std::collections::BTreeMap;
+
+use proc_macro2::Ident;
+
+use super::Declared;
+use super::formula::formula;
+use super::quantity::{scalar, tolerance, unit_help, values};
+use super::scope::{Home, Other, Scope, ValueHome};
+use super::value::Shape;
+use crate::diagnostics::Diagnostics;
+use crate::model::{Crank, Formula, LinkDefaults, Plate, Quantity, Readable, Value};
+use crate::syntax::{self, Expression, ExpressionKind, Given};
+use crate::units::{Dimension, find_unit};
+
+/// What carries a link.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Carrier {
+    Base,
+    Track,
+    Crank,
+}
+
+/// Surroundings of the values of a link.
+#[derive(Clone, Copy)]
+pub(super) struct OfLink {
+    pub(super) carrier: Carrier,
+    pub(super) plate: Plate,
+    /// Where the length is driven: whether by an angle.
+    pub(super) driven_by_angle: Option<bool>,
+}
+
+/// The values that a link's declaration gives.
+pub(super) fn link(
+    links: &syntax::Links,
+    of: OfLink,
+    scope: &mut Scope<'_>,
+    diagnostics: &mut Diagnostics,
+) -> LinkDefaults {
+    let mut names = Declared::default();
+    let mut given: BTreeMap<Value, &syntax::Value> = BTreeMap::new();
+    for one in &links.values {
+        names.declare(&one.name, "value of this link", diagnostics);
+        let Some(value) = Value::find(&one.name.to_string()) else {
+            continue;
+        };
+        let refused = match (value, of.carrier) {
+            (Value::PlateJoint, _) if of.plate.is_point() => Some((
+                format!(
+                    "the plate is a {}, where links have no joints of their own",
+                    of.plate.written()
+                ),
+                "leave it out: all links meet in the point, whose place is that of the TCP",
+            )),
+            (Value::TrackDirection, Carrier::Base) => Some((
+                "a link on the fixed base has no track direction".to_owned(),
+                "leave it out",
+            )),
+            (Value::TrackDirection, Carrier::Crank) => Some((
+                "a link on a crank has no track direction".to_owned(),
+                "leave it out: its joint turns about the `axis` of the crank",
+            )),
+            _ => None,
+        };
+        match refused {
+            Some((message, help)) => diagnostics.error(&one.name, message, help),
+            None => drop(given.entry(value).or_insert(one)),
+        }
+    }
+    let mut defaults = LinkDefaults::default();
+    // A value may read others of the same link, so those come first.
+    let mut others: Vec<(Value, Other)> = Value::ALL
+        .into_iter()
+        .map(|value| (value, initial(value, of)))
+        .collect();
+    let mut waiting: Vec<Value> = Value::ALL
+        .into_iter()
+        .filter(|value| given.contains_key(value))
+        .collect();
+    while !waiting.is_empty() {
+        let is_ready = |value: &Value| {
+            let read = given
+                .get(value)
+                .map_or_else(Vec::new, |one| read_values(one));
+            read.iter().all(|other| !waiting.contains(other))
+        };
+        let Some(next) = waiting.iter().position(is_ready) else {
+            circle(&waiting, &given, diagnostics);
+            break;
+        };
+        let value = waiting.remove(next);
+        let Some(one) = given.get(&value) else {
+            continue;
+        };
+        let before = diagnostics.count();
+        let command = match (value, of.driven_by_angle) {
+            (Value::Length, Some(true)) => Some(Dimension::ANGLE),
+            (Value::Length, Some(false)) => Some(Dimension::LENGTH),
+            _ => None,
+        };
+        scope.home = Home::Value(ValueHome {
+            what: value.name(),
+            command,
+            others: others.clone(),
+        });
+        let found = match value {
+            Value::Length => {
+                let found = number(one, scope, diagnostics);
+                positive(one, &found, diagnostics);
+                defaults.length = driven(one, found, of, diagnostics);
+                defaults.length.formula.clone()
+            }
+            _ => {
+                let found = vector(one, value.dimension(), scope, diagnostics);
+                if value == Value::TrackDirection && found.value == Some([0.0; 3]) {
+                    let message = "the track direction is zero";
+                    diagnostics.error(&one.name, message, "write a vector along the track");
+                }
+                let formula = found.formula.clone();
+                match value {
+                    Value::PlateJoint => defaults.plate_joint = found,
+                    Value::TrackOffset => defaults.track_offset = found,
+                    _ => defaults.track_direction = found,
+                }
+                formula
+            }
+        };
+        if let Some((_, other)) = others.iter_mut().find(|(own, _)| *own == value) {
+            match (found, &*other) {
+                _ if diagnostics.count() > before => *other = Other::Poisoned,
+                (Some(formula), Other::Own) => *other = Other::Formula(formula),
+                _ => {}
+            }
+        }
+    }
+    if of.driven_by_angle == Some(true)
+        && !given.contains_key(&Value::Length)
+        && let (Some((_, location)), Some(name)) = (links.actuated, links.names.first())
+    {
+        let message = format!("how long `{name}` is at an angle is not said");
+        let help = "write it as a formula of the command: `length = zero + radius * q;`, with `param radius: m/rad;`";
+        diagnostics.error(location, message, help);
+    }
+    defaults
+}
+
+/// What reading a value means before its formula is known.
+fn initial(value: Value, of: OfLink) -> Other {
+    match value {
+        Value::Length if of.driven_by_angle.is_some() => {
+            Other::Refused("the length of a driven link changes with its command")
+        }
+        Value::PlateJoint if of.plate.is_point() => {
+            Other::Refused("links that meet in a point have none")
+        }
+        Value::TrackDirection if of.carrier != Carrier::Track => {
+            Other::Refused("the link is on no track")
+        }
+        _ => Other::Own,
+    }
+}
+
+/// The values of a crank.
+pub(super) fn crank(
+    given: &[syntax::Value],
+    scope: &mut Scope<'_>,
+    diagnostics: &mut Diagnostics,
+) -> Crank {
+    let mut crank = Crank::default();
+    let mut names = Declared::default();
+    for one in given {
+        names.declare(&one.name, "value of this crank", diagnostics);
+        let (what, dimension, slot) = if one.name == "axis" {
+            ("axis", Dimension::NUMBER, &mut crank.axis)
+        } else {
+            ("centre", Dimension::LENGTH, &mut crank.centre)
+        };
+        scope.home = Home::Value(ValueHome {
+            what,
+            command: None,
+            others: Vec::new(),
+        });
+        *slot = vector(one, dimension, scope, diagnostics);
+    }
+    if crank.axis.value == Some([0.0; 3]) {
+        let axis = given.iter().find(|one| one.name == "axis");
+        let message = "the axis of the crank is zero";
+        let help = "write a vector along the axis, about which it turns as a right-hand screw";
+        if let Some(axis) = axis {
+            diagnostics.error(&axis.name, message, help);
+        }
+    }
+    crank
+}
+
+/// A value that is one number.
+pub(super) fn number(
+    given: &syntax::Value,
+    scope: &mut Scope<'_>,
+    diagnostics: &mut Diagnostics,
+) -> Quantity<1> {
+    quantity(given, Dimension::LENGTH, false, scope, diagnostics)
+}
+
+fn vector(
+    given: &syntax::Value,
+    dimension: Dimension,
+    scope: &mut Scope<'_>,
+    diagnostics: &mut Diagnostics,
+) -> Quantity<3> {
+    quantity(given, dimension, true, scope, diagnostics)
+}
+
+fn quantity<const N: usize>(
+    given: &syntax::Value,
+    dimension: Dimension,
+    is_vector: bool,
+    scope: &mut Scope<'_>,
+    diagnostics: &mut Diagnostics,
+) -> Quantity<N> {
+    let what = format!("`{}`", given.name);
+    let mut found = Quantity::default();
+    match &given.value {
+        None => {}
+        Some(Given::Quantity(quantity)) if is_vector => {
+            let numbers = values(quantity, Some(dimension), &what, diagnostics);
+            found.value = numbers.and_then(|numbers| {
+                let vector = numbers.try_into().ok();
+                if vector.is_none() {
+                    let message = format!("{what} must be a vector, found one number");
+                    diagnostics.error(quantity.location, message, "write `(x, y, z)`");
+                }
+                vector
+            });
+        }
+        Some(Given::Quantity(quantity)) => {
+            let number = scalar(quantity, Some(dimension), &what, diagnostics);
+            found.value = number.map(|number| [number; N]);
+        }
+        Some(Given::Formula(expression)) => {
+            found.formula = derived(given, expression, dimension, is_vector, scope, diagnostics);
+            if let Some(tolerance) = &given.tolerance {
+                let message = format!("{what} is a formula, which has no tolerance of its own");
+                let help = "give the parameters that it reads their tolerances";
+                diagnostics.error(tolerance.location, message, help);
+            }
+            return found;
+        }
+    }
+    found.tolerance = given
+        .tolerance
+        .as_ref()
+        .and_then(|given| tolerance(given, Some(dimension), &what, diagnostics));
+    if let Some(exact) = given.exact {
+        if given.tolerance.is_some() {
+            let message = format!("{what} is exact and has a tolerance");
+            diagnostics.error(exact, message, "leave out one of them");
+        } else if given.value.is_none() {
+            let message = format!("{what} is exact, but has no value");
+            let help = format!("write it: `{} = value unit exact;`", given.name);
+            diagnostics.error(exact, message, help);
+        }
+        found.formula = found.value.take().map(|value| {
+            let numbers = value.map(Formula::Number);
+            match <[Formula; 3]>::try_from(numbers.to_vec()) {
+                Ok(components) => Formula::Vector(Box::new(components)),
+                Err(numbers) => numbers.into_iter().next().unwrap_or(Formula::Number(0.0)),
+            }
+        });
+    }
+    found
+}
+
+/// A value that is a formula.
+fn derived(
+    given: &syntax::Value,
+    expression: &Expression,
+    expected: Dimension,
+    is_vector: bool,
+    scope: &mut Scope<'_>,
+    diagnostics: &mut Diagnostics,
+) -> Option<Formula> {
+    let what = format!("`{}`", given.name);
+    let reads = names_of(expression).into_iter().any(is_variable);
+    match given.exact {
+        Some(exact) if reads => {
+            let message = format!("{what} is exact, but its formula reads names");
+            let help = "`exact` marks constants: mark the parameters that it reads";
+            diagnostics.error(exact, message, help);
+        }
+        None if !reads => {
+            let message = format!("{what} is a formula without parameters");
+            let help = "write `exact` behind it, or a number with its unit and tolerance";
+            diagnostics.error(expression.location, message, help);
+        }
+        _ => {}
+    }
+    let checked = formula(expression, scope, diagnostics)?;
+    if is_vector != matches!(checked.shape, Shape::Vector(_)) {
+        let (wanted, found, help) = if is_vector {
+            ("vector", "scalar", "write `(x, y, z)`")
+        } else {
+            ("scalar", "vector", "its length is `norm(…)`")
+        };
+        let message = format!("{what} is a {wanted}, but this formula is a {found}");
+        diagnostics.error(expression.location, message, help);
+        return None;
+    }
+    let found = checked.dimension?;
+    if found != expected {
+        let message = format!(
+            "{what} is {}, but this formula is {}",
+            expected.describe(),
+            found.describe()
+        );
+        diagnostics.error(expression.location, message, unit_help(expected));
+        return None;
+    }
+    Some(checked.shape.into_formula())
+}
+
+/// The length of a driven link is a formula that reads its command; a plain one is that at command 0.
+fn driven(
+    given: &syntax::Value,
+    found: Quantity<1>,
+    of: OfLink,
+    diagnostics: &mut Diagnostics,
+) -> Quantity<1> {
+    let Some(by_angle) = of.driven_by_angle else {
+        return found;
+    };
+    let command = || Formula::Read(Readable::Command);
+    match (&found.formula, given.exact) {
+        (Some(formula), Some(_)) if !by_angle => Quantity {
+            formula: Some(formula.clone() + command()),
+            ..found
+        },
+        (Some(formula), _) if formula.quantities().next().is_none() => {
+            let message = "the length of a driven link does not read its command";
+            let help = "add it: `… + q`, or leave out `actuated`";
+            diagnostics.error(&given.name, message, help);
+            found
+        }
+        (None, _) if by_angle && given.value.is_some() => {
+            let message = "a length that an angle drives is a formula of it";
+            let help = "write it with the command: `length = zero + radius * q;`, with `param radius: m/rad;`";
+            diagnostics.error(&given.name, message, help);
+            found
+        }
+        _ => found,
+    }
+}
+
+fn positive(given: &syntax::Value, found: &Quantity<1>, diagnostics: &mut Diagnostics) {
+    let constant = found.formula.as_ref().and_then(Formula::constant);
+    let value = found.value.map(|[value]| value).or(constant);
+    let location = match &given.value {
+        Some(Given::Quantity(quantity)) => quantity.location,
+        Some(Given::Formula(expression)) => expression.location,
+        None => return,
+    };
+    if let Some(length) = value.filter(|length| *length <= 0.0) {
+        let message = format!("`length` must be greater than zero, found {length} m");
+        diagnostics.error(location, message, "write the distance of the two joints");
+    }
+}
+
+/// Reports values that read each other in a circle.
+fn circle(
+    waiting: &[Value],
+    given: &BTreeMap<Value, &syntax::Value>,
+    diagnostics: &mut Diagnostics,
+) {
+    let Some((first, one)) = waiting
+        .first()
+        .and_then(|first| Some((first, given.get(first)?)))
+    else {
+        return;
+    };
+    let names: Vec<String> = waiting
+        .iter()
+        .map(|value| format!("`{}`", value.name()))
+        .collect();
+    let message = format!(
+        "the formulas of {} read each other in a circle",
+        names.join(" and ")
+    );
+    let help = format!("write `{}` without the others", first.name());
+    diagnostics.error(&one.name, message, help);
+}
+
+/// Values of the link that a value reads.
+fn read_values(given: &syntax::Value) -> Vec<Value> {
+    match &given.value {
+        Some(Given::Formula(expression)) => names_of(expression)
+            .into_iter()
+            .filter_map(|name| Value::find(&name.to_string()))
+            .collect(),
+        _ => Vec::new(),
+    }
+}
+
+/// True for a name that is neither a unit nor a constant.
+fn is_variable(name: &Ident) -> bool {
+    name != "pi" && find_unit(&name.to_string()).is_none()
+}
+
+/// Names that a formula holds, without those of functions and units behind numbers.
+fn names_of(expression: &Expression) -> Vec<&Ident> {
+    let mut names = Vec::new();
+    let mut ahead = vec![expression];
+    while let Some(next) = ahead.pop() {
+        match &next.kind {
+            ExpressionKind::Number(_) | ExpressionKind::Measure(..) => {}
+            ExpressionKind::Name(name) | ExpressionKind::Component(name, _) => names.push(name),
+            ExpressionKind::Call(_, parts) | ExpressionKind::Tuple(parts) => ahead.extend(parts),
+            ExpressionKind::Negate(inner) | ExpressionKind::Power(inner, _) => ahead.push(inner),
+            ExpressionKind::Binary(_, left, right) => ahead.extend([&**left, &**right]),
+        }
+    }
+    names
+}

@@ -1,0 +1,160 @@
+//! What variants hold at nominal values.
+
+use super::variant::Context;
+use crate::diagnostics::{Diagnostics, Location};
+use crate::model::{Arm, CrankValue, Held, TrackModel, Value};
+use crate::names::suggest;
+use crate::syntax;
+
+impl Context<'_> {
+    /// What several names after `hold` stand for, each with its place.
+    pub(super) fn all_held(
+        &self,
+        names: &[syntax::Held],
+        diagnostics: &mut Diagnostics,
+    ) -> Vec<(Held, Location)> {
+        let mut all: Vec<(Held, Location)> = Vec::new();
+        for named in names {
+            let found = self.held(named, diagnostics);
+            if found
+                .iter()
+                .any(|one| all.iter().any(|(known, _)| known == one))
+            {
+                let message = "this is held already";
+                diagnostics.error(named.location, message, "name it once");
+            }
+            all.extend(found.into_iter().map(|one| (one, named.location)));
+        }
+        all
+    }
+
+    /// What a name after `hold` stands for: one parameter, or a value of one link or several.
+    fn held(&self, named: &syntax::Held, diagnostics: &mut Diagnostics) -> Vec<Held> {
+        let name = named.name.to_string();
+        let Some(value) = &named.value else {
+            let parameters = &self.geometry.parameters;
+            let found = parameters.iter().position(|own| own.name == name);
+            let Some(index) = found else {
+                let (message, help) = match self.geometry.names.kind(&named.name) {
+                    Some(kind) => (
+                        format!("`{name}` is a {kind}, not a parameter"),
+                        format!("name one of its values: `{name}.length`"),
+                    ),
+                    None => {
+                        let names = parameters.iter().map(|own| own.name.as_str());
+                        let message = format!("cannot find parameter `{name}`");
+                        (message, suggest("parameter", &name, names))
+                    }
+                };
+                diagnostics.error(&named.name, message, help);
+                return Vec::new();
+            };
+            if parameters[index].exact {
+                let message = format!("`{name}` is exact and never fitted");
+                diagnostics.error(&named.name, message, "leave it out");
+                return Vec::new();
+            }
+            return vec![Held::Parameter(index)];
+        };
+        let tracks = &self.geometry.tracks;
+        let of_cranks = CrankValue::ALL.into_iter().find(|own| *value == own.name());
+        if let (Some(found), true) = (of_cranks, name == "all") {
+            let cranks = tracks
+                .iter()
+                .enumerate()
+                .filter(|(_, own)| own.crank.is_some());
+            return cranks.map(|(index, _)| Held::Crank(index, found)).collect();
+        }
+        let crank = tracks
+            .iter()
+            .position(|own| own.name == name && own.crank.is_some());
+        if let Some(crank) = crank {
+            let written = value.to_string();
+            let found = CrankValue::ALL
+                .into_iter()
+                .find(|own| own.name() == written);
+            if found.is_none() {
+                let names = CrankValue::ALL.into_iter().map(CrankValue::name);
+                let message = format!("a crank has no value `{value}`");
+                diagnostics.error(value, message, suggest("value", &written, names));
+            }
+            return found
+                .map(|value| Held::Crank(crank, value))
+                .into_iter()
+                .collect();
+        }
+        let Some(found) = Value::find(&value.to_string()) else {
+            let names = Value::ALL.into_iter().map(Value::name);
+            let message = format!("a link has no value `{value}`");
+            let help = suggest("value", &value.to_string(), names);
+            diagnostics.error(value, message, help);
+            return Vec::new();
+        };
+        let clusters = &self.geometry.clusters;
+        let links = self.geometry.links.iter().enumerate();
+        let own = links.filter(|(_, link)| {
+            let of_cluster = clusters
+                .get(link.cluster)
+                .is_some_and(|own| own.name == name);
+            name == "all" || link.name == name || of_cluster
+        });
+        let held: Vec<Held> = own.map(|(index, _)| Held::Link(index, found)).collect();
+        if held.is_empty() {
+            let links = self.geometry.links.iter().map(|link| link.name.as_str());
+            let message = format!("cannot find link or cluster `{name}`");
+            diagnostics.error(&named.name, message, suggest("link", &name, links));
+        }
+        held
+    }
+
+    /// Why a variant of such an arm and such tracks can't hold something, with the remedy.
+    pub(super) fn cannot_hold(
+        &self,
+        held: Held,
+        arm: Arm,
+        tracks: &[TrackModel],
+    ) -> Option<(String, &'static str)> {
+        let is_formula = |what: &str, of: &str| {
+            let message = format!("`{what}` of `{of}` is a formula or exact and has no parameter");
+            Some((message, "hold the parameters that it reads"))
+        };
+        match held {
+            Held::Parameter(_) => None,
+            Held::Crank(crank, value) => {
+                let track = self.geometry.tracks.get(crank)?;
+                let crank = track.crank.as_ref()?;
+                crank.formula(value)?;
+                is_formula(value.name(), &track.name)
+            }
+            Held::Link(link, value) => {
+                let link = self.geometry.links.get(link)?;
+                let track = self.geometry.clusters.get(link.cluster)?.track;
+                let model = track.and_then(|track| tracks.get(track));
+                if arm == Arm::Reduced {
+                    let message = "a reduced arm has values of clusters, not of links".to_owned();
+                    return Some((message, "start from a variant with `arm full;`"));
+                }
+                if link.defaults.formula(value).is_some() {
+                    return is_formula(value.name(), &link.name);
+                }
+                let name = &link.name;
+                match value {
+                    Value::PlateJoint if self.geometry.plate.is_point() => {
+                        let message =
+                            format!("`{name}` has no plate joint: all links meet in a point");
+                        Some((message, "leave it out"))
+                    }
+                    Value::TrackDirection if model.is_none_or(|model| !model.per_link) => {
+                        let message =
+                            format!("`{name}` has no direction of its own in this variant");
+                        Some((
+                            message,
+                            "start from a variant with `tracks linear per link;`",
+                        ))
+                    }
+                    _ => None,
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,108 @@
+//! Parameters of the whole machine.
+
+use super::Declared;
+use super::quantity::{dimension, tolerance, values};
+use super::scope::{Home, Scope, ValueHome};
+use super::vocabulary::meaning;
+use crate::diagnostics::Diagnostics;
+use crate::model::{EffectParameter, Formula, RobotParameter, Value};
+use crate::syntax;
+
+/// The parameters of a robot, and the scope of formulas that may read them.
+pub(super) fn parameters<'a>(
+    robot: &'a syntax::Robot,
+    names: &mut Declared,
+    diagnostics: &mut Diagnostics,
+) -> (Vec<RobotParameter>, Scope<'a>) {
+    let home = ValueHome {
+        what: "",
+        command: None,
+        others: Vec::new(),
+    };
+    let mut scope = Scope::new(Home::Value(home), &[]);
+    let mut parameters = Vec::new();
+    for declaration in &robot.parameters {
+        let known = dimension(&declaration.dimension, diagnostics);
+        for given in &declaration.names {
+            let name = given.name.to_string();
+            names.declare(&given.name, "parameter", diagnostics);
+            let taken = meaning(&name).or_else(|| Value::find(&name).map(|_| "a value of links"));
+            if let Some(meaning) = taken {
+                let message = format!("`{name}` is {meaning} and cannot be a parameter");
+                diagnostics.error(&given.name, message, "choose another name");
+            }
+            let components = match given.components {
+                None => 1,
+                Some((3, _)) => 3,
+                Some((number, location)) => {
+                    diagnostics.error(
+                        location,
+                        format!("a vector has 3 components, found {number}"),
+                        format!("write `{name}[3]`, or `{name}` for a scalar"),
+                    );
+                    3
+                }
+            };
+            let of = format!("`{name}`");
+            let nominal = declaration.nominal.as_ref().and_then(|quantity| {
+                let found = values(quantity, known, &format!("the value of {of}"), diagnostics)?;
+                if found.len() == components {
+                    return Some(found);
+                }
+                let (expected, help) = if components == 1 {
+                    ("one number", format!("for a vector declare `{name}[3]`"))
+                } else {
+                    ("three numbers", "write `(x, y, z)`".to_owned())
+                };
+                let message = format!("{of} must be {expected}, found {}", found.len());
+                diagnostics.error(quantity.location, message, help);
+                None
+            });
+            let tolerance = declaration
+                .tolerance
+                .as_ref()
+                .and_then(|given| tolerance(given, known, &of, diagnostics));
+            if let Some(exact) = declaration.exact {
+                if declaration.tolerance.is_some() {
+                    let message = format!("{of} is exact and has a tolerance");
+                    diagnostics.error(exact, message, "leave out one of them");
+                } else if declaration.nominal.is_none() {
+                    let message = format!("{of} is exact, but has no value");
+                    let help = format!("write it: `param {name}: … = value unit exact;`");
+                    diagnostics.error(exact, message, help);
+                }
+            }
+            let leaves = (0..components).map(|component| {
+                let constant = nominal.as_ref().and_then(|nominal| nominal.get(component));
+                match constant.filter(|_| declaration.exact.is_some()) {
+                    Some(&value) => Formula::Number(value),
+                    None => Formula::OfRobot(parameters.len(), component),
+                }
+            });
+            let leaves: Vec<Formula> = leaves.collect();
+            let mut declared = EffectParameter::amplitude(&name, known.unwrap_or_default());
+            declared.components = components;
+            scope.declare_as(&given.name, declared, leaves, known.is_some());
+            parameters.push(RobotParameter {
+                name,
+                components,
+                dimension: known.unwrap_or_default(),
+                nominal,
+                tolerance,
+                exact: declaration.exact.is_some(),
+            });
+        }
+    }
+    (parameters, scope)
+}
+
+/// Reports parameters that no formula reads.
+pub(super) fn unused(scope: &Scope<'_>, diagnostics: &mut Diagnostics) {
+    for (name, _) in scope.unused() {
+        diagnostics.error(
+            name,
+            format!("parameter `{name}` is used in no formula"),
+            "use it in a value of a link or a crank, such as `length = …;`, or remove it",
+        );
+    }
+}

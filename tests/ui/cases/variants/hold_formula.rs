@@ -1,0 +1,13 @@
+//! A value that is a formula, held.
+
+tau_macro::tau_model! {
+    robot Lines {
+        plate point;
+        param radius: length = 75 mm;
+        cluster lines on base { link a, b, c actuated length { length = radius + q; } }
+        variant Full { arm full; }
+        variant Basic = Full hold b.length;
+    }
+}
+
+fn main() {}
