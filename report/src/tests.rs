@@ -85,7 +85,7 @@ fn all_figures_stand_in_the_report() {
     let numbers: Vec<_> = figures.iter().filter_map(|figure| figure.number).collect();
     assert_eq!(numbers, [8, 4, 5, 6, 9, 10]);
     assert_eq!(figures.len(), 9);
-    assert_eq!(page.matches("<figure>").count(), 9);
+    assert_eq!(page.matches("<figure aria-label").count(), 9);
     assert_eq!(page.matches("<figure class=\"machine-figure\"").count(), 1);
 }
 

@@ -587,7 +587,7 @@ impl<'a> Document<'a> {
     ) -> Option<&'t Spanned<DeValue<'i>>> {
         let value = table.get(key);
         if value.is_none() {
-            let help = format!("add `{key} = …` to this section");
+            let help = format!("add `{key} = …`, or `[{key}]` if it is a section");
             self.mistakes
                 .push_with_help(place.clone(), format!("key `{key}` is missing"), help);
         }
