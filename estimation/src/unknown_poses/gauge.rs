@@ -124,7 +124,6 @@ impl Shared<'_> {
                     in_space: &|_| unit,
                     direction: &still,
                     travel: &still,
-                    travel: &still,
                     on_plate: &still,
                     longer: Longer::No,
                 }),
@@ -155,7 +154,6 @@ impl Shared<'_> {
                     in_space: &still,
                     direction: &still,
                     travel: &still,
-                    travel: &still,
                     on_plate: &|_| unit,
                     longer: Longer::No,
                 }),
@@ -170,7 +168,6 @@ impl Shared<'_> {
                 change: self.change(&Rule {
                     in_space: &still,
                     direction: &still,
-                    travel: &still,
                     travel: &still,
                     on_plate: &|point| unit.cross(&point),
                     longer: Longer::No,
