@@ -436,7 +436,7 @@ fn repeats_are_readings_of_one_pose() {
 fn as_many_factors_as_points_are_refused_with_the_number_that_would_do() {
     let folder = tempfile::tempdir().unwrap();
     let run = |line: &str| tau_in(folder.path(), line);
-    run("tau simulate --model ROBOTS/linear_delta.tau --variant Nominal --measure heights --poses 12 \
+    run("tau simulate --model ROBOTS/linear_delta.tau --variant Nominal --measure heights --random --poses 12 \
          --track-points 0 --cart-poses 0 --out DIR/few")
     .done();
     let refused = run(
