@@ -86,9 +86,16 @@ fn links_lead_somewhere() {
 
 #[test]
 fn robot_file_of_the_documentation_is_read() {
-    let text = &blocks(&read("docs/files.md"), "toml")[0];
+    let texts = blocks(&read("docs/files.md"), "toml");
+    let [measuring, text] = &texts[..] else {
+        panic!("{} blocks", texts.len());
+    };
     let file = tau::robot_file::RobotFile::parse(text, "robot.toml").unwrap();
     assert_eq!(file.links["l1"].length.as_ref().unwrap().value, [2.04399]);
+    // What is said of other measurements may stand in the same file.
+    let with_more = format!("robot = \"GantryTau\"\n{measuring}");
+    let file = tau::robot_file::RobotFile::parse(&with_more, "robot.toml").unwrap();
+    assert_eq!(file.measuring.balls["first"].value, [0.1, 0.0, -0.7]);
 }
 
 /// Blocks of code with their language, in order.

@@ -264,16 +264,11 @@ fn gross_readings_are_named_by_row_and_drive() {
 
 #[test]
 fn a_scale_that_nothing_determines_is_refused_unless_asked_for() {
-    let (robot, file) = robot("eight_legs", "[drives]\nnoise_m = 1e-5\n");
-    let simulated = simulated(
-        &robot,
-        &file,
-        "Full",
-        &[Measure::Rows(PlateKind::Reading)],
-        60,
-    );
+    let (robot, file) = robot("eight_carts", "[drives]\nnoise_m = 1e-5\n");
+    let readings = [Measure::Rows(PlateKind::Reading)];
+    let simulated = simulated(&robot, &file, "Full", &readings, 80);
     let division = RowDivision::of(&simulated.folder, Split::All);
-    let variant = robot.variant("Scaled").unwrap();
+    let variant = robot.variant("Full").unwrap();
     let fit = |free_scale: bool| {
         let options = Options {
             free_scale,
@@ -283,18 +278,10 @@ fn a_scale_that_nothing_determines_is_refused_unless_asked_for() {
         tau::unknown_poses::calibrate(&robot, variant, file, folder, &division, &options)
     };
     let error = fit(false).err().unwrap().to_string();
-    assert!(
-        error.contains("nothing determines the scale of the whole machine"),
-        "{error}"
-    );
-    assert!(
-        fit(true)
-            .unwrap()
-            .rank
-            .open
-            .iter()
-            .any(|open| open.is_scale)
-    );
+    let expected = "nothing determines the scale of the whole machine";
+    assert!(error.contains(expected), "{error}");
+    let open = fit(true).unwrap().rank.open;
+    assert!(open.iter().any(|open| open.is_scale));
 }
 
 #[test]
@@ -395,14 +382,14 @@ fn gross_rows_are_named_by_file_and_line() {
     assert!(found.is_consistent(), "{}", found.residual_over_noise());
 }
 
-/// Repeats are readings of one true pose: the mean of four is worth as much as one reading of half the noise.
+/// Repeats are readings of one true pose: four rows are worth as much as their mean with half the noise.
 #[test]
 fn repeats_are_readings_of_one_pose() {
     let (robot, file) = robot("linear_delta", "");
-    let simulation = |readings: usize| Simulation {
+    let simulated = simulate(&Simulation {
         variant: Some("Nominal".to_owned()),
         poses: Poses::Random { count: 60 },
-        readings,
+        readings: 4,
         measures: vec![Measure::Rows(PlateKind::Position)],
         track_points: TrackPoints {
             count: 0,
@@ -410,26 +397,38 @@ fn repeats_are_readings_of_one_pose() {
         },
         random_poses: 0,
         ..Simulation::new(robot.clone(), file.clone())
-    };
-    let of = |readings: usize| {
-        let simulated = simulate(&simulation(readings)).unwrap();
-        fit(&robot, "Nominal", &file, &simulated.folder)
-    };
-    let (once, four_times) = (of(1), of(4));
-    assert_eq!(once.poses, four_times.poses);
-    assert_eq!(once.rank.spent, four_times.rank.spent);
-    for (one, four) in once
+    })
+    .unwrap();
+    let mut means = simulated.folder.clone();
+    means.plate_rows = (simulated.folder.plate_rows.chunks(4))
+        .map(|rows| {
+            let mut row = rows[0].clone();
+            for axis in 0..3 {
+                let sum: f64 = rows.iter().filter_map(|row| row.values[axis]).sum();
+                row.values[axis] = Some(sum / 4.0);
+                row.sigmas[axis] = Some(5e-6);
+            }
+            row
+        })
+        .collect();
+    let repeated = fit(&robot, "Nominal", &file, &simulated.folder);
+    let meant = fit(&robot, "Nominal", &file, &means);
+    assert_eq!(
+        (repeated.poses, repeated.rank.spent),
+        (60, meant.rank.spent)
+    );
+    let pairs = repeated
         .calibration
         .parameters
         .iter()
-        .zip(&four_times.calibration.parameters)
-    {
-        let known = one.sigma < 0.02 * one.tolerance.unwrap();
+        .zip(&meant.calibration.parameters);
+    for (own, other) in pairs {
         assert!(
-            !known || (one.sigma / four.sigma / 2.0 - 1.0).abs() < 0.02,
+            (own.value - other.value).abs() < 1e-5 * own.sigma,
             "{}",
-            one.name
+            own.name
         );
+        assert!((own.sigma / other.sigma - 1.0).abs() < 1e-5, "{}", own.name);
     }
 }
 
@@ -437,7 +436,7 @@ fn repeats_are_readings_of_one_pose() {
 fn as_many_factors_as_points_are_refused_with_the_number_that_would_do() {
     let folder = tempfile::tempdir().unwrap();
     let run = |line: &str| tau_in(folder.path(), line);
-    run("tau simulate --model ROBOTS/linear_delta.tau --variant Nominal --measure heights --poses 12 \
+    run("tau simulate --model ROBOTS/linear_delta.tau --variant Nominal --measure heights --random --poses 12 \
          --track-points 0 --cart-poses 0 --out DIR/few")
     .done();
     let refused = run(

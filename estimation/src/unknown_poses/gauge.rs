@@ -17,6 +17,9 @@ const INDEPENDENT: f64 = 1e-3;
 /// A motion or change of the machine that no residual sees.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Freedom {
+    /// True for a motion that no more measurements of these kinds would settle; otherwise there are too few of them, or
+    /// they are too much alike.
+    pub is_motion: bool,
     /// In words, such as `rotation of the machine about z`.
     pub words: String,
     /// True for the scale of the whole machine.
@@ -45,6 +48,8 @@ pub(super) struct Shared<'a> {
     pub(super) values: &'a [f64],
 }
 
+/// Beginning of the words for what is no motion.
+const OF_PARAMETERS: &str = "a combination of";
 /// Quantities that motions change by themselves.
 const DIMENSIONS: [&str; 4] = ["length", "plate_joint", "track_offset", "track_direction"];
 const AXES: [&str; 3] = ["x", "y", "z"];
@@ -76,7 +81,7 @@ impl Shared<'_> {
                 }
                 "plate_joint" => (rule.on_plate)(vector("plate_joint"))[axis],
                 "track_offset" => (rule.in_space)(vector("track_offset"))[axis],
-                "track_direction" => (rule.direction)(vector("track_direction"))[axis],
+                "track_direction" => (rule.travel)(vector("track_direction"))[axis],
                 _ => 0.0,
             };
         }
@@ -118,6 +123,7 @@ impl Shared<'_> {
                 change: self.change(&Rule {
                     in_space: &|_| unit,
                     direction: &still,
+                    travel: &still,
                     on_plate: &still,
                     longer: Longer::No,
                 }),
@@ -132,6 +138,7 @@ impl Shared<'_> {
                 change: self.change(&Rule {
                     in_space: &|point| unit.cross(&point),
                     direction: &|way| unit.cross(&way),
+                    travel: &|way| unit.cross(&way),
                     on_plate: &still,
                     longer: Longer::No,
                 }),
@@ -146,6 +153,7 @@ impl Shared<'_> {
                 change: self.change(&Rule {
                     in_space: &still,
                     direction: &still,
+                    travel: &still,
                     on_plate: &|_| unit,
                     longer: Longer::No,
                 }),
@@ -160,6 +168,7 @@ impl Shared<'_> {
                 change: self.change(&Rule {
                     in_space: &still,
                     direction: &still,
+                    travel: &still,
                     on_plate: &|point| unit.cross(&point),
                     longer: Longer::No,
                 }),
@@ -172,6 +181,7 @@ impl Shared<'_> {
             change: self.change(&Rule {
                 in_space: &|point| point,
                 direction: &still,
+                travel: &|way| way,
                 on_plate: &|point| point,
                 longer: Longer::InProportion,
             }),
@@ -183,6 +193,7 @@ impl Shared<'_> {
             change: self.change(&Rule {
                 in_space: &still,
                 direction: &still,
+                travel: &still,
                 on_plate: &still,
                 longer: Longer::Driven,
             }),
@@ -232,6 +243,7 @@ impl Shared<'_> {
                         is_scale: bool,
                         basis: &mut Vec<DVector<f64>>| {
             freedoms.push(Freedom {
+                is_motion: !words.starts_with(OF_PARAMETERS),
                 words,
                 is_scale,
                 direction: direction.clone(),
@@ -310,7 +322,7 @@ impl Shared<'_> {
             .iter()
             .filter(|&&place| direction[place].abs() > 0.2 * most);
         let names: Vec<&str> = named.take(4).map(|&place| self.name(place)).collect();
-        format!("a combination of {}", names.join(", "))
+        format!("{OF_PARAMETERS} {}", names.join(", "))
     }
 
     fn name(&self, place: usize) -> &str {
@@ -371,6 +383,8 @@ struct Rule<'a> {
     in_space: Map<'a>,
     /// To directions in space.
     direction: Map<'a>,
+    /// To the way of a cart per command.
+    travel: Map<'a>,
     /// To points on the plate.
     on_plate: Map<'a>,
     longer: Longer,

@@ -123,21 +123,26 @@ impl Rank {
         self.rows - self.spent
     }
 
+    /// Combinations of unknowns that measurements of these kinds can determine, if there are enough.
+    pub fn factors(&self) -> usize {
+        let motions = self.open.iter().filter(|open| open.is_motion);
+        self.unknowns - motions.count().min(self.unknowns)
+    }
+
     /// True if every residual is needed to determine something, so that none can be told to be wrong.
     pub fn is_saturated(&self) -> bool {
-        self.net_rows() <= self.determined
+        self.net_rows() <= self.factors()
     }
 
     /// Number of poses, measured like these, from which on residuals are left to judge the fit by.
     pub fn poses_needed(&self) -> usize {
         let each = (self.net_rows() as f64 / self.poses.max(1) as f64).max(1e-9);
-        let factors = self.unknowns - self.open.len().min(self.unknowns);
         #[allow(
             clippy::cast_possible_truncation,
             clippy::cast_sign_loss,
             reason = "a small count"
         )]
-        let needed = ((factors + 1) as f64 / each).ceil() as usize;
+        let needed = ((self.factors() + 1) as f64 / each).ceil() as usize;
         needed
     }
 
@@ -146,8 +151,9 @@ impl Rank {
         let (net, poses) = (self.net_rows(), self.poses);
         if self.is_saturated() {
             return Some(format!(
-                "{net} residuals of {poses} poses determine as many factors: the fit would repeat its input, and no wrong \
-                 measurement could be told"
+                "{net} residuals of {poses} poses for {} factors: the fit would repeat its input, and no wrong measurement \
+                 could be told",
+                self.factors()
             ));
         }
         let scale = self.open.iter().find(|freedom| freedom.is_scale)?;

@@ -350,12 +350,18 @@ fn missing_tcp_poses(folder: &Path) -> InputError {
         folder.join(TCP_POSES).display().to_string(),
         "the file does not exist, expected the TCP poses (set 1)",
     );
-    match nearest(TCP_POSES, names.iter().map(String::as_str)) {
-        Some(found) => error.help(format!("found `{found}`, rename it to `{TCP_POSES}`")),
-        None => error.help(format!(
-            "or other measurements of the plate: {}",
-            quoted(PlateKind::ALL.map(PlateKind::file))
-        )),
+    let meant = |name: &str| nearest(name, FILES).filter(|_| name.ends_with(".csv"));
+    let found = names.iter().find_map(|name| Some((name, meant(name)?)));
+    let others = || {
+        let names = quoted(PlateKind::ALL.map(PlateKind::file));
+        format!("or other measurements of the plate: {names}")
+    };
+    match (nearest(TCP_POSES, names.iter().map(String::as_str)), found) {
+        (Some(found), _) => error.help(format!("found `{found}`, rename it to `{TCP_POSES}`")),
+        (None, Some((found, name))) => {
+            error.help(format!("found `{found}`, rename it to `{name}`"))
+        }
+        (None, None) => error.help(others()),
     }
 }
 

@@ -88,7 +88,7 @@ pub(super) fn read_rows(
             if given.iter().all(|column| column.values[row].is_nan()) {
                 let place = table.place(row, given[0].index);
                 let message = format!(
-                    "the row measures nothing: {} is empty",
+                    "the row measures nothing, expected a number in {}",
                     quoted(kind.columns().iter().copied())
                 );
                 mistakes.push_with_help(
