@@ -314,7 +314,15 @@ fn derived(
             expected.describe(),
             found.describe()
         );
-        diagnostics.error(expression.location, message, unit_help(expected));
+        let by_angles = found.divide(expected).is_some_and(|factor| {
+            factor.angle != 0 && (Dimension { angle: 0, ..factor }) == Dimension::NUMBER
+        });
+        let help = if by_angles {
+            "give the radius of a drum in `m/rad`, or divide angles by `1 rad`".to_owned()
+        } else {
+            unit_help(expected)
+        };
+        diagnostics.error(expression.location, message, help);
         return None;
     }
     Some(checked.shape.into_formula())
@@ -342,7 +350,7 @@ fn driven(
             diagnostics.error(&given.name, message, help);
             found
         }
-        (None, _) if by_angle && given.value.is_some() => {
+        (None, _) if by_angle && matches!(given.value, Some(Given::Quantity(_))) => {
             let message = "a length that an angle drives is a formula of it";
             let help = "write it with the command: `length = zero + radius * q;`, with `param radius: m/rad;`";
             diagnostics.error(&given.name, message, help);

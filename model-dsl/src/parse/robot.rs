@@ -14,6 +14,7 @@ use crate::syntax::{
     Cluster, EffectUse, Given, Held, Links, Reference, Robot, Track, Value, Variant, VariantBody,
     VariantLine,
 };
+use crate::units::find_unit;
 
 /// `robot Name { … }` from the name on; into `slot`, or if that is taken, returns the name.
 pub(super) fn robot(
@@ -301,7 +302,10 @@ fn given(parser: &mut Parser<'_>) -> Parse<Given> {
     };
     let of_quantity = ends_at(&as_quantity, plain.as_ref().err().map(|error| error.span));
     let of_formula = ends_at(&as_formula, formula.as_ref().err().map(|error| error.span));
-    if of_formula > of_quantity {
+    // Behind parentheses a unit is that of the numbers in them.
+    let next = as_formula.word().filter(|_| formula.is_ok());
+    let is_measure = next.is_some_and(|word| find_unit(&word.to_string()).is_some());
+    if of_formula > of_quantity && !is_measure {
         *parser = as_formula;
         formula.map(Given::Formula)
     } else {
