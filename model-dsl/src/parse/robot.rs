@@ -11,8 +11,8 @@ use crate::diagnostics::{Diagnostics, Location};
 use crate::model::{Arm, Plate, TrackShape};
 use crate::names::nearest;
 use crate::syntax::{
-    Cluster, EffectUse, Given, Held, Links, Reference, Robot, Track, Value, Variant, VariantBody,
-    VariantLine,
+    Cluster, EffectUse, Given, Held, Links, NamedValue, Reference, Robot, Track, Variant,
+    VariantBody, VariantLine,
 };
 use crate::units::find_unit;
 
@@ -232,7 +232,7 @@ fn values(
     keywords: &[&str],
     help: &str,
     diagnostics: &mut Diagnostics,
-) -> Parse<Vec<Value>> {
+) -> Parse<Vec<NamedValue>> {
     let mut values = Vec::new();
     let Some(mut body) = parser.enter(Delimiter::Brace) else {
         parser.expect(";", help)?;
@@ -254,7 +254,7 @@ fn values(
 }
 
 /// `length = 2.04 m tol 0.3 mm;`, `length = arm;`, `pulled;`
-fn value(parser: &mut Parser<'_>) -> Parse<Value> {
+fn value(parser: &mut Parser<'_>) -> Parse<NamedValue> {
     let name = parser.name("a value")?;
     let value = if parser.eat("=").is_some() {
         Some(given(parser)?)
@@ -273,7 +273,7 @@ fn value(parser: &mut Parser<'_>) -> Parse<Value> {
     }
     let exact = parser.eat_word("exact").map(Location::from);
     parser.semicolon()?;
-    Ok(Value {
+    Ok(NamedValue {
         name,
         value,
         tolerance,
