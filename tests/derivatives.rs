@@ -42,6 +42,8 @@ fn random_point(robot: &Robot, variant: &Variant, seed: u64) -> Point {
                 Input::Time => random.uniform(0.0, 4.0),
                 Input::Temperature => random.uniform(15.0, 30.0),
                 Input::Direction(_) => random.uniform(-1.0, 1.0).signum(),
+                // Belts that slope are no shorter than the height.
+                Input::Command(_) => random.uniform(0.2, 2.0) * random.uniform(-1.0, 1.0).signum(),
                 _ => random.uniform(-2.0, 2.0),
             };
             (input, value)
@@ -345,7 +347,10 @@ fn description() -> impl Strategy<Value = String> {
     ];
     let target = prop_oneof![Just("along"), Just("horizontal"), Just("vertical"),];
     let turn = prop_oneof![Just("roll"), Just("pitch"), Just("yaw")];
+    // Links beyond the first on a cart take freedoms of the plate, which has six.
+    let moves = |clusters: &Vec<usize>| clusters.iter().map(|links| links - 1).sum::<usize>() < 6;
     let clusters = prop::collection::vec(1_usize..=4, 1..=4);
+    let clusters = clusters.prop_filter("the plate moves", moves);
     (
         clusters,
         scalar.clone(),

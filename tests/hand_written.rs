@@ -56,6 +56,7 @@ fn instance(robot: &Robot, variant: &Variant, of: usize, by_pose: bool) -> Insta
     let path = match shape {
         TrackShape::Linear => "track_direction",
         TrackShape::Piecewise => "track_rotation",
+        TrackShape::Crank => unreachable!("the Gantry-Tau has no cranks"),
     };
     let mut parameters = vec![variant.parameter(owner, "length", None)];
     let vectors: &[&str] = match variant.arm {
@@ -151,6 +152,7 @@ impl Closure {
                 let axes = [turn * Vector3::x(), about_z * Vector3::y(), Vector3::z()];
                 (travel, turn * slope, axes.map(|axis| axis.cross(&travel)))
             }
+            TrackShape::Crank => unreachable!("the Gantry-Tau has no cranks"),
         };
         let lever = rotation * joint;
         let rod = position + lever - offset - travel;

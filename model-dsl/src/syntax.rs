@@ -59,9 +59,9 @@ pub(crate) struct Links {
     pub(crate) names: Vec<Ident>,
     /// The words `actuated length` or `actuated angle`; true for the latter.
     pub(crate) actuated: Option<(bool, Location)>,
-    pub(crate) values: Vec<Value>,
+    pub(crate) values: Vec<NamedValue>,
     /// `pulled;`, `pulled = 20 N tol 1 N;`
-    pub(crate) pulls: Vec<Value>,
+    pub(crate) pulls: Vec<NamedValue>,
 }
 
 /// `track one;`, `crank one { axis = (0, 1, 0); }`
@@ -69,12 +69,12 @@ pub(crate) struct Links {
 pub(crate) struct Track {
     pub(crate) name: Ident,
     /// Values of a crank, which those that are declared together share.
-    pub(crate) crank: Option<Rc<Vec<Value>>>,
+    pub(crate) crank: Option<Rc<Vec<NamedValue>>>,
 }
 
 /// `length = 2.04 m tol 0.3 mm;`, `length = arm;`, `length = 2 m exact;`
 #[derive(Debug)]
-pub(crate) struct Value {
+pub(crate) struct NamedValue {
     pub(crate) name: Ident,
     pub(crate) value: Option<Given>,
     pub(crate) tolerance: Option<Quantity>,

@@ -2,7 +2,7 @@
 
 use nalgebra::{Rotation3, Vector3};
 use tau_codegen::language;
-use tau_codegen::language::model::{Link, Quantity};
+use tau_codegen::language::model::{Link, Plate, Quantity, Value as Geometry};
 use tau_robot::input_error::{Errors, InputError};
 use tau_robot::robot::{Arm, Robot, Variant};
 use tau_robot::robot_file::{LinkValues, Reference, RobotFile, Value};
@@ -58,6 +58,7 @@ pub(super) fn nominal(
     robot: &Robot,
     file: &RobotFile,
 ) -> Result<(Machine, Vec<Tolerances>), InputError> {
+    not_simulated(robot)?;
     // Without a text, as for a robot made by hand, nothing is described.
     let links = language::check_text(&robot.description).map_or_else(|_| vec![], |m| m.links);
     let mut errors = Errors::default();
@@ -130,6 +131,30 @@ pub(super) fn nominal(
         effects: Vec::new(),
     };
     Ok((machine, tolerances))
+}
+
+/// Refuses machines of which the virtual robot knows nothing.
+fn not_simulated(robot: &Robot) -> Result<(), InputError> {
+    let Some(model) = &robot.model else {
+        return Ok(());
+    };
+    let what = if model.plate != Plate::Body {
+        format!("a plate that is a {}", model.plate.written())
+    } else if model.tracks.iter().any(|track| track.crank.is_some()) {
+        "cranks".to_owned()
+    } else if (model.links.iter()).any(|link| {
+        Geometry::ALL
+            .into_iter()
+            .any(|value| link.defaults.formula(value).is_some())
+    }) {
+        "links whose values are formulas or exact".to_owned()
+    } else {
+        return Ok(());
+    };
+    let message = format!("the virtual robot knows no machines with {what}");
+    Err(InputError::whole(&robot.name, message).help(
+        "it simulates bodies on carts and on links of driven length, with values of their own",
+    ))
 }
 
 /// Values and tolerance of a link's quantity that the description itself gives.

@@ -56,9 +56,16 @@ fn robot_file() -> impl Strategy<Value = RobotFile> {
     let parameter = prop_oneof![value(1), value(3)].prop_filter_map("absent", |value| value);
     let effects = prop::collection::btree_map(
         name,
-        prop::collection::btree_map(name, parameter, 0..3),
+        prop::collection::btree_map(name, parameter.clone(), 0..3),
         0..3,
     );
+    let parameters = prop::collection::btree_map(name, parameter, 0..3);
+    let crank = (value(3), value(3)).prop_map(|(centre, axis)| {
+        let keys = [("centre_m", centre), ("axis", axis)].into_iter();
+        let given = keys.filter_map(|(key, value)| Some((key.to_owned(), value?)));
+        given.collect::<std::collections::BTreeMap<_, _>>()
+    });
+    let cranks = prop::collection::btree_map(name, crank, 0..3);
     let noise = (1e-12..0.1_f64, 1e-12..0.1_f64);
     let gravity = (-9.0..9.0_f64, -9.0..9.0_f64, -9.0..0.0_f64).prop_map(|(x, y, z)| [x, y, z]);
     let payload = prop::option::of((0.0..1e3_f64, prop::array::uniform3(-9.0..9.0_f64), gravity));
@@ -70,7 +77,7 @@ fn robot_file() -> impl Strategy<Value = RobotFile> {
     ))
     .prop_map(|stated| {
         stated.map(|(commands_m, position_m, orientation_rad)| Reference {
-            has_angles: false,
+            has_angles: commands_m.len() % 2 == 1,
             commands_m,
             position_m,
             orientation_rad,
@@ -126,7 +133,13 @@ fn robot_file() -> impl Strategy<Value = RobotFile> {
             }
         });
     let paths = prop::collection::btree_map(name(), path, 0..3);
-    let stated = (range, reference, prop::option::of(record), paths);
+    let stated = (
+        range,
+        reference,
+        prop::option::of(record),
+        paths,
+        (cranks, parameters),
+    );
     (
         any::<String>(),
         noise,
@@ -142,7 +155,7 @@ fn robot_file() -> impl Strategy<Value = RobotFile> {
                 robot,
                 noise,
                 payload,
-                (range_m, reference, calibration, paths),
+                (range_m, reference, calibration, paths, (cranks, parameters)),
                 links,
                 clusters,
                 tracks,
@@ -173,6 +186,8 @@ fn robot_file() -> impl Strategy<Value = RobotFile> {
                     links,
                     clusters,
                     tracks,
+                    cranks,
+                    parameters,
                     effects,
                 }
             },

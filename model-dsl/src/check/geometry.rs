@@ -39,7 +39,7 @@ pub(super) fn link(
     diagnostics: &mut Diagnostics,
 ) -> LinkDefaults {
     let mut names = Declared::default();
-    let mut given: BTreeMap<Value, &syntax::Value> = BTreeMap::new();
+    let mut given: BTreeMap<Value, &syntax::NamedValue> = BTreeMap::new();
     for one in &links.values {
         names.declare(&one.name, "value of this link", diagnostics);
         let Some(value) = Value::find(&one.name.to_string()) else {
@@ -163,7 +163,7 @@ fn initial(value: Value, of: OfLink) -> Other {
 
 /// The values of a crank.
 pub(super) fn crank(
-    given: &[syntax::Value],
+    given: &[syntax::NamedValue],
     scope: &mut Scope<'_>,
     diagnostics: &mut Diagnostics,
 ) -> Crank {
@@ -196,7 +196,7 @@ pub(super) fn crank(
 
 /// A value that is one number.
 pub(super) fn number(
-    given: &syntax::Value,
+    given: &syntax::NamedValue,
     scope: &mut Scope<'_>,
     diagnostics: &mut Diagnostics,
 ) -> Quantity<1> {
@@ -204,7 +204,7 @@ pub(super) fn number(
 }
 
 fn vector(
-    given: &syntax::Value,
+    given: &syntax::NamedValue,
     dimension: Dimension,
     scope: &mut Scope<'_>,
     diagnostics: &mut Diagnostics,
@@ -213,7 +213,7 @@ fn vector(
 }
 
 fn quantity<const N: usize>(
-    given: &syntax::Value,
+    given: &syntax::NamedValue,
     dimension: Dimension,
     is_vector: bool,
     scope: &mut Scope<'_>,
@@ -274,7 +274,7 @@ fn quantity<const N: usize>(
 
 /// A value that is a formula.
 fn derived(
-    given: &syntax::Value,
+    given: &syntax::NamedValue,
     expression: &Expression,
     expected: Dimension,
     is_vector: bool,
@@ -314,7 +314,15 @@ fn derived(
             expected.describe(),
             found.describe()
         );
-        diagnostics.error(expression.location, message, unit_help(expected));
+        let by_angles = found.divide(expected).is_some_and(|factor| {
+            factor.angle != 0 && (Dimension { angle: 0, ..factor }) == Dimension::NUMBER
+        });
+        let help = if by_angles {
+            "give the radius of a drum in `m/rad`, or divide angles by `1 rad`".to_owned()
+        } else {
+            unit_help(expected)
+        };
+        diagnostics.error(expression.location, message, help);
         return None;
     }
     Some(checked.shape.into_formula())
@@ -322,7 +330,7 @@ fn derived(
 
 /// The length of a driven link is a formula that reads its command; a plain one is that at command 0.
 fn driven(
-    given: &syntax::Value,
+    given: &syntax::NamedValue,
     found: Quantity<1>,
     of: OfLink,
     diagnostics: &mut Diagnostics,
@@ -342,7 +350,7 @@ fn driven(
             diagnostics.error(&given.name, message, help);
             found
         }
-        (None, _) if by_angle && given.value.is_some() => {
+        (None, _) if by_angle && matches!(given.value, Some(Given::Quantity(_))) => {
             let message = "a length that an angle drives is a formula of it";
             let help = "write it with the command: `length = zero + radius * q;`, with `param radius: m/rad;`";
             diagnostics.error(&given.name, message, help);
@@ -352,7 +360,7 @@ fn driven(
     }
 }
 
-fn positive(given: &syntax::Value, found: &Quantity<1>, diagnostics: &mut Diagnostics) {
+fn positive(given: &syntax::NamedValue, found: &Quantity<1>, diagnostics: &mut Diagnostics) {
     let constant = found.formula.as_ref().and_then(Formula::constant);
     let value = found.value.map(|[value]| value).or(constant);
     let location = match &given.value {
@@ -369,7 +377,7 @@ fn positive(given: &syntax::Value, found: &Quantity<1>, diagnostics: &mut Diagno
 /// Reports values that read each other in a circle.
 fn circle(
     waiting: &[Value],
-    given: &BTreeMap<Value, &syntax::Value>,
+    given: &BTreeMap<Value, &syntax::NamedValue>,
     diagnostics: &mut Diagnostics,
 ) {
     let Some((first, one)) = waiting
@@ -391,7 +399,7 @@ fn circle(
 }
 
 /// Values of the link that a value reads.
-fn read_values(given: &syntax::Value) -> Vec<Value> {
+fn read_values(given: &syntax::NamedValue) -> Vec<Value> {
     match &given.value {
         Some(Given::Formula(expression)) => names_of(expression)
             .into_iter()

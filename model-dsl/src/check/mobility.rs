@@ -36,20 +36,26 @@ pub(super) fn mobility(robot: &syntax::Robot, geometry: &Geometry, diagnostics: 
     } else {
         "is over-constrained"
     };
+    let links = |count: usize| match count {
+        1 => "1 link".to_owned(),
+        _ => format!("{count} links"),
+    };
     let mut causes = Vec::new();
     if beyond > 0 {
         causes.push(format!(
-            "{beyond} links beyond the first on their cart or crank"
+            "{} beyond the first on a cart or crank",
+            links(beyond)
         ));
     }
     if undriven > 0 {
         causes.push(format!(
-            "{undriven} links between the base and the plate without a drive"
+            "{} between base and plate without a drive",
+            links(undriven)
         ));
     }
     let plate = geometry.plate.written();
     let message = format!(
-        "robot `{}` {verdict}: its plate, a {plate}, has {freedoms} freedoms, and {} take {taken}",
+        "robot `{}` {verdict}: its plate, a {plate}, has {freedoms} freedoms, and {taken} are taken by {}",
         robot.name,
         causes.join(" and ")
     );

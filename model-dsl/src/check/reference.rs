@@ -119,14 +119,13 @@ fn commands(
         let own = drives.get(numbers.len()..numbers.len() + one.numbers.len())?;
         let is_angle = own.first()?.is_angle;
         if let Some(other) = own.iter().find(|drive| drive.is_angle != is_angle) {
+            let kind = |is_angle: bool| if is_angle { "an angle" } else { "a length" };
             let message = format!(
-                "one unit for all commands, but some are lengths and that of `{}` is {}",
+                "one unit for all commands, but that of `{}` is {} and that of `{}` {}",
+                own.first()?.name,
+                kind(is_angle),
                 other.name,
-                if other.is_angle {
-                    "an angle"
-                } else {
-                    "a length"
-                }
+                kind(other.is_angle)
             );
             let help = "give each command its unit: `(0.1 m, 0.2 rad)`";
             diagnostics.error(location, message, help);

@@ -157,7 +157,7 @@ fn tracks(
     scope: &mut Scope<'_>,
     diagnostics: &mut Diagnostics,
 ) -> Vec<Track> {
-    let mut known: Option<(&Rc<Vec<syntax::Value>>, Crank)> = None;
+    let mut known: Option<(&Rc<Vec<syntax::NamedValue>>, Crank)> = None;
     let mut tracks = Vec::new();
     for track in &robot.tracks {
         let crank = track.crank.as_ref().map(|values| match &known {

@@ -131,22 +131,26 @@ impl<'a> Scope<'a> {
     }
 }
 
-/// What a name of its own means in the value of a link or a crank; `None` for names that it shares with effects.
-fn of_value(
-    name: &Ident,
-    home: &ValueHome,
-    diagnostics: &mut Diagnostics,
-) -> Option<Option<Checked>> {
+/// What a name means in the value of a link or a crank.
+enum Meaning {
+    Known(Checked),
+    /// Nothing, which has been reported.
+    Refused,
+    /// What it means in effects.
+    Shared,
+}
+
+fn of_value(name: &Ident, home: &ValueHome, diagnostics: &mut Diagnostics) -> Meaning {
     let text = name.to_string();
     if text == "q" {
         let Some(dimension) = home.command else {
             let message = format!("`{}` cannot read `q`", home.what);
             let help = "only `length` of a link that is `actuated` reads its command";
             diagnostics.error(name, message, help);
-            return Some(None);
+            return Meaning::Refused;
         };
         let q = Formula::Read(Readable::Command);
-        return Some(Some(Checked::scalar(q, dimension)));
+        return Meaning::Known(Checked::scalar(q, dimension));
     }
     if let Some(value) = Value::find(&text) {
         let other = home.others.iter().find(|(own, _)| *own == value);
@@ -159,7 +163,7 @@ fn of_value(
                     Shape::Scalar(leaf(0))
                 };
                 let dimension = Some(value.dimension());
-                return Some(Some(Checked { shape, dimension }));
+                return Meaning::Known(Checked { shape, dimension });
             }
             Some(Other::Formula(formula)) => {
                 let shape = match formula.clone() {
@@ -167,24 +171,24 @@ fn of_value(
                     scalar => Shape::Scalar(scalar),
                 };
                 let dimension = Some(value.dimension());
-                return Some(Some(Checked { shape, dimension }));
+                return Meaning::Known(Checked { shape, dimension });
             }
-            Some(Other::Poisoned) => return Some(None),
+            Some(Other::Poisoned) => return Meaning::Refused,
             Some(Other::Refused(reason)) => reason,
             None => "it is no value of the same link",
         };
         let message = format!("`{}` cannot read `{text}`: {reason}", home.what);
         let help = "declare what both follow from as a parameter of the robot: `param name: …;`";
         diagnostics.error(name, message, help);
-        return Some(None);
+        return Meaning::Refused;
     }
     if find_quantity(&text).is_some() {
         let message = format!("`{}` cannot read `{text}`", home.what);
         let help = "values of the geometry are the same at every pose; what changes is an effect: `effect … on link { … }`";
         diagnostics.error(name, message, help);
-        return Some(None);
+        return Meaning::Refused;
     }
-    None
+    Meaning::Shared
 }
 
 /// Value of a name: a parameter, a constant, a quantity or a unit.
@@ -210,10 +214,12 @@ pub(super) fn named(
             Dimension::NUMBER,
         ));
     }
-    if let Home::Value(home) = &scope.home
-        && let Some(value) = of_value(name, home, diagnostics)
-    {
-        return value;
+    if let Home::Value(home) = &scope.home {
+        match of_value(name, home, diagnostics) {
+            Meaning::Known(checked) => return Some(checked),
+            Meaning::Refused => return None,
+            Meaning::Shared => {}
+        }
     }
     if let Some(quantity) = find_quantity(&text) {
         available(name, quantity.subjects, scope, diagnostics)?;

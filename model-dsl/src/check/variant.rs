@@ -261,8 +261,8 @@ impl Context<'_> {
             diagnostics.error(*location, message, help);
         }
         for link in &self.geometry.links {
-            let own = Value::ALL.into_iter();
-            for value in own.filter(|value| link.defaults.formula(*value).is_some()) {
+            let mut own = Value::ALL.into_iter();
+            if let Some(value) = own.find(|value| link.defaults.formula(*value).is_some()) {
                 let message = format!(
                     "a reduced arm has values of clusters, but `{}` of `{}` is a formula or exact",
                     value.name(),

@@ -11,9 +11,10 @@ use crate::diagnostics::{Diagnostics, Location};
 use crate::model::{Arm, Plate, TrackShape};
 use crate::names::nearest;
 use crate::syntax::{
-    Cluster, EffectUse, Given, Held, Links, Reference, Robot, Track, Value, Variant, VariantBody,
-    VariantLine,
+    Cluster, EffectUse, Given, Held, Links, NamedValue, Reference, Robot, Track, Variant,
+    VariantBody, VariantLine,
 };
+use crate::units::find_unit;
 
 /// `robot Name { … }` from the name on; into `slot`, or if that is taken, returns the name.
 pub(super) fn robot(
@@ -231,7 +232,7 @@ fn values(
     keywords: &[&str],
     help: &str,
     diagnostics: &mut Diagnostics,
-) -> Parse<Vec<Value>> {
+) -> Parse<Vec<NamedValue>> {
     let mut values = Vec::new();
     let Some(mut body) = parser.enter(Delimiter::Brace) else {
         parser.expect(";", help)?;
@@ -253,7 +254,7 @@ fn values(
 }
 
 /// `length = 2.04 m tol 0.3 mm;`, `length = arm;`, `pulled;`
-fn value(parser: &mut Parser<'_>) -> Parse<Value> {
+fn value(parser: &mut Parser<'_>) -> Parse<NamedValue> {
     let name = parser.name("a value")?;
     let value = if parser.eat("=").is_some() {
         Some(given(parser)?)
@@ -272,7 +273,7 @@ fn value(parser: &mut Parser<'_>) -> Parse<Value> {
     }
     let exact = parser.eat_word("exact").map(Location::from);
     parser.semicolon()?;
-    Ok(Value {
+    Ok(NamedValue {
         name,
         value,
         tolerance,
@@ -301,7 +302,10 @@ fn given(parser: &mut Parser<'_>) -> Parse<Given> {
     };
     let of_quantity = ends_at(&as_quantity, plain.as_ref().err().map(|error| error.span));
     let of_formula = ends_at(&as_formula, formula.as_ref().err().map(|error| error.span));
-    if of_formula > of_quantity {
+    // Behind parentheses a unit is that of the numbers in them.
+    let next = as_formula.word().filter(|_| formula.is_ok());
+    let is_measure = next.is_some_and(|word| find_unit(&word.to_string()).is_some());
+    if of_formula > of_quantity && !is_measure {
         *parser = as_formula;
         formula.map(Given::Formula)
     } else {

@@ -1,5 +1,7 @@
 //! Plates, parameters of the machine, formulas, cranks, drives and what variants hold.
 
+use std::cmp::Ordering;
+
 use super::{errors, model};
 use crate::Model;
 use crate::model::{
@@ -261,12 +263,12 @@ fn mobility_is_counted() {
     ] {
         for on_cart in 1..=freedoms + 2 {
             for struts in 0..=freedoms + 1 {
-                let left = freedoms as i64 - (on_cart as i64 - 1) - struts as i64;
+                let taken = on_cart - 1 + struts;
                 let found = robot(plate, on_cart, struts);
-                let verdict = match left {
-                    1.. => "no errors",
-                    0 => "cannot move",
-                    _ => "over-constrained",
+                let verdict = match taken.cmp(&freedoms) {
+                    Ordering::Less => "no errors",
+                    Ordering::Equal => "cannot move",
+                    Ordering::Greater => "over-constrained",
                 };
                 assert!(
                     found.contains(verdict),
