@@ -251,7 +251,7 @@ impl<'a> Fit<'a> {
             poses: self.assembly.poses.len(),
             unknowns: scales.len(),
             determined: known.iter().filter(|value| **value > 1.0).count(),
-            open: shared.freedoms(&reduced.triangle, &scales),
+            open: shared.freedoms(reduced, &scales),
             has_mirror_image: !fixes_handedness,
         }
     }
