@@ -69,13 +69,6 @@ impl Elimination<'_> {
     fn clusters(&self) -> Vec<Cluster> {
         let poses = self.own.len() / POSE_UNKNOWNS;
         let mut parent: Vec<usize> = (0..poses).collect();
-        fn root(parent: &mut [usize], mut pose: usize) -> usize {
-            while parent[pose] != pose {
-                parent[pose] = parent[parent[pose]];
-                pose = parent[pose];
-            }
-            pose
-        }
         let samples = |rows: &Rows| rows.places.len();
         for rows in self.blocks {
             for sample in 0..samples(rows) {
@@ -248,6 +241,15 @@ impl Elimination<'_> {
         }
         found
     }
+}
+
+/// Representative of the cluster of a pose.
+fn root(parent: &mut [usize], mut pose: usize) -> usize {
+    while parent[pose] != pose {
+        parent[pose] = parent[parent[pose]];
+        pose = parent[pose];
+    }
+    pose
 }
 
 /// Orthonormal basis of the columns of a matrix; those that depend on others are left out.
