@@ -58,7 +58,7 @@ pub(super) enum Command {
     Sensitivity(Sensitivity),
     Discover(Discover),
     Init(Init),
-    Simulate(Simulate),
+    Simulate(Box<Simulate>),
     Generate(Generate),
     #[command(subcommand)]
     Kinematics(Kinematics),
