@@ -60,7 +60,7 @@ pub(super) enum Command {
     Init(Init),
     /// List the standard robots, which `--model NAME` takes
     Robots,
-    Simulate(Simulate),
+    Simulate(Box<Simulate>),
     Generate(Generate),
     #[command(subcommand)]
     Kinematics(Kinematics),

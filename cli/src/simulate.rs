@@ -17,9 +17,9 @@ pub(super) fn run(arguments: &arguments::Simulate) -> Result<Outcome, Failure> {
     let made = request(arguments).run(&robot, out)?;
     let [poses, points, positions] = made.rows;
     let others = made.others.iter();
-    let others: String = others
-        .map(|(file, rows)| format!(", {rows} rows of {file}"))
-        .collect();
+    let others = others.fold(String::new(), |text, (file, rows)| {
+        text + &format!(", {rows} rows of {file}")
+    });
     let effects: Vec<String> = made
         .effects
         .iter()

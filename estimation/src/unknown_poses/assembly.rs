@@ -484,7 +484,7 @@ fn factor(
     for row in 0..count {
         covariance[(row, row)] += CLOSURE_SHARE.powi(2) * largest;
     }
-    let lower = Cholesky::new(covariance).map(|factor| factor.unpack());
+    let lower = Cholesky::new(covariance).map(Cholesky::unpack);
     let inverse =
         lower.and_then(|lower| lower.solve_lower_triangular(&DMatrix::identity(count, count)));
     let inverse = inverse.ok_or_else(|| {

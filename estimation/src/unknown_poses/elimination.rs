@@ -16,6 +16,8 @@ const DEPENDENT: f64 = 1e-10;
 pub(super) struct Reduced {
     /// Upper triangle R: RᵀR is the normal matrix of the shared unknowns, poses eliminated.
     pub(super) triangle: DMatrix<f64>,
+    /// Residuals, poses eliminated, in the basis of the triangle; last what is in none of its directions.
+    pub(super) projected: DVector<f64>,
     /// Weighted residuals, by rows and samples.
     pub(super) residuals: Vec<Vec<f64>>,
     /// Number of rows that say something, by kind.
@@ -67,13 +69,6 @@ impl Elimination<'_> {
     fn clusters(&self) -> Vec<Cluster> {
         let poses = self.own.len() / POSE_UNKNOWNS;
         let mut parent: Vec<usize> = (0..poses).collect();
-        fn root(parent: &mut [usize], mut pose: usize) -> usize {
-            while parent[pose] != pose {
-                parent[pose] = parent[parent[pose]];
-                pose = parent[pose];
-            }
-            pose
-        }
         let samples = |rows: &Rows| rows.places.len();
         for rows in self.blocks {
             for sample in 0..samples(rows) {
@@ -175,12 +170,15 @@ impl Elimination<'_> {
         let width = self.shared.len();
         let mut found = Reduced {
             triangle: DMatrix::zeros(width, width),
+            projected: DVector::zeros(width + 1),
             residuals: (self.blocks.iter())
                 .map(|rows| vec![0.0; rows.weights.len()])
                 .collect(),
             counts: vec![0; self.kinds.len()],
             spent: 0,
         };
+        // Residuals stand behind the derivatives as one more column.
+        let mut augmented = DMatrix::zeros(width + 1, width + 1);
         let mut waiting: Vec<DMatrix<f64>> = vec![];
         let mut height = 0;
         for cluster in &self.clusters() {
@@ -195,14 +193,19 @@ impl Elimination<'_> {
             }
             found.spent += dense.basis.ncols();
             height += dense.shared.nrows();
-            waiting.push(dense.shared);
+            let inside = &dense.basis * dense.basis.tr_mul(&dense.residuals);
+            let mut rows = dense.shared.insert_column(width, 0.0);
+            rows.set_column(width, &(dense.residuals - inside));
+            waiting.push(rows);
             if height > 8 * width.max(32) {
-                found.triangle = stacked(&found.triangle, &waiting);
+                augmented = stacked(&augmented, &waiting);
                 waiting.clear();
                 height = 0;
             }
         }
-        found.triangle = stacked(&found.triangle, &waiting);
+        augmented = stacked(&augmented, &waiting);
+        found.triangle = augmented.view((0, 0), (width, width)).into_owned();
+        found.projected = augmented.column(width).into_owned();
         found
     }
 
@@ -238,6 +241,15 @@ impl Elimination<'_> {
         }
         found
     }
+}
+
+/// Representative of the cluster of a pose.
+fn root(parent: &mut [usize], mut pose: usize) -> usize {
+    while parent[pose] != pose {
+        parent[pose] = parent[parent[pose]];
+        pose = parent[pose];
+    }
+    pose
 }
 
 /// Orthonormal basis of the columns of a matrix; those that depend on others are left out.

@@ -251,7 +251,7 @@ impl<'a> Fit<'a> {
             poses: self.assembly.poses.len(),
             unknowns: scales.len(),
             determined: known.iter().filter(|value| **value > 1.0).count(),
-            open: shared.freedoms(&reduced.triangle, &scales),
+            open: shared.freedoms(reduced, &scales),
             has_mirror_image: !fixes_handedness,
         }
     }
@@ -303,9 +303,8 @@ impl<'a> Fit<'a> {
             self.blocks.iter().zip(&reduced.residuals).zip(leverages)
         {
             let of_rows = rows.kinds.iter().cycle().zip(&rows.weights);
-            for ((&kind, weight), (residual, leverage)) in of_rows
-                .map(|(k, w)| (k, w))
-                .zip(residuals.iter().zip(leverages))
+            for ((&kind, weight), (residual, leverage)) in
+                of_rows.zip(residuals.iter().zip(leverages))
             {
                 if *weight > 0.0 {
                     fits[kind].redundancy += 1.0 - leverage;

@@ -4,6 +4,7 @@ use nalgebra::{DMatrix, DVector, Vector3};
 use tau_kinematics::Machine;
 use tau_robot::robot::Owner;
 
+use super::elimination::Reduced;
 use super::objects::Object;
 use super::quantity::across;
 
@@ -217,8 +218,8 @@ impl Shared<'_> {
     }
 
     /// The motions and changes that a triangle does not see; `scale` are the units of the unknowns.
-    pub(super) fn freedoms(&self, triangle: &DMatrix<f64>, scale: &[f64]) -> Vec<Freedom> {
-        let scaled = scaled(triangle, scale);
+    pub(super) fn freedoms(&self, reduced: &Reduced, scale: &[f64]) -> Vec<Freedom> {
+        let scaled = scaled(&reduced.triangle, scale);
         let svd = scaled.clone().svd(false, true);
         let Some(v_t) = svd.v_t else {
             return vec![];
@@ -302,6 +303,20 @@ impl Shared<'_> {
                 }
             }
         }
+        // Closures are homogeneous of degree two: as long as they are not met, a scale changes them in proportion, and
+        // makes them the smaller the smaller the machine.
+        for motion in motions.iter().filter(|motion| motion.is_scale) {
+            let change = motion
+                .change
+                .component_mul(&DVector::from_column_slice(scale));
+            let size = self.scale_of(&change);
+            let mut left = (&scaled * &motion.change).insert_row(scale.len(), 0.0) * size;
+            left -= &reduced.projected * 2.0;
+            let is_known = used.iter().any(|known| known.is_scale);
+            if !is_known && left.norm() < NAMED * largest * size {
+                take(&motion.change, motion.words.clone(), true, &mut basis);
+            }
+        }
         for direction in basis.clone() {
             take(
                 &direction,
@@ -311,6 +326,13 @@ impl Shared<'_> {
             );
         }
         freedoms
+    }
+
+    /// Factor by which a change is shorter than that which doubles every dimension.
+    fn scale_of(&self, change: &DVector<f64>) -> f64 {
+        let motions = self.motions();
+        let whole = motions.iter().find(|motion| motion.is_scale);
+        whole.map_or(0.0, |whole| whole.change.norm() / change.norm())
     }
 
     /// A direction by the unknowns that it changes most.
@@ -354,6 +376,9 @@ fn share(basis: &[DVector<f64>], vector: &DVector<f64>) -> f64 {
 
 /// Takes from an orthonormal basis the direction within its span that is nearest to a vector.
 fn without(basis: &mut Vec<DVector<f64>>, vector: &DVector<f64>) {
+    if basis.is_empty() {
+        return;
+    }
     let mut nearest = DVector::zeros(vector.len());
     for own in basis.iter() {
         nearest.axpy(own.dot(vector), own, 1.0);

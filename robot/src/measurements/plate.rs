@@ -1,6 +1,6 @@
 //! Measurements of the plate that tell less than its whole pose.
 
-use std::collections::BTreeMap;
+use std::collections::BTreeSet;
 
 use super::{Conditions, Folder};
 
@@ -110,9 +110,8 @@ impl Folder {
         let of_poses = of_poses.map(|pose| (pose.pose, pose.commands_m.as_slice()));
         let of_rows = self.plate_rows.iter();
         let of_rows = of_rows.map(|row| (row.pose, row.commands_m.as_slice()));
-        let mut known = BTreeMap::new();
+        let mut known = BTreeSet::new();
         let all = of_poses.chain(of_rows);
-        all.filter(|(pose, _)| known.insert(*pose, ()).is_none())
-            .collect()
+        all.filter(|(pose, _)| known.insert(*pose)).collect()
     }
 }

@@ -283,7 +283,7 @@ impl Folder {
         let rows = files.iter().flat_map(|file| &file.rows);
         let numbers = rows.map(|(row, _)| row.pose);
         let known = numbers.chain(tcp_poses.iter().map(|pose| pose.pose));
-        let known = known.map(|pose| (pose, ())).collect();
+        let known = known.collect();
         read_plate::known_poses(
             &path(DISTANCES),
             texts.distances.unwrap_or_default(),
@@ -332,10 +332,18 @@ fn other_names(folder: &Path) -> Vec<String> {
     names
 }
 
+/// True for the name of a table.
+fn is_table(name: &str) -> bool {
+    Path::new(name)
+        .extension()
+        .is_some_and(|extension| extension.eq_ignore_ascii_case("csv"))
+}
+
 /// Remarks on files whose name is nearly that of measurements.
 fn misspelt(folder: &Path) -> Vec<String> {
-    let is_table = |name: &String| name.ends_with(".csv");
-    let names = other_names(folder).into_iter().filter(is_table);
+    let names = other_names(folder)
+        .into_iter()
+        .filter(|name| is_table(name));
     let meant = names.filter_map(|name| Some((nearest(&name, FILES)?, name)));
     meant
         .map(|(meant, name)| {
@@ -350,7 +358,7 @@ fn missing_tcp_poses(folder: &Path) -> InputError {
         folder.join(TCP_POSES).display().to_string(),
         "the file does not exist, expected the TCP poses (set 1)",
     );
-    let meant = |name: &str| nearest(name, FILES).filter(|_| name.ends_with(".csv"));
+    let meant = |name: &str| nearest(name, FILES).filter(|_| is_table(name));
     let found = names.iter().find_map(|name| Some((name, meant(name)?)));
     let others = || {
         let names = quoted(PlateKind::ALL.map(PlateKind::file));

@@ -1,6 +1,6 @@
 //! From the texts of files that tell less than the plate's pose to their rows.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 
 use super::plate::{DISTANCES, Distance, PlateKind, PlateRow};
@@ -290,12 +290,12 @@ pub(super) fn known_poses(
     name: &str,
     text: &str,
     distances: &[Placed<Distance>],
-    known: &BTreeMap<u32, ()>,
+    known: &BTreeSet<u32>,
 ) -> Result<(), InputError> {
     let mut mistakes = Mistakes::new(Source::new(name, text));
     for (distance, place) in distances {
         for pose in distance.poses {
-            if !known.contains_key(&pose) {
+            if !known.contains(&pose) {
                 let message = format!("found no commands for pose {pose} in any other file");
                 let help = "give its commands in `readings.csv`, or in the file of what else was measured there";
                 mistakes.push_with_help(place.clone(), message, help);
