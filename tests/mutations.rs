@@ -294,8 +294,9 @@ fn broken_line(line: &str, random: &mut Random) -> Vec<String> {
     }
     // Whatever is written is written there.
     for k in 1..words.len() {
-        let is_written = ["--out", "--json"].contains(&words[k - 1].as_str());
-        if is_written && !words[k].starts_with(['-', 'D']) {
+        let is_stream = words[k - 1] == "--json" && words[k] == "-";
+        let is_written = ["--out", "--json"].contains(&words[k - 1].as_str()) && !is_stream;
+        if is_written && !words[k].starts_with("--") && !words[k].starts_with("DIR") {
             words[k].insert_str(0, "DIR/");
         }
     }
