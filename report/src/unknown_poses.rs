@@ -68,7 +68,7 @@ pub fn terminal(found: &UnknownPoses, width: usize) -> String {
     moved.sort_by(|a, b| tolerances(b).total_cmp(&tolerances(a)));
     for parameter in moved.iter().take(LISTED) {
         screen.line(&format!(
-            "  {:<24}{:>14} +- {:<10} {:<4}{:>8.2}",
+            "  {:<24}{:>14} ± {:<10} {:<4}{:>8.2}",
             parameter.name,
             format!("{:.6}", parameter.value),
             format!("{:.1e}", parameter.sigma),
@@ -78,7 +78,7 @@ pub fn terminal(found: &UnknownPoses, width: usize) -> String {
     }
     for object in &found.objects {
         screen.line(&format!(
-            "  {:<24}{:>14} +- {:<10} {}",
+            "  {:<24}{:>14} ± {:<10} {}",
             object.name,
             format!("{:.6}", object.value),
             format!("{:.1e}", object.sigma),
@@ -97,7 +97,7 @@ pub fn terminal(found: &UnknownPoses, width: usize) -> String {
         ));
         for kind in &held_out.predicted {
             screen.line(&format!(
-                "  {:<20} foretold from the drives to {} rms, {} at most ({} rows)",
+                "  {:<20} predicted from the drives to {} rms, {} at most ({} rows)",
                 kind.file,
                 length(kind.rms, "m"),
                 length(kind.max, "m"),
@@ -119,7 +119,7 @@ fn link(found: &UnknownPoses, row: &GrossRow) -> Option<String> {
 
 fn length(value: f64, unit: &str) -> String {
     match unit {
-        "m" => format!("{} um", general(1e6 * value, 3)),
+        "m" => format!("{} µm", general(1e6 * value, 3)),
         unit => format!("{} {unit}", general(value, 3)),
     }
 }

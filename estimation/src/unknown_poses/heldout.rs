@@ -59,7 +59,7 @@ impl HeldOut {
         let mut assembly = Assembly::new(machine, fit.file, fit.folder, &chosen)?;
         assembly.kinds.clone_from(&fit.assembly.kinds);
         assembly.objects.clone_from(&fit.assembly.objects);
-        // Where the drives alone put the plate, so that what was measured is foretold.
+        // Where the drives alone put the plate, so that what was measured is predicted.
         assembly.place_by_drives(machine)?;
         let blocks = assembly.rows(machine, &fit.used, &chosen)?;
         let own = vec![0.0; POSE_UNKNOWNS * assembly.poses.len()];
