@@ -183,7 +183,7 @@ impl Console<'_> {
             Command::Sensitivity(arguments) => sensitivity::run(arguments, self),
             Command::Discover(arguments) => discover::run(arguments, self),
             Command::Init(arguments) => init::run(arguments),
-            Command::Robots => robots::run(),
+            Command::Robots => Ok(robots::run()),
             Command::Simulate(arguments) => simulate::run(arguments),
             Command::Generate(arguments) => generate::run(arguments),
             Command::Kinematics(Kinematics::Forward(arguments)) => kinematics::forward(arguments),

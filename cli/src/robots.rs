@@ -4,10 +4,9 @@ use std::fmt::Write;
 
 use tau::Robot;
 
-use super::Failure;
 use super::deliver::Outcome;
 
-pub(super) fn run() -> Result<Outcome, Failure> {
+pub(super) fn run() -> Outcome {
     let width = tau_generated::ROBOTS.iter().map(|(name, _)| name.len());
     let width = width.max().unwrap_or(0);
     let mut summary = String::new();
@@ -19,8 +18,8 @@ pub(super) fn run() -> Result<Outcome, Failure> {
         // Writing into a string can't fail.
         let _ = writeln!(summary, "{name:width$}  {about}\n{:width$}  {commands}", "");
     }
-    Ok(Outcome {
+    Outcome {
         summary,
         ..Outcome::default()
-    })
+    }
 }
