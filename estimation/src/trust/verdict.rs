@@ -2,7 +2,7 @@
 
 use tau_kinematics::Machine;
 use tau_robot::input_error::InputError;
-use tau_robot::measurements::{Folder, TcpPose};
+use tau_robot::measurements::{Folder, TCP_POSES, TcpPose};
 use tau_robot::robot::{Arm, Robot, TrackShape, Variant};
 use tau_robot::robot_file::RobotFile;
 
@@ -376,7 +376,7 @@ pub(super) fn measured(case: &Case<'_>, judged: &Judged, pulls: Vec<Pull>) -> Ve
         dof: misfit.dof,
         residual_over_noise: misfit.ratio(),
         by_file: vec![FileFit {
-            file: "tcp_poses.csv",
+            file: TCP_POSES,
             kind: "closure",
             rows: misfit.rows,
             rms,

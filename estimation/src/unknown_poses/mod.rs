@@ -30,6 +30,7 @@ use tau_solver::solve;
 
 use crate::calibration::{self, Error};
 use fit::Fit;
+use refusals::refuse_tracker_effects;
 
 pub use gauge::Freedom;
 pub use heldout::{HeldOut, HeldOutKind};
@@ -58,6 +59,7 @@ pub fn rank(
     division: &RowDivision,
 ) -> Result<Rank, Error> {
     let file = &file.completed(robot);
+    refuse_tracker_effects(variant, folder)?;
     let fit = Fit::new(robot, variant, file, folder, division)?;
     let reduced = fit.elimination(&fit.start).reduce();
     Ok(fit.rank(&reduced, &fit.machine))
@@ -78,6 +80,7 @@ pub fn calibrate(
     options: &calibration::Options,
 ) -> Result<UnknownPoses, Error> {
     let file = &file.completed(robot);
+    refuse_tracker_effects(variant, folder)?;
     let mut fit = Fit::new(robot, variant, file, folder, division)?;
     fit.refuse_units()?;
     let reduced = fit.elimination(&fit.start).reduce();

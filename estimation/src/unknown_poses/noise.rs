@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 
 use super::elimination::Reduced;
 use super::fit::Fit;
+use super::kinds::tells_drives;
 use super::rows::RowPlace;
 use super::{ABSORBED, GrossRow};
 use crate::numerics::distribution::chi2_quantile_above;
@@ -39,10 +40,10 @@ impl Fit<'_> {
     /// rows by themselves where each drive moves one link.
     pub(super) fn leave_out_gross(&mut self, reduced: &Reduced, leverages: &[Vec<f64>]) -> bool {
         let mut all: Vec<GrossRow> = vec![];
-        let tells_drives = self.assembly.tells_drives(&self.machine);
+        let tells = tells_drives(self.file, &self.machine);
         let blocks = self.blocks.iter().zip(&reduced.residuals).zip(leverages);
         for (index, ((rows, residuals), leverages)) in blocks.enumerate() {
-            if index == 0 && !tells_drives {
+            if index == 0 && !tells {
                 continue;
             }
             let each = rows.kinds.len();

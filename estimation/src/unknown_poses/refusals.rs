@@ -1,4 +1,4 @@
-//! What is refused before a fit.
+//! Refusals before a fit.
 
 use tau_robot::input_error::InputError;
 use tau_robot::measurements::{DISTANCES, Folder};

@@ -9,9 +9,11 @@ mod loss;
 mod repeats;
 
 use nalgebra::{DMatrix, DVector};
+use tau_robot::measurements::TCP_POSES;
 use tau_robot::robot_file::Noise;
 
-use crate::calibration::{Error, Prepared};
+use crate::calibration::error::Error;
+use crate::calibration::prepared::Prepared;
 use crate::joint::descent::{Descent, not_converged};
 use crate::joint::{Component, Joint};
 use crate::numerics::parallel;
@@ -117,7 +119,7 @@ impl Weighing {
         let far = (0..samples.len()).filter(|&index| is_outlier[index]);
         self.outliers = far
             .map(|index| Outlier {
-                file: "tcp_poses.csv",
+                file: TCP_POSES,
                 pose: samples[index].number,
                 sigmas: (sums[index].0 / sums[index].1.max(1.0)).sqrt(),
                 weight: self.fit[index],

@@ -12,7 +12,7 @@ pub mod table;
 mod visits;
 
 pub use plate::{DISTANCES, Distance, PlateKind, PlateRow};
-pub use read::{FILES, Shape, Texts};
+pub use read::{FILES, Shape, TCP_POSES, Texts};
 pub use selection::{Division, PoseCounts, Poses, Split};
 pub use visits::visits;
 

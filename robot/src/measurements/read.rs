@@ -19,7 +19,8 @@ use crate::fingerprint::fingerprint;
 use crate::input_error::{self, Errors, InputError, Source, quoted};
 use crate::robot::Robot;
 
-const TCP_POSES: &str = "tcp_poses.csv";
+/// Name of the file of poses of the plate that are measured fully.
+pub const TCP_POSES: &str = "tcp_poses.csv";
 const CART_POSES: &str = "cart_poses.csv";
 const CART_POSITIONS: &str = "cart_positions.csv";
 
