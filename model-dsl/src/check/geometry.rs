@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use proc_macro2::Ident;
 
-use super::Declared;
+use super::declared::Declared;
 use super::formula::formula;
 use super::quantity::{scalar, tolerance, unit_help, values};
 use super::scope::{Home, Other, Scope, ValueHome};

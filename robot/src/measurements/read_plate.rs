@@ -4,9 +4,9 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 
 use super::plate::{DISTANCES, Distance, PlateKind, PlateRow};
-use super::read::{Shape, TCP_POSES};
 use super::set::{ConditionColumns, Set, TEMPERATURE, TIME, read_directions};
 use super::table::{Column, Table};
+use super::texts::{Shape, TCP_POSES};
 use super::{TcpPose, plausible};
 use crate::input_error::{Errors, InputError, Mistakes, Source, quoted};
 
