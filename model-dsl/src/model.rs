@@ -20,7 +20,7 @@ pub struct Model {
     pub docs: Vec<String>,
     /// True if the description says `pub`.
     pub public: bool,
-    /// What the links hold.
+    /// Freedoms of the plate that the links hold.
     pub plate: Plate,
     /// Parameters of the whole machine, in order of declaration.
     pub parameters: Vec<RobotParameter>,
@@ -44,7 +44,7 @@ impl Model {
         self.drives().len()
     }
 
-    /// What each command drives.
+    /// Drive of each command: tracks and cranks first, then links, in order of declaration.
     pub fn drives(&self) -> Vec<Drive> {
         let carriers = self.tracks.iter().map(|track| Drive {
             name: track.name.clone(),
@@ -143,7 +143,7 @@ pub struct Variant {
     pub holds: Vec<Held>,
 }
 
-/// What a variant holds at its nominal value.
+/// A value that a variant holds at its nominal one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Held {
     /// A parameter of the whole machine, by index.

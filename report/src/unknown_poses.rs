@@ -11,7 +11,7 @@ use crate::trust;
 /// Parameters and rows listed in the terminal.
 const LISTED: usize = 12;
 
-/// What was found, for the terminal.
+/// Result of a calibration, for the terminal.
 pub fn terminal(found: &UnknownPoses, width: usize) -> String {
     let mut screen = Screen::new(width);
     let rank = &found.rank;

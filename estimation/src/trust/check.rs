@@ -72,7 +72,7 @@ pub struct Checked {
     pub undetermined: Vec<Combination>,
     /// Knowledge of the position at the poses and elsewhere that a calibration would bring.
     pub reach: Option<Reach>,
-    /// What no residual sees, where poses are unknown.
+    /// Combinations that no residual sees, where poses are unknown.
     pub gauge: Option<Rank>,
     /// Why a calibration would mean nothing, if so.
     pub why_not: Option<String>,
@@ -350,7 +350,7 @@ fn checked(
     checked
 }
 
-/// What rows of unknown poses determine.
+/// Rank and gauge of rows of unknown poses.
 fn by_rows(
     checked: &mut Checked,
     robot: &Robot,

@@ -20,7 +20,7 @@ use crate::calibration::error::Error;
 use crate::problem::{CLOSURE_SHARE, POSE_UNKNOWNS, TruePose, by_pose, gradient};
 use crate::samples::Sample;
 
-/// What drives read at a pose.
+/// Readings of the drives at a pose.
 #[derive(Debug, Clone, PartialEq)]
 struct DriveReading {
     commands_m: Vec<f64>,
@@ -378,7 +378,7 @@ impl<'a> Assembly<'a> {
                 measured.position_m,
                 measured.angles_rad,
             )));
-            // What no closure moves says nothing.
+            // A coordinate that the plate can't move along says nothing.
             let weight = |axis: usize| {
                 let stated = match measured.sigmas.position_m.get(axis) {
                     Some(sigma) => self.relative(kind, *sigma),
@@ -473,7 +473,7 @@ fn factor(
         closures.jacobian[(row, POSE_UNKNOWNS + command)] * sigmas[command]
     });
     let mut covariance = &by_drives * by_drives.transpose();
-    // What no drive moves, and what links of one cart have apart, is exact.
+    // Directions that no drive moves, and differences between links of one cart, are exact.
     let largest = covariance.diagonal().max();
     for row in 0..count {
         covariance[(row, row)] += CLOSURE_SHARE.powi(2) * largest;

@@ -9,7 +9,8 @@ use super::rows::{DRIVES, Kind};
 use crate::calibration::error::Error;
 use crate::problem::CLOSURE_SHARE;
 
-/// First guess of a noise that is to be estimated (m).
+/// First guess of a noise that is to be estimated (m). It weighs a kind against others in the first round alone; the
+/// estimate replaces it.
 pub(super) const FIRST_GUESS_M: f64 = 1e-4;
 
 /// Kinds of residuals that a folder has, each with its noise.

@@ -9,9 +9,11 @@ use super::rows::RowPlace;
 use super::{ABSORBED, GrossRow};
 use crate::numerics::distribution::chi2_quantile_above;
 
-/// Chance that the largest of all residuals is taken for a gross one though it is none.
+/// Chance that the largest of all residuals is taken for a gross one though none is: one folder in a hundred loses a
+/// good row.
 const GROSS_LEVEL: f64 = 0.01;
-/// Share of all rows above which those far off are no gross ones but part of what is measured.
+/// Share of all rows above which those far off are no gross ones but part of what is measured: the model or the noise
+/// is wrong then.
 const MOST_GROSS: f64 = 0.1;
 /// Median of the absolute value of a normal deviate.
 const MEDIAN_OF_NORMAL: f64 = 0.674_489_750_196_081_7;
@@ -49,7 +51,7 @@ impl Fit<'_> {
             let each = rows.kinds.len();
             for (k, residual) in residuals.iter().enumerate() {
                 let left = 1.0 - leverages[k];
-                // What the fit follows anyway can't be told to be off.
+                // A row that the fit follows anyway can't be told to be off.
                 if rows.weights[k] > 0.0 && left > 1.0 - ABSORBED {
                     let drive = (index == 0).then_some(k % each);
                     all.push(GrossRow {

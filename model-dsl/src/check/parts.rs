@@ -11,7 +11,7 @@ use crate::names::suggest;
 pub(super) struct Geometry {
     pub(super) plate: Plate,
     pub(super) parameters: Vec<RobotParameter>,
-    /// What each command drives.
+    /// Drive of each command.
     pub(super) drives: Vec<Drive>,
     pub(super) tracks: Vec<Track>,
     pub(super) clusters: Vec<Cluster>,

@@ -117,7 +117,7 @@ pub(super) fn geometry(robot: &syntax::Robot, diagnostics: &mut Diagnostics) -> 
         });
     }
     whole(robot, &geometry, places_known, actuators, diagnostics);
-    // What has an error may be what would use a parameter, or let the plate move.
+    // A declaration with an error may be the one that would use a parameter, or let the plate move.
     if diagnostics.count() == before {
         parameter::unused(&scope, diagnostics);
         mobility::mobility(robot, &geometry, diagnostics);
@@ -201,7 +201,7 @@ fn pull(links: &syntax::Links, diagnostics: &mut Diagnostics) -> Option<Quantity
     Some(quantity)
 }
 
-/// What the links hold; one declaration at most.
+/// The plate, declared once at most.
 fn plate(robot: &syntax::Robot, diagnostics: &mut Diagnostics) -> Plate {
     let [first, more @ ..] = &robot.plates[..] else {
         return Plate::default();

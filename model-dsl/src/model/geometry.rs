@@ -3,7 +3,7 @@
 use super::formula::Formula;
 use crate::units::Dimension;
 
-/// What the links hold, by its freedoms. The plane is z = 0 of the measurement frame.
+/// The moving part that the links hold, by its freedoms. The plane is z = 0 of the measurement frame.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum Plate {
     /// A rigid body in space: six freedoms.
@@ -84,7 +84,7 @@ pub struct RobotParameter {
     pub exact: bool,
 }
 
-/// What carries clusters: a linear guideway with its cart, or a crank.
+/// A carrier of clusters: a linear guideway with its cart, or a crank.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Track {
     /// Name.
@@ -258,7 +258,7 @@ pub struct Quantity<const N: usize> {
     pub value: Option<[f64; N]>,
     /// One standard deviation of its prior, SI.
     pub tolerance: Option<f64>,
-    /// What it follows from: it then has neither a value nor a parameter of its own. A vector where it has components.
+    /// Formula that it follows from: it then has neither a value nor a parameter of its own. A vector where it has components.
     pub formula: Option<Formula>,
 }
 

@@ -33,7 +33,7 @@ pub struct Surface {
     pub offset: Value,
 }
 
-/// What a robot file says of measurements that tell less than the plate's pose.
+/// Sections of a robot file on measurements that tell less than the plate's pose.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Measuring {
     /// `[noise.NAME]`, by name of the file without its ending: noise of its lengths (m).
