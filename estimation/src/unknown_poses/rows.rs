@@ -8,6 +8,9 @@ use tau_solver::{Block, Loss};
 
 use crate::problem::POSE_UNKNOWNS;
 
+/// Name under which the residuals of links are told.
+pub(super) const DRIVES: &str = "drives";
+
 /// A kind of residual, with a noise of its own.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Kind {
