@@ -1,6 +1,6 @@
 //! What a simulation makes: a measurement folder, and the truth behind it.
 
-use tau_robot::measurements::Folder;
+use tau_robot::measurements::{Folder, Shape};
 use tau_robot::robot_file::RobotFile;
 
 use super::machine::{Machine, State};
@@ -10,8 +10,8 @@ use super::trackers::Mounting;
 /// A measurement folder in memory, with the truth behind it.
 #[derive(Debug, Clone)]
 pub struct SimulatedFolder {
-    /// Names of the columns of commands, `q1_m` or `q1_rad`.
-    pub columns: Vec<String>,
+    /// Drives and plate, by which the columns are named.
+    pub shape: Shape,
     /// The measurements.
     pub folder: Folder,
     /// The robot file that belongs to them.

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use tau_robot::input_error::InputError;
-use tau_robot::measurements::Folder;
+use tau_robot::measurements::{Folder, Shape};
 use tau_robot::robot_file::RobotFile;
 
 use super::build::{self, Build};
@@ -198,7 +198,7 @@ impl<'a> Session<'a> {
             _ => vec!["unnamed_structure", "partly_explained"],
         };
         Ok(SimulatedFolder {
-            columns: simulation.robot.command_columns(),
+            shape: Shape::from(&simulation.robot),
             folder: Folder {
                 name: "simulated".to_owned(),
                 tcp_poses,

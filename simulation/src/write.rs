@@ -7,8 +7,9 @@ use std::path::{Path, PathBuf};
 
 use nalgebra::Vector3;
 use serde_json::{Map, Value, json};
-use tau_codegen::language::model::{Place, Plate};
+use tau_codegen::language::model::Place;
 use tau_robot::input_error::InputError;
+use tau_robot::measurements::set::{ANGLES, POSITION};
 use tau_robot::measurements::{
     CartPose, CartPosition, Conditions, DISTANCES, Folder, PlateKind, PlateRow, Texts,
 };
@@ -26,6 +27,7 @@ impl SimulatedFolder {
     /// a set without measurements has no file.
     pub fn texts(&self) -> Vec<(&'static str, String)> {
         let folder = &self.folder;
+        let commands = self.shape.command_names();
         let mut files = vec![
             ("robot.toml", self.file.to_toml()),
             ("truth.json", self.truth.to_json()),
@@ -36,7 +38,7 @@ impl SimulatedFolder {
         for kind in PlateKind::ALL {
             let rows: Vec<&PlateRow> = folder.rows_of(kind).collect();
             if !rows.is_empty() {
-                files.push((kind.file(), plate::rows_text(kind, &rows, &self.columns)));
+                files.push((kind.file(), plate::rows_text(kind, &rows, &commands)));
             }
         }
         if !folder.distances.is_empty() {
@@ -46,7 +48,7 @@ impl SimulatedFolder {
             files.push(("cart_poses.csv", cart_poses(&folder.cart_poses)));
         }
         if !folder.cart_positions.is_empty() {
-            let text = cart_positions(&folder.cart_positions, &self.columns);
+            let text = cart_positions(&folder.cart_positions, &commands);
             files.push(("cart_positions.csv", text));
         }
         files
@@ -56,25 +58,21 @@ impl SimulatedFolder {
     /// about z.
     fn tcp_poses(&self) -> String {
         let rows = &self.folder.tcp_poses;
-        let plate = self.truth.machine.plate;
-        let directions: Vec<String> = (1..=self.columns.len())
-            .map(|n| format!("dir{n}"))
-            .collect();
-        let (commands, directions) = (self.columns.join(","), directions.join(","));
-        let measured = pose_columns(plate);
-        let names = measured.iter().map(|&column| POSE[column]);
-        let names: Vec<&str> = names.collect();
-        let names = names.join(",");
+        let measured = self.shape.pose_names();
+        let commands = self.shape.command_names();
+        let directions: Vec<String> = (1..=commands.len()).map(|n| format!("dir{n}")).collect();
+        let (commands, directions) = (commands.join(","), directions.join(","));
+        let names = measured.join(",");
         let mut text = format!("pose,{CONDITIONS},{commands},{directions},{names}\n");
         for row in rows {
             line(&mut text, &[row.pose], |cells| {
                 conditions(cells, &row.conditions);
                 cells.extend(row.commands_m.iter().map(f64::to_string));
                 cells.extend(row.directions.iter().flatten().map(f64::to_string));
-                let [x, y, z] = row.position_m;
-                let [alpha, beta, gamma] = row.angles_rad;
-                let pose = [x, y, z, alpha, beta, gamma];
-                cells.extend(measured.iter().map(|&column| pose[column].to_string()));
+                let pose = row.position_m.iter().chain(&row.angles_rad);
+                let pose = POSITION.into_iter().chain(ANGLES).zip(pose);
+                let pose = pose.filter(|(name, _)| measured.contains(name));
+                cells.extend(pose.map(|(_, value)| value.to_string()));
             });
         }
         text
@@ -255,14 +253,11 @@ pub(super) fn place(effect: &Effect, robot: &Robot) -> String {
     }
 }
 
-/// Columns of a pose.
-const POSE: [&str; 6] = ["x_m", "y_m", "z_m", "alpha_rad", "beta_rad", "gamma_rad"];
-const POSITION: &str = "x_m,y_m,z_m";
-const ANGLES: &str = "alpha_rad,beta_rad,gamma_rad";
 const CONDITIONS: &str = "time_s,temperature_c";
 
 fn cart_poses(rows: &[CartPose]) -> String {
-    let mut text = format!("cart,point,{CONDITIONS},q_m,dir,{POSITION},{ANGLES}\n");
+    let (position, angles) = (POSITION.join(","), ANGLES.join(","));
+    let mut text = format!("cart,point,{CONDITIONS},q_m,dir,{position},{angles}\n");
     for row in rows {
         line(&mut text, &[cart(row.track), row.point], |cells| {
             conditions(cells, &row.conditions);
@@ -280,8 +275,8 @@ fn cart_poses(rows: &[CartPose]) -> String {
 }
 
 fn cart_positions(rows: &[CartPosition], commands: &[String]) -> String {
-    let commands = commands.join(",");
-    let mut text = format!("pose,cart,{CONDITIONS},{commands},dir,{POSITION}\n");
+    let (commands, position) = (commands.join(","), POSITION.join(","));
+    let mut text = format!("pose,cart,{CONDITIONS},{commands},dir,{position}\n");
     for row in rows {
         line(&mut text, &[row.pose, cart(row.track)], |cells| {
             conditions(cells, &row.conditions);
@@ -308,14 +303,4 @@ fn line(text: &mut String, keys: &[u32], fill: impl FnOnce(&mut Vec<String>)) {
     fill(&mut cells);
     // Writing into a string can't fail.
     let _ = writeln!(text, "{}", cells.join(","));
-}
-
-/// Indices in [`POSE`] of what is measured of a plate: the angle about z is alpha.
-fn pose_columns(plate: Plate) -> &'static [usize] {
-    match plate {
-        Plate::Body => &[0, 1, 2, 3, 4, 5],
-        Plate::Point => &[0, 1, 2],
-        Plate::BodyInPlane => &[0, 1, 3],
-        Plate::PointInPlane => &[0, 1],
-    }
 }

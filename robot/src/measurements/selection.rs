@@ -4,7 +4,8 @@ use std::collections::BTreeSet;
 use std::fmt;
 use std::str::FromStr;
 
-use super::{Folder, Shape, visits};
+use super::shape::{Actuator, Shape};
+use super::{Folder, visits};
 use crate::input_error::{InputError, Source};
 use crate::robot::Robot;
 use crate::robot_file::RobotFile;
@@ -13,7 +14,7 @@ impl Folder {
     /// Lowest and highest measured value (m) of each command, where known: for a cart's command the
     /// points of set 2 on its track, or on all tracks where its own has none; otherwise `[range]`
     /// of the robot file.
-    pub fn measured_range(&self, robot: &RobotFile, shape: Shape) -> Vec<Option<(f64, f64)>> {
+    pub fn measured_range(&self, robot: &RobotFile, shape: &Shape) -> Vec<Option<(f64, f64)>> {
         let over = |track: Option<usize>| {
             self.cart_poses
                 .iter()
@@ -21,14 +22,15 @@ impl Folder {
                 .map(|pose| (pose.command_m, pose.command_m))
                 .reduce(|(low, high), (q, _)| (low.min(q), high.max(q)))
         };
-        (0..shape.commands)
-            .map(|command| {
-                let measured = if command < shape.tracks {
+        let drives = shape.drives.iter().enumerate();
+        drives
+            .map(|(command, drive)| {
+                let measured = if *drive == Actuator::Cart {
                     over(Some(command)).or_else(|| over(None))
                 } else {
                     None
                 };
-                measured.or(robot.range_m)
+                measured.or(robot.range_m.filter(|_| !drive.is_angle()))
             })
             .collect()
     }
@@ -37,7 +39,7 @@ impl Folder {
     /// [measured range](Folder::measured_range); all poses where it is not known. Variants are
     /// compared on these poses only, since piecewise tracks end where set 2 ends (Dressler et al.
     /// 2010, section IV).
-    pub fn in_range(&self, robot: &RobotFile, shape: Shape) -> Vec<usize> {
+    pub fn in_range(&self, robot: &RobotFile, shape: &Shape) -> Vec<usize> {
         let range = self.measured_range(robot, shape);
         let is_inside = |commands: &[f64]| {
             commands
@@ -245,7 +247,7 @@ impl Poses {
         folder: &Folder,
         split: Split,
     ) -> Result<Self, InputError> {
-        let in_range = folder.in_range(file, Shape::from(robot));
+        let in_range = folder.in_range(file, &Shape::from(robot));
         let division = folder.divide(split, &in_range);
         let counts = PoseCounts {
             total: folder.tcp_poses.len(),
@@ -338,13 +340,11 @@ mod tests {
             .into(),
             ..Folder::default()
         };
-        let shape = Shape {
-            commands: 4,
-            tracks: 3,
-        };
+        let mut shape = Shape::of_carts(3);
+        shape.drives.push(Actuator::Length);
         let expected = [(-0.5, 0.5), (0.1, 0.7), (-0.5, 0.7), (-9.0, 9.0)].map(Some);
-        assert_eq!(folder.measured_range(&robot, shape), expected);
-        assert_eq!(folder.in_range(&robot, shape), [0]);
+        assert_eq!(folder.measured_range(&robot, &shape), expected);
+        assert_eq!(folder.in_range(&robot, &shape), [0]);
     }
 
     #[test]
@@ -357,7 +357,7 @@ mod tests {
             cart_poses: Vec::new(),
             ..prototype::folder().unwrap()
         };
-        assert_eq!(folder.in_range(&robot, prototype::SHAPE).len(), 176);
+        assert_eq!(folder.in_range(&robot, &prototype::shape()).len(), 176);
     }
 
     #[test]
