@@ -63,8 +63,10 @@ pub(super) fn robot(description: Option<&Path>) -> Result<Robot, InputError> {
         named.next().map(|(_, robot)| Robot::from(*robot))
     };
     match description {
-        // A file of that name is meant first.
-        Some(path) if !path.exists() => built_in(path).map_or_else(|| Robot::read(path), Ok),
+        // A file of that name is meant first; a folder is no description.
+        Some(path) if !path.exists() || (path.is_dir() && built_in(path).is_some()) => {
+            built_in(path).map_or_else(|| Robot::read(path), Ok)
+        }
         Some(path) => Robot::read(path),
         None => Ok(Robot::from(&tau_generated::gantry_tau::ROBOT)),
     }

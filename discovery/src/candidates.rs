@@ -77,8 +77,7 @@ impl Entry {
 pub(super) fn all(model: &Model, base: &Variant, families: &[Family]) -> Vec<Candidate> {
     let mut candidates = Vec::new();
     let is_admitted = |effect: &Effect, place| {
-        effect.lacks_plate_joints(model.plate).is_none()
-            && (base.arm == Arm::Full || effect.needs_full_arm(place, &model.links).is_none())
+        base.arm == Arm::Full || effect.needs_full_arm(place, &model.links).is_none()
     };
     for (index, effect) in model.effects.iter().enumerate() {
         let family = (index + families.len()).checked_sub(model.effects.len());
@@ -301,7 +300,11 @@ impl Candidate {
                 let Some(at) = action.probes.first().map(|&p| &probes.all[p].samples) else {
                     continue;
                 };
-                let reader = |readable| action.scope.read(readable, at, samples, surroundings);
+                let reader = |readable| {
+                    action
+                        .scope
+                        .read(readable, at, samples, surroundings, &probes.closures)
+                };
                 let slopes = formulas.slopes(term, &reader)?;
                 for (component, (&probe, mut slopes)) in
                     action.probes.iter().zip(slopes).enumerate()

@@ -6,6 +6,7 @@ use tau_estimation::evaluation::evaluate;
 use tau_estimation::joint::fit::Fit;
 use tau_estimation::numerics::distribution::chi2_survival;
 use tau_estimation::numerics::parallel;
+use tau_robot::measurements::Shape;
 use tau_robot::robot::Robot;
 use tau_robot::robot_file::Noise;
 use tau_runtime::Owner;
@@ -320,7 +321,7 @@ fn far_from_drawing(fit: &Fit) -> Vec<String> {
 
 fn remarks(search: &Search<'_>, whiteness: Option<&Whiteness>) -> Vec<String> {
     let mut remarks = Vec::new();
-    let has_carts = !search.input.robot.tracks.is_empty();
+    let has_carts = Shape::from(search.input.robot).has_carts();
     for (set, what) in [
         (
             2,

@@ -1,6 +1,6 @@
 //! The error that noise alone leaves on the validation poses.
 
-use nalgebra::{DMatrix, Matrix3};
+use nalgebra::DMatrix;
 use tau_estimation::joint::fit::Fit;
 use tau_kinematics::{Machine, Sample, least_norm};
 use tau_robot::measurements::Folder;
@@ -30,14 +30,15 @@ pub(super) fn floor(
     let mut floor = Floor::default();
     let mut count = 0.0;
     let deviations = fit.deviations_at_stated_noise();
-    let unknowns = machine.pose_unknowns().len();
+    let unknowns = machine.pose_unknowns();
+    let axes = unknowns.iter().take_while(|&&motion| motion < 3).count();
     let closures: Vec<_> = machine
         .variant
         .instances_of(ResidualKind::Closure)
         .collect();
     for measured in poses.iter().filter_map(|&pose| folder.tcp_poses.get(pose)) {
         let sample = Sample::from(measured);
-        let mut by_pose = DMatrix::zeros(closures.len(), unknowns);
+        let mut by_pose = DMatrix::zeros(closures.len(), unknowns.len());
         let mut by_parameter = DMatrix::zeros(closures.len(), deviations.nrows());
         let mut by_path = DMatrix::zeros(closures.len(), 3 * machine.variant.tracks.len());
         for (row, closure) in closures.iter().enumerate() {
@@ -50,8 +51,8 @@ pub(super) fn floor(
             let (_, gradient) = machine
                 .closure_by_pose(pair, &sample)
                 .map_err(|error| Error::at_pose(measured.pose, error))?;
-            for (column, value) in gradient.iter().take(unknowns).enumerate() {
-                by_pose[(row, column)] = *value;
+            for (column, &motion) in unknowns.iter().enumerate() {
+                by_pose[(row, column)] = gradient[motion];
             }
             let (family, shape) = (&closure.family, closure.family.shape());
             let mut data = Vec::new();
@@ -89,12 +90,13 @@ pub(super) fn floor(
         let Some(moved) = least_norm(&by_pose, &spread) else {
             continue;
         };
-        let position = moved.rows(0, 3);
-        let covariance: Matrix3<f64> = Matrix3::identity() * noise.position_m.powi(2)
-            + Matrix3::from_fn(|i, j| position.row(i).dot(&position.row(j)));
+        // Columns of translation come first.
+        let position = moved.rows(0, axes);
+        let covariance = DMatrix::identity(axes, axes) * noise.position_m.powi(2)
+            + &position * position.transpose();
         let trace = covariance.trace();
         // Mean length of a normal vector, to second order in how uneven its covariance is.
-        let spread = (covariance * covariance).trace() / trace.powi(2);
+        let spread = (&covariance * &covariance).trace() / trace.powi(2);
         floor.mean_m += trace.sqrt() * (1.0 - 0.25 * spread);
         floor.square_m2 += trace;
         count += 1.0;

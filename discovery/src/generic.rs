@@ -132,7 +132,7 @@ pub(super) fn families(model: &Model, (low_m, high_m): (f64, f64)) -> (Vec<Effec
 
     let mut families = Families::default();
     let single = Placement::Single;
-    if !model.tracks.is_empty() {
+    if model.guideways().next().is_some() {
         for axis in SHIFT {
             for covariate in [
                 &smooth,

@@ -2,6 +2,7 @@
 
 use nalgebra::DMatrix;
 use tau_codegen::compile::compile_some;
+use tau_codegen::language::model as language;
 use tau_codegen::language::model::{Model, Place, Subject, Target};
 use tau_estimation::calibration::{Error, Nominal};
 use tau_estimation::joint::Joint;
@@ -72,9 +73,10 @@ pub(super) struct ClosureProbe {
     pub(super) link: Option<usize>,
     /// The command that its cart, or its length, follows.
     pub(super) command: Option<usize>,
-    pub(super) length_m: f64,
+    /// At each sample.
+    pub(super) lengths_m: Vec<f64>,
     pub(super) length: usize,
-    /// `None` where the arm is reduced.
+    /// `None` where the arm is reduced, or links meet in a point.
     pub(super) joint: Option<[usize; 3]>,
 }
 
@@ -107,6 +109,15 @@ pub(super) fn compiled(model: &Model, variant: usize) -> Variant {
         (0..model.tracks.len()).map(cart),
     );
     add(&mut probed, variant, of_tcp, std::iter::once(Place::Tcp));
+    // Lengths and joints may be formulas or held, so that no parameter stands for them; a reduced arm has one length a
+    // cluster, which is one.
+    if probed.variants[variant].arm == language::Arm::Full {
+        let targets = [(Target::Length, None), (Target::Joint, None)];
+        let targets = &targets[..if model.plate.is_point() { 1 } else { 2 }];
+        let of_link = additive("unnamed_probe_link", Subject::Link, targets, None);
+        let links = (0..model.links.len()).map(Place::Link);
+        add(&mut probed, variant, of_link, links);
+    }
     let closures = Variant::from(&compile_some(&probed, variant, |kind, _| {
         kind == ResidualKind::Closure
     }));
@@ -151,7 +162,7 @@ impl Probes {
         let shift = Owner::Effect(first + tracks);
         let position = Target::Position.name();
         let tcp = [0, 1, 2].map(|k| columns.add((shift, position, Some(k)), &is_of_set_1));
-        let closures = columns.closures(model);
+        let closures = columns.closures(model, first + tracks + 1);
         Ok(Self {
             all: columns.all,
             carts,
@@ -234,33 +245,42 @@ impl Columns<'_> {
         self.all.len() - 1
     }
 
-    /// Lengths and joints of the links, or lengths of the clusters where the arm is reduced.
-    fn closures(&mut self, model: &Model) -> Vec<ClosureProbe> {
-        let joint = self.joint;
-        let mut probe = |owner: Owner, cluster: usize, link: Option<usize>| ClosureProbe {
-            cluster,
-            link,
-            command: model.clusters[cluster]
-                .track
-                .or(link.and_then(|link| model.links[link].actuated_by)),
-            length_m: length_of(joint, owner),
-            length: self.add((owner, "length", None), &is_of_set_1),
-            joint: link.map(|_| {
-                [0, 1, 2].map(|k| self.add((owner, "plate_joint", Some(k)), &is_of_set_1))
-            }),
+    /// Lengths and joints of the links, the first of which has the effect of an index; or lengths of the clusters where
+    /// the arm is reduced.
+    fn closures(&mut self, model: &Model, first: usize) -> Vec<ClosureProbe> {
+        let machine = &self.joint.machine;
+        let by_pose: Vec<_> = machine.closure_instances().collect();
+        let has_joints = !model.plate.is_point();
+        let mut probe = |closure: usize, cluster: usize, link: Option<usize>| {
+            let owner = match link {
+                Some(link) => Owner::Effect(first + link),
+                None => Owner::Cluster(cluster),
+            };
+            let own = by_pose.iter().find(|instance| instance.of == closure);
+            let length = |sample: &Sample| {
+                own.map_or(f64::NAN, |own| machine.length_m(own, &sample.commands_m))
+            };
+            let joint = Target::Joint.name();
+            ClosureProbe {
+                cluster,
+                link,
+                command: model.clusters[cluster]
+                    .track
+                    .or(link.and_then(|link| model.links[link].actuated_by)),
+                lengths_m: self.samples.iter().map(length).collect(),
+                length: self.add((owner, Target::Length.name(), None), &is_of_set_1),
+                joint: link
+                    .filter(|_| has_joints)
+                    .map(|_| [0, 1, 2].map(|k| self.add((owner, joint, Some(k)), &is_of_set_1))),
+            }
         };
-        match joint.machine.variant.arm {
+        match machine.variant.arm {
             Arm::Full => (0..model.links.len())
-                .map(|link| probe(Owner::Link(link), model.links[link].cluster, Some(link)))
+                .map(|link| probe(link, model.links[link].cluster, Some(link)))
                 .collect(),
             Arm::Reduced => (0..model.clusters.len())
-                .map(|cluster| probe(Owner::Cluster(cluster), cluster, None))
+                .map(|cluster| probe(cluster, cluster, None))
                 .collect(),
         }
     }
-}
-
-fn length_of(joint: &Joint, owner: Owner) -> f64 {
-    let index = joint.machine.variant.parameter(owner, "length", None);
-    index.map_or(0.0, |index| joint.machine.values[index])
 }

@@ -164,15 +164,22 @@ fn covariates(
         .probes
         .closures
         .iter()
-        .find(|closure| closure.length == probe);
+        .enumerate()
+        .find(|(_, closure)| closure.length == probe);
     let track = (0..bench.probes.carts.len()).find(cart);
     let scope = match (track, closure) {
         (Some(track), _) => Scope::of_cart(track, None),
-        (None, Some(closure)) => Scope::of_closure(closure),
+        (None, Some((index, closure))) => Scope::of_closure(index, closure),
         (None, None) => Scope::NOWHERE,
     };
     let series = |readable: Readable| {
-        let series = scope.read(readable, samples, &bench.samples, &bench.surroundings);
+        let series = scope.read(
+            readable,
+            samples,
+            &bench.samples,
+            &bench.surroundings,
+            &bench.probes.closures,
+        );
         Some((Quantity::of(readable, &bench.model), series.ok()?))
     };
     against.iter().copied().filter_map(series).collect()

@@ -3,7 +3,7 @@
 //! Dimensions alone: effects displace joints by micrometres, which nobody sees in a drawing.
 
 use nalgebra::{Matrix3, Rotation3, SymmetricEigen, Vector3};
-use tau_robot::robot::{CrankValue, Formula, Input, Instance, Owner, TrackShape, Value};
+use tau_robot::robot::{CrankValue, Formula, Input, Instance, Owner, Readable, TrackShape, Value};
 
 use super::{Machine, Pose, xyz};
 
@@ -171,6 +171,29 @@ impl Machine {
             tracks,
             links,
         }
+    }
+
+    /// Length (m) of the link or cluster of a closure, effects left out, as their formulas read it: it may follow from a
+    /// formula of the commands; of a drive that counts from a zero of its own it is that at command zero.
+    pub fn length_m(&self, closure: &Instance, commands: &[f64]) -> f64 {
+        let (owner, formula, drive) = match self.variant.arm {
+            tau_robot::robot::Arm::Full => (
+                Owner::Link(closure.of),
+                self.robot.formula_of(closure.of, Value::Length),
+                self.robot.links[closure.of].actuated_by,
+            ),
+            tau_robot::robot::Arm::Reduced => (Owner::Cluster(closure.of), None, None),
+        };
+        let Some(formula) = formula else {
+            let index = self.variant.parameter(owner, Value::Length.name(), None);
+            return index.map_or(f64::NAN, |index| self.values[index]);
+        };
+        let leaf = |part: &Formula| match *part {
+            Formula::Read(Readable::Command) => commands.get(drive?).copied(),
+            Formula::OfLink(other, k) => Some(self.value(closure, other)[k]),
+            _ => self.of_robot(part),
+        };
+        formula.value(&leaf).unwrap_or(f64::NAN)
     }
 
     /// A vector of a link or cluster, which may follow from a formula.

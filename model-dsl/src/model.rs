@@ -79,6 +79,12 @@ impl Model {
             .collect()
     }
 
+    /// Indices of the tracks that are guideways with carts, and no cranks.
+    pub fn guideways(&self) -> impl Iterator<Item = usize> + Clone {
+        let tracks = self.tracks.iter().enumerate();
+        tracks.filter_map(|(index, track)| track.crank.is_none().then_some(index))
+    }
+
     /// The variant of a name.
     pub fn variant(&self, name: &str) -> Option<&Variant> {
         self.variants.iter().find(|variant| variant.name == name)

@@ -8,17 +8,21 @@ pub const CATALOGUE: &str = include_str!("../effects.tau");
 /// Every place of a robot where an effect can act: each cart, link or ordered pair of carts and, where
 /// there are several, all carts or all links together; or the TCP.
 ///
-/// Effects on carts need tracks. Of effects that read what only a cart has, links on the fixed base are
+/// Effects on carts need tracks, and what moves plate joints a plate that has some. Of effects that read what only a cart has, links on the fixed base are
 /// left out by the language's checker, not here.
 pub fn places(model: &Model, effect: &Effect) -> Vec<Place> {
-    let tracks = 0..model.tracks.len();
+    if effect.lacks_plate_joints(model.plate).is_some() {
+        return vec![];
+    }
+    let tracks = model.guideways();
     match effect.subject {
         Subject::Cart => tracks
+            .clone()
             .map(|track| Place::Cart {
                 track,
                 source: None,
             })
-            .chain((model.tracks.len() > 1).then_some(Place::AllCarts))
+            .chain((tracks.count() > 1).then_some(Place::AllCarts))
             .collect(),
         Subject::CartFromSource => tracks
             .clone()

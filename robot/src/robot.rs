@@ -10,7 +10,7 @@ use tau_codegen::CompiledRobot;
 use tau_codegen::compile::CompiledVariant;
 pub use tau_codegen::equations::Parameter;
 use tau_codegen::language;
-pub use tau_codegen::language::model::{CrankValue, Drive, Formula, Plate, Value};
+pub use tau_codegen::language::model::{CrankValue, Drive, Formula, Plate, Readable, Value};
 use tau_codegen::language::model::{EffectUse, Model, Place};
 use tau_runtime as runtime;
 pub use tau_runtime::{Arm, Input, Owner, ResidualFamily, ResidualKind, TrackModel, TrackShape};
@@ -120,6 +120,11 @@ impl Robot {
             driven_lengths,
             is_gantry_tau: on_tracks == [1, 2, 3] && self.links.len() == 6 && driven_lengths == 0,
         }
+    }
+
+    /// True if there are more links than freedoms of the plate, so that they fit at matching commands only.
+    pub fn is_redundant(&self) -> bool {
+        self.links.len() > self.plate.freedoms().len()
     }
 
     /// True if a command is an angle (rad), false for a length (m).

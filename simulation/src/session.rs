@@ -13,7 +13,7 @@ use super::effect::{self, Effect};
 use super::folder::{SimulatedFolder, Truth};
 use super::machine::{Machine, State};
 use super::noise;
-use super::plan::{Planner, SECONDS, Stop, Stops, number};
+use super::plan::{Planner, Poses, SECONDS, Stop, Stops, number};
 use super::plate::{self, Measure};
 use super::random::Random;
 use super::simulation::Simulation;
@@ -107,7 +107,8 @@ impl<'a> Session<'a> {
     fn run(self) -> Result<SimulatedFolder, InputError> {
         let simulation = self.simulation;
         let seed = simulation.seed;
-        let planner = Planner {
+        let is_random = matches!(simulation.poses, Poses::Random { .. });
+        let mut planner = Planner {
             nominal: &self.nominal,
             home: &self.home,
             range_m: self.range_m,
@@ -115,6 +116,12 @@ impl<'a> Session<'a> {
             temperature: simulation.temperature,
         };
         let set1 = planner.tcp_poses(&simulation.poses, &mut Random::new(seed, "poses"));
+        // Carts are measured where the poses need them.
+        if let (None, false) = (simulation.file.range_m, is_random)
+            && let Some(range_m) = self.range_of(&set1)
+        {
+            planner.range_m = range_m;
+        }
         let errors = plate::drive_errors(
             &simulation.file,
             &self.nominal.ways_m,
@@ -233,6 +240,17 @@ impl<'a> Session<'a> {
                 machine: self.machine,
             },
         })
+    }
+
+    /// Lowest and highest command of carts at some stops (m).
+    fn range_of(&self, stops: &Stops) -> Option<(f64, f64)> {
+        let commands = stops.stops.iter().flat_map(|stop| {
+            let commands = &stop.commanded.commands_m;
+            self.nominal.guideways().map(|track| commands[track])
+        });
+        let pairs = commands.map(|command| (command, command));
+        let widest = pairs.reduce(|(low, high), (q, _)| (low.min(q), high.max(q)));
+        widest.filter(|(low, high)| low < high)
     }
 
     /// The same where drives err: `errors` are those of each stop. Redundant drives can't be commanded at will: the

@@ -21,7 +21,8 @@ pub(crate) struct Scope {
     track: Option<usize>,
     source: Option<usize>,
     link: Option<usize>,
-    length: Option<f64>,
+    /// Index of the link or cluster whose length is read.
+    length: Option<usize>,
 }
 
 /// Actions of a term of an effect at a place.
@@ -41,7 +42,7 @@ pub(super) fn actions(place: Place, model: &Model, term: &Term, probes: &Probes)
                 Target::Length => vec![owner.length],
                 _ => owner.joint?.to_vec(),
             },
-            scope: Scope::of_closure(owner),
+            scope: Scope::of_closure(closure, owner),
         })
     };
     match place {
@@ -82,11 +83,11 @@ impl Scope {
         }
     }
 
-    pub(crate) fn of_closure(closure: &ClosureProbe) -> Self {
+    pub(crate) fn of_closure(index: usize, closure: &ClosureProbe) -> Self {
         Self {
             command: closure.command,
             link: closure.link,
-            length: Some(closure.length_m),
+            length: Some(index),
             ..Self::NOWHERE
         }
     }
@@ -116,11 +117,13 @@ impl Scope {
         at: &[usize],
         samples: &[Sample],
         surroundings: &Surroundings,
+        closures: &[ClosureProbe],
     ) -> Result<Vec<f64>, &'static str> {
         const NO_CART: &str = "it needs a cart, and the link has none";
         const FULL_ARM: &str = "it needs a full arm";
         if let Readable::Length = readable {
-            return Ok(vec![self.length.ok_or(FULL_ARM)?; at.len()]);
+            let lengths_m = &closures[self.length.ok_or(FULL_ARM)?].lengths_m;
+            return Ok(at.iter().map(|&sample| lengths_m[sample]).collect());
         }
         let load = |component| {
             self.track

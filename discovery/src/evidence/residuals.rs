@@ -158,6 +158,7 @@ fn series(bench: &CandidateSet, entry: &Entry, readable: Readable) -> Option<Vec
             &probe(bench, entry).samples,
             &bench.samples,
             &bench.surroundings,
+            &bench.probes.closures,
         )
         .ok()
 }

@@ -142,7 +142,7 @@ fn turning(model: &Model, variant: usize) -> Model {
     let turns = ROTATIONS.map(|target| (target, Some(TURN)));
     let drifts = [Target::Horizontal, Target::Vertical].map(|target| (target, Some(DRIFT)));
     let targets = [&turns[..], &drifts].concat();
-    on_carts(model, variant, (TURNING, &targets), 0..model.tracks.len())
+    on_carts(model, variant, (TURNING, &targets), model.guideways())
 }
 
 /// The model with an effect in proportion to the commands on the carts of some tracks in a variant.

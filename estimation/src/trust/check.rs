@@ -6,7 +6,7 @@ use nalgebra::DMatrix;
 use tau_codegen::language::model::{Effect, Readable, Subject, Target};
 use tau_codegen::language::{self, Model};
 use tau_robot::measurements::{
-    Conditions, DISTANCES, Division, Folder, PlateKind, PlateRow, TCP_POSES, TcpPose, visits,
+    Conditions, DISTANCES, Division, Folder, PlateKind, PlateRow, Shape, TCP_POSES, TcpPose, visits,
 };
 use tau_robot::robot::{Robot, TrackShape, Variant};
 use tau_robot::robot_file::RobotFile;
@@ -26,6 +26,8 @@ use crate::unknown_poses::{self, Rank, RowDivision};
 
 /// Lacked by effects of carts where there are none: nothing that could be measured would bring them into sight.
 const NO_CART: &str = "a cart: the machine has none";
+/// The same of an effect on plate joints.
+const NO_JOINTS: &str = "plate joints: links meet in a point";
 
 /// A column's range.
 #[derive(Debug, Clone, PartialEq)]
@@ -461,8 +463,11 @@ fn lacks(effect: &Effect, model: &Model, file: &RobotFile, folder: &Folder) -> V
     let mut lacks = BTreeSet::new();
     let poses = &folder.tcp_poses;
     let is_on_cart = !matches!(effect.subject, Subject::Link | Subject::Tcp);
-    if is_on_cart && model.tracks.is_empty() {
+    if is_on_cart && model.guideways().next().is_none() {
         lacks.insert(NO_CART);
+    }
+    if effect.lacks_plate_joints(model.plate).is_some() {
+        lacks.insert(NO_JOINTS);
     }
     for quantity in effect.quantities() {
         let missing = match quantity {
@@ -495,7 +500,7 @@ fn lacks(effect: &Effect, model: &Model, file: &RobotFile, folder: &Folder) -> V
 
 fn missing(robot: &Robot, folder: &Folder, effects: &[Sight]) -> Vec<Gap> {
     let mut missing = Vec::new();
-    let has_carts = !robot.tracks.is_empty();
+    let has_carts = Shape::from(robot).has_carts();
     if has_carts && folder.cart_poses.is_empty() {
         let is_piecewise = |variant: &&Variant| {
             let mut tracks = variant.tracks.iter();
@@ -529,7 +534,11 @@ fn missing(robot: &Robot, folder: &Folder, effects: &[Sight]) -> Vec<Gap> {
     }
     let within_reach = || {
         let effects = effects.iter();
-        effects.filter(|effect| !effect.lacks.contains(&NO_CART))
+        effects.filter(|effect| {
+            ![NO_CART, NO_JOINTS]
+                .iter()
+                .any(|none| effect.lacks.contains(none))
+        })
     };
     let lacking: BTreeSet<&'static str> = within_reach()
         .flat_map(|effect| effect.lacks.iter().copied())

@@ -75,6 +75,37 @@ impl Case<'_> {
         )?)
     }
 
+    /// Mean nominal length of the links (m): as stated, or where formulas say it at the first pose; zero where nothing
+    /// does.
+    pub(crate) fn mean_length_m(&self) -> f64 {
+        let stated = self.file.links.values().chain(self.file.clusters.values());
+        let stated: Vec<f64> = stated
+            .filter_map(|values| values.length.as_ref()?.value.first().copied())
+            .collect();
+        let lengths = if stated.is_empty() {
+            self.lengths_by_pose_m().unwrap_or_default()
+        } else {
+            stated
+        };
+        lengths.iter().sum::<f64>() / lengths.len().max(1) as f64
+    }
+
+    fn lengths_by_pose_m(&self) -> Option<Vec<f64>> {
+        let measured = self.folder.tcp_poses.first()?;
+        let pose = Pose::from_zyz(measured.position_m, measured.angles_rad);
+        let machine = self.prepared().ok()?.machine;
+        let layout = machine.layout(&pose, &measured.commands_m, &[]);
+        let length =
+            |[start, end]: [[f64; 3]; 2]| (Vector3::from(end) - Vector3::from(start)).norm();
+        Some(
+            layout
+                .links
+                .iter()
+                .map(|link| length(link.ends_m))
+                .collect(),
+        )
+    }
+
     /// The same with so many of its poses, evenly spread.
     pub(crate) fn thinned(&self, poses: usize) -> Self {
         self.of_poses(&spread(self.folder.tcp_poses.len(), poses))
@@ -229,14 +260,6 @@ pub(crate) fn widest_tolerance_m(file: &RobotFile) -> f64 {
         .filter(|value| !is_none(value))
         .map(|value| value.tol)
         .fold(0.0, f64::max)
-}
-
-/// Mean nominal length of the links (m).
-pub(crate) fn mean_length_m(file: &RobotFile) -> f64 {
-    let lengths: Vec<f64> = (file.links.values().chain(file.clusters.values()))
-        .filter_map(|values| values.length.as_ref()?.value.first().copied())
-        .collect();
-    lengths.iter().sum::<f64>() / lengths.len().max(1) as f64
 }
 
 /// Mirrored axes and pairs of exchanged ones, of positions alone and of rotations, too.

@@ -262,7 +262,7 @@ fn tried(case: &Case<'_>, hypothesis: Option<&Hypothesis>, iterations: usize) ->
         let unit = &prepared.machine.variant.parameters[parameter].unit;
         // A length can be as wrong as the machine is large, a direction as it is long.
         let room = if unit == "m" {
-            hypothesis::mean_length_m(&case.file)
+            case.mean_length_m()
         } else {
             1.0
         };
@@ -448,7 +448,7 @@ fn far_off(case: &Case<'_>) -> Option<Vec<(usize, f64)>> {
     let mut sorted = misfits.clone();
     sorted.sort_by(f64::total_cmp);
     let usual = *sorted.get((sorted.len().max(1) - 1) / 2)?;
-    let step = 0.1 * hypothesis::mean_length_m(&case.file);
+    let step = 0.1 * case.mean_length_m();
     let mut found = Vec::new();
     for (part, &misfit) in parts.iter().zip(&misfits) {
         if misfit < CLEARLY * usual {
@@ -498,8 +498,7 @@ fn far_off(case: &Case<'_>) -> Option<Vec<(usize, f64)>> {
 /// Tolerances of lengths so wide that they tell nothing, where a thousandth of them is enough.
 fn wide(case: &Case<'_>, given: &Tried) -> Option<Mistake> {
     let widest_m = hypothesis::widest_tolerance_m(&case.file);
-    let length_m = hypothesis::mean_length_m(&case.file);
-    if widest_m < WIDEST_TOLERANCE * length_m {
+    if widest_m <= WIDEST_TOLERANCE * case.mean_length_m() {
         return None;
     }
     let hypothesis = Hypothesis::Tolerances {

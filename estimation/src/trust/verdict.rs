@@ -323,8 +323,7 @@ pub fn of_calibration_knowing(
     verdict.judge(&machine.variant, beyond);
     let suspect = verdict.status > Status::Consistent
         || verdict.residual_over_noise < 1.0 / 3.0
-        || hypothesis::widest_tolerance_m(&case.file)
-            > LARGEST_MISFIT * hypothesis::mean_length_m(&case.file);
+        || hypothesis::widest_tolerance_m(&case.file) > LARGEST_MISFIT * case.mean_length_m();
     if suspect {
         let found = match known.take() {
             Some(found) => found,
@@ -455,7 +454,7 @@ impl Verdict {
     /// Says the rest: what is absurd without a name, and what it means for standard deviations.
     pub(super) fn conclude(&mut self, case: &Case<'_>) {
         let off_m = self.by_file.first().map_or(0.0, |fit| fit.rms);
-        let length_m = hypothesis::mean_length_m(&case.file);
+        let length_m = case.mean_length_m();
         if self.mistakes.is_empty() && length_m > 0.0 && off_m > LARGEST_MISFIT * length_m {
             self.status = Status::Absurd;
             self.why.push(format!(

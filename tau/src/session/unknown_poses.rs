@@ -7,10 +7,13 @@ use tau_robot::robot_file::{Provenance, RobotFile};
 use super::{Session, Stamp, VariantKey};
 
 impl<R> Session<R> {
-    /// True if the folder holds measurements that tell less than the plate's pose, or drives are not exact: then
-    /// [`Self::calibrate_unknown_poses`] is the calibration that uses all of them.
+    /// True if the folder holds measurements that tell less than the plate's pose, drives are not exact, or there are
+    /// more of them than freedoms, so that they measure each other: then [`Self::calibrate_unknown_poses`] is the
+    /// calibration that uses all that is known.
     pub fn has_unknown_poses(&self) -> bool {
-        self.folder.has_partial_poses() || !self.robot_file.measuring.drives.is_empty()
+        self.folder.has_partial_poses()
+            || !self.robot_file.measuring.drives.is_empty()
+            || self.robot.is_redundant()
     }
 
     /// Rows that calibrate and rows that are held out, by the [split](Self::split).
