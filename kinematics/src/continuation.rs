@@ -44,8 +44,11 @@ impl Machine {
             commands_m: &stated.commands_m,
             ..like.at(stated.into())
         };
-        let found = self.forward_fitted(&sample)?.within(LARGEST_MISMATCH_M)?;
         let (_, length_m) = self.reach(&sample, sample.pose.rotation)?;
+        // Redundant drives agree with each other at commands that are stated roughly as little as with the pose.
+        let found = self
+            .forward_fitted(&sample)?
+            .within(REFERENCE_OFF.0 * length_m)?;
         let off_m = (found.pose.position - sample.pose.position).norm();
         let off_rad = sample.pose.turn_to(&found.pose.rotation).norm();
         if off_m > REFERENCE_OFF.0 * length_m || off_rad > REFERENCE_OFF.1 {

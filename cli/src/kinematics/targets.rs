@@ -145,9 +145,16 @@ pub(super) fn of_file(
     let sigmas = known.iter().map(|name| format!("sigma_{name}"));
     let known = sigmas.chain(["inside".to_owned()]).chain(known.clone());
     let known: Vec<String> = known.collect();
+    // What the plate can't do may be left out.
+    let of_plate = shape.pose_names();
+    let named = |names: &[&'static str]| -> Vec<&'static str> {
+        let names = names.iter().copied();
+        names.filter(|name| of_plate.contains(name)).collect()
+    };
+    let (position_names, angle_names) = (named(&POSITION), named(&ANGLES));
     let required = match asked {
         Asked::Poses => machine.robot.command_columns(),
-        Asked::Commands => POSITION.map(str::to_owned).to_vec(),
+        Asked::Commands => position_names.iter().map(ToString::to_string).collect(),
     };
     let Set {
         table,
@@ -160,9 +167,9 @@ pub(super) fn of_file(
     let has = |name: &&str| table.column(name).is_some();
     // A reduced arm says nothing about orientation, so that a position is a start, too.
     let is_position = (asked == Asked::Commands || !machine.turns()) && !ANGLES.iter().any(has);
-    let mut pose: Vec<&str> = POSITION.to_vec();
+    let mut pose = position_names.clone();
     if !is_position {
-        pose.extend(ANGLES);
+        pose.extend(&angle_names);
     }
     all_or_none(&table, &pose, &mut mistakes);
     let named: Vec<&str> = directions.iter().map(String::as_str).collect();
@@ -175,8 +182,13 @@ pub(super) fn of_file(
         Asked::Poses => table.numbers_of(&required, &mut mistakes),
         Asked::Commands => Vec::new(),
     };
-    let position = three(&table, POSITION, &mut mistakes);
-    let angles = three(&table, ANGLES, &mut mistakes);
+    let mut three = |names: [&str; 3], needed: &[&str]| {
+        let is_there = needed.iter().all(|name| table.column(name).is_some());
+        let is_there = is_there && names.iter().any(|name| table.column(name).is_some());
+        is_there.then(|| names.map(|name| table.numbers_or_zero(name, &mut mistakes)))
+    };
+    let position = three(POSITION, &position_names);
+    let angles = three(ANGLES, &angle_names);
     let conditions = ConditionColumns::read(&table, &mut mistakes);
     let directions: Option<Vec<Column>> = directions
         .iter()
@@ -251,11 +263,4 @@ fn all_or_none(table: &Table<'_>, names: &[&str], mistakes: &mut Mistakes<'_>) {
         );
         mistakes.push(table.name_place(first), message);
     }
-}
-
-fn three(table: &Table<'_>, names: [&str; 3], mistakes: &mut Mistakes<'_>) -> Option<[Column; 3]> {
-    let [Some(a), Some(b), Some(c)] = names.map(|name| table.column(name)) else {
-        return None;
-    };
-    Some([a, b, c].map(|index| table.numbers(index, mistakes)))
 }

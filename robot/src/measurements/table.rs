@@ -264,7 +264,7 @@ impl<'a> Table<'a> {
     }
 
     /// A column of finite numbers by its name; zeros where there is none.
-    pub(crate) fn numbers_or_zero(&self, name: &str, mistakes: &mut Mistakes<'_>) -> Column {
+    pub fn numbers_or_zero(&self, name: &str, mistakes: &mut Mistakes<'_>) -> Column {
         match self.column(name) {
             Some(index) => self.numbers(index, mistakes),
             None => Column {
