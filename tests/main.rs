@@ -29,6 +29,7 @@ mod robot_files;
 mod sensitivity;
 mod session;
 mod simulation;
+mod standard_robots;
 mod start;
 mod study;
 mod support;

@@ -111,6 +111,8 @@ const GRID: [usize; 3] = [6, 6, 5];
 const STEPS: [f64; 3] = [0.24 / 2.0435, 0.2 / 2.0435, 0.2 / 2.0435];
 /// Times between measurements of the three sets (s).
 pub(super) const SECONDS: [f64; 3] = [30.0, 20.0, 10.0];
+/// Farthest that the plate turns from home (rad): spherical joints swing by twenty degrees or so.
+const FARTHEST_TURN: f64 = 0.35;
 /// Commands are rounded as a controller's are (1/m).
 const COUNTS_PER_METRE: f64 = 1e7;
 
@@ -252,14 +254,21 @@ impl Planner<'_> {
         point
     }
 
+    /// True if the joints of the links let the plate turn so far from home.
+    fn is_within_joints(&self, stop: &Commanded) -> bool {
+        let home = self.home.pose.rotation;
+        stop.pose.rotation.angle_to(&home) <= FARTHEST_TURN
+    }
+
     fn visit(&self, points: &[Vector3<f64>]) -> (Vec<Commanded>, usize) {
         let mut here = self.home.clone();
         let mut stops = Vec::new();
         for point in points.iter().map(|&point| self.within(point)) {
-            // A point that can't be reached from the one before may still be reached from home.
-            let next = here
-                .towards(self.nominal, point)
-                .or_else(|| self.home.towards(self.nominal, point));
+            // From home, so that an orientation that the arm leaves open does not drift along the way; what is hidden
+            // from there may be reached from the point before.
+            let next = (self.home.towards(self.nominal, point))
+                .or_else(|| here.towards(self.nominal, point))
+                .filter(|next| self.is_within_joints(next));
             if let Some(next) = next {
                 here = next;
                 stops.push(here.clone());
@@ -287,6 +296,7 @@ impl Planner<'_> {
                 let mut guideways = self.nominal.guideways();
                 guideways.all(|track| (low..=high).contains(&stop.commands_m[track]))
             };
+            let stop = stop.filter(|stop| self.is_within_joints(stop));
             stops.extend(stop.filter(carts));
         }
         let left_out = count - stops.len();

@@ -1,0 +1,166 @@
+//! Each standard robot from measurement to use: simulated, calibrated, its numbers held against the truth, its
+//! kinematics followed there and back.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::Path;
+
+use nalgebra::{DMatrix, DVector};
+use serde_json::Value;
+use tau::Robot;
+
+use crate::support::tau_in;
+
+/// Folders of each robot.
+const SEEDS: std::ops::RangeInclusive<u64> = 1..=2;
+/// The largest of the 600 standard normal deviates of all robots together exceeds this once in a thousand.
+const LARGEST: f64 = 4.8;
+/// Standard normal deviate that is exceeded on one side or the other once in a thousand.
+const SELDOM: f64 = 3.29;
+/// Robots of which everything is drawn from its own tolerance, and whose equations bend little within them: the square
+/// of all deviations together, by their covariance, is a χ² then.
+const BY_TOLERANCE: [&str; 3] = ["linear_delta", "rotary_delta", "five_bar"];
+
+/// A table of numbers: its columns by name.
+fn table(path: &Path) -> BTreeMap<String, Vec<f64>> {
+    let text = fs::read_to_string(path).unwrap_or_else(|error| panic!("{path:?}: {error}"));
+    let mut lines = text.lines();
+    let names: Vec<&str> = lines.next().unwrap().split(',').collect();
+    let mut columns: BTreeMap<String, Vec<f64>> = BTreeMap::new();
+    for line in lines {
+        for (name, cell) in names.iter().zip(line.split(',')) {
+            let column = columns.entry((*name).to_owned()).or_default();
+            column.push(cell.parse().unwrap_or(f64::NAN));
+        }
+    }
+    columns
+}
+
+/// Value of a parameter, by its name in a variant, in `truth.json`.
+fn truth_of(truth: &Value, name: &str) -> f64 {
+    let parts: Vec<&str> = name.split('.').collect();
+    let axis = |value: &Value, axis: Option<&&str>| match axis {
+        Some(axis) => value[["x", "y", "z"].iter().position(|own| own == axis).unwrap()].clone(),
+        None => value.clone(),
+    };
+    let found = match parts[..] {
+        [parameter] => truth["parameters"][parameter].clone(),
+        [owner, quantity, ..] => {
+            let of_crank = &truth["cranks"][owner];
+            let value = match quantity {
+                "centre" => &of_crank["centre_m"],
+                "axis" => &of_crank["axis"],
+                "track_direction" => &truth["links"][owner]["track_direction"],
+                _ => &truth["links"][owner][format!("{quantity}_m")],
+            };
+            axis(value, parts.get(2))
+        }
+        [] => Value::Null,
+    };
+    found
+        .as_f64()
+        .unwrap_or_else(|| panic!("no truth of {name}"))
+}
+
+/// Deviations of calibrated parameters from the truth, in their standard deviations, and the square of all of them by
+/// their covariance.
+fn deviations(folder: &Path) -> (Vec<(String, f64)>, f64) {
+    let truth = fs::read_to_string(folder.join("measured/truth.json")).unwrap();
+    let truth: Value = serde_json::from_str(&truth).unwrap();
+    let text = fs::read_to_string(folder.join("calibrated/parameters.csv")).unwrap();
+    let names: Vec<&str> = (text.lines().skip(1))
+        .map(|line| line.split(',').next().unwrap())
+        .collect();
+    let columns = table(&folder.join("calibrated/parameters.csv"));
+    let covariance = table(&folder.join("calibrated/covariance.csv"));
+    let sigma = &columns["sigma"];
+    let off: Vec<f64> = (names.iter().zip(&columns["value"]).zip(sigma))
+        .map(|((name, value), sigma)| (value - truth_of(&truth, name)) / sigma)
+        .collect();
+    let count = names.len();
+    let correlation = DMatrix::from_fn(count, count, |i, j| {
+        covariance[names[i]][j] / sigma[i] / sigma[j]
+    });
+    let solved = correlation.lu().solve(&DVector::from_column_slice(&off));
+    let square = solved.unwrap().dot(&DVector::from_column_slice(&off));
+    let names = names.into_iter().map(str::to_owned);
+    (names.zip(off).collect(), square)
+}
+
+/// Quantile of χ² at a standard normal deviate (Wilson and Hilferty).
+fn chi2_quantile(freedoms: f64, deviate: f64) -> f64 {
+    let spread = 2.0 / (9.0 * freedoms);
+    freedoms * (1.0 - spread + deviate * spread.sqrt()).powi(3)
+}
+
+#[test]
+fn calibrations_of_standard_robots_hold_the_truth() {
+    for (name, _) in tau_generated::ROBOTS {
+        let (mut squares, mut freedoms) = (0.0, 0.0);
+        for seed in SEEDS {
+            let folder = tempfile::tempdir().unwrap();
+            let with = format!("--model {name} --variant Full");
+            let line = format!("tau simulate {with} --seed {seed} --out DIR/measured");
+            tau_in(folder.path(), &line).done();
+            let line = format!("tau calibrate DIR/measured {with} --out DIR/calibrated");
+            tau_in(folder.path(), &line).done();
+            let (off, square) = deviations(folder.path());
+            for (parameter, off) in &off {
+                assert!(off.abs() < LARGEST, "{name} {seed}: {parameter} {off}");
+            }
+            squares += square;
+            freedoms += off.len() as f64;
+        }
+        if BY_TOLERANCE.contains(&name) {
+            let bounds = [-SELDOM, SELDOM].map(|deviate| chi2_quantile(freedoms, deviate));
+            let is_inside = (bounds[0]..bounds[1]).contains(&squares);
+            assert!(is_inside, "{name}: {squares} of {freedoms}, {bounds:?}");
+        }
+    }
+}
+
+/// Forward at the measured commands, inverse there, forward again: the same pose, and where drives are no more than
+/// freedoms the same commands.
+#[test]
+fn kinematics_of_calibrated_standard_robots_agree_both_ways() {
+    for (name, robot) in tau_generated::ROBOTS {
+        let robot = Robot::from(robot);
+        let folder = tempfile::tempdir().unwrap();
+        let with = format!("--model {name} --variant Full");
+        let line = format!("tau simulate {with} --seed 1 --poses 60 --out DIR/measured");
+        tau_in(folder.path(), &line).done();
+        let line = format!("tau calibrate DIR/measured {with} --split all --out DIR/calibrated");
+        tau_in(folder.path(), &line).done();
+        let with = format!("{with} --robot DIR/calibrated/robot.toml");
+        for (way, from, to) in [
+            ("forward", "measured/tcp_poses.csv", "there.csv"),
+            ("inverse", "there.csv", "back.csv"),
+            ("forward", "back.csv", "again.csv"),
+        ] {
+            let line = format!("tau kinematics {way} {with} --poses DIR/{from} --out DIR/{to}");
+            tau_in(folder.path(), &line).done();
+        }
+        let [measured, there, back, again] = [
+            "measured/tcp_poses.csv",
+            "there.csv",
+            "back.csv",
+            "again.csv",
+        ]
+        .map(|file| table(&folder.path().join(file)));
+        let largest =
+            |a: &BTreeMap<String, Vec<f64>>, b: &BTreeMap<String, Vec<f64>>, column: &str| {
+                let pairs = a[column].iter().zip(&b[column]);
+                pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
+            };
+        for column in ["x_m", "y_m", "z_m"] {
+            let off = largest(&there, &again, column);
+            assert!(off < 1e-9, "{name}: {column} {off:e}");
+        }
+        if !robot.is_redundant() {
+            for column in robot.command_columns() {
+                let off = largest(&measured, &back, &column);
+                assert!(off < 1e-8, "{name}: {column} {off:e}");
+            }
+        }
+    }
+}
