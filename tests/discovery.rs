@@ -276,7 +276,7 @@ fn the_prototypes_error_falls_to_its_noise() {
         }
     }
     let shape = Shape::from(&written);
-    let poses = folder.divide(options.split, &folder.in_range(&file, shape));
+    let poses = folder.divide(options.split, &folder.in_range(&file, &shape));
     let errors =
         tau::evaluation::evaluate(&calibrated.machine, &folder, &poses.validation).unwrap();
     assert!(errors.position_um.mean < 22.0, "{:?}", errors.position_um);

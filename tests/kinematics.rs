@@ -148,7 +148,7 @@ fn the_papers_machine_stands_where_the_paper_puts_it() {
 #[test]
 fn forward_and_inverse_undo_each_other_in_every_variant() {
     let (folder, file) = prototype();
-    let in_range = folder.in_range(&file, (&gantry_tau()).into());
+    let in_range = folder.in_range(&file, &(&gantry_tau()).into());
     for variant in [
         "Nominal",
         "Piecewise",

@@ -164,7 +164,7 @@ impl Laboratory {
         let without = simulate(&simulation).map_err(|error| error.to_string())?;
         let in_range = without
             .folder
-            .in_range(&self.file, Shape::from(&self.robot));
+            .in_range(&self.file, &Shape::from(&self.robot));
         let division = without.folder.divide(split, &in_range);
         let Some(hidden) = self.hide(case, &simulation, &without, &division.calibration, random)
         else {

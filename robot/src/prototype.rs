@@ -14,6 +14,7 @@ const ROBOT_NAME: &str = "GantryTau";
 /// Its three tracks, one command each.
 pub const SHAPE: Shape = Shape {
     commands: 3,
+    angles: Vec::new(),
     tracks: 3,
 };
 
@@ -73,7 +74,7 @@ mod tests {
         assert_eq!(lengths, [176, 3 * 28, 3 * 150]);
         assert_eq!(folder.remarks, Vec::<String>::new());
         assert_eq!(robot.links.len(), 6);
-        let in_range = folder.in_range(&robot, SHAPE);
+        let in_range = folder.in_range(&robot, &SHAPE);
         assert_eq!(in_range.len(), 121);
         let division = folder.divide(Split::Alternate, &in_range);
         assert_eq!(
@@ -88,7 +89,7 @@ mod tests {
         assert_eq!(crate::measurements::Shape::from(&robot), SHAPE);
         let file = RobotFile::parse_for(ROBOT, "robot.toml", &robot).unwrap();
         let folder = folder().unwrap();
-        let poses = folder.in_range(&file, SHAPE);
+        let poses = folder.in_range(&file, &SHAPE);
         folder.check_reach(&poses, &robot, &file).unwrap();
         let lengths = ROBOT.replace("length_m", "# length_m");
         let error = RobotFile::parse_for(&lengths, "robot.toml", &robot).unwrap_err();

@@ -132,8 +132,8 @@ impl<'a> Setup<'a> {
         let asked = std::mem::replace(&mut variant, own);
         let shape = Shape::from(&robot);
         let range_m = folder.as_ref().map_or_else(
-            || Folder::default().measured_range(&file, shape),
-            |folder| folder.measured_range(&file, shape),
+            || Folder::default().measured_range(&file, &shape),
+            |folder| folder.measured_range(&file, &shape),
         );
         let prepared = Prepared::from_file(&robot, &variant, &file, folder.as_ref(), &poses);
         let prepared = prepared.map_err(|error| {

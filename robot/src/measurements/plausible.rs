@@ -41,9 +41,11 @@ pub fn positions(table: &Table<'_>, columns: &[Column; 3], mistakes: &mut Mistak
     strays(table, &columns.each_ref(), mistakes);
 }
 
-/// Commands are metres.
+/// Commands are metres; the angles of motors may be any number of turns.
 pub fn commands(table: &Table<'_>, columns: &[Column], mistakes: &mut Mistakes<'_>) {
-    lengths(table, &columns.iter().collect::<Vec<_>>(), mistakes);
+    let is_length = |column: &&Column| !table.name(column.index).ends_with("_rad");
+    let own: Vec<&Column> = columns.iter().filter(is_length).collect();
+    lengths(table, &own, mistakes);
 }
 
 /// Lengths are metres; fields without a number are passed over.

@@ -30,10 +30,12 @@ const OPTIONAL: [&str; 3] = [TIME, TEMPERATURE, DIRECTION];
 const SIGMAS: [&str; 4] = ["sigma_x_m", "sigma_y_m", "sigma_z_m", "sigma_rotation_rad"];
 
 /// Sizes of a robot that its measurements must fit.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Shape {
     /// Number of commands `q1_m, q2_m, …`.
     pub commands: usize,
+    /// Indices of those that are angles, `q1_rad`.
+    pub angles: Vec<usize>,
     /// Number of tracks, and so of carts.
     pub tracks: usize,
 }
@@ -42,6 +44,9 @@ impl From<&Robot> for Shape {
     fn from(robot: &Robot) -> Self {
         Self {
             commands: robot.commands,
+            angles: (0..robot.commands)
+                .filter(|&command| robot.is_angle(command))
+                .collect(),
             tracks: robot.tracks.len(),
         }
     }
@@ -217,18 +222,22 @@ impl Folder {
     ///
     /// # Errors
     /// As [`Folder::read`].
+    #[allow(
+        clippy::needless_pass_by_value,
+        reason = "callers make one for the call"
+    )]
     pub fn from_texts(name: &str, texts: Texts<'_>, shape: Shape) -> Result<Self, InputError> {
         let path = |file: &str| Path::new(name).join(file).display().to_string();
         let mut errors = Errors::default();
         let mut remarks = Vec::new();
         let tcp_poses = texts.tcp_poses.map_or(vec![], |text| {
-            errors.keep(read_tcp_poses(&path(TCP_POSES), text, shape, &mut remarks))
+            errors.keep(read_tcp_poses(&path(TCP_POSES), text, &shape, &mut remarks))
         });
         let cart_poses = if let Some(text) = texts.cart_poses {
             errors.keep(read_cart_poses(
                 &path(CART_POSES),
                 text,
-                shape,
+                &shape,
                 &mut remarks,
             ))
         } else {
@@ -245,7 +254,7 @@ impl Folder {
             errors.keep(read_cart_positions(
                 &path(CART_POSITIONS),
                 text,
-                shape,
+                &shape,
                 &mut remarks,
             ))
         } else {
@@ -265,7 +274,7 @@ impl Folder {
                     kind,
                     &name,
                     text,
-                    shape,
+                    &shape,
                     &mut remarks,
                 ));
                 files.push(read_plate::ReadRows { name, text, rows });
@@ -376,7 +385,7 @@ fn missing_tcp_poses(folder: &Path) -> InputError {
 fn read_tcp_poses(
     name: &str,
     text: &str,
-    shape: Shape,
+    shape: &Shape,
     remarks: &mut Vec<String>,
 ) -> Result<Vec<TcpPose>, InputError> {
     let [x, y, z] = POSITION;
@@ -453,7 +462,7 @@ fn read_tcp_poses(
 fn read_cart_poses(
     name: &str,
     text: &str,
-    shape: Shape,
+    shape: &Shape,
     remarks: &mut Vec<String>,
 ) -> Result<Vec<CartPose>, InputError> {
     let [x, y, z] = POSITION;
@@ -531,7 +540,7 @@ fn read_cart_poses(
 fn read_cart_positions(
     name: &str,
     text: &str,
-    shape: Shape,
+    shape: &Shape,
     remarks: &mut Vec<String>,
 ) -> Result<Vec<CartPosition>, InputError> {
     let [x, y, z] = POSITION;
@@ -609,9 +618,18 @@ fn remark<const N: usize>(
 }
 
 impl Shape {
-    /// Names of the columns of commands: `q1_m`, `q2_m`, …
-    pub fn command_names(self) -> Vec<String> {
-        (1..=self.commands).map(|n| format!("q{n}_m")).collect()
+    /// Names of the columns of commands: `q1_m`, `q2_m`, …, or `q1_rad` where it is an angle.
+    pub fn command_names(&self) -> Vec<String> {
+        let unit = |command| {
+            if self.angles.contains(&command) {
+                "rad"
+            } else {
+                "m"
+            }
+        };
+        (0..self.commands)
+            .map(|command| format!("q{}_{}", command + 1, unit(command)))
+            .collect()
     }
 }
 

@@ -22,7 +22,7 @@ pub(super) fn read_rows(
     kind: PlateKind,
     name: &str,
     text: &str,
-    shape: Shape,
+    shape: &Shape,
     remarks: &mut Vec<String>,
 ) -> Result<Vec<Placed<PlateRow>>, InputError> {
     let directions: Vec<String> = (1..=shape.commands).map(|n| format!("dir{n}")).collect();

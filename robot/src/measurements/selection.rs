@@ -13,7 +13,7 @@ impl Folder {
     /// Lowest and highest measured value (m) of each command, where known: for a cart's command the
     /// points of set 2 on its track, or on all tracks where its own has none; otherwise `[range]`
     /// of the robot file.
-    pub fn measured_range(&self, robot: &RobotFile, shape: Shape) -> Vec<Option<(f64, f64)>> {
+    pub fn measured_range(&self, robot: &RobotFile, shape: &Shape) -> Vec<Option<(f64, f64)>> {
         let over = |track: Option<usize>| {
             self.cart_poses
                 .iter()
@@ -37,7 +37,7 @@ impl Folder {
     /// [measured range](Folder::measured_range); all poses where it is not known. Variants are
     /// compared on these poses only, since piecewise tracks end where set 2 ends (Dressler et al.
     /// 2010, section IV).
-    pub fn in_range(&self, robot: &RobotFile, shape: Shape) -> Vec<usize> {
+    pub fn in_range(&self, robot: &RobotFile, shape: &Shape) -> Vec<usize> {
         let range = self.measured_range(robot, shape);
         let is_inside = |commands: &[f64]| {
             commands
@@ -245,7 +245,7 @@ impl Poses {
         folder: &Folder,
         split: Split,
     ) -> Result<Self, InputError> {
-        let in_range = folder.in_range(file, Shape::from(robot));
+        let in_range = folder.in_range(file, &Shape::from(robot));
         let division = folder.divide(split, &in_range);
         let counts = PoseCounts {
             total: folder.tcp_poses.len(),
@@ -340,11 +340,12 @@ mod tests {
         };
         let shape = Shape {
             commands: 4,
+            angles: vec![],
             tracks: 3,
         };
         let expected = [(-0.5, 0.5), (0.1, 0.7), (-0.5, 0.7), (-9.0, 9.0)].map(Some);
-        assert_eq!(folder.measured_range(&robot, shape), expected);
-        assert_eq!(folder.in_range(&robot, shape), [0]);
+        assert_eq!(folder.measured_range(&robot, &shape), expected);
+        assert_eq!(folder.in_range(&robot, &shape), [0]);
     }
 
     #[test]
@@ -357,7 +358,7 @@ mod tests {
             cart_poses: Vec::new(),
             ..prototype::folder().unwrap()
         };
-        assert_eq!(folder.in_range(&robot, prototype::SHAPE).len(), 176);
+        assert_eq!(folder.in_range(&robot, &prototype::SHAPE).len(), 176);
     }
 
     #[test]

@@ -191,7 +191,7 @@ impl<R> Session<R> {
     fn left_out(&self) -> Option<String> {
         let shape = Shape::from(&self.robot);
         let total = self.folder.tcp_poses.len();
-        let left_out = total - self.folder.in_range(&self.robot_file, shape).len();
+        let left_out = total - self.folder.in_range(&self.robot_file, &shape).len();
         let range = if self.folder.cart_poses.is_empty() {
             "`[range]` of the robot file"
         } else {

@@ -136,7 +136,7 @@ impl<R> Session<R> {
         }
         let in_range = self
             .folder
-            .in_range(&self.robot_file, Shape::from(&self.robot));
+            .in_range(&self.robot_file, &Shape::from(&self.robot));
         let mut poses = match (asked, record) {
             (Some(split), _) => self.folder.divide(split, &in_range).validation,
             (None, None) => self.folder.divide(self.split, &in_range).validation,
