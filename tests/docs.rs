@@ -92,7 +92,7 @@ fn robot_file_of_the_documentation_is_read() {
     };
     let file = tau::robot_file::RobotFile::parse(text, "robot.toml").unwrap();
     assert_eq!(file.links["l1"].length.as_ref().unwrap().value, [2.04399]);
-    // What is said of other measurements may stand in the same file.
+    // Sections of other measurements may stand in the same file.
     let with_more = format!("robot = \"GantryTau\"\n{measuring}");
     let file = tau::robot_file::RobotFile::parse(&with_more, "robot.toml").unwrap();
     assert_eq!(file.measuring.balls["first"].value, [0.1, 0.0, -0.7]);

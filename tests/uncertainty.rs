@@ -76,7 +76,7 @@ fn deviations_are_those_of_steps_by_hand() {
         let mut variances = [0.0; 6];
         let mut of_inverse = vec![0.0; commands.len()];
         for (index, nominal) in prepared.nominal.iter().enumerate() {
-            // What no closure depends on, such as where targets are mounted, has none.
+            // Values that no closure depends on, such as where targets are mounted, have none.
             let Some(tolerance) = nominal.tolerance else {
                 continue;
             };

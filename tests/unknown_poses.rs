@@ -481,7 +481,7 @@ fn a_folder_of_mixed_measurements_is_checked_and_calibrated() {
             .all(|kind| crate::support::number(&kind["rms_m"]) < 3e-5),
         "{predicted:?}"
     );
-    // What was found is read again, and predicts.
+    // The calibrated file is read again, and predicts.
     let again = run(
         "tau kinematics forward --model ROBOTS/linear_delta.tau --variant Nominal --robot DIR/out/robot.toml \
                      --commands 0,0,0 --json -",

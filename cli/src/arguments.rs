@@ -344,7 +344,7 @@ pub(super) struct SimulatedPlan {
     /// Number of TCP poses: those of the grid end there
     #[arg(long, value_name = "N", default_value_t = 176)]
     pub(super) poses: usize,
-    /// What is measured at these poses, some of poses, positions, heights, distances, ball-bar, readings; targets,
+    /// Quantities measured at these poses, some of poses, positions, heights, distances, ball-bar, readings; targets,
     /// surfaces, balls and noise are those of robot.toml
     #[arg(
         long,

@@ -7,7 +7,7 @@ use tau_robot::robot::Robot;
 use tau_robot::robot_file::RobotFile;
 
 use crate::calibration::{
-    Line, MOUNTING_M, NominalTrack, Registration, mean_rotation, set_2, set_3,
+    Line, MOUNTING_M, NominalTrack, Registration, prepared::mean_rotation, set_2, set_3,
 };
 
 /// Checks of what the models assume.

@@ -14,12 +14,12 @@ use super::{Error, Pose};
 const CRANK_STEPS: usize = 64;
 /// Newton's method doubles the digits of each step; more are needed only while it is far off.
 const DESCENT_STEPS: usize = 100;
-/// Shortest share of a step that is still tried.
+/// Shortest share of a step that is still tried: thirty halvings, below which the step is rounding.
 const SHORTEST_SHARE: f64 = 1e-9;
-/// Mismatch of a length (m) with which a search for its command has ended.
+/// Mismatch of a length (m) with which a search for its command has ended; the last Newton step squares it.
 const REACHED_M: f64 = 1e-6;
 
-/// How a command moves a closure.
+/// Kinds of dependence of a closure on its command.
 enum Transmission {
     /// Along a track, or as a part of the length: the closure is a quadratic.
     Direct,

@@ -7,7 +7,8 @@ use tau_robot::robot::{CrankValue, Formula, Input, Instance, Owner, TrackShape, 
 
 use super::{Machine, Pose, xyz};
 
-/// Points of a line across the commands of a piecewise track.
+/// Points of a line across the commands of a piecewise track: the drawing shows its bends, of which a track has a
+/// few.
 const PATH_POINTS: usize = 33;
 
 /// The joints of a machine at one pose, in the measurement frame (m).

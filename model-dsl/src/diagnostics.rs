@@ -22,7 +22,7 @@ impl Location {
         }
     }
 
-    /// What stands there, where spans can be joined: in a text, not inside a macro on stable Rust.
+    /// The text there, where spans can be joined: in a text, not inside a macro on stable Rust.
     pub(crate) fn source_text(self) -> Option<String> {
         self.start.join(self.end)?.source_text()
     }

@@ -3,7 +3,26 @@
 use maud::{Markup, PreEscaped, html};
 
 use super::figures::Figure;
-use super::tables::{Cell, Table};
+use super::table::{Cell, Table};
+
+/// A part of the report, with the name that links point to, and the parts of it that have names of their own.
+pub(super) struct Section {
+    pub(super) id: &'static str,
+    pub(super) title: &'static str,
+    pub(super) body: Markup,
+    pub(super) parts: Vec<(String, &'static str)>,
+}
+
+impl Section {
+    pub(super) fn new(id: &'static str, title: &'static str, body: Markup) -> Self {
+        Self {
+            id,
+            title,
+            body,
+            parts: vec![],
+        }
+    }
+}
 
 /// The figure of this file name, where there is one.
 pub(super) fn figure(figures: &[Figure], file_name: &str) -> Markup {

@@ -8,29 +8,11 @@ use tau::study::results::Study;
 
 use super::discovery::method::Setting;
 use super::discovery::section;
+use super::elements::Section;
 use super::figures::{self, Figure};
 use super::{first_page, machine, sections};
 
 const STYLE: &str = include_str!("style.css");
-
-/// A part of the report, with the name that links point to, and the parts of it that have names of their own.
-pub(super) struct Section {
-    pub(super) id: &'static str,
-    pub(super) title: &'static str,
-    pub(super) body: Markup,
-    pub(super) parts: Vec<(String, &'static str)>,
-}
-
-impl Section {
-    pub(super) fn new(id: &'static str, title: &'static str, body: Markup) -> Self {
-        Self {
-            id,
-            title,
-            body,
-            parts: vec![],
-        }
-    }
-}
 
 /// Contents behind the first page.
 struct Contents {

@@ -12,6 +12,7 @@ mod findings;
 mod first_page;
 #[cfg(test)]
 mod fixture;
+mod gauge;
 pub mod html;
 pub mod json;
 mod machine;
@@ -19,6 +20,7 @@ mod number;
 mod screen;
 mod sections;
 mod stale;
+mod table;
 mod tables;
 pub mod terminal;
 #[cfg(test)]

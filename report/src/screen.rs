@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 
 use crate::number::printable;
-use crate::tables::{Cell, Table};
+use crate::table::{Cell, Table};
 
 /// Longest line of a sentence: longer ones are hard to read.
 const LONGEST: usize = 100;
@@ -205,7 +205,7 @@ fn count(text: &str) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::tables::{columns, text};
+    use crate::table::{columns, text};
 
     fn table() -> Table {
         let number = |value: usize| Cell::Number(format!("-{value}.00000"));

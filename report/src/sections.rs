@@ -7,10 +7,9 @@ use tau::study::results::Study;
 
 use super::discovery::method::Setting;
 use super::discovery::section;
-use super::elements::{figure, number_markup, table};
+use super::elements::{Section, figure, number_markup, table};
 use super::figures::Figure;
 use super::findings;
-use super::html::Section;
 use super::number::general;
 use super::tables;
 

@@ -3,6 +3,7 @@
 use serde_json::{Value, json};
 use tau::unknown_poses::{GrossRow, Rank, RowDivision, UnknownPoses};
 
+use crate::gauge::{gauge_json, open};
 use crate::number::general;
 use crate::screen::Screen;
 use crate::trust;
@@ -10,7 +11,7 @@ use crate::trust;
 /// Parameters and rows listed in the terminal.
 const LISTED: usize = 12;
 
-/// What was found, for the terminal.
+/// Result of a calibration, for the terminal.
 pub fn terminal(found: &UnknownPoses, width: usize) -> String {
     let mut screen = Screen::new(width);
     let rank = &found.rank;
@@ -124,39 +125,12 @@ fn length(value: f64, unit: &str) -> String {
     }
 }
 
-/// What nothing determines, and how it was fixed.
+/// Combinations that nothing determines, and how they were fixed.
 fn gauge(screen: &mut Screen, rank: &Rank) {
     if !rank.open.is_empty() || rank.has_mirror_image {
         screen.gap();
         open(screen, rank, "");
     }
-}
-
-pub(crate) fn open(screen: &mut Screen, rank: &Rank, indent: &str) {
-    if !rank.open.is_empty() {
-        screen.say_within(
-            indent,
-            "left open by these measurements, and held where the tolerances put it:",
-        );
-    }
-    let inner = format!("{indent}  ");
-    for open in &rank.open {
-        screen.say_within(&inner, &open.words);
-    }
-    if rank.has_mirror_image {
-        screen.say_within(
-            indent,
-            "a mirror image of the machine would fit as well: the reference says which it is",
-        );
-    }
-}
-
-/// `gauge` in JSON.
-pub fn gauge_json(rank: &Rank) -> Value {
-    let open = rank.open.iter().map(
-        |open| json!({ "what": open.words, "scale": open.is_scale, "fixed_by": "tolerances" }),
-    );
-    json!({ "open": open.collect::<Vec<_>>(), "mirror_image": rank.has_mirror_image })
 }
 
 /// Numbers of poses and distances that calibrate and are held out.

@@ -24,9 +24,9 @@ pub struct Robot {
     pub name: String,
     /// The whole description, in the language.
     pub description: String,
-    /// What the links hold.
+    /// Freedoms of the plate that the links hold.
     pub plate: Plate,
-    /// What each command drives; none for a robot made by hand.
+    /// Drive of each command; none for a robot made by hand.
     pub drives: Vec<Drive>,
     /// The description's model; none for a robot made by hand.
     pub model: Option<Arc<Model>>,

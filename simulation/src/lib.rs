@@ -133,7 +133,7 @@ pub struct Truth {
     pub outliers: Vec<u32>,
     /// File and line of other rows that are.
     pub gross_rows: Vec<(&'static str, usize)>,
-    /// What measurements were taken of or from.
+    /// Targets, surfaces and balls that measurements were taken of or from.
     pub objects: Objects,
     /// Points that were out of reach and left out of sets 1 and 3.
     pub out_of_reach: usize,

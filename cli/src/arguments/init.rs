@@ -6,7 +6,7 @@ use clap::Args;
 
 /// Write a robot.toml to fill in, from a description
 ///
-/// What the description gives is filled in; for the rest stands `"?"`, which every command refuses until it is a
+/// Values of the description are filled in; for the rest stands `"?"`, which every command refuses until it is a
 /// number. Comments say what each value means, in which unit.
 #[derive(Debug, Args)]
 #[command(after_help = "\

@@ -1,4 +1,4 @@
-//! How far predicted poses and commands are known, and where the calibration does not reach.
+//! Standard deviations of predicted poses and commands, and a flag where the calibration does not reach.
 
 use rayon::prelude::*;
 use tau::calibration::Prepared;
@@ -8,7 +8,7 @@ use tau::uncertainty::{PoseUncertainty, Uncertainty};
 
 use super::targets::Row;
 
-/// What a robot file says of the certainty of its values.
+/// Uncertainty of a robot file's values, with its record.
 pub(super) struct Certainty {
     uncertainty: Option<Uncertainty>,
     record: Option<Provenance>,

@@ -4,6 +4,7 @@ use std::fmt;
 
 use tau_kinematics as kinematics;
 use tau_robot::input_error::InputError;
+use tau_robot::measurements::TCP_POSES;
 
 /// Why a calibration, or what builds on one, failed.
 #[derive(Debug, Clone, PartialEq)]
@@ -31,7 +32,7 @@ impl Error {
     pub fn at_pose(pose: u32, error: kinematics::Error) -> Self {
         match error {
             kinematics::Error::Missing { .. } => Self::Input(InputError::whole(
-                "tcp_poses.csv",
+                TCP_POSES,
                 format!("pose {pose}: {error}"),
             )),
             error => Self::Kinematics { pose, error },

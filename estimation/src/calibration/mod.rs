@@ -5,20 +5,19 @@ pub(crate) mod error;
 pub(crate) mod nominal;
 mod output;
 mod paths;
+pub(crate) mod prepared;
 pub(crate) mod registration;
 pub mod searched;
 mod shared_noise;
 mod stated;
 
-use std::collections::BTreeMap;
-
-use tau_kinematics::{Machine, Statics, Surroundings, nearest_rotation, xyz, zyz};
+use tau_kinematics::Machine;
 use tau_robot::input_error::InputError;
 use tau_robot::measurements::{Folder, TcpPose};
 use tau_robot::robot::{Instance, ResidualKind, Robot, Variant};
-use tau_robot::robot_file::{MeasuredPath, RobotFile};
+use tau_robot::robot_file::RobotFile;
 
-use nalgebra::{DMatrix, Matrix3, Rotation3};
+use nalgebra::DMatrix;
 use tau_solver::{Problem, Solution};
 
 use crate::numerics::triangle;
@@ -31,6 +30,7 @@ pub use cost::closure_cost;
 pub use error::Error;
 pub use nominal::{Nominal, TRACK_ROTATION_TOLERANCE_RAD};
 pub use output::{LinkResult, LinkSigma, ParameterEstimate};
+pub use prepared::Prepared;
 pub use registration::{Line, MOUNTING_M, NominalTrack, Registration, set_2, set_3};
 pub(crate) use shared_noise::factor_with_shared_noise;
 pub use stated::Stated;
@@ -114,106 +114,6 @@ pub fn machine_from_file(
     poses: &[usize],
 ) -> Result<Machine, InputError> {
     Ok(Prepared::from_file(robot, variant, file, folder, poses)?.machine)
-}
-
-/// A variant at its nominal values.
-pub struct Prepared {
-    /// The variant with its nominal values.
-    pub machine: Machine,
-    /// Value and prior of each parameter of the variant.
-    pub nominal: Vec<Nominal>,
-    pub(crate) registration: Option<Registration>,
-    /// Paths of the piecewise tracks as they were measured, by name of the track.
-    pub(crate) measured_paths: BTreeMap<String, MeasuredPath>,
-}
-
-impl Prepared {
-    /// From a robot file, its own paths of piecewise tracks before those of the folder: see [`machine_from_file`].
-    ///
-    /// # Errors
-    /// As [`machine_from_file`].
-    pub fn from_file(
-        robot: &Robot,
-        variant: &Variant,
-        file: &RobotFile,
-        folder: Option<&Folder>,
-        poses: &[usize],
-    ) -> Result<Self, InputError> {
-        let file = &file.completed(robot);
-        // Angles of piecewise tracks refer to the frame in which their paths were measured.
-        let Some(own) = paths::as_measured(robot, file, folder) else {
-            return Self::new(robot, variant, file, folder, poses);
-        };
-        // Registered as it was calibrated, since the covariance is that of angles from there.
-        let registered = file
-            .covariance
-            .as_ref()
-            .and_then(|known| known.registered_rad);
-        let registration = Registration::of_set_2(robot, file, &own).map(|found| Registration {
-            rotation: registered.map_or(found.rotation, xyz),
-            ..found
-        });
-        Self::registered(robot, variant, file, (Some(&own), registration), poses)
-    }
-
-    /// From a robot file, completed from the description; folder and poses as for [`machine_from_file`].
-    ///
-    /// # Errors
-    /// A parameter for which nothing gives a value; a piecewise track without its path.
-    pub fn new(
-        robot: &Robot,
-        variant: &Variant,
-        file: &RobotFile,
-        folder: Option<&Folder>,
-        poses: &[usize],
-    ) -> Result<Self, InputError> {
-        let file = &paths::without_foreign_rotations(robot, file, folder);
-        let registration = folder.and_then(|folder| Registration::of_set_2(robot, file, folder));
-        Self::registered(robot, variant, file, (folder, registration), poses)
-    }
-
-    fn registered(
-        robot: &Robot,
-        variant: &Variant,
-        file: &RobotFile,
-        (folder, registration): (Option<&Folder>, Option<Registration>),
-        poses: &[usize],
-    ) -> Result<Self, InputError> {
-        // Where no rotation was measured, the plate turns about that at its reference.
-        let measured = folder.and_then(|folder| mean_rotation(folder, poses));
-        let stated = file.reference.as_ref();
-        let stated = stated.map(|reference| zyz(reference.orientation_rad));
-        let mean_rotation = measured.or(stated.filter(|_| folder.is_some()));
-        let sources = nominal::Sources {
-            robot,
-            variant,
-            file,
-            mean_rotation,
-            registration,
-        };
-        let nominal = sources.nominal()?;
-        let surroundings = Surroundings {
-            paths: paths::registered(robot, variant, folder, registration.as_ref())?,
-            statics: Statics::new(robot, file),
-            reference: file.reference.clone(),
-            held: nominal.iter().map(|nominal| nominal.value).collect(),
-        };
-        let machine = Machine {
-            robot: robot.clone(),
-            variant: variant.clone(),
-            values: nominal.iter().map(|nominal| nominal.value).collect(),
-            surroundings,
-        };
-        let measured_paths = folder.map_or_else(BTreeMap::new, |folder| {
-            paths::of_piecewise_tracks(robot, variant, folder)
-        });
-        Ok(Self {
-            machine,
-            nominal,
-            registration,
-            measured_paths,
-        })
-    }
 }
 
 /// Calibrates a variant on TCP poses of a folder, given by index: the sum of squared closure residuals
@@ -496,18 +396,6 @@ fn poses_needed(variant: &Variant) -> (usize, String) {
     )]
     let count = (needed - 1e-9).ceil() as usize;
     (count, format!("each closure of variant `{}`", variant.name))
-}
-
-/// Mean of the measured rotations: the rotation nearest to the mean of their matrices.
-pub(crate) fn mean_rotation(folder: &Folder, poses: &[usize]) -> Option<Rotation3<f64>> {
-    if poses.is_empty() {
-        return None;
-    }
-    let sum: Matrix3<f64> = poses
-        .iter()
-        .map(|&pose| zyz(folder.tcp_poses[pose].angles_rad).into_inner())
-        .sum();
-    Some(nearest_rotation(sum))
 }
 
 /// The pairs with the largest correlations, largest first.

@@ -23,16 +23,13 @@ pub use all_sets::AllSets;
 use crate::calibration::{self, Calibration, Error, Fitted, Prepared};
 use crate::joint::variant::free_turning;
 use crate::numerics::triangle;
-use crate::problem::Part;
+use crate::problem::{CLOSURE_SHARE, Part};
 use crate::samples::Sample;
 use crate::samples::frames::Frames;
 use crate::samples::plates::place_plates;
 use crate::trust;
 use all_sets::Misfit;
 
-/// Closures hold at the true pose to this share of the position noise, where nothing else is known: the
-/// stated noise holds the machine's repeatability already.
-const CLOSURE_SHARE: f64 = 0.01;
 /// A group whose misfit noise as stated would exceed with less than this probability has more noise.
 const SIGNIFICANT: f64 = 1e-3;
 /// Changes of the estimated noise below this share are none.

@@ -15,7 +15,7 @@
 use nalgebra::DVector;
 use tau_runtime::Owner;
 
-use crate::calibration::Error;
+use crate::calibration::error::Error;
 use crate::joint::{Component, Joint};
 use crate::numerics::projection::{Damped, Normal};
 use crate::samples::Sample;

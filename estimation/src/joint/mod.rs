@@ -13,7 +13,8 @@ use tau_solver::Problem;
 
 pub use crate::problem::Component;
 
-use crate::calibration::{Error, Nominal};
+use crate::calibration::error::Error;
+use crate::calibration::nominal::Nominal;
 use crate::numerics::grouped::{Grouped, Groups};
 use crate::numerics::parallel;
 use crate::problem::{self, Closures, Part, Residuals, parameters};

@@ -68,6 +68,7 @@ pub fn log10_f_survival(f: f64, numerator: f64, denominator: f64) -> f64 {
 /// b₀ + a₁/(b₁ + a₂/(b₂ + …)) by Lentz's method in Thompson's and Barnett's form (Press et al., Numerical Recipes,
 /// section 5.2), from (aₖ, bₖ) by k.
 fn continued_fraction(first: f64, terms: impl Fn(f64) -> (f64, f64)) -> f64 {
+    /// Terms of a series or a continued fraction, beyond which it has not converged; some tens are usual.
     const TERMS: u32 = 10_000;
     let kept = |value: f64| {
         if value == 0.0 {

@@ -11,6 +11,7 @@ use std::sync::Arc;
 
 use tau_kinematics::Machine;
 use tau_robot::input_error::InputError;
+use tau_robot::measurements::TCP_POSES;
 use tau_robot::robot::{Instance, Owner, ResidualKind, TrackShape, Variant};
 use tau_robot::robot_file::Noise;
 use tau_runtime::ResidualFamily;
@@ -22,7 +23,7 @@ use crate::calibration::registration::MOUNTING_M;
 use crate::samples::Sample;
 use whitened::WhitenedPose;
 
-pub(crate) use true_pose::{POSE_UNKNOWNS, TruePose, left_jacobian};
+pub(crate) use true_pose::{CLOSURE_SHARE, POSE_UNKNOWNS, TruePose, left_jacobian};
 
 /// Groups of residuals that have a noise of their own.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -272,7 +273,7 @@ impl Part {
                     return Error::at_pose(pose, machine.explained(error, &view));
                 }
                 let why = format!("pose {pose}: the closures do not depend on the pose");
-                InputError::whole("tcp_poses.csv", why).into()
+                InputError::whole(TCP_POSES, why).into()
             })?;
             part.data.extend(factor);
         }

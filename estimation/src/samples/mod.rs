@@ -71,7 +71,7 @@ impl Sample {
         }
     }
 
-    /// What drives read at a pose of the plate that is unknown, or known roughly.
+    /// Readings of the drives at a pose of the plate that is unknown, or known roughly.
     pub(crate) fn of_drives(
         number: u32,
         commands_m: &[f64],

@@ -6,7 +6,7 @@ use nalgebra::DMatrix;
 use tau_codegen::language::model::{Effect, Readable, Subject, Target};
 use tau_codegen::language::{self, Model};
 use tau_robot::measurements::{
-    Conditions, DISTANCES, Division, Folder, PlateKind, PlateRow, TcpPose, visits,
+    Conditions, DISTANCES, Division, Folder, PlateKind, PlateRow, TCP_POSES, TcpPose, visits,
 };
 use tau_robot::robot::{Robot, TrackShape, Variant};
 use tau_robot::robot_file::RobotFile;
@@ -72,7 +72,7 @@ pub struct Checked {
     pub undetermined: Vec<Combination>,
     /// Knowledge of the position at the poses and elsewhere that a calibration would bring.
     pub reach: Option<Reach>,
-    /// What no residual sees, where poses are unknown.
+    /// Combinations that no residual sees, where poses are unknown.
     pub gauge: Option<Rank>,
     /// Why a calibration would mean nothing, if so.
     pub why_not: Option<String>,
@@ -219,7 +219,7 @@ fn files(robot: &Robot, folder: &Folder) -> Vec<FileFacts> {
         let column = |k: usize| poses.iter().map(|pose| pose.commands_m[k]).collect();
         let measured: Vec<[f64; 3]> = poses.iter().map(|pose| pose.position_m).collect();
         files.push(FileFacts {
-            file: "tcp_poses.csv",
+            file: TCP_POSES,
             kind: "poses of the plate",
             rows: poses.len(),
             ranges: [commands(&column), positions(&measured)].concat(),
@@ -350,7 +350,7 @@ fn checked(
     checked
 }
 
-/// What rows of unknown poses determine.
+/// Rank and gauge of rows of unknown poses.
 fn by_rows(
     checked: &mut Checked,
     robot: &Robot,

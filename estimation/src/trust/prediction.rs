@@ -12,7 +12,8 @@ use crate::samples::Sample;
 use crate::trust::hypothesis::spread;
 use crate::trust::judged::{Judged, Misfit};
 use crate::trust::recognise::{self, ITERATIONS};
-use crate::trust::verdict::{MOST_POSES, Pull, Status, Verdict, case, measured, mistakes, shorten};
+use crate::trust::verdict::{Pull, Status, Verdict, case, measured, mistakes, shorten};
+use crate::weighing::MOST_POSES;
 use crate::weighing::{Outlier, Treatment, Weighing, weigh};
 
 /// The verdict on the prediction of the poses that validate, with the parameters of a robot file.

@@ -2,7 +2,7 @@
 
 use tau_kinematics::Machine;
 use tau_robot::input_error::InputError;
-use tau_robot::measurements::{Folder, TcpPose};
+use tau_robot::measurements::{Folder, TCP_POSES, TcpPose};
 use tau_robot::robot::{Arm, Robot, TrackShape, Variant};
 use tau_robot::robot_file::RobotFile;
 
@@ -16,11 +16,8 @@ use crate::trust::reach::Reach;
 use crate::trust::recognise::{self, ITERATIONS};
 use crate::trust::{ABSURD_TOLERANCES, LARGEST_MISFIT, LEVEL, general, numbering, weighing_words};
 use crate::uncertainty::Uncertainty;
-use crate::weighing::{Loss, Outlier, Repeats, Weighing};
+use crate::weighing::{Loss, MOST_POSES, Outlier, Repeats, Weighing};
 
-/// More poses than these are judged by as many of them, evenly spread: what they tell of the noise leaves nothing to
-/// ask, and whitened derivatives of all would need gigabytes.
-pub(super) const MOST_POSES: usize = 4000;
 /// Worst poses and largest pulls that are listed.
 const LISTED: usize = 5;
 
@@ -376,7 +373,7 @@ pub(super) fn measured(case: &Case<'_>, judged: &Judged, pulls: Vec<Pull>) -> Ve
         dof: misfit.dof,
         residual_over_noise: misfit.ratio(),
         by_file: vec![FileFit {
-            file: "tcp_poses.csv",
+            file: TCP_POSES,
             kind: "closure",
             rows: misfit.rows,
             rms,

@@ -1,12 +1,12 @@
 //! Mistakes in words, and how to mend them.
 
 use tau_robot::input_error::quoted;
+use tau_robot::measurements::TCP_POSES;
 
 use crate::trust::hypothesis::{Case, Hypothesis, THOUSAND};
 use crate::trust::mistake::Mistake;
 use crate::trust::{ABSURD_TOLERANCES, general};
 
-const TCP_POSES: &str = "tcp_poses.csv";
 const ROBOT: &str = "robot.toml";
 const AXES: [&str; 3] = ["x", "y", "z"];
 const ANGLES: [&str; 3] = ["alpha_rad", "beta_rad", "gamma_rad"];

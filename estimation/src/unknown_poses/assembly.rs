@@ -6,32 +6,22 @@ use std::sync::Arc;
 use nalgebra::{Cholesky, DMatrix, Vector3};
 use tau_kinematics::{Machine, Pose};
 use tau_robot::input_error::InputError;
-use tau_robot::measurements::{Conditions, DISTANCES, Folder, PlateKind, PlateRow};
+use tau_robot::measurements::{Conditions, DISTANCES, Folder, PlateKind, PlateRow, TCP_POSES};
 use tau_robot::robot::{Instance, ResidualKind};
 use tau_robot::robot_file::{RobotFile, StatedNoise};
 use tau_runtime::ResidualFamily;
 
 use super::coupled::Coupled;
-use super::kinds::FIRST_GUESS_M;
+use super::kinds::{FIRST_GUESS_M, drive_sigmas, kinds_of_noise};
 use super::lengths::Lengths;
-use super::objects::{Object, ObjectUnknown};
+use super::objects::{Object, ObjectUnknown, collect_objects};
 use super::quantity::{Measured, Quantity, base};
-use super::rows::{Kind, RowPlace, Rows};
+use super::rows::{DRIVES, Kind, LINKS, RowPlace, Rows};
 use crate::calibration::error::Error;
-use crate::problem::{POSE_UNKNOWNS, TruePose, by_pose, gradient};
+use crate::problem::{CLOSURE_SHARE, POSE_UNKNOWNS, TruePose, by_pose, gradient};
 use crate::samples::Sample;
 
-/// Closures hold to this share of the smallest noise where drives are exact, or of the drives' own: zero would leave
-/// nothing to be solved.
-pub(super) const CLOSURE_SHARE: f64 = 0.01;
-/// File of poses that are measured fully.
-pub(super) const TCP_POSES: &str = "tcp_poses.csv";
-/// Name under which the residuals of links are told.
-pub(super) const DRIVES: &str = "drives";
-/// Name under which they are told where links have noise of their own.
-pub(super) const LINKS: &str = "links";
-
-/// What drives read at a pose.
+/// Readings of the drives at a pose.
 #[derive(Debug, Clone, PartialEq)]
 struct DriveReading {
     commands_m: Vec<f64>,
@@ -118,9 +108,11 @@ impl<'a> Assembly<'a> {
             free: machine.pose_unknowns(),
         };
         assembly.collect_poses(chosen);
-        assembly.kinds = assembly.kinds_of_noise(machine)?;
+        assembly.kinds = kinds_of_noise(folder, file, machine)?;
         assembly.place(machine)?;
-        assembly.collect_objects()?;
+        let at = |pose: &UnknownPose| (pose.number, pose.base.position);
+        let poses = assembly.poses.iter().map(at).collect();
+        assembly.objects = collect_objects(folder, &file.measuring, &poses)?;
         Ok(assembly)
     }
 
@@ -387,7 +379,7 @@ impl<'a> Assembly<'a> {
                 measured.position_m,
                 measured.angles_rad,
             )));
-            // What no closure moves says nothing.
+            // A coordinate that the plate can't move along says nothing.
             let weight = |axis: usize| {
                 let stated = match measured.sigmas.position_m.get(axis) {
                     Some(sigma) => self.relative(kind, *sigma),
@@ -424,7 +416,7 @@ impl<'a> Assembly<'a> {
         } else {
             family.parameters().iter().map(place).collect()
         };
-        let sigmas = self.drive_sigmas(machine.robot.commands);
+        let sigmas = drive_sigmas(self.file, machine.robot.commands);
         let are_lengths = self.file.noise_of_links().is_some();
         let inner = Arc::clone(&family) as Arc<dyn ResidualFamily>;
         let outer: Arc<dyn ResidualFamily> = match sigmas {
@@ -485,7 +477,7 @@ fn factor(
         closures.jacobian[(row, POSE_UNKNOWNS + command)] * sigmas[command]
     });
     let mut covariance = &by_drives * by_drives.transpose();
-    // What no drive moves, and what links of one cart have apart, is exact.
+    // Directions that no drive moves, and differences between links of one cart, are exact.
     let largest = covariance.diagonal().max();
     for row in 0..count {
         covariance[(row, row)] += CLOSURE_SHARE.powi(2) * largest;

@@ -10,7 +10,7 @@ use super::{ObjectEstimate, Rank, UnknownPoses, heldout, quantity};
 use crate::calibration::{self, Calibration, Combination, Error, Fitted, combinations};
 use crate::numerics::triangle;
 
-/// Tolerance (m or rad) that says nothing, of places that had none.
+/// Tolerance (m or rad) of places that had none: beyond any machine, so that it says nothing.
 const WIDE_M: f64 = 1e3;
 
 impl Fit<'_> {

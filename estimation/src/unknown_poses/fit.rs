@@ -13,7 +13,6 @@ use tau_solver::{Parameter, Problem};
 use super::assembly::{Assembly, Chosen};
 use super::elimination::{self, Elimination, Reduced};
 use super::gauge::{Shared, scaled};
-use super::refusals::refuse_tracker_effects;
 use super::rows::{RowPlace, Rows};
 use super::{GrossRow, KindFit, Rank, RowDivision};
 use crate::calibration::{self, Error, Nominal, Prepared};
@@ -46,7 +45,6 @@ impl<'a> Fit<'a> {
         folder: &'a Folder,
         division: &'a RowDivision,
     ) -> Result<Self, Error> {
-        refuse_tracker_effects(variant, folder)?;
         let all: Vec<usize> = (0..folder.tcp_poses.len()).collect();
         let prepared = Prepared::new(robot, variant, file, Some(folder), &all)?;
         let machine = prepared.machine.clone();

@@ -1,4 +1,4 @@
-//! What measurements leave open, in words of the machine.
+//! Gauge freedoms: combinations that measurements leave open, in words of the machine.
 
 use nalgebra::{DMatrix, DVector, Vector3};
 use tau_kinematics::Machine;
@@ -8,11 +8,14 @@ use super::elimination::Reduced;
 use super::objects::Object;
 use super::quantity::across;
 
-/// A direction of which the data know less than this share of what they know best is open.
+/// A direction of which the data know less than this share of what they know best is open: between the rounding of
+/// squares (1e-16 to 1e-12) and the weakest that measurements of a machine determine (1e-6).
 const OPEN: f64 = 1e-9;
-/// Share of a motion outside the open directions up to which it is one.
+/// Share of a motion outside the open directions up to which it is one of them: rounding in the null space, below the
+/// millimetre in a hundred metres that would make it another.
 const NAMED: f64 = 1e-5;
-/// Share of a motion within the directions not yet named from which on it names another one.
+/// Share of a motion within the directions not yet named from which on it names another one; what others have named
+/// leaves rounding alone.
 const INDEPENDENT: f64 = 1e-3;
 
 /// A motion or change of the machine that no residual sees.
@@ -200,7 +203,7 @@ impl Shared<'_> {
             }),
         });
         motions.retain(|motion| motion.change.norm() > 0.0);
-        // What is no point, direction or length of the machine may make up for a motion: a scale of drives for its size.
+        // Parameters that are no point, direction or length may make up for a motion: a scale of drives for the machine's size.
         for (place, &index) in self.used.iter().enumerate() {
             let parameter = &self.machine.variant.parameters[index];
             if !DIMENSIONS.contains(&parameter.quantity.as_str()) {
@@ -402,7 +405,7 @@ fn without(basis: &mut Vec<DVector<f64>>, vector: &DVector<f64>) {
 
 type Map<'a> = &'a dyn Fn(Vector3<f64>) -> Vector3<f64>;
 
-/// What a motion does.
+/// Action of a motion on parameters.
 struct Rule<'a> {
     /// To points fixed in space.
     in_space: Map<'a>,

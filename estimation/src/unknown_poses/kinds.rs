@@ -2,170 +2,176 @@
 
 use tau_kinematics::Machine;
 use tau_robot::input_error::InputError;
-use tau_robot::measurements::{DISTANCES, PlateKind};
-use tau_robot::robot_file::StatedNoise;
+use tau_robot::measurements::{DISTANCES, Folder, PlateKind, TCP_POSES};
+use tau_robot::robot_file::{RobotFile, StatedNoise};
 
-use super::assembly::{Assembly, CLOSURE_SHARE, DRIVES, LINKS, TCP_POSES};
-use super::rows::Kind;
+use super::rows::{DRIVES, Kind, LINKS};
 use crate::calibration::error::Error;
+use crate::problem::CLOSURE_SHARE;
 
-/// First guess of a noise that is to be estimated (m).
+/// First guess of a noise that is to be estimated (m). It weighs a kind against others in the first round alone; the
+/// estimate replaces it.
 pub(super) const FIRST_GUESS_M: f64 = 1e-4;
-impl Assembly<'_> {
-    pub(super) fn kinds_of_noise(&self, machine: &Machine) -> Result<Vec<Kind>, Error> {
-        let folder = self.folder;
-        let mut kinds = vec![];
-        let unstated = |file: &str, key: &str| {
-            let message = format!("nothing states the noise of {file}");
-            InputError::whole("robot.toml", message).help(format!("add {key}, or \"estimate\""))
+
+/// Kinds of residuals that a folder has, each with its noise.
+///
+/// # Errors
+/// A kind of which nothing states the noise.
+pub(super) fn kinds_of_noise(
+    folder: &Folder,
+    file: &RobotFile,
+    machine: &Machine,
+) -> Result<Vec<Kind>, Error> {
+    let mut kinds = vec![];
+    let unstated = |file: &str, key: &str| {
+        let message = format!("nothing states the noise of {file}");
+        InputError::whole("robot.toml", message).help(format!("add {key}, or \"estimate\""))
+    };
+    let robot_file = file;
+    let default = file.noise;
+    let length = |file: &'static str, quantity: &'static str, key: &str| {
+        let section = file.trim_end_matches(".csv");
+        let stated = robot_file.noise_of(file);
+        let stated =
+            stated.ok_or_else(|| unstated(file, &format!("`[noise.{section}]` with `{key}`")))?;
+        let sigma = match stated {
+            StatedNoise::Known(sigma) => sigma,
+            StatedNoise::Estimate if default.position_m.is_finite() => default.position_m,
+            StatedNoise::Estimate => FIRST_GUESS_M,
         };
-        let length = |file: &'static str, quantity: &'static str, key: &str| {
-            let section = file.trim_end_matches(".csv");
-            let stated = self.file.noise_of(file);
-            let stated = stated
-                .ok_or_else(|| unstated(file, &format!("`[noise.{section}]` with `{key}`")))?;
-            let sigma = match stated {
-                StatedNoise::Known(sigma) => sigma,
-                StatedNoise::Estimate if self.file.noise.position_m.is_finite() => {
-                    self.file.noise.position_m
-                }
-                StatedNoise::Estimate => FIRST_GUESS_M,
-            };
-            Ok::<Kind, InputError>(Kind {
-                file,
-                quantity,
-                unit: "m",
-                stated: Some(stated),
-                sigma,
-            })
-        };
-        if !folder.tcp_poses.is_empty() {
-            let noise = self.file.noise;
-            if !(noise.position_m.is_finite() && noise.rotation_rad.is_finite()) {
-                let keys = "`position_m` and `rotation_rad` to `[noise]`";
-                return Err(unstated(TCP_POSES, keys).into());
-            }
-            for (quantity, unit, sigma) in [
-                ("position", "m", noise.position_m),
-                ("rotation", "rad", noise.rotation_rad),
-            ] {
-                kinds.push(Kind {
-                    file: TCP_POSES,
-                    quantity,
-                    unit,
-                    stated: Some(StatedNoise::Known(sigma)),
-                    sigma,
-                });
-            }
-        }
-        for (kind, quantity, key) in [
-            (PlateKind::Position, "position", "position_m"),
-            (PlateKind::Height, "height", "height_m"),
-            (PlateKind::BallBar, "distance", "distance_m"),
-        ] {
-            if folder.rows_of(kind).next().is_some() {
-                kinds.push(length(kind.file(), quantity, key)?);
-            }
-        }
-        if !folder.distances.is_empty() {
-            kinds.push(length(DISTANCES, "distance", "distance_m")?);
-        }
-        let drives: Vec<Option<StatedNoise>> = (0..machine.robot.commands)
-            .map(|command| self.file.noise_of_drive(command))
-            .collect();
-        let is_estimated = drives.contains(&Some(StatedNoise::Estimate));
-        let are_exact = drives.iter().all(Option::is_none);
-        if let Some(stated) = self.file.noise_of_links() {
-            if !are_exact {
-                let message =
-                    "both `[drives]` and `[noise.links]` state the noise of a link's length";
-                let error = InputError::whole("robot.toml", message);
-                return Err(error.help("keep the one that scatters more").into());
-            }
-            kinds.push(Kind {
-                file: LINKS,
-                quantity: "length",
-                unit: "m",
-                stated: Some(stated),
-                sigma: match stated {
-                    StatedNoise::Known(sigma) => sigma,
-                    StatedNoise::Estimate => FIRST_GUESS_M,
-                },
-            });
-            return Ok(kinds);
-        }
-        if kinds.is_empty() && are_exact {
-            let message = "nothing states the noise of the drives, and nothing else was measured";
-            let error = InputError::whole("robot.toml", message);
-            return Err(error.help("add `[drives]` with `noise_m`").into());
-        }
-        // Closures of exact drives hold to a share of what lengths are measured to.
-        let least = |kinds: &[Kind]| {
-            let lengths = kinds.iter().filter(|kind| kind.unit == "m");
-            lengths.map(|kind| kind.sigma).fold(f64::INFINITY, f64::min)
-        };
-        let (stated, sigma) = if are_exact {
-            (None, CLOSURE_SHARE * least(&kinds))
-        } else if is_estimated {
-            (Some(StatedNoise::Estimate), FIRST_GUESS_M)
-        } else {
-            let usual = self.usual_drive(machine.robot.commands);
-            (Some(StatedNoise::Known(usual)), usual)
-        };
-        kinds.push(Kind {
-            file: DRIVES,
-            quantity: "closure",
+        Ok::<Kind, InputError>(Kind {
+            file,
+            quantity,
             unit: "m",
-            stated,
+            stated: Some(stated),
             sigma,
-        });
-        Ok(kinds)
-    }
-
-    /// Root mean square of the stated noise of the drives (m).
-    fn usual_drive(&self, commands: usize) -> f64 {
-        let sigma = |command: usize| match self.file.noise_of_drive(command) {
-            Some(StatedNoise::Known(sigma)) => sigma,
-            _ => 0.0,
-        };
-        let squares: f64 = (0..commands).map(|command| sigma(command).powi(2)).sum();
-        (squares / commands as f64).sqrt()
-    }
-
-    /// True if a link that is off tells of a gross reading: links have noise, or each drive has and moves one link alone.
-    pub(super) fn tells_drives(&self, machine: &Machine) -> bool {
-        if self.file.noise_of_links().is_some() {
-            return true;
+        })
+    };
+    if !folder.tcp_poses.is_empty() {
+        let noise = default;
+        if !(noise.position_m.is_finite() && noise.rotation_rad.is_finite()) {
+            let keys = "`position_m` and `rotation_rad` to `[noise]`";
+            return Err(unstated(TCP_POSES, keys).into());
         }
-        let robot = &machine.robot;
-        let by_length = robot.links.iter().filter_map(|link| link.actuated_by);
-        let by_track = robot
-            .links
-            .iter()
-            .filter_map(|link| robot.clusters[link.cluster].track);
-        let mut moved = vec![0; robot.commands];
-        by_length
-            .chain(by_track)
-            .for_each(|command| moved[command] += 1);
-        self.drive_sigmas(robot.commands).is_some() && moved.iter().all(|count| *count <= 1)
-    }
-
-    /// Noise of each command for the weights of closures, in units of that of their kind; `None` where drives are exact.
-    pub(super) fn drive_sigmas(&self, commands: usize) -> Option<Vec<f64>> {
-        let each: Vec<Option<StatedNoise>> = (0..commands)
-            .map(|command| self.file.noise_of_drive(command))
-            .collect();
-        if each.iter().all(Option::is_none) {
-            return None;
+        for (quantity, unit, sigma) in [
+            ("position", "m", noise.position_m),
+            ("rotation", "rad", noise.rotation_rad),
+        ] {
+            kinds.push(Kind {
+                file: TCP_POSES,
+                quantity,
+                unit,
+                stated: Some(StatedNoise::Known(sigma)),
+                sigma,
+            });
         }
-        let is_estimated = each.contains(&Some(StatedNoise::Estimate));
-        let usual = self.usual_drive(commands);
-        let sigmas = each.into_iter().map(|noise| match noise {
-            // Where one is to be estimated, all are taken for equal.
-            _ if is_estimated => 1.0,
-            Some(StatedNoise::Known(sigma)) => sigma / usual,
-            _ => 0.0,
-        });
-        Some(sigmas.collect())
     }
+    for (kind, quantity, key) in [
+        (PlateKind::Position, "position", "position_m"),
+        (PlateKind::Height, "height", "height_m"),
+        (PlateKind::BallBar, "distance", "distance_m"),
+    ] {
+        if folder.rows_of(kind).next().is_some() {
+            kinds.push(length(kind.file(), quantity, key)?);
+        }
+    }
+    if !folder.distances.is_empty() {
+        kinds.push(length(DISTANCES, "distance", "distance_m")?);
+    }
+    let drives: Vec<Option<StatedNoise>> = (0..machine.robot.commands)
+        .map(|command| file.noise_of_drive(command))
+        .collect();
+    let is_estimated = drives.contains(&Some(StatedNoise::Estimate));
+    let are_exact = drives.iter().all(Option::is_none);
+    if let Some(stated) = file.noise_of_links() {
+        if !are_exact {
+            let message = "both `[drives]` and `[noise.links]` state the noise of a link's length";
+            let error = InputError::whole("robot.toml", message);
+            return Err(error.help("keep the one that scatters more").into());
+        }
+        kinds.push(Kind {
+            file: LINKS,
+            quantity: "length",
+            unit: "m",
+            stated: Some(stated),
+            sigma: match stated {
+                StatedNoise::Known(sigma) => sigma,
+                StatedNoise::Estimate => FIRST_GUESS_M,
+            },
+        });
+        return Ok(kinds);
+    }
+    if kinds.is_empty() && are_exact {
+        let message = "nothing states the noise of the drives, and nothing else was measured";
+        let error = InputError::whole("robot.toml", message);
+        return Err(error.help("add `[drives]` with `noise_m`").into());
+    }
+    // Closures of exact drives hold to a share of what lengths are measured to.
+    let least = |kinds: &[Kind]| {
+        let lengths = kinds.iter().filter(|kind| kind.unit == "m");
+        lengths.map(|kind| kind.sigma).fold(f64::INFINITY, f64::min)
+    };
+    let (stated, sigma) = if are_exact {
+        (None, CLOSURE_SHARE * least(&kinds))
+    } else if is_estimated {
+        (Some(StatedNoise::Estimate), FIRST_GUESS_M)
+    } else {
+        let usual = usual_drive(file, machine.robot.commands);
+        (Some(StatedNoise::Known(usual)), usual)
+    };
+    kinds.push(Kind {
+        file: DRIVES,
+        quantity: "closure",
+        unit: "m",
+        stated,
+        sigma,
+    });
+    Ok(kinds)
+}
+
+/// Root mean square of the stated noise of the drives (m).
+fn usual_drive(file: &RobotFile, commands: usize) -> f64 {
+    let sigma = |command: usize| match file.noise_of_drive(command) {
+        Some(StatedNoise::Known(sigma)) => sigma,
+        _ => 0.0,
+    };
+    let squares: f64 = (0..commands).map(|command| sigma(command).powi(2)).sum();
+    (squares / commands as f64).sqrt()
+}
+
+/// True if a link that is off tells of a gross reading: links have noise, or each drive has and moves one link alone.
+pub(super) fn tells_drives(file: &RobotFile, machine: &Machine) -> bool {
+    if file.noise_of_links().is_some() {
+        return true;
+    }
+    let robot = &machine.robot;
+    let by_length = robot.links.iter().filter_map(|link| link.actuated_by);
+    let by_track = robot
+        .links
+        .iter()
+        .filter_map(|link| robot.clusters[link.cluster].track);
+    let mut moved = vec![0; robot.commands];
+    by_length
+        .chain(by_track)
+        .for_each(|command| moved[command] += 1);
+    drive_sigmas(file, robot.commands).is_some() && moved.iter().all(|count| *count <= 1)
+}
+
+/// Noise of each command for the weights of closures, in units of that of their kind; `None` where drives are exact.
+pub(super) fn drive_sigmas(file: &RobotFile, commands: usize) -> Option<Vec<f64>> {
+    let each: Vec<Option<StatedNoise>> = (0..commands)
+        .map(|command| file.noise_of_drive(command))
+        .collect();
+    if each.iter().all(Option::is_none) {
+        return None;
+    }
+    let is_estimated = each.contains(&Some(StatedNoise::Estimate));
+    let usual = usual_drive(file, commands);
+    let sigmas = each.into_iter().map(|noise| match noise {
+        // Where one is to be estimated, all are taken for equal.
+        _ if is_estimated => 1.0,
+        Some(StatedNoise::Known(sigma)) => sigma / usual,
+        _ => 0.0,
+    });
+    Some(sigmas.collect())
 }

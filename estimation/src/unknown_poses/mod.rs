@@ -1,6 +1,6 @@
 //! Calibration from any measurements: the true pose behind every sample is unknown.
 //!
-//! What drives read and what was measured of the plate are residuals of the true pose: each link's closure, with the
+//! Readings of the drives and of the plate are residuals of the true pose: each link's closure, with the
 //! noise that the drives give it; positions, heights, distances, each with its own. The solver eliminates the poses
 //! one by one (Schur complement), so that time and memory grow linearly with their number; distances couple two.
 //! Where poses are measured fully and drives are exact, this is to first order the fit of the closures, whitened.
@@ -31,6 +31,7 @@ use tau_solver::solve;
 
 use crate::calibration::{self, Error};
 use fit::Fit;
+use refusals::refuse_tracker_effects;
 
 pub use gauge::Freedom;
 pub use heldout::{HeldOut, HeldOutKind};
@@ -38,16 +39,19 @@ pub use objects::Object;
 pub use outcome::{GrossRow, KindFit, ObjectEstimate, Rank, RowDivision, UnknownPoses};
 pub use rows::{Kind, RowPlace};
 
-/// Rounds of fit, weights and noise.
+/// Rounds of fit, weights and noise; a handful is usual. Estimated noise of kinds with little redundancy converges
+/// slowest.
 const ROUNDS: usize = 30;
-/// Changes of a standard deviation below this share are none.
+/// Changes of a standard deviation below this share are none: far less than what its own estimate is known to.
 const SAME_NOISE: f64 = 1e-3;
-/// Moves of a base (m, rad) below which the weights of closures stay as they are.
+/// Moves of a base (m, rad) below which the weights of closures stay as they are: over links of a metre they turn by
+/// as little.
 const SAME_POSE: f64 = 1e-4;
-/// Share of a kind's rows that pay for the fit, above which nothing of them is left to tell their noise.
+/// Share of a row, or of a kind's rows, that pays for the fit, above which nothing is left to tell its noise: the
+/// rest would be divided by a number that rounding and linearisation move.
 const ABSORBED: f64 = 0.95;
 
-/// What is known before a fit.
+/// Rank and gauge before a fit.
 ///
 /// # Errors
 /// As [`calibrate`], but for what only a fit can fail on.
@@ -59,6 +63,7 @@ pub fn rank(
     division: &RowDivision,
 ) -> Result<Rank, Error> {
     let file = &file.completed(robot);
+    refuse_tracker_effects(variant, folder)?;
     let fit = Fit::new(robot, variant, file, folder, division)?;
     let reduced = fit.elimination(&fit.start).reduce();
     Ok(fit.rank(&reduced, &fit.machine))
@@ -79,6 +84,7 @@ pub fn calibrate(
     options: &calibration::Options,
 ) -> Result<UnknownPoses, Error> {
     let file = &file.completed(robot);
+    refuse_tracker_effects(variant, folder)?;
     let mut fit = Fit::new(robot, variant, file, folder, division)?;
     fit.refuse_units()?;
     let reduced = fit.elimination(&fit.start).reduce();

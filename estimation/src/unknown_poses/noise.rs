@@ -4,13 +4,16 @@ use std::collections::BTreeSet;
 
 use super::elimination::Reduced;
 use super::fit::Fit;
+use super::kinds::tells_drives;
 use super::rows::RowPlace;
 use super::{ABSORBED, GrossRow};
 use crate::numerics::distribution::chi2_quantile_above;
 
-/// Chance that the largest of all residuals is taken for a gross one though it is none.
+/// Chance that the largest of all residuals is taken for a gross one though none is: one folder in a hundred loses a
+/// good row.
 const GROSS_LEVEL: f64 = 0.01;
-/// Share of all rows above which those far off are no gross ones but part of what is measured.
+/// Share of all rows above which those far off are no gross ones but part of what is measured: the model or the noise
+/// is wrong then.
 const MOST_GROSS: f64 = 0.1;
 /// Median of the absolute value of a normal deviate.
 const MEDIAN_OF_NORMAL: f64 = 0.674_489_750_196_081_7;
@@ -39,16 +42,16 @@ impl Fit<'_> {
     /// rows by themselves where each drive moves one link.
     pub(super) fn leave_out_gross(&mut self, reduced: &Reduced, leverages: &[Vec<f64>]) -> bool {
         let mut all: Vec<GrossRow> = vec![];
-        let tells_drives = self.assembly.tells_drives(&self.machine);
+        let tells = tells_drives(self.file, &self.machine);
         let blocks = self.blocks.iter().zip(&reduced.residuals).zip(leverages);
         for (index, ((rows, residuals), leverages)) in blocks.enumerate() {
-            if index == 0 && !tells_drives {
+            if index == 0 && !tells {
                 continue;
             }
             let each = rows.kinds.len();
             for (k, residual) in residuals.iter().enumerate() {
                 let left = 1.0 - leverages[k];
-                // What the fit follows anyway can't be told to be off.
+                // A row that the fit follows anyway can't be told to be off.
                 if rows.weights[k] > 0.0 && left > 1.0 - ABSORBED {
                     let drive = (index == 0).then_some(k % each);
                     all.push(GrossRow {

@@ -1,13 +1,12 @@
 //! Targets, surfaces and balls that measurements are taken of or from.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::{DMatrix, DVector, Vector3};
 use tau_robot::input_error::{InputError, quoted};
-use tau_robot::measurements::PlateKind;
-use tau_robot::robot_file::Value;
+use tau_robot::measurements::{Folder, PlateKind};
+use tau_robot::robot_file::{Measuring, Value};
 
-use super::assembly::Assembly;
 use crate::calibration::error::Error;
 
 /// Places of a target, a surface or a ball among the shared unknowns, behind the parameters of the variant.
@@ -33,108 +32,115 @@ pub(super) struct ObjectUnknown {
     pub(super) prior: Option<(f64, f64)>,
 }
 
-impl Assembly<'_> {
-    /// Targets, surfaces and balls of unknown place.
-    pub(super) fn collect_objects(&mut self) -> Result<(), Error> {
-        let measuring = &self.file.measuring;
-        for kind in [PlateKind::Position, PlateKind::Height, PlateKind::BallBar] {
-            let Some((column, section)) = kind.object() else {
+/// Targets, surfaces and balls of unknown place that rows of `poses` are taken of or from; poses, by number, are where they
+/// are taken to be.
+///
+/// # Errors
+/// A name that the robot file does not list.
+pub(super) fn collect_objects(
+    folder: &Folder,
+    measuring: &Measuring,
+    poses: &BTreeMap<u32, Vector3<f64>>,
+) -> Result<Vec<Object>, Error> {
+    let mut objects: Vec<Object> = vec![];
+    for kind in [PlateKind::Position, PlateKind::Height, PlateKind::BallBar] {
+        let Some((column, section)) = kind.object() else {
+            continue;
+        };
+        let names: BTreeSet<Option<&String>> = (folder.rows_of(kind))
+            .filter(|row| poses.contains_key(&row.pose))
+            .map(|row| row.of.as_ref())
+            .collect();
+        for name in names {
+            let known: Vec<&str> = match kind {
+                PlateKind::Position => measuring.targets.keys().map(String::as_str).collect(),
+                PlateKind::Height => measuring.surfaces.keys().map(String::as_str).collect(),
+                _ => measuring.balls.keys().map(String::as_str).collect(),
+            };
+            // Without a name: the TCP itself, the plane z = 0; but a ball is always somewhere.
+            let Some(name) = name
+                .map(String::as_str)
+                .or((kind == PlateKind::BallBar).then_some(""))
+            else {
                 continue;
             };
-            let names: BTreeSet<Option<&String>> = (self.folder.rows_of(kind))
-                .filter(|row| self.index.contains_key(&row.pose))
-                .map(|row| row.of.as_ref())
+            if !known.is_empty() && !known.contains(&name) {
+                let message =
+                    format!("{column} `{name}` is in no `[{section}.NAME]` of the robot file");
+                let help = format!("known are {}", quoted(known));
+                return Err(InputError::whole(kind.file(), message).help(help).into());
+            }
+            let first = objects.iter().map(|object| object.unknowns.len()).sum();
+            let rows: Vec<(Vector3<f64>, f64)> = (folder.rows_of(kind))
+                .filter(|row| row.of.as_deref().unwrap_or("") == name)
+                .filter_map(|row| Some((*poses.get(&row.pose)?, row.values[0]?)))
                 .collect();
-            for name in names {
-                let known: Vec<&str> = match kind {
-                    PlateKind::Position => measuring.targets.keys().map(String::as_str).collect(),
-                    PlateKind::Height => measuring.surfaces.keys().map(String::as_str).collect(),
-                    _ => measuring.balls.keys().map(String::as_str).collect(),
-                };
-                // Without a name: the TCP itself, the plane z = 0; but a ball is always somewhere.
-                let Some(name) = name
-                    .map(String::as_str)
-                    .or((kind == PlateKind::BallBar).then_some(""))
-                else {
-                    continue;
-                };
-                if !known.is_empty() && !known.contains(&name) {
-                    let message =
-                        format!("{column} `{name}` is in no `[{section}.NAME]` of the robot file");
-                    let help = format!("known are {}", quoted(known));
-                    return Err(InputError::whole(kind.file(), message).help(help).into());
-                }
-                let first = self.object_unknowns().count();
-                let object = self.object(kind, section, name, first);
-                self.objects.push(object);
-            }
+            let (unknowns, normal) = unknowns(kind, name, measuring, &rows);
+            objects.push(Object {
+                section,
+                name: name.to_owned(),
+                first,
+                unknowns,
+                normal,
+            });
         }
-        Ok(())
     }
+    Ok(objects)
+}
 
-    fn object(&self, kind: PlateKind, section: &'static str, name: &str, first: usize) -> Object {
-        let measuring = &self.file.measuring;
-        let called = if name.is_empty() { "ball" } else { name };
-        let rows: Vec<(Vector3<f64>, f64)> = (self.folder.rows_of(kind))
-            .filter(|row| row.of.as_deref().unwrap_or("") == name)
-            .filter_map(|row| {
-                let pose = self.poses.get(*self.index.get(&row.pose)?)?;
-                Some((pose.base.position, row.values[0]?))
-            })
-            .collect();
-        let axes = ["x", "y", "z"];
-        let coordinate = |axis: usize, start: f64, value: Option<&Value>| ObjectUnknown {
-            name: format!("{called}.{}", axes[axis]),
-            unit: "m",
-            start: value.map_or(start, |value| value.value[axis]),
-            prior: value.map(|value| (value.value[axis], value.tol)),
-        };
-        let (unknowns, normal) = match kind {
-            PlateKind::Height => {
-                let stated = measuring.surfaces.get(name);
-                let normal = stated.map_or(Vector3::z(), |surface| {
-                    Vector3::from_column_slice(&surface.normal.value).normalize()
-                });
-                let tilt = |axis: &str| ObjectUnknown {
-                    name: format!("{called}.tilt.{axis}"),
-                    unit: "rad",
-                    start: 0.0,
-                    prior: stated.map(|surface| (0.0, surface.normal.tol)),
-                };
-                let count = rows.len().max(1) as f64;
-                let mean = rows
-                    .iter()
-                    .map(|(at, height)| normal.dot(at) - height)
-                    .sum::<f64>()
-                    / count;
-                let offset = ObjectUnknown {
-                    name: format!("{called}.offset"),
-                    unit: "m",
-                    start: stated.map_or(mean, |surface| surface.offset.value[0]),
-                    prior: stated.map(|surface| (surface.offset.value[0], surface.offset.tol)),
-                };
-                (vec![tilt("1"), tilt("2"), offset], normal)
-            }
-            PlateKind::BallBar => {
-                let stated = measuring.balls.get(name);
-                let start = centre_of(&rows);
-                let each = (0..3).map(|axis| coordinate(axis, start[axis], stated));
-                (each.collect(), Vector3::z())
-            }
-            _ => {
-                let stated = measuring.targets.get(name);
-                (
-                    (0..3).map(|axis| coordinate(axis, 0.0, stated)).collect(),
-                    Vector3::z(),
-                )
-            }
-        };
-        Object {
-            section,
-            name: name.to_owned(),
-            first,
-            unknowns,
-            normal,
+/// Unknowns of an object, and its normal at no tilt; `rows` are places of the TCP with what was measured there.
+fn unknowns(
+    kind: PlateKind,
+    name: &str,
+    measuring: &Measuring,
+    rows: &[(Vector3<f64>, f64)],
+) -> (Vec<ObjectUnknown>, Vector3<f64>) {
+    let called = if name.is_empty() { "ball" } else { name };
+    let axes = ["x", "y", "z"];
+    let coordinate = |axis: usize, start: f64, value: Option<&Value>| ObjectUnknown {
+        name: format!("{called}.{}", axes[axis]),
+        unit: "m",
+        start: value.map_or(start, |value| value.value[axis]),
+        prior: value.map(|value| (value.value[axis], value.tol)),
+    };
+    match kind {
+        PlateKind::Height => {
+            let stated = measuring.surfaces.get(name);
+            let normal = stated.map_or(Vector3::z(), |surface| {
+                Vector3::from_column_slice(&surface.normal.value).normalize()
+            });
+            let tilt = |axis: &str| ObjectUnknown {
+                name: format!("{called}.tilt.{axis}"),
+                unit: "rad",
+                start: 0.0,
+                prior: stated.map(|surface| (0.0, surface.normal.tol)),
+            };
+            let count = rows.len().max(1) as f64;
+            let mean = rows
+                .iter()
+                .map(|(at, height)| normal.dot(at) - height)
+                .sum::<f64>()
+                / count;
+            let offset = ObjectUnknown {
+                name: format!("{called}.offset"),
+                unit: "m",
+                start: stated.map_or(mean, |surface| surface.offset.value[0]),
+                prior: stated.map(|surface| (surface.offset.value[0], surface.offset.tol)),
+            };
+            (vec![tilt("1"), tilt("2"), offset], normal)
+        }
+        PlateKind::BallBar => {
+            let stated = measuring.balls.get(name);
+            let start = centre_of(rows);
+            let each = (0..3).map(|axis| coordinate(axis, start[axis], stated));
+            (each.collect(), Vector3::z())
+        }
+        _ => {
+            let stated = measuring.targets.get(name);
+            (
+                (0..3).map(|axis| coordinate(axis, 0.0, stated)).collect(),
+                Vector3::z(),
+            )
         }
     }
 }

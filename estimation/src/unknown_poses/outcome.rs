@@ -12,7 +12,8 @@ use crate::calibration::Calibration;
 use crate::numerics::distribution::chi2_survival;
 use crate::weighing::Loss;
 
-/// Chance below which residuals are larger than their noise.
+/// Chance below which residuals are larger than their noise allows: one right fit in a thousand is called
+/// inconsistent.
 const SIGNIFICANT: f64 = 1e-3;
 
 /// The rows of a folder that calibrate and those that are held out.
@@ -173,7 +174,7 @@ pub struct UnknownPoses {
     pub objects: Vec<ObjectEstimate>,
     /// Kinds of residuals.
     pub kinds: Vec<KindFit>,
-    /// What the measurements determine.
+    /// Combinations that the measurements determine, and those they leave open.
     pub rank: Rank,
     /// Rows that were left out, worst first.
     pub gross: Vec<GrossRow>,

@@ -1,4 +1,4 @@
-//! What gauges measure of the plate, as functions of its unknown true pose.
+//! Measured quantities of the plate, as functions of its unknown true pose.
 
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 use tau_kinematics::Pose;

@@ -1,4 +1,4 @@
-//! What is refused before a fit.
+//! Refusals before a fit.
 
 use tau_robot::input_error::InputError;
 use tau_robot::measurements::{DISTANCES, Folder};
@@ -8,8 +8,10 @@ use super::Rank;
 use super::fit::Fit;
 use crate::calibration::Error;
 
-/// Lengths that are so much (m) off, and so many times farther than a thousandth of them, are millimetres.
+/// Lengths that are farther off than this (m) by half of their rows are no measurement of a machine whose drawing is
+/// known to centimetres.
 const MILLIMETRES_M: f64 = 1.0;
+/// Lengths that are this many times nearer when divided by a thousand are millimetres.
 const MILLIMETRES_OFF: f64 = 10.0;
 
 impl Fit<'_> {

@@ -71,7 +71,7 @@ fn elimination_gives_the_covariance_of_the_dense_normal_equations() {
         }
     }
 
-    // What residuals leave of themselves adds up to their number less that of what is fitted, priors counted by half.
+    // The redundancies of residuals add up to their number less that of what is fitted, priors counted by half.
     let leverages = fit.elimination(&fit.start).leverages(&eliminated);
     let absorbed: f64 = leverages.iter().flatten().sum();
     let priors = fit.scales();

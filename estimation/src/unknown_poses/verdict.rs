@@ -6,7 +6,8 @@ use crate::weighing::Outlier;
 
 /// Worst rows and largest pulls that are listed.
 const LISTED: usize = 5;
-/// A parameter that is pulled farther than this has a wrong tolerance, or takes up what the model lacks.
+/// A parameter that is pulled farther than this many tolerances has a wrong tolerance, or takes up what the model
+/// lacks: of a hundred parameters, one in a hundred and fifty machines has one by chance.
 const FAR_PULL: f64 = 4.0;
 
 impl UnknownPoses {

@@ -9,9 +9,11 @@ mod loss;
 mod repeats;
 
 use nalgebra::{DMatrix, DVector};
+use tau_robot::measurements::TCP_POSES;
 use tau_robot::robot_file::Noise;
 
-use crate::calibration::{Error, Prepared};
+use crate::calibration::error::Error;
+use crate::calibration::prepared::Prepared;
 use crate::joint::descent::{Descent, not_converged};
 use crate::joint::{Component, Joint};
 use crate::numerics::parallel;
@@ -74,16 +76,17 @@ pub struct Weighing {
     pub loss: Option<Loss>,
 }
 
-/// More poses than these are weighed by as many of them, in whole visits: what those tell of the scale leaves nothing to
+/// More poses than these are weighed and judged by as many of them, in whole visits: what those tell of the scale leaves nothing to
 /// ask, and whitened derivatives of all would need gigabytes.
-const MOST_POSES: usize = 4000;
+pub(crate) const MOST_POSES: usize = 4000;
 /// Rounds in which outliers lose their pull, and in which they are left out and taken back.
 const ROUNDS: usize = 20;
-/// Changes of a scale or a variance below this share are none.
+/// Changes of a scale or a variance below this share are none: less than what their own estimates are known to.
 const SAME: f64 = 0.01;
-/// Changes of weights below this are none.
+/// Changes of weights below this are none: they move parameters by less than a thousandth of their noise.
 const SAME_WEIGHT: f64 = 1e-3;
-/// Share of all poses above which those far off are no outliers but part of what is measured.
+/// Share of all poses above which those far off are no outliers but part of what is measured: the model or the noise
+/// is wrong then.
 const MOST_OUTLIERS: f64 = 0.1;
 
 impl Weighing {
@@ -117,7 +120,7 @@ impl Weighing {
         let far = (0..samples.len()).filter(|&index| is_outlier[index]);
         self.outliers = far
             .map(|index| Outlier {
-                file: "tcp_poses.csv",
+                file: TCP_POSES,
                 pose: samples[index].number,
                 sigmas: (sums[index].0 / sums[index].1.max(1.0)).sqrt(),
                 weight: self.fit[index],

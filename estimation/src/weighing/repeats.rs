@@ -14,7 +14,7 @@ use tau_kinematics::nearest_rotation;
 use crate::numerics::distribution::{bisect, f_survival, log10_f_survival};
 use crate::samples::Sample;
 
-/// What repeated readings tell.
+/// Repeatability and lack of fit, from repeated readings.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Repeats {
     /// Number of visits: commands at which there are readings.
@@ -41,7 +41,7 @@ pub struct Repeats {
     pub log10_p_value: f64,
     /// Standard deviation of what readings of a visit share, over the stated noise.
     pub shared_over_noise: f64,
-    /// What is left between visits, over what the fit takes it to be.
+    /// Variance left between visits, over that which the fit takes it to be.
     pub(crate) excess: f64,
 }
 
@@ -124,7 +124,7 @@ impl ByVisit {
         (self.pure().min(1.0) + n * shared).max(1.0)
     }
 
-    /// What is found, where the variance that readings share has been determined; `degrees` are those of the visits' means
+    /// The result, where the variance that readings share has been determined; `degrees` are those of the visits' means
     /// in the fit as weighed, and in the one that takes every reading for itself.
     pub(super) fn found(
         &self,

@@ -2,7 +2,7 @@
 
 use proc_macro2::Ident;
 
-use super::robot::unknown_track;
+use super::parts::unknown_track;
 use super::scope::{Home, Scope};
 use super::value::{Checked, Shape, common, different_help};
 use super::vocabulary::{FUNCTIONS, meaning};

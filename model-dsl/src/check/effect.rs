@@ -1,6 +1,6 @@
 //! Effects: subject, parameters, terms.
 
-use super::Declared;
+use super::declared::Declared;
 use super::formula::formula;
 use super::quantity::{dimension, scalar, tolerance, unit_help};
 use super::scope::{Home, Scope};

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use proc_macro2::Ident;
 
-use super::Declared;
+use super::declared::Declared;
 use super::formula::formula;
 use super::quantity::{scalar, tolerance, unit_help, values};
 use super::scope::{Home, Other, Scope, ValueHome};
@@ -14,7 +14,7 @@ use crate::model::{Crank, Formula, LinkDefaults, Plate, Quantity, Readable, Valu
 use crate::syntax::{self, Expression, ExpressionKind, Given};
 use crate::units::{Dimension, find_unit};
 
-/// What carries a link.
+/// Carrier of a link.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Carrier {
     Base,
@@ -145,7 +145,7 @@ pub(super) fn link(
     defaults
 }
 
-/// What reading a value means before its formula is known.
+/// Meaning of reading a value before its formula is known.
 fn initial(value: Value, of: OfLink) -> Other {
     match value {
         Value::Length if of.driven_by_angle.is_some() => {

@@ -1,4 +1,4 @@
-//! What variants hold at nominal values.
+//! `hold`: values that variants keep nominal.
 
 use super::variant::Context;
 use crate::diagnostics::{Diagnostics, Location};
@@ -7,7 +7,7 @@ use crate::names::suggest;
 use crate::syntax;
 
 impl Context<'_> {
-    /// What several names after `hold` stand for, each with its place.
+    /// Values that several names after `hold` stand for, each with its place.
     pub(super) fn all_held(
         &self,
         names: &[syntax::Held],
@@ -28,7 +28,7 @@ impl Context<'_> {
         all
     }
 
-    /// What a name after `hold` stands for: one parameter, or a value of one link or several.
+    /// Values that a name after `hold` stands for: one parameter, or a value of one link or several.
     fn held(&self, named: &syntax::Held, diagnostics: &mut Diagnostics) -> Vec<Held> {
         let name = named.name.to_string();
         let Some(value) = &named.value else {

@@ -4,7 +4,7 @@
 //! on a cart or a crank, and those without any drive, take freedoms that no drive gives back; the plate moves as far as
 //! any are left. This counts generic dimensions: links that are parallel or equal may leave more.
 
-use super::robot::Geometry;
+use super::parts::Geometry;
 use crate::diagnostics::Diagnostics;
 use crate::syntax;
 

@@ -3,12 +3,14 @@
 //! A declaration with an error stays in scope, poisoned, so that its uses raise no errors of their own.
 
 mod call;
+mod declared;
 mod effect;
 mod formula;
 mod geometry;
 mod hold;
 mod mobility;
 mod parameter;
+mod parts;
 mod place;
 mod quantity;
 mod reference;
@@ -18,14 +20,10 @@ mod value;
 mod variant;
 mod vocabulary;
 
-use std::collections::BTreeMap;
-
-use proc_macro2::Ident;
-
+use self::declared::Declared;
 use self::effect::CheckedEffect;
 use crate::diagnostics::Diagnostics;
 use crate::model::{Effect, Model, Track};
-use crate::names::article;
 use crate::syntax;
 
 /// Checks a robot with all effects of its description; `None` without robot.
@@ -81,30 +79,4 @@ fn all_effects<'a>(
             effect::effect(effect, tracks, diagnostics)
         })
         .collect()
-}
-
-/// Names declared so far, with what they are and on which line.
-#[derive(Default)]
-struct Declared {
-    names: BTreeMap<String, (&'static str, usize)>,
-}
-
-impl Declared {
-    /// Declares a name; a second declaration is an error.
-    fn declare(&mut self, name: &Ident, what: &'static str, diagnostics: &mut Diagnostics) {
-        let here = (what, name.span().start().line);
-        let Some((first, line)) = self.names.get(&name.to_string()) else {
-            self.names.insert(name.to_string(), here);
-            return;
-        };
-        let message = format!(
-            "`{name}` is already declared as {} {first}, on line {line}",
-            article(first)
-        );
-        diagnostics.error(name, message, "choose another name");
-    }
-
-    fn kind(&self, name: &Ident) -> Option<&'static str> {
-        self.names.get(&name.to_string()).map(|(what, _)| *what)
-    }
 }

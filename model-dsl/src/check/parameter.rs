@@ -1,6 +1,6 @@
 //! Parameters of the whole machine.
 
-use super::Declared;
+use super::declared::Declared;
 use super::quantity::{dimension, tolerance, values};
 use super::scope::{Home, Scope, ValueHome};
 use super::vocabulary::meaning;

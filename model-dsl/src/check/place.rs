@@ -3,7 +3,7 @@
 use proc_macro2::Ident;
 
 use super::effect::CheckedEffect;
-use super::robot::unknown_track;
+use super::parts::unknown_track;
 use super::variant::Context;
 use crate::diagnostics::{Diagnostic, Diagnostics, Location};
 use crate::model::{Effect, EffectUse, Link, Place, Readable, Subject};

@@ -1,8 +1,8 @@
 //! The pose at which the machine stands at some commands.
 
-use super::Declared;
+use super::declared::Declared;
+use super::parts::Geometry;
 use super::quantity::values;
-use super::robot::Geometry;
 use crate::diagnostics::{Diagnostics, Location};
 use crate::model::{Drive, Reference};
 use crate::syntax;

@@ -2,33 +2,20 @@
 
 use std::rc::Rc;
 
-use proc_macro2::Ident;
-
+use super::declared::Declared;
 use super::geometry::{self, Carrier, OfLink};
+use super::parts::{Geometry, unknown_track};
 use super::quantity::{scalar, tolerance};
 use super::scope::Scope;
-use super::{Declared, mobility, parameter};
-use crate::diagnostics::{Diagnostic, Diagnostics};
-use crate::model::{Cluster, Crank, Drive, Link, Plate, Quantity, RobotParameter, Track};
-use crate::names::suggest;
+use super::{mobility, parameter};
+use crate::diagnostics::Diagnostics;
+use crate::model::{Cluster, Crank, Drive, Link, Plate, Quantity, Track};
 use crate::syntax::{self, Given};
 use crate::units::Dimension;
 
 /// Tracks, or links, of a robot. Every parameter of every link is a column of dense matrices, so that memory and time
 /// grow with their square and more; parallel robots have a dozen, cable robots and their like a few dozen.
 const MOST_PARTS: usize = 200;
-
-/// The parts of a robot, with the names of all.
-pub(super) struct Geometry {
-    pub(super) plate: Plate,
-    pub(super) parameters: Vec<RobotParameter>,
-    /// What each command drives.
-    pub(super) drives: Vec<Drive>,
-    pub(super) tracks: Vec<Track>,
-    pub(super) clusters: Vec<Cluster>,
-    pub(super) links: Vec<Link>,
-    pub(super) names: Declared,
-}
 
 pub(super) fn geometry(robot: &syntax::Robot, diagnostics: &mut Diagnostics) -> Geometry {
     let before = diagnostics.count();
@@ -130,7 +117,7 @@ pub(super) fn geometry(robot: &syntax::Robot, diagnostics: &mut Diagnostics) -> 
         });
     }
     whole(robot, &geometry, places_known, actuators, diagnostics);
-    // What has an error may be what would use a parameter, or let the plate move.
+    // A declaration with an error may be the one that would use a parameter, or let the plate move.
     if diagnostics.count() == before {
         parameter::unused(&scope, diagnostics);
         mobility::mobility(robot, &geometry, diagnostics);
@@ -214,7 +201,7 @@ fn pull(links: &syntax::Links, diagnostics: &mut Diagnostics) -> Option<Quantity
     Some(quantity)
 }
 
-/// What the links hold; one declaration at most.
+/// The plate, declared once at most.
 fn plate(robot: &syntax::Robot, diagnostics: &mut Diagnostics) -> Plate {
     let [first, more @ ..] = &robot.plates[..] else {
         return Plate::default();
@@ -288,13 +275,4 @@ fn whole(
             );
         }
     }
-}
-
-pub(super) fn unknown_track(name: &Ident, tracks: &[Track]) -> Diagnostic {
-    let names = tracks.iter().map(|track| track.name.as_str());
-    Diagnostic::new(name, format!("cannot find track `{name}`")).help(suggest(
-        "track",
-        &name.to_string(),
-        names,
-    ))
 }

@@ -34,7 +34,7 @@ pub(super) struct ValueHome {
     pub(super) others: Vec<(Value, Other)>,
 }
 
-/// What a value's name means in a formula of the same link.
+/// Meaning of a value's name in a formula of the same link.
 #[derive(Clone)]
 pub(super) enum Other {
     /// Parameters of its own.
@@ -50,7 +50,7 @@ pub(super) enum Other {
 struct Declaration<'a> {
     name: &'a Ident,
     parameter: EffectParameter,
-    /// What its components mean.
+    /// Meanings of its components.
     leaves: Vec<Formula>,
     /// True if the dimension is known.
     sound: bool,
@@ -131,12 +131,12 @@ impl<'a> Scope<'a> {
     }
 }
 
-/// What a name means in the value of a link or a crank.
+/// Meaning of a name in the value of a link or a crank.
 enum Meaning {
     Known(Checked),
     /// Nothing, which has been reported.
     Refused,
-    /// What it means in effects.
+    /// Its meaning in effects.
     Shared,
 }
 

@@ -2,9 +2,9 @@
 
 use proc_macro2::Ident;
 
-use super::Declared;
+use super::declared::Declared;
 use super::effect::CheckedEffect;
-use super::robot::{Geometry, unknown_track};
+use super::parts::{Geometry, unknown_track};
 use crate::diagnostics::{Diagnostic, Diagnostics, Location};
 use crate::model::{Arm, EffectUse, Held, Track, TrackModel, TrackShape, Value, Variant};
 use crate::names::suggest;

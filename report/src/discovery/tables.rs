@@ -7,7 +7,7 @@ use tau::discovery::results::{SerialCorrelation, UsedEffect};
 use super::words::sizes;
 use super::{at, chance, readable};
 use crate::number::{fixed, general, shared_decimals};
-use crate::tables::{Cell, Table, columns, number, text};
+use crate::table::{Cell, Table, columns, number, text};
 
 /// Above this chance, more than the expected residuals are no excess.
 const EXCESS: f64 = 0.05;

@@ -1,11 +1,11 @@
-//! What becomes of more points than a panel has room for: a picture is no better for marks that hide each other, and
+//! Cells that stand for more points than a panel has room for: a picture is no better for marks that hide each other, and
 //! a file of a hundred thousand of them can't be opened.
 
 use std::collections::BTreeMap;
 
 /// Share of a panel that marks may cover before they hide each other too often.
 const CROWDED: f64 = 0.25;
-/// Steps of shade.
+/// Steps of shade: eyes tell no more apart on a small cell.
 const SHADES: f64 = 5.0;
 /// Shade of a cell with one point: light, and seen.
 const LIGHTEST: f64 = 0.35;

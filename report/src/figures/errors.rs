@@ -41,7 +41,7 @@ pub fn error_by_variant(study: &Study) -> Option<Figure> {
     })
 }
 
-/// Bars beside each other that a panel has room for.
+/// Bars beside each other that a panel has room for: narrower ones run into each other.
 const BARS: usize = 240;
 
 /// Number of poses in turn that share a bar, so that the longest of some series fits.

@@ -117,7 +117,7 @@ const TURNS: [(&str, &str, &str); 5] = [
     ("reset", "As at first", "↺"),
 ];
 
-/// What was found, numbered as in the drawing.
+/// Effects that were found, numbered as in the drawing.
 fn list(found: &Discovery) -> Markup {
     let names = found.effects.iter().map(|effect| {
         (

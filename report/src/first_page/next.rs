@@ -1,4 +1,4 @@
-//! What to do next, in sentences: from the verdict, from what the search found and could not decide, and from what the
+//! Next steps, in sentences: from the verdict, from what the search found and could not decide, and from what the
 //! check before the fit missed.
 
 use tau::discovery::results::FoundEffect;

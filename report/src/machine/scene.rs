@@ -13,6 +13,7 @@ const MOST: usize = 240;
 /// Length of a typical error, rms, in the drawing over the diagonal of the machine: long enough to be seen, short
 /// enough not to hide the arm. The largest error takes no more than [`LONGEST`].
 const TYPICAL: f64 = 0.05;
+/// The same of the largest error, which is drawn no longer.
 const LONGEST: f64 = 0.25;
 
 /// Errors at poses that are drawn.

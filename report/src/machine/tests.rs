@@ -155,7 +155,7 @@ fn every_link_ends_at_its_joints() {
             assert!(joints.iter().any(|joint| joint == end), "{end:?}");
         }
     }
-    // What is nearer comes later and covers the rest.
+    // Nearer links come later and cover the rest.
     let view = view(&document);
     let depths: Vec<f64> = of_class(&document, "link")
         .into_iter()

@@ -5,7 +5,7 @@ use tau::calibration::Combination;
 use tau::trust::{Check, Checked, FileFacts, Mistake, Reach, Verdict};
 use tau::weighing::{Loss, Outlier, Repeats};
 
-use crate::unknown_poses;
+use crate::gauge::gauge_json;
 
 /// `fit` of `calibrate`, `evaluate` and `study`.
 pub fn verdict(verdict: &Verdict) -> Value {
@@ -141,7 +141,7 @@ fn variant(checked: &Checked) -> Value {
     });
     if let Some(rank) = &checked.gauge {
         value["determined"] = json!(rank.determined);
-        value["gauge"] = unknown_poses::gauge_json(rank);
+        value["gauge"] = gauge_json(rank);
     }
     value
 }

@@ -5,7 +5,7 @@ use tau::trust::{Check, Checked, FileFacts, Status, Verdict};
 
 use crate::number::general;
 use crate::screen::Screen;
-use crate::{tables, unknown_poses};
+use crate::{gauge, tables};
 
 /// Combinations of a variant that are shown.
 const SHOWN: usize = 3;
@@ -132,7 +132,7 @@ fn variant(screen: &mut Screen, checked: &Checked) {
             "{variant}: {rows} residuals, {spent} of them for {poses} poses; of {parameters} unknowns the data know {determined} combinations better than the tolerances"
         );
         screen.say_within("  ", &sentence);
-        return unknown_poses::open(screen, rank, "    ");
+        return gauge::open(screen, rank, "    ");
     }
     let open = parameters.saturating_sub(*rank);
     let gauge = match open {

@@ -9,11 +9,12 @@ mod read_plate;
 mod selection;
 pub mod set;
 pub mod table;
+mod texts;
 mod visits;
 
 pub use plate::{DISTANCES, Distance, PlateKind, PlateRow};
-pub use read::{FILES, Shape, Texts};
 pub use selection::{Division, PoseCounts, Poses, Split};
+pub use texts::{FILES, Shape, TCP_POSES, Texts};
 pub use visits::visits;
 
 /// Content of a measurement folder, SI units.

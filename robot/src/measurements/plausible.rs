@@ -5,14 +5,17 @@ use std::f64::consts::TAU;
 
 use super::table::{Column, Table};
 use crate::input_error::Mistakes;
-use crate::robot_file::{LARGEST_NOISE, SMALLEST_DEVIATION};
 
+/// Beyond this (m or rad) a measurement says nothing of a machine.
+pub(crate) const LARGEST_NOISE: f64 = 0.1;
+/// A standard deviation below this (m or rad) is no longer told from none: a picometre.
+pub(crate) const SMALLEST_DEVIATION: f64 = 1e-12;
 /// A workspace or a track farther across than this (m) has been given in millimetres.
 const WIDEST_M: f64 = 20.0;
-/// A position farther from its frame's origin than a laser tracker reaches (m).
-const FARTHEST_M: f64 = 100.0;
-/// A command or a length beyond this (m) has been given in millimetres.
-const LONGEST_M: f64 = 50.0;
+/// A position, or a point of the base, farther from the frame's origin than a laser tracker reaches (m).
+pub(crate) const FARTHEST_M: f64 = 100.0;
+/// A command, a link or a track longer than this (m) has been given in millimetres.
+pub(crate) const LONGEST_M: f64 = 50.0;
 /// Angles may be unwrapped once, and rounded.
 pub const LARGEST_ANGLE_RAD: f64 = 1.01 * TAU;
 /// Room temperature is 293 in kelvin, 68 in degrees Fahrenheit.

@@ -4,9 +4,9 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 
 use super::plate::{DISTANCES, Distance, PlateKind, PlateRow};
-use super::read::Shape;
 use super::set::{ConditionColumns, Set, TEMPERATURE, TIME, read_directions};
 use super::table::{Column, Table};
+use super::texts::{Shape, TCP_POSES};
 use super::{TcpPose, plausible};
 use crate::input_error::{Errors, InputError, Mistakes, Source, quoted};
 
@@ -261,7 +261,7 @@ pub(super) fn same_commands(
     for pose in tcp_poses {
         first
             .entry(pose.pose)
-            .or_insert_with(|| (&pose.commands_m, "tcp_poses.csv".to_owned()));
+            .or_insert_with(|| (&pose.commands_m, TCP_POSES.to_owned()));
     }
     let mut errors = Errors::default();
     for file in files {

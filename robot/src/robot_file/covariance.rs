@@ -4,8 +4,8 @@ use std::fmt::{self, Write};
 
 use toml::de::{DeTable, DeValue};
 
+use super::document::Document;
 use super::keys::key_place;
-use super::read::Document;
 
 /// Covariance of the parameters of a calibrated variant under the stated noise, priors included.
 #[derive(Debug, Clone, Default, PartialEq)]

@@ -75,7 +75,7 @@ pub(crate) struct OfCrank {
     pub(crate) name: &'static str,
     /// Its key in the file.
     pub(crate) key: &'static str,
-    /// What the description gives.
+    /// Value and tolerance that the description gives.
     pub(crate) quantity: language::model::Quantity<3>,
 }
 

@@ -6,9 +6,10 @@ use std::fmt::{self, Write};
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-use super::read::{Document, Kind, LARGEST_NOISE, SMALLEST_DEVIATION};
+use super::document::{Document, Kind};
 use super::write::{inline, key};
 use super::{RobotFile, Value};
+use crate::measurements::plausible::{FARTHEST_M, LARGEST_NOISE, SMALLEST_DEVIATION};
 use crate::measurements::{DISTANCES, PlateKind};
 
 /// Section of `[noise]` for what a link's length scatters by at standing drives.
@@ -34,7 +35,7 @@ pub struct Surface {
     pub offset: Value,
 }
 
-/// What a robot file says of measurements that tell less than the plate's pose.
+/// Sections of a robot file on measurements that tell less than the plate's pose.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Measuring {
     /// `[noise.NAME]`, by name of the file without its ending: noise of its lengths (m).
@@ -160,7 +161,7 @@ impl Document<'_> {
             document.known_keys(table, &["position_m"]);
             let place = table.iter().next().map_or(0..0, |(key, _)| key.span());
             let value = document.required(table, "position_m", &place)?;
-            document.value(value, Kind::Point(super::read::FARTHEST_M))
+            document.value(value, Kind::Point(FARTHEST_M))
         });
         found
             .into_iter()

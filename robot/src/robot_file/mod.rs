@@ -3,6 +3,7 @@
 mod check;
 mod covariance;
 mod described;
+mod document;
 pub mod keys;
 mod measuring;
 mod provenance;
@@ -18,7 +19,6 @@ pub use described::{PLACEHOLDER, USUAL_NOISE};
 use keys::effect_key;
 pub use measuring::{Measuring, StatedNoise, Surface};
 pub use provenance::{MeasuredPath, Provenance};
-pub(crate) use read::{LARGEST_NOISE, SMALLEST_DEVIATION};
 
 /// Contents of a `robot.toml`.
 #[derive(Debug, Clone, Default, PartialEq)]

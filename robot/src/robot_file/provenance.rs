@@ -5,9 +5,10 @@ use std::fmt::{self, Write};
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
+use super::document::Document;
 use super::keys::key_place;
-use super::read::{Document, SMALLEST_DEVIATION};
 use crate::measurements::Split;
+use crate::measurements::plausible::SMALLEST_DEVIATION;
 
 /// Record of the calibration that gave a file its values: `[calibration]`.
 #[derive(Debug, Clone, PartialEq)]

@@ -218,7 +218,7 @@ impl<R> Session<R> {
         )
     }
 
-    /// What is known of the parameters of [`Self::machine`] under the stated noise: their covariance after calibration, or
+    /// Uncertainty of the parameters of [`Self::machine`] under the stated noise: their covariance after calibration, or
     /// the tolerances of a drawing; see [`Uncertainty::of_prepared`].
     ///
     /// # Errors

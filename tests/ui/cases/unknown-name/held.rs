@@ -1,4 +1,4 @@
-//! What a variant holds, misspelt.
+//! A held value, misspelt.
 
 tau_macro::tau_model! {
     robot Lines {

@@ -1,0 +1,126 @@
+//! A variant at its nominal values, from robot file and folder.
+
+use std::collections::BTreeMap;
+
+use nalgebra::{Matrix3, Rotation3};
+use tau_kinematics::{Machine, Statics, Surroundings, nearest_rotation, xyz, zyz};
+use tau_robot::input_error::InputError;
+use tau_robot::measurements::Folder;
+use tau_robot::robot::{Robot, Variant};
+use tau_robot::robot_file::{MeasuredPath, RobotFile};
+
+use super::nominal::{self, Nominal};
+use super::paths;
+use super::registration::Registration;
+
+/// A variant at its nominal values.
+pub struct Prepared {
+    /// The variant with its nominal values.
+    pub machine: Machine,
+    /// Value and prior of each parameter of the variant.
+    pub nominal: Vec<Nominal>,
+    pub(crate) registration: Option<Registration>,
+    /// Paths of the piecewise tracks as they were measured, by name of the track.
+    pub(crate) measured_paths: BTreeMap<String, MeasuredPath>,
+}
+
+impl Prepared {
+    /// From a robot file, its own paths of piecewise tracks before those of the folder: see [`super::machine_from_file`].
+    ///
+    /// # Errors
+    /// As [`super::machine_from_file`].
+    pub fn from_file(
+        robot: &Robot,
+        variant: &Variant,
+        file: &RobotFile,
+        folder: Option<&Folder>,
+        poses: &[usize],
+    ) -> Result<Self, InputError> {
+        let file = &file.completed(robot);
+        // Angles of piecewise tracks refer to the frame in which their paths were measured.
+        let Some(own) = paths::as_measured(robot, file, folder) else {
+            return Self::new(robot, variant, file, folder, poses);
+        };
+        // Registered as it was calibrated, since the covariance is that of angles from there.
+        let registered = file
+            .covariance
+            .as_ref()
+            .and_then(|known| known.registered_rad);
+        let registration = Registration::of_set_2(robot, file, &own).map(|found| Registration {
+            rotation: registered.map_or(found.rotation, xyz),
+            ..found
+        });
+        Self::registered(robot, variant, file, (Some(&own), registration), poses)
+    }
+
+    /// From a robot file, completed from the description; folder and poses as for [`super::machine_from_file`].
+    ///
+    /// # Errors
+    /// A parameter for which nothing gives a value; a piecewise track without its path.
+    pub fn new(
+        robot: &Robot,
+        variant: &Variant,
+        file: &RobotFile,
+        folder: Option<&Folder>,
+        poses: &[usize],
+    ) -> Result<Self, InputError> {
+        let file = &paths::without_foreign_rotations(robot, file, folder);
+        let registration = folder.and_then(|folder| Registration::of_set_2(robot, file, folder));
+        Self::registered(robot, variant, file, (folder, registration), poses)
+    }
+
+    fn registered(
+        robot: &Robot,
+        variant: &Variant,
+        file: &RobotFile,
+        (folder, registration): (Option<&Folder>, Option<Registration>),
+        poses: &[usize],
+    ) -> Result<Self, InputError> {
+        // Where no rotation was measured, the plate turns about that at its reference.
+        let measured = folder.and_then(|folder| mean_rotation(folder, poses));
+        let stated = file.reference.as_ref();
+        let stated = stated.map(|reference| zyz(reference.orientation_rad));
+        let mean_rotation = measured.or(stated.filter(|_| folder.is_some()));
+        let sources = nominal::Sources {
+            robot,
+            variant,
+            file,
+            mean_rotation,
+            registration,
+        };
+        let nominal = sources.nominal()?;
+        let surroundings = Surroundings {
+            paths: paths::registered(robot, variant, folder, registration.as_ref())?,
+            statics: Statics::new(robot, file),
+            reference: file.reference.clone(),
+            held: nominal.iter().map(|nominal| nominal.value).collect(),
+        };
+        let machine = Machine {
+            robot: robot.clone(),
+            variant: variant.clone(),
+            values: nominal.iter().map(|nominal| nominal.value).collect(),
+            surroundings,
+        };
+        let measured_paths = folder.map_or_else(BTreeMap::new, |folder| {
+            paths::of_piecewise_tracks(robot, variant, folder)
+        });
+        Ok(Self {
+            machine,
+            nominal,
+            registration,
+            measured_paths,
+        })
+    }
+}
+
+/// Mean of the measured rotations: the rotation nearest to the mean of their matrices.
+pub(crate) fn mean_rotation(folder: &Folder, poses: &[usize]) -> Option<Rotation3<f64>> {
+    if poses.is_empty() {
+        return None;
+    }
+    let sum: Matrix3<f64> = poses
+        .iter()
+        .map(|&pose| zyz(folder.tcp_poses[pose].angles_rad).into_inner())
+        .sum();
+    Some(nearest_rotation(sum))
+}

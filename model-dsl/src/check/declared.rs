@@ -1,0 +1,39 @@
+//! Names declared so far.
+
+use std::collections::BTreeMap;
+
+use proc_macro2::Ident;
+
+use crate::diagnostics::Diagnostics;
+use crate::names::article;
+
+/// Names declared so far, with what they are and on which line.
+#[derive(Default)]
+pub(super) struct Declared {
+    names: BTreeMap<String, (&'static str, usize)>,
+}
+
+impl Declared {
+    /// Declares a name; a second declaration is an error.
+    pub(super) fn declare(
+        &mut self,
+        name: &Ident,
+        what: &'static str,
+        diagnostics: &mut Diagnostics,
+    ) {
+        let here = (what, name.span().start().line);
+        let Some((first, line)) = self.names.get(&name.to_string()) else {
+            self.names.insert(name.to_string(), here);
+            return;
+        };
+        let message = format!(
+            "`{name}` is already declared as {} {first}, on line {line}",
+            article(first)
+        );
+        diagnostics.error(name, message, "choose another name");
+    }
+
+    pub(super) fn kind(&self, name: &Ident) -> Option<&'static str> {
+        self.names.get(&name.to_string()).map(|(what, _)| *what)
+    }
+}

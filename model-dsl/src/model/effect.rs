@@ -1,0 +1,199 @@
+//! Effects: physical errors that add terms to the closures.
+
+use super::formula::{Formula, Readable};
+use super::geometry::{Link, Plate};
+use crate::units::Dimension;
+
+/// An effect at a place.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct EffectUse {
+    /// Index of the effect.
+    pub effect: usize,
+    /// Its place.
+    pub place: Place,
+    /// Optional parameters that it takes, as indices in [`Effect::parameters`], ascending; the others
+    /// stay at their nominal values and are no parameters of the variant.
+    pub with: Vec<usize>,
+}
+
+impl EffectUse {
+    /// True if a parameter of the effect, given with its index, is one here.
+    pub fn takes(&self, index: usize, parameter: &EffectParameter) -> bool {
+        !parameter.optional || self.with.contains(&index)
+    }
+}
+
+/// Place of an effect.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Place {
+    /// The cart of a track; for an effect that reads another cart (`q(source)`), with that other track.
+    Cart {
+        /// The cart that is displaced.
+        track: usize,
+        /// The cart whose command is read as `q(source)`.
+        source: Option<usize>,
+    },
+    /// All carts, with one common set of parameters.
+    AllCarts,
+    /// One link.
+    Link(usize),
+    /// All links, with one common set of parameters.
+    AllLinks,
+    /// The measured TCP.
+    Tcp,
+}
+
+/// Kind of an effect's subject.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Subject {
+    /// `on cart`.
+    Cart,
+    /// `on cart from source`: reads the command of another cart as `q(source)`.
+    CartFromSource,
+    /// `on link`.
+    Link,
+    /// `on tcp`.
+    Tcp,
+}
+
+/// A named physical error with its own parameters.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Effect {
+    /// Name, in snake case by custom.
+    pub name: String,
+    /// Lines of its doc comment.
+    pub docs: Vec<String>,
+    /// Its subject.
+    pub subject: Subject,
+    /// Its parameters, in order; `search` parameters among them.
+    pub parameters: Vec<EffectParameter>,
+    /// Its terms, in order.
+    pub terms: Vec<Term>,
+}
+
+impl Effect {
+    /// The quantities that its terms read, in order.
+    pub fn quantities(&self) -> impl Iterator<Item = Readable> {
+        self.terms.iter().flat_map(|term| term.formula.quantities())
+    }
+
+    /// True if one of its terms reads a quantity.
+    pub fn reads(&self, quantity: Readable) -> bool {
+        self.quantities().any(|own| own == quantity)
+    }
+
+    /// Why it has nothing to act on at a place of a robot with such a plate, if it has not.
+    pub fn lacks_plate_joints(&self, plate: Plate) -> Option<&'static str> {
+        let moves_joint = self.terms.iter().any(|term| term.target == Target::Joint);
+        (plate.is_point() && moves_joint)
+            .then_some("links that meet in a point have no plate joints to move")
+    }
+
+    /// Why it needs a full arm at a place of a robot with such links, if it does.
+    ///
+    /// A reduced arm folds the plate joints into the track's offset and has one length per cluster, so
+    /// that effects on single links and rotations of the cart have nothing to act on.
+    pub fn needs_full_arm(&self, place: Place, links: &[Link]) -> Option<String> {
+        let adds_to =
+            |targets: &[Target]| self.terms.iter().any(|term| targets.contains(&term.target));
+        if adds_to(&[Target::Joint]) {
+            return Some("a reduced arm has no plate joints to move".to_owned());
+        }
+        if adds_to(&[Target::Roll, Target::Pitch, Target::Yaw]) {
+            return Some("a reduced arm has no levers for the cart to turn".to_owned());
+        }
+        let (at_place, what) = match place {
+            Place::Link(link) => (links.get(link..=link)?, "length"),
+            Place::AllLinks if self.reads(Readable::Tension) => (links, "tension"),
+            _ => return None,
+        };
+        let shared = at_place.iter().find(|link| {
+            let in_cluster = links.iter().filter(|other| other.cluster == link.cluster);
+            in_cluster.count() > 1
+        })?;
+        Some(format!(
+            "`{}` shares the one {what} of its cluster",
+            shared.name
+        ))
+    }
+}
+
+/// A parameter of an effect.
+#[derive(Debug, Clone, PartialEq)]
+pub struct EffectParameter {
+    /// Name.
+    pub name: String,
+    /// 1, or 3 for a vector.
+    pub components: usize,
+    /// Dimension of each component.
+    pub dimension: Dimension,
+    /// Value to start from, SI; zero where the description gives none (the middle of the range for
+    /// a searched parameter).
+    pub nominal: f64,
+    /// One standard deviation of the prior, SI.
+    pub tolerance: Option<f64>,
+    /// Range to search, SI, where it is declared with `search`.
+    pub search: Option<(f64, f64)>,
+    /// True if it is left out unless a use of the effect names it.
+    pub optional: bool,
+}
+
+impl EffectParameter {
+    /// An amplitude without a prior, zero where there is no effect.
+    pub fn amplitude(name: &str, dimension: Dimension) -> Self {
+        Self {
+            name: name.to_owned(),
+            components: 1,
+            dimension,
+            nominal: 0.0,
+            tolerance: None,
+            search: None,
+            optional: false,
+        }
+    }
+}
+
+/// `target += formula;`
+#[derive(Debug, Clone, PartialEq)]
+pub struct Term {
+    /// Its target.
+    pub target: Target,
+    /// The amount; a vector exactly where the target is one.
+    pub formula: Formula,
+    /// The term as it is written; empty where no text stands behind it.
+    pub text: String,
+}
+
+impl Term {
+    /// A term that no text stands behind.
+    pub fn new(target: Target, formula: Formula) -> Self {
+        Self {
+            target,
+            formula,
+            text: String::new(),
+        }
+    }
+}
+
+/// Target of an effect's term.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Target {
+    /// Displacement of the cart along its track (m).
+    Along,
+    /// Displacement along ẑ × v̂ (m).
+    Horizontal,
+    /// Displacement along the third axis (m).
+    Vertical,
+    /// Small rotation of the cart about the track's direction (rad).
+    Roll,
+    /// Small rotation about the horizontal axis (rad).
+    Pitch,
+    /// Small rotation about the vertical axis (rad).
+    Yaw,
+    /// Length of the link (m).
+    Length,
+    /// Plate joint in TCP coordinates (m, vector).
+    Joint,
+    /// Error of the measured TCP position (m, vector).
+    Position,
+}

@@ -1,0 +1,133 @@
+//! Files of a measurement folder, by name, and their texts.
+
+use super::plate::{DISTANCES, PlateKind};
+use crate::fingerprint::fingerprint;
+use crate::robot::Robot;
+
+/// Name of the file of poses of the plate that are measured fully.
+pub const TCP_POSES: &str = "tcp_poses.csv";
+/// Name of the file of set 2.
+pub(super) const CART_POSES: &str = "cart_poses.csv";
+/// Name of the file of set 3.
+pub(super) const CART_POSITIONS: &str = "cart_positions.csv";
+
+/// Sizes of a robot that its measurements must fit.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Shape {
+    /// Number of commands `q1_m, q2_m, …`.
+    pub commands: usize,
+    /// Indices of those that are angles, `q1_rad`.
+    pub angles: Vec<usize>,
+    /// Number of tracks, and so of carts.
+    pub tracks: usize,
+}
+
+impl From<&Robot> for Shape {
+    fn from(robot: &Robot) -> Self {
+        Self {
+            commands: robot.commands,
+            angles: (0..robot.commands)
+                .filter(|&command| robot.is_angle(command))
+                .collect(),
+            tracks: robot.tracks.len(),
+        }
+    }
+}
+
+/// Names of the files that a folder may hold, in the order of [`Texts`].
+pub const FILES: [&str; 8] = [
+    TCP_POSES,
+    CART_POSES,
+    CART_POSITIONS,
+    "tcp_positions.csv",
+    "heights.csv",
+    "ball_bar.csv",
+    "readings.csv",
+    DISTANCES,
+];
+
+/// The texts of a measurement folder, those that are there.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Texts<'a> {
+    /// Set 1.
+    pub tcp_poses: Option<&'a str>,
+    /// Set 2.
+    pub cart_poses: Option<&'a str>,
+    /// Set 3.
+    pub cart_positions: Option<&'a str>,
+    /// `tcp_positions.csv`.
+    pub tcp_positions: Option<&'a str>,
+    /// `heights.csv`.
+    pub heights: Option<&'a str>,
+    /// `ball_bar.csv`.
+    pub ball_bar: Option<&'a str>,
+    /// `readings.csv`.
+    pub readings: Option<&'a str>,
+    /// `distances.csv`.
+    pub distances: Option<&'a str>,
+}
+
+impl<'a> Texts<'a> {
+    /// From what gives the text of a file by its name.
+    pub fn of(text: impl Fn(&str) -> Option<&'a str>) -> Self {
+        let [
+            tcp_poses,
+            cart_poses,
+            cart_positions,
+            tcp_positions,
+            heights,
+            ball_bar,
+            readings,
+            distances,
+        ] = FILES.map(text);
+        Self {
+            tcp_poses,
+            cart_poses,
+            cart_positions,
+            tcp_positions,
+            heights,
+            ball_bar,
+            readings,
+            distances,
+        }
+    }
+
+    /// In the order of [`FILES`].
+    pub(super) fn all(&self) -> [Option<&'a str>; 8] {
+        [
+            self.tcp_poses,
+            self.cart_poses,
+            self.cart_positions,
+            self.tcp_positions,
+            self.heights,
+            self.ball_bar,
+            self.readings,
+            self.distances,
+        ]
+    }
+
+    pub(super) fn of_kind(&self, kind: PlateKind) -> Option<&'a str> {
+        match kind {
+            PlateKind::Position => self.tcp_positions,
+            PlateKind::Height => self.heights,
+            PlateKind::BallBar => self.ball_bar,
+            PlateKind::Reading => self.readings,
+        }
+    }
+
+    /// True if nothing is measured of the plate.
+    pub(super) fn lack_the_plate(&self) -> bool {
+        let of_kinds = PlateKind::ALL.into_iter();
+        self.tcp_poses.is_none()
+            && of_kinds
+                .map(|kind| self.of_kind(kind))
+                .all(|text| text.is_none())
+    }
+
+    /// Fingerprint of the measurements, the robot file apart.
+    pub(super) fn fingerprint(&self) -> String {
+        let files = FILES.into_iter().zip(self.all());
+        let present = files.filter_map(|(name, text)| Some((name, text?)));
+        fingerprint(present)
+    }
+}
