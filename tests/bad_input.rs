@@ -14,10 +14,9 @@ use tau::measurements::{Folder, Shape, Split};
 use tau::robot::{Cluster, Link, Robot};
 use tau::robot_file::RobotFile;
 
-const SHAPE: Shape = Shape {
-    commands: 2,
-    tracks: 2,
-};
+fn shape() -> Shape {
+    Shape::of_carts(2)
+}
 
 const TCP_POSES: &str = "\
 pose,time_s,temperature_c,q1_m,q2_m,dir1,dir2,x_m,y_m,z_m,alpha_rad,beta_rad,gamma_rad
@@ -112,7 +111,7 @@ impl OnDisk {
     }
 
     fn read(&self) -> Result<Folder, InputError> {
-        Folder::read(self.path(), SHAPE)
+        Folder::read(self.path(), shape())
     }
 
     fn read_robot(&self) -> Result<RobotFile, InputError> {
@@ -259,9 +258,9 @@ fn missing_sets_and_columns_are_remarked() {
 fn files() {
     let mut answers = Answers::default();
     let folder = OnDisk::valid();
-    let missing = Folder::read(&folder.path().join("nowhere"), SHAPE);
+    let missing = Folder::read(&folder.path().join("nowhere"), shape());
     answers.add("missing folder", &folder.answer(missing));
-    let file = Folder::read(&folder.path().join("robot.toml"), SHAPE);
+    let file = Folder::read(&folder.path().join("robot.toml"), shape());
     answers.add("file in place of a folder", &folder.answer(file));
     folder.remove("tcp_poses.csv");
     answers.add("missing file", &folder.answer(folder.read()));

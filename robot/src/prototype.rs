@@ -12,11 +12,9 @@ pub const NAME: &str = "prototype";
 /// Name of the robot that was measured.
 const ROBOT_NAME: &str = "GantryTau";
 /// Its three tracks, one command each.
-pub const SHAPE: Shape = Shape {
-    commands: 3,
-    angles: Vec::new(),
-    tracks: 3,
-};
+pub fn shape() -> Shape {
+    Shape::of_carts(3)
+}
 
 /// The measurements.
 ///
@@ -29,7 +27,7 @@ pub fn folder() -> Result<Folder, InputError> {
         cart_positions: Some(CART_POSITIONS),
         ..Texts::default()
     };
-    Folder::from_texts(NAME, texts, SHAPE)
+    Folder::from_texts(NAME, texts, shape())
 }
 
 /// Nominal parameters, tolerances and noise.
@@ -74,7 +72,7 @@ mod tests {
         assert_eq!(lengths, [176, 3 * 28, 3 * 150]);
         assert_eq!(folder.remarks, Vec::<String>::new());
         assert_eq!(robot.links.len(), 6);
-        let in_range = folder.in_range(&robot, &SHAPE);
+        let in_range = folder.in_range(&robot, &shape());
         assert_eq!(in_range.len(), 121);
         let division = folder.divide(Split::Alternate, &in_range);
         assert_eq!(
@@ -86,10 +84,10 @@ mod tests {
     #[test]
     fn the_prototype_fits_the_standard_gantry_tau() {
         let robot = crate::Robot::from(&tau_generated::gantry_tau::ROBOT);
-        assert_eq!(crate::measurements::Shape::from(&robot), SHAPE);
+        assert_eq!(crate::measurements::Shape::from(&robot), shape());
         let file = RobotFile::parse_for(ROBOT, "robot.toml", &robot).unwrap();
         let folder = folder().unwrap();
-        let poses = folder.in_range(&file, &SHAPE);
+        let poses = folder.in_range(&file, &shape());
         folder.check_reach(&poses, &robot, &file).unwrap();
         let lengths = ROBOT.replace("length_m", "# length_m");
         let error = RobotFile::parse_for(&lengths, "robot.toml", &robot).unwrap_err();

@@ -129,8 +129,7 @@ impl Robot {
 
     /// Name of a command's column in tables, `q1_m` or `q1_rad`.
     pub fn command_column(&self, command: usize) -> String {
-        let unit = if self.is_angle(command) { "rad" } else { "m" };
-        format!("q{}_{unit}", command + 1)
+        command_column(command, self.is_angle(command))
     }
 
     /// Names of the columns of all commands.
@@ -325,6 +324,12 @@ impl Variant {
         let index = self.parameters.iter().position(|own| own.name == name);
         index.unwrap_or_else(|| unreachable!("`{name}` is a parameter of `{}`", self.name))
     }
+}
+
+/// Name of a command's column.
+pub(crate) fn command_column(command: usize, is_angle: bool) -> String {
+    let unit = if is_angle { "rad" } else { "m" };
+    format!("q{}_{unit}", command + 1)
 }
 
 /// A family that is compiled in, behind the same pointer as one that is interpreted.

@@ -8,6 +8,7 @@ use std::fmt;
 use std::sync::Arc;
 
 use tau_codegen::language::model::Place;
+use tau_robot::measurements;
 
 /// When, how warm, and from which side.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -18,6 +19,16 @@ pub struct Conditions {
     pub time_s: f64,
     /// Temperature (°C).
     pub temperature_c: f64,
+}
+
+impl Conditions {
+    /// As a file of measurements holds them.
+    pub(crate) fn recorded(&self) -> measurements::Conditions {
+        measurements::Conditions {
+            time_s: Some(self.time_s),
+            temperature_c: Some(self.temperature_c),
+        }
+    }
 }
 
 /// State of a cart on which its errors can depend.
@@ -381,7 +392,7 @@ pub(crate) const LISTED: &[Listed] = &[
         physics: |p| tcp(move |at| at.position_m.map(|x| x / (1.0 - p[0]) - x)),
     },
     Listed {
-        name: "joint_placement",
+        name: JOINT_PLACEMENT,
         subject: Subject::Link,
         parameters: &[vector("offset", "m")],
         physics: |p| {
@@ -395,6 +406,9 @@ pub(crate) const LISTED: &[Listed] = &[
 
 /// Listed effects that follow the forces in the arm, of which there are none without a payload.
 pub(super) const LOADED: [&str; 2] = ["cart_compliance", "link_compliance"];
+
+/// The listed effect that moves plate joints.
+pub(crate) const JOINT_PLACEMENT: &str = "joint_placement";
 
 /// Reference temperature of ISO 1 (°C).
 const REFERENCE_C: f64 = 20.0;

@@ -9,7 +9,7 @@ use tau_robot::input_error::{InputError, Source, suggestion};
 use tau_robot::robot::Robot;
 use tau_robot::robot_file::Value;
 
-use super::effect::{Effect, LISTED, Listed, Parameter, Subject};
+use super::effect::{Effect, JOINT_PLACEMENT, LISTED, Listed, Parameter, Subject};
 
 impl Effect {
     /// An effect of the catalogue from text: its name, its place in parentheses, and after a colon its
@@ -197,7 +197,32 @@ impl Text<'_> {
             };
             return Err(self.error(part, message).help(help));
         }
-        let tracks = || robot.tracks.iter().map(String::as_str);
+        let is_guideway = |track: usize| {
+            let model = robot.model.as_ref();
+            model.is_none_or(|model| model.tracks[track].crank.is_none())
+        };
+        let guideways = robot.tracks.iter().enumerate();
+        let guideways = guideways.filter(|(track, _)| is_guideway(*track));
+        let guideways: Vec<(usize, &str)> = guideways
+            .map(|(track, name)| (track, name.as_str()))
+            .collect();
+        let tracks = || guideways.iter().map(|(_, name)| *name);
+        let acts_on_carts = matches!(listed.subject, Subject::Cart | Subject::CartFromSource);
+        if acts_on_carts && guideways.is_empty() {
+            let message = format!(
+                "`{}` acts on a track's cart, and the robot has none",
+                listed.name
+            );
+            return Err(self
+                .error(part, message)
+                .help("choose an effect on a link or on `tcp`"));
+        }
+        if listed.name == JOINT_PLACEMENT && robot.plate.is_point() {
+            let message = "links that meet in a point have no plate joints to move";
+            return Err(self
+                .error(part, message)
+                .help("choose another effect on a link"));
+        }
         let links = || robot.links.iter().map(|link| link.name.as_str());
         let unknown = |part: Part<'_>, what: &str, known: Vec<&str>| {
             let message = format!(
@@ -207,8 +232,9 @@ impl Text<'_> {
             self.error(part, message).help(suggestion(part.text, known))
         };
         let track = |part: Part<'_>| {
-            tracks()
-                .position(|name| name == part.text)
+            let found = guideways.iter().find(|(_, name)| *name == part.text);
+            found
+                .map(|(track, _)| *track)
                 .ok_or_else(|| unknown(part, "track's cart", tracks().collect()))
         };
         Ok(match (listed.subject, places[0].text) {

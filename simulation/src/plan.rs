@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::build::Commanded;
+use super::commanded::Commanded;
 use super::effect::Conditions;
 use super::machine::{Machine, track_frame};
 use super::random::Random;
@@ -10,8 +10,8 @@ use super::random::Random;
 /// Choice of the TCP's positions in set 1.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Poses {
-    /// A grid about the pose at all commands zero: layers along the mean track, rows across, columns up,
-    /// walked to and fro.
+    /// A grid about the pose of the reference: layers along the mean track, rows across, columns up,
+    /// walked to and fro. In a plane nothing goes up: a column is one point.
     Grid {
         /// Layers, rows, columns.
         counts: [usize; 3],
@@ -114,6 +114,11 @@ pub(super) const SECONDS: [f64; 3] = [30.0, 20.0, 10.0];
 /// Commands are rounded as a controller's are (1/m).
 const COUNTS_PER_METRE: f64 = 1e7;
 
+/// Number of a pose in the files.
+pub(super) fn number(index: usize) -> u32 {
+    u32::try_from(index + 1).unwrap_or(u32::MAX)
+}
+
 /// One stop: commands with the pose where the machine of the drawings would be.
 #[derive(Debug, Clone)]
 pub(super) struct Stop {
@@ -131,7 +136,7 @@ pub(super) struct Stops {
 pub(super) struct Planner<'a> {
     /// The machine of the drawings.
     pub(super) nominal: &'a Machine,
-    /// At all commands zero.
+    /// At the reference.
     pub(super) home: &'a Commanded,
     /// Measured range of the commands (m).
     pub(super) range_m: (f64, f64),
@@ -193,7 +198,7 @@ impl Planner<'_> {
     }
 
     fn default_steps(&self) -> [f64; 3] {
-        STEPS.map(|share| share * self.nominal.mean_length_m())
+        STEPS.map(|share| share * self.nominal.workspace_m())
     }
 
     /// Along the mean track, across it and up; the axes of the measurement frame without tracks.
@@ -211,6 +216,12 @@ impl Planner<'_> {
         random: &mut Random,
     ) -> Vec<Vector3<f64>> {
         let (axes, centre) = (self.axes(), self.home.pose.position_m);
+        let is_in_plane = self.nominal.plate.is_in_plane();
+        let counts = [
+            counts[0],
+            counts[1],
+            if is_in_plane { 1 } else { counts[2] },
+        ];
         let mut points = Vec::new();
         let to_and_fro = |back: bool, k: usize, count: usize| if back { count - 1 - k } else { k };
         for layer in 0..counts[0] {
@@ -233,10 +244,18 @@ impl Planner<'_> {
         points
     }
 
+    /// A point, in the plane of the plate where it has one.
+    fn within(&self, mut point: Vector3<f64>) -> Vector3<f64> {
+        if self.nominal.plate.is_in_plane() {
+            point.z = self.home.pose.position_m.z;
+        }
+        point
+    }
+
     fn visit(&self, points: &[Vector3<f64>]) -> (Vec<Commanded>, usize) {
         let mut here = self.home.clone();
         let mut stops = Vec::new();
-        for &point in points {
+        for point in points.iter().map(|&point| self.within(point)) {
             // A point that can't be reached from the one before may still be reached from home.
             let next = here
                 .towards(self.nominal, point)
@@ -262,13 +281,11 @@ impl Planner<'_> {
                 let half = (GRID[axis] as f64 - 1.0) / 2.0 * steps[axis];
                 random.uniform(-half, half)
             });
-            let point = self.home.pose.position_m + axes * offset;
+            let point = self.within(self.home.pose.position_m + axes * offset);
             let stop = self.home.towards(self.nominal, point);
             let carts = |stop: &Commanded| {
-                stop.commands_m
-                    .iter()
-                    .take(self.nominal.tracks)
-                    .all(|q| (low..=high).contains(q))
+                let mut guideways = self.nominal.guideways();
+                guideways.all(|track| (low..=high).contains(&stop.commands_m[track]))
             };
             stops.extend(stop.filter(carts));
         }

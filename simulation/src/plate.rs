@@ -10,10 +10,9 @@ use tau_robot::measurements::{Conditions, Distance, PlateKind, PlateRow};
 use tau_robot::robot_file::{RobotFile, StatedNoise, Value};
 
 use super::machine::State;
-use super::noise::Noise;
-use super::plan::Stop;
+use super::noise::{Noise, Tails};
+use super::plan::{Stop, number};
 use super::random::Random;
-use super::{Tails, number, recorded};
 
 /// A kind of measurement of the plate.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -204,7 +203,7 @@ impl Gauges<'_> {
                         line: measured.rows.len() - first + 2,
                         pose: number(index),
                         commands_m: stop.commanded.commands_m.clone(),
-                        conditions: recorded(&stop.conditions),
+                        conditions: stop.conditions.recorded(),
                         directions: Some(stop.conditions.directions.clone()),
                         values,
                         sigmas: [None; 3],
@@ -283,10 +282,11 @@ pub(super) fn usual(stated_m: f64) -> f64 {
     if stated_m.is_finite() { stated_m } else { 1e-5 }
 }
 
-/// Errors of the drives at each stop (m or rad): what they truly are is what was commanded plus these.
+/// Errors of the drives at each stop (m or rad): what they truly are is what was commanded plus these. Noise that is to
+/// be estimated is that of positions, by the way (m) that a unit of each command moves.
 pub(super) fn drive_errors(
     file: &RobotFile,
-    commands: usize,
+    ways_m: &[f64],
     scale: f64,
     stops: usize,
     seed: u64,
@@ -295,9 +295,9 @@ pub(super) fn drive_errors(
     let sigma = |command: usize| match file.noise_of_drive(command) {
         None => 0.0,
         Some(StatedNoise::Known(sigma)) => sigma,
-        Some(StatedNoise::Estimate) => usual(file.noise.position_m),
+        Some(StatedNoise::Estimate) => usual(file.noise.position_m) / ways_m[command],
     };
-    let sigmas: Vec<f64> = (0..commands)
+    let sigmas: Vec<f64> = (0..ways_m.len())
         .map(|command| scale * sigma(command))
         .collect();
     (0..stops)
@@ -306,15 +306,14 @@ pub(super) fn drive_errors(
 }
 
 /// Text of a file of rows.
-pub(super) fn rows_text(kind: PlateKind, rows: &[&PlateRow]) -> String {
-    let commands = rows.first().map_or(0, |row| row.commands_m.len());
+pub(super) fn rows_text(kind: PlateKind, rows: &[&PlateRow], commands: &[String]) -> String {
     let mut header = vec![
         "pose".to_owned(),
         "time_s".to_owned(),
         "temperature_c".to_owned(),
     ];
-    header.extend((1..=commands).map(|n| format!("q{n}_m")));
-    header.extend((1..=commands).map(|n| format!("dir{n}")));
+    header.extend(commands.iter().cloned());
+    header.extend((1..=commands.len()).map(|n| format!("dir{n}")));
     let object = kind
         .object()
         .filter(|_| rows.iter().any(|row| row.of.is_some()));

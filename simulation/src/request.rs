@@ -9,10 +9,14 @@ use tau_robot::prototype;
 use tau_robot::robot::Robot;
 use tau_robot::robot_file::{Payload, RobotFile};
 
-use super::{
-    Approach, Build, Effect, Measure, Noise, Poses, SimulatedFolder, Simulation, Tails,
-    Temperature, TrackPoints, simulate,
-};
+use super::build::Build;
+use super::effect::Effect;
+use super::folder::SimulatedFolder;
+use super::noise::{Noise, Tails};
+use super::plan::{Approach, Poses, Temperature, TrackPoints};
+use super::plate::Measure;
+use super::session::simulate;
+use super::simulation::Simulation;
 
 /// Noise that a robot file may state at most (m or rad).
 const LARGEST_NOISE: f64 = 1.0;

@@ -9,30 +9,36 @@ use nalgebra::Vector3;
 use serde_json::{Map, Value, json};
 use tau_codegen::language::model::Place;
 use tau_robot::input_error::InputError;
+use tau_robot::measurements::set::{ANGLES, POSITION};
 use tau_robot::measurements::{
-    CartPose, CartPosition, Conditions, DISTANCES, Folder, PlateKind, PlateRow, TcpPose, Texts,
+    CartPose, CartPosition, Conditions, DISTANCES, Folder, PlateKind, PlateRow, Texts,
 };
 use tau_robot::robot::Robot;
 use tau_robot::robot_file::RobotFile;
 
-use super::{Effect, SimulatedFolder, Truth, number, plate, zyz_angles};
+use super::angles::zyz_angles;
+use super::effect::Effect;
+use super::folder::{SimulatedFolder, Truth};
+use super::plan::number;
+use super::plate;
 
 impl SimulatedFolder {
     /// Names and texts of the folder's files. Numbers are written so that they read back bit for bit;
     /// a set without measurements has no file.
     pub fn texts(&self) -> Vec<(&'static str, String)> {
         let folder = &self.folder;
+        let commands = self.shape.command_names();
         let mut files = vec![
             ("robot.toml", self.file.to_toml()),
             ("truth.json", self.truth.to_json()),
         ];
         if !folder.tcp_poses.is_empty() {
-            files.push(("tcp_poses.csv", tcp_poses(&folder.tcp_poses)));
+            files.push(("tcp_poses.csv", self.tcp_poses()));
         }
         for kind in PlateKind::ALL {
             let rows: Vec<&PlateRow> = folder.rows_of(kind).collect();
             if !rows.is_empty() {
-                files.push((kind.file(), plate::rows_text(kind, &rows)));
+                files.push((kind.file(), plate::rows_text(kind, &rows, &commands)));
             }
         }
         if !folder.distances.is_empty() {
@@ -42,9 +48,34 @@ impl SimulatedFolder {
             files.push(("cart_poses.csv", cart_poses(&folder.cart_poses)));
         }
         if !folder.cart_positions.is_empty() {
-            files.push(("cart_positions.csv", cart_positions(&folder.cart_positions)));
+            let text = cart_positions(&folder.cart_positions, &commands);
+            files.push(("cart_positions.csv", text));
         }
         files
+    }
+
+    /// Columns are the freedoms of the plate: a point has no orientation, and in a plane there are x, y and the angle
+    /// about z.
+    fn tcp_poses(&self) -> String {
+        let rows = &self.folder.tcp_poses;
+        let measured = self.shape.pose_names();
+        let commands = self.shape.command_names();
+        let directions: Vec<String> = (1..=commands.len()).map(|n| format!("dir{n}")).collect();
+        let (commands, directions) = (commands.join(","), directions.join(","));
+        let names = measured.join(",");
+        let mut text = format!("pose,{CONDITIONS},{commands},{directions},{names}\n");
+        for row in rows {
+            line(&mut text, &[row.pose], |cells| {
+                conditions(cells, &row.conditions);
+                cells.extend(row.commands_m.iter().map(f64::to_string));
+                cells.extend(row.directions.iter().flatten().map(f64::to_string));
+                let pose = row.position_m.iter().chain(&row.angles_rad);
+                let pose = POSITION.into_iter().chain(ANGLES).zip(pose);
+                let pose = pose.filter(|(name, _)| measured.contains(name));
+                cells.extend(pose.map(|(_, value)| value.to_string()));
+            });
+        }
+        text
     }
 
     /// Checks that the folder will be taken for measurements of the robot.
@@ -114,8 +145,9 @@ impl Drop for Partial {
 }
 
 impl Truth {
-    /// `{"effects": [{"name", "place", "parameters"}], "status": […], "outliers": […], "links": {…}, "tcp_poses": […],
-    /// "gross_rows": [{"file", "line"}], "targets", "surfaces", "balls"}`: dimensions as built, with the names of the robot file, and where the TCP truly stood at the poses of set 1.
+    /// `{"effects": [{"name", "place", "parameters"}], "status": […], "outliers": […], "links": {…}, "cranks": {…},
+    /// "parameters": {…}, "tcp_poses": […], "gross_rows": [{"file", "line"}], "targets", "surfaces", "balls"}`: dimensions
+    /// as built, with the names of the robot file, and where the TCP truly stood at the poses of set 1.
     pub fn to_json(&self) -> String {
         let effects: Vec<Value> = self
             .effects
@@ -136,13 +168,34 @@ impl Truth {
         let vector = |vector: &Vector3<f64>| <[f64; 3]>::from(*vector);
         let links: Map<String, Value> = (self.links.iter().zip(&self.machine.rods))
             .map(|(name, rod)| {
+                let on_cart = rod
+                    .track
+                    .filter(|&track| self.machine.crank(track).is_none());
+                let has_joint = !self.machine.plate.is_point();
+                let has_length = rod.transmission.is_none();
                 let built = json!({
-                    "length_m": rod.length_m,
-                    "plate_joint_m": vector(&rod.plate_joint_m),
+                    "length_m": has_length.then_some(rod.length_m),
+                    "plate_joint_m": has_joint.then(|| vector(&rod.plate_joint_m)),
                     "track_offset_m": vector(&rod.track_offset_m),
-                    "track_direction": rod.track.map(|_| vector(&rod.track_direction)),
+                    "track_direction": on_cart.map(|_| vector(&rod.track_direction)),
+                    "pull_n": rod.pull_n,
                 });
                 (name.clone(), built)
+            })
+            .collect();
+        let cranks = self.tracks.iter().zip(&self.machine.cranks);
+        let cranks: Map<String, Value> = cranks
+            .filter_map(|(name, crank)| {
+                let crank = crank.as_ref()?;
+                let built =
+                    json!({ "centre_m": vector(&crank.centre_m), "axis": vector(&crank.axis) });
+                Some((name.clone(), built))
+            })
+            .collect();
+        let parameters: Map<String, Value> = (self.machine.parameters.iter())
+            .map(|(name, values)| match values.as_slice() {
+                [value] => (name.clone(), json!(value)),
+                values => (name.clone(), json!(values)),
             })
             .collect();
         let poses: Vec<Value> = (self.tcp_poses.iter().enumerate())
@@ -159,6 +212,8 @@ impl Truth {
             "status": self.status,
             "outliers": self.outliers,
             "links": links,
+            "cranks": cranks,
+            "parameters": parameters,
             "tcp_poses": poses,
             "gross_rows": (self.gross_rows.iter())
                 .map(|(file, line)| json!({ "file": file, "line": line }))
@@ -198,33 +253,11 @@ pub(super) fn place(effect: &Effect, robot: &Robot) -> String {
     }
 }
 
-const POSITION: &str = "x_m,y_m,z_m";
-const ANGLES: &str = "alpha_rad,beta_rad,gamma_rad";
 const CONDITIONS: &str = "time_s,temperature_c";
 
-fn tcp_poses(rows: &[TcpPose]) -> String {
-    let commands = rows.first().map_or(0, |row| row.commands_m.len());
-    let directions: Vec<String> = (1..=commands).map(|n| format!("dir{n}")).collect();
-    let (commands, directions) = (command_names(commands), directions.join(","));
-    let mut text = format!("pose,{CONDITIONS},{commands},{directions},{POSITION},{ANGLES}\n");
-    for row in rows {
-        line(&mut text, &[row.pose], |cells| {
-            conditions(cells, &row.conditions);
-            cells.extend(row.commands_m.iter().map(f64::to_string));
-            cells.extend(row.directions.iter().flatten().map(f64::to_string));
-            cells.extend(
-                row.position_m
-                    .iter()
-                    .chain(&row.angles_rad)
-                    .map(f64::to_string),
-            );
-        });
-    }
-    text
-}
-
 fn cart_poses(rows: &[CartPose]) -> String {
-    let mut text = format!("cart,point,{CONDITIONS},q_m,dir,{POSITION},{ANGLES}\n");
+    let (position, angles) = (POSITION.join(","), ANGLES.join(","));
+    let mut text = format!("cart,point,{CONDITIONS},q_m,dir,{position},{angles}\n");
     for row in rows {
         line(&mut text, &[cart(row.track), row.point], |cells| {
             conditions(cells, &row.conditions);
@@ -241,9 +274,9 @@ fn cart_poses(rows: &[CartPose]) -> String {
     text
 }
 
-fn cart_positions(rows: &[CartPosition]) -> String {
-    let commands = command_names(rows.first().map_or(0, |row| row.commands_m.len()));
-    let mut text = format!("pose,cart,{CONDITIONS},{commands},dir,{POSITION}\n");
+fn cart_positions(rows: &[CartPosition], commands: &[String]) -> String {
+    let (commands, position) = (commands.join(","), POSITION.join(","));
+    let mut text = format!("pose,cart,{CONDITIONS},{commands},dir,{position}\n");
     for row in rows {
         line(&mut text, &[row.pose, cart(row.track)], |cells| {
             conditions(cells, &row.conditions);
@@ -253,13 +286,6 @@ fn cart_positions(rows: &[CartPosition]) -> String {
         });
     }
     text
-}
-
-fn command_names(count: usize) -> String {
-    (1..=count)
-        .map(|n| format!("q{n}_m"))
-        .collect::<Vec<_>>()
-        .join(",")
 }
 
 /// Number of a cart in the file, from 1.

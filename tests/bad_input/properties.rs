@@ -8,7 +8,7 @@ use tau::robot_file::{
     RobotFile, StatedNoise, Surface, Value,
 };
 
-use super::{CART_POSES, CART_POSITIONS, OnDisk, ROBOT, SHAPE, TCP_POSES, pair};
+use super::{CART_POSES, CART_POSITIONS, OnDisk, ROBOT, TCP_POSES, pair, shape};
 
 fn components(count: usize) -> impl Strategy<Value = Vec<f64>> {
     prop::collection::vec(-9.0..9.0_f64, count)
@@ -277,7 +277,7 @@ fn measuring(noise: f64) -> Measuring {
 
 fn read_all(text: &str) -> Result<Folder, InputError> {
     let texts = Texts::of(|_| Some(text));
-    Folder::from_texts("folder", texts, SHAPE)
+    Folder::from_texts("folder", texts, shape())
 }
 
 /// An error can be shown, and points into its text.

@@ -129,7 +129,7 @@ pub(super) fn of_file(
 ) -> Result<(Vec<Row>, Option<String>), InputError> {
     let (name, text) = text_of(path)?;
     let shape = Shape::from(&machine.robot);
-    let directions: Vec<String> = (1..=shape.commands)
+    let directions: Vec<String> = (1..=shape.commands())
         .map(|n| format!("{DIRECTION}{n}"))
         .collect();
     // Output of the program can be read again: commands are no strangers beside poses.
@@ -185,7 +185,7 @@ pub(super) fn of_file(
     let numbers = table
         .column("pose")
         .map(|index| table.whole_numbers(index, &mut mistakes));
-    plausible::commands(&table, &commands, &mut mistakes);
+    plausible::commands(&table, &commands, &shape.drives, &mut mistakes);
     if let Some(position) = &position {
         plausible::positions(&table, position, &mut mistakes);
     }

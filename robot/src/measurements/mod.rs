@@ -8,13 +8,15 @@ mod read;
 mod read_plate;
 mod selection;
 pub mod set;
+mod shape;
 pub mod table;
 mod texts;
 mod visits;
 
 pub use plate::{DISTANCES, Distance, PlateKind, PlateRow};
 pub use selection::{Division, PoseCounts, Poses, Split};
-pub use texts::{FILES, Shape, TCP_POSES, Texts};
+pub use shape::{Actuator, Shape};
+pub use texts::{FILES, TCP_POSES, Texts};
 pub use visits::visits;
 
 /// Content of a measurement folder, SI units.

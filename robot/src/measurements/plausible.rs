@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 
+use super::shape::{Actuator, Shape};
 use super::table::{Column, Table};
 use crate::input_error::Mistakes;
 
@@ -44,11 +45,21 @@ pub fn positions(table: &Table<'_>, columns: &[Column; 3], mistakes: &mut Mistak
     strays(table, &columns.each_ref(), mistakes);
 }
 
-/// Commands are metres; the angles of motors may be any number of turns.
-pub fn commands(table: &Table<'_>, columns: &[Column], mistakes: &mut Mistakes<'_>) {
-    let is_length = |column: &&Column| !table.name(column.index).ends_with("_rad");
-    let own: Vec<&Column> = columns.iter().filter(is_length).collect();
-    lengths(table, &own, mistakes);
+/// Commands, one column a drive, are metres, or radians: of cranks, which do not go round; of drums any number.
+pub fn commands(
+    table: &Table<'_>,
+    columns: &[Column],
+    drives: &[Actuator],
+    mistakes: &mut Mistakes<'_>,
+) {
+    let of = |wanted: fn(&Actuator) -> bool| -> Vec<&Column> {
+        let own = columns.iter().zip(drives);
+        own.filter(|(_, drive)| wanted(drive))
+            .map(|(column, _)| column)
+            .collect()
+    };
+    lengths(table, &of(|drive| !drive.is_angle()), mistakes);
+    angles(table, of(|drive| *drive == Actuator::Crank), mistakes);
 }
 
 /// Lengths are metres; fields without a number are passed over.
@@ -141,7 +152,11 @@ fn strays(table: &Table<'_>, columns: &[&Column], mistakes: &mut Mistakes<'_>) {
 }
 
 /// Angles are radians.
-pub fn angles(table: &Table<'_>, columns: &[Column; 3], mistakes: &mut Mistakes<'_>) {
+pub fn angles<'a>(
+    table: &Table<'_>,
+    columns: impl IntoIterator<Item = &'a Column>,
+    mistakes: &mut Mistakes<'_>,
+) {
     for column in columns {
         let beyond: Vec<usize> = (0..table.rows())
             .filter(|&row| column.values[row].abs() > LARGEST_ANGLE_RAD)
@@ -207,11 +222,13 @@ pub fn directions(table: &Table<'_>, column: &Column, mistakes: &mut Mistakes<'_
 pub fn carts(
     table: &Table<'_>,
     column: &Column<Option<u32>>,
-    tracks: usize,
+    shape: &Shape,
     mistakes: &mut Mistakes<'_>,
 ) {
+    let tracks = shape.tracks();
+    let is_cart = |cart: u32| cart > 0 && shape.has_cart(cart as usize - 1);
     for (row, cart) in column.values.iter().enumerate() {
-        if cart.is_some_and(|cart| cart == 0 || cart as usize > tracks) {
+        if cart.is_some_and(|cart| !is_cart(cart)) {
             mistakes.push(
                 table.place(row, column.index),
                 format!(

@@ -8,8 +8,9 @@ use super::set::{
     ANGLES, ConditionColumns, DIRECTION, POSITION, Set, TEMPERATURE, TIME, file_name,
     read_directions, vector,
 };
+use super::shape::{Actuator, Shape};
 use super::table::Column;
-use super::texts::{CART_POSES, CART_POSITIONS, FILES, Shape, TCP_POSES, Texts};
+use super::texts::{CART_POSES, CART_POSITIONS, FILES, TCP_POSES, Texts};
 use super::{
     CartPose, CartPosition, DISTANCES, Folder, PlateKind, PoseSigmas, TcpPose, plausible,
     read_plate,
@@ -116,7 +117,7 @@ impl Folder {
             ))
         } else {
             // Without tracks there are no carts to measure.
-            if shape.tracks > 0 && texts.tcp_poses.is_some() {
+            if shape.has_carts() && texts.tcp_poses.is_some() {
                 remarks.push(format!(
                     "{CART_POSES} (set 2) is missing: piecewise tracks can't be calibrated, and the \
                      measured range of the commands is not known"
@@ -132,7 +133,7 @@ impl Folder {
                 &mut remarks,
             ))
         } else {
-            if shape.tracks > 0 && texts.tcp_poses.is_some() {
+            if shape.has_carts() && texts.tcp_poses.is_some() {
                 remarks.push(format!(
                     "{CART_POSITIONS} (set 3) is missing: the motion of the carts can't be compared \
                      between set 2 and the TCP poses"
@@ -262,32 +263,31 @@ fn read_tcp_poses(
     shape: &Shape,
     remarks: &mut Vec<String>,
 ) -> Result<Vec<TcpPose>, InputError> {
-    let [x, y, z] = POSITION;
-    let [alpha, beta, gamma] = ANGLES;
-    let directions: Vec<String> = (1..=shape.commands).map(|n| format!("dir{n}")).collect();
+    let directions: Vec<String> = (1..=shape.commands()).map(|n| format!("dir{n}")).collect();
     let optional = [&[TIME.to_owned(), TEMPERATURE.to_owned()], &directions[..]].concat();
-    let names = ["pose", x, y, z, alpha, beta, gamma];
+    // What the plate can't do may be there all the same: it is read, and means nothing.
     let sigmas = SIGMAS.map(str::to_owned);
-    let known = [&optional[..], &sigmas].concat();
-    let set = Set::open(
-        Source::new(name, text),
-        names,
-        &shape.command_names(),
-        &known,
-    )?;
+    let pose_names = [POSITION, ANGLES].concat();
+    let known: Vec<String> = pose_names.iter().map(|&name| name.to_owned()).collect();
+    let known = [&optional[..], &sigmas, &known].concat();
+    let required = shape.pose_names().into_iter().map(str::to_owned);
+    let required: Vec<String> = required.chain(shape.command_names()).collect();
+    let set = Set::open(Source::new(name, text), ["pose"], &required, &known)?;
     remark(&set, name, &optional, remarks);
     let Set {
         table,
         mut mistakes,
-        columns: [pose, x, y, z, alpha, beta, gamma],
+        columns: [pose],
         commands,
         ..
     } = set;
+    let commands = commands[shape.pose_names().len()..].to_vec();
 
     let pose = table.whole_numbers(pose, &mut mistakes);
     let commands = table.numbers_of(&commands, &mut mistakes);
-    let position = [x, y, z].map(|index| table.numbers(index, &mut mistakes));
-    let angles = [alpha, beta, gamma].map(|index| table.numbers(index, &mut mistakes));
+    let mut columns =
+        |names: [&str; 3]| names.map(|name| table.numbers_or_zero(name, &mut mistakes));
+    let (position, angles) = (columns(POSITION), columns(ANGLES));
     let conditions = ConditionColumns::read(&table, &mut mistakes);
     let directions: Option<Vec<Column>> = directions
         .iter()
@@ -305,14 +305,15 @@ fn read_tcp_poses(
         value.filter(|value| !value.is_nan())
     };
 
-    plausible::commands(&table, &commands, &mut mistakes);
+    plausible::commands(&table, &commands, &shape.drives, &mut mistakes);
     plausible::positions(&table, &position, &mut mistakes);
     plausible::angles(&table, &angles, &mut mistakes);
     plausible::distinct_keys(&table, [&pose], &mut mistakes, |[pose]| {
         format!("pose {pose}")
     });
     plausible::spread(&table, "commands", &commands, &mut mistakes);
-    plausible::spread(&table, "position", &position, &mut mistakes);
+    let axes = shape.plate.freedoms_of_tcp().len();
+    plausible::spread(&table, "position", &position[..axes], &mut mistakes);
     mistakes.finish()?;
 
     Ok((0..table.rows())
@@ -365,8 +366,8 @@ fn read_cart_poses(
     let conditions = ConditionColumns::read(&table, &mut mistakes);
     let direction = read_directions(&table, DIRECTION, &mut mistakes);
 
-    plausible::carts(&table, &cart, shape.tracks, &mut mistakes);
-    plausible::commands(&table, &command, &mut mistakes);
+    plausible::carts(&table, &cart, shape, &mut mistakes);
+    plausible::commands(&table, &command, &[Actuator::Cart], &mut mistakes);
     plausible::positions(&table, &position, &mut mistakes);
     plausible::angles(&table, &angles, &mut mistakes);
     // A track measured both ways visits each point twice.
@@ -402,7 +403,10 @@ fn read_cart_poses(
             direction: direction.as_ref().map(|column| column.values[row]),
         })
         .collect();
-    for unmeasured in (0..shape.tracks).filter(|&track| poses.iter().all(|p| p.track != track)) {
+    for unmeasured in (0..shape.tracks())
+        .filter(|&track| shape.has_cart(track))
+        .filter(|&track| poses.iter().all(|p| p.track != track))
+    {
         remarks.push(format!(
             "{CART_POSES} (set 2) has no points of cart {}: its track can't be piecewise",
             unmeasured + 1
@@ -442,8 +446,8 @@ fn read_cart_positions(
     let conditions = ConditionColumns::read(&table, &mut mistakes);
     let direction = read_directions(&table, DIRECTION, &mut mistakes);
 
-    plausible::carts(&table, &cart, shape.tracks, &mut mistakes);
-    plausible::commands(&table, &commands, &mut mistakes);
+    plausible::carts(&table, &cart, shape, &mut mistakes);
+    plausible::commands(&table, &commands, &shape.drives, &mut mistakes);
     plausible::positions(&table, &position, &mut mistakes);
     plausible::distinct_keys(&table, [&pose, &cart], &mut mistakes, |[pose, cart]| {
         format!("pose {pose} of cart {cart}")
@@ -489,22 +493,6 @@ fn remark<const N: usize>(
         format!("{file} has no {columns}: effects that need them can't be seen in this set")
     });
     remarks.extend(absent.into_iter().chain(set.unknown.clone()));
-}
-
-impl Shape {
-    /// Names of the columns of commands: `q1_m`, `q2_m`, …, or `q1_rad` where it is an angle.
-    pub fn command_names(&self) -> Vec<String> {
-        let unit = |command| {
-            if self.angles.contains(&command) {
-                "rad"
-            } else {
-                "m"
-            }
-        };
-        (0..self.commands)
-            .map(|command| format!("q{}_{}", command + 1, unit(command)))
-            .collect()
-    }
 }
 
 /// Index of the track whose cart has the number, from 1, that the file gives.

@@ -5,8 +5,9 @@ use std::ops::Range;
 
 use super::plate::{DISTANCES, Distance, PlateKind, PlateRow};
 use super::set::{ConditionColumns, Set, TEMPERATURE, TIME, read_directions};
+use super::shape::Shape;
 use super::table::{Column, Table};
-use super::texts::{Shape, TCP_POSES};
+use super::texts::TCP_POSES;
 use super::{TcpPose, plausible};
 use crate::input_error::{Errors, InputError, Mistakes, Source, quoted};
 
@@ -25,7 +26,7 @@ pub(super) fn read_rows(
     shape: &Shape,
     remarks: &mut Vec<String>,
 ) -> Result<Vec<Placed<PlateRow>>, InputError> {
-    let directions: Vec<String> = (1..=shape.commands).map(|n| format!("dir{n}")).collect();
+    let directions: Vec<String> = (1..=shape.commands()).map(|n| format!("dir{n}")).collect();
     let sigma_names: Vec<String> = kind.columns().iter().map(|c| sigma_name(c)).collect();
     let object = kind.object().map(|(column, _)| column.to_owned());
     let columns = kind.columns().iter().map(|&column| column.to_owned());
@@ -72,7 +73,7 @@ pub(super) fn read_rows(
         .collect();
     let object = object.and_then(|name| table.column(&name));
 
-    plausible::commands(&table, &commands, &mut mistakes);
+    plausible::commands(&table, &commands, &shape.drives, &mut mistakes);
     let given: Vec<&Column> = values.iter().flatten().collect();
     plausible::lengths(&table, &given, &mut mistakes);
     for column in sigmas.iter().flatten() {

@@ -4,7 +4,8 @@ use std::collections::BTreeSet;
 use std::fmt;
 use std::str::FromStr;
 
-use super::{Folder, Shape, visits};
+use super::shape::{Actuator, Shape};
+use super::{Folder, visits};
 use crate::input_error::{InputError, Source};
 use crate::robot::Robot;
 use crate::robot_file::RobotFile;
@@ -21,14 +22,15 @@ impl Folder {
                 .map(|pose| (pose.command_m, pose.command_m))
                 .reduce(|(low, high), (q, _)| (low.min(q), high.max(q)))
         };
-        (0..shape.commands)
-            .map(|command| {
-                let measured = if command < shape.tracks {
+        let drives = shape.drives.iter().enumerate();
+        drives
+            .map(|(command, drive)| {
+                let measured = if *drive == Actuator::Cart {
                     over(Some(command)).or_else(|| over(None))
                 } else {
                     None
                 };
-                measured.or(robot.range_m)
+                measured.or(robot.range_m.filter(|_| !drive.is_angle()))
             })
             .collect()
     }
@@ -338,11 +340,8 @@ mod tests {
             .into(),
             ..Folder::default()
         };
-        let shape = Shape {
-            commands: 4,
-            angles: vec![],
-            tracks: 3,
-        };
+        let mut shape = Shape::of_carts(3);
+        shape.drives.push(Actuator::Length);
         let expected = [(-0.5, 0.5), (0.1, 0.7), (-0.5, 0.7), (-9.0, 9.0)].map(Some);
         assert_eq!(folder.measured_range(&robot, &shape), expected);
         assert_eq!(folder.in_range(&robot, &shape), [0]);
@@ -358,7 +357,7 @@ mod tests {
             cart_poses: Vec::new(),
             ..prototype::folder().unwrap()
         };
-        assert_eq!(folder.in_range(&robot, &prototype::SHAPE).len(), 176);
+        assert_eq!(folder.in_range(&robot, &prototype::shape()).len(), 176);
     }
 
     #[test]

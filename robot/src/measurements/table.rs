@@ -263,6 +263,17 @@ impl<'a> Table<'a> {
         }
     }
 
+    /// A column of finite numbers by its name; zeros where there is none.
+    pub(crate) fn numbers_or_zero(&self, name: &str, mistakes: &mut Mistakes<'_>) -> Column {
+        match self.column(name) {
+            Some(index) => self.numbers(index, mistakes),
+            None => Column {
+                index: 0,
+                values: vec![0.0; self.rows()],
+            },
+        }
+    }
+
     /// Several columns of finite numbers.
     pub fn numbers_of(&self, indices: &[usize], mistakes: &mut Mistakes<'_>) -> Vec<Column> {
         indices

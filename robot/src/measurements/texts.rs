@@ -2,7 +2,6 @@
 
 use super::plate::{DISTANCES, PlateKind};
 use crate::fingerprint::fingerprint;
-use crate::robot::Robot;
 
 /// Name of the file of poses of the plate that are measured fully.
 pub const TCP_POSES: &str = "tcp_poses.csv";
@@ -10,29 +9,6 @@ pub const TCP_POSES: &str = "tcp_poses.csv";
 pub(super) const CART_POSES: &str = "cart_poses.csv";
 /// Name of the file of set 3.
 pub(super) const CART_POSITIONS: &str = "cart_positions.csv";
-
-/// Sizes of a robot that its measurements must fit.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Shape {
-    /// Number of commands `q1_m, q2_m, …`.
-    pub commands: usize,
-    /// Indices of those that are angles, `q1_rad`.
-    pub angles: Vec<usize>,
-    /// Number of tracks, and so of carts.
-    pub tracks: usize,
-}
-
-impl From<&Robot> for Shape {
-    fn from(robot: &Robot) -> Self {
-        Self {
-            commands: robot.commands,
-            angles: (0..robot.commands)
-                .filter(|&command| robot.is_angle(command))
-                .collect(),
-            tracks: robot.tracks.len(),
-        }
-    }
-}
 
 /// Names of the files that a folder may hold, in the order of [`Texts`].
 pub const FILES: [&str; 8] = [

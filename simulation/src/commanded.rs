@@ -1,0 +1,110 @@
+//! Where the machine of the drawings stands, and the commands that bring it to a place, as a controller computes them.
+
+use nalgebra::{DMatrix, Vector3};
+use tau_robot::robot_file::Reference;
+
+use super::angles::zyz;
+use super::closing;
+use super::machine::Machine;
+use super::parts::Pose;
+
+/// Farthest that the machine may stand from its reference, over the mean length of its links; twice as much in rad.
+const ROUGH: f64 = 0.1;
+/// Smallest change of the rods' lengths, over a motion of the plate, at which they hold it.
+const FIRM: f64 = 1e-4;
+/// Length of the steps on the way to a target, as a share of the size of the workspace: long ones would
+/// jump from one side of a cart to the other.
+const WAY: f64 = 0.05;
+
+/// Pose and commands (m or rad) of the machine of the drawings, as a controller computes them.
+#[derive(Debug, Clone)]
+pub(super) struct Commanded {
+    pub(super) pose: Pose,
+    pub(super) commands_m: Vec<f64>,
+}
+
+impl Commanded {
+    /// The machine at the commands of its reference; where redundant drives do not agree with each other there, at its
+    /// position. `None` where the rods do not meet near it, or do not hold the plate.
+    pub(super) fn reference(machine: &Machine, reference: &Reference) -> Option<Self> {
+        let stated = Self {
+            pose: Pose {
+                position_m: reference.position_m.into(),
+                rotation: zyz(reference.orientation_rad),
+            },
+            commands_m: reference.commands_m.clone(),
+        };
+        let state = machine.unloaded(&stated.commands_m, stated.pose);
+        let found = if machine.is_redundant() {
+            stated.near(machine, stated.pose.position_m)?
+        } else {
+            Self {
+                pose: closing::pose(machine, &state)?,
+                ..stated.clone()
+            }
+        };
+        let rough = ROUGH * machine.mean_length_m();
+        let commands = found.commands_m.iter().zip(&stated.commands_m);
+        let off = (commands.zip(&machine.ways_m))
+            .map(|((found, stated), way)| (found - stated).abs() * way)
+            .fold(0.0, f64::max);
+        let is_near = (found.pose.position_m - stated.pose.position_m).norm() < rough
+            && off < rough
+            && found.pose.rotation.angle_to(&stated.pose.rotation) < 2.0 * ROUGH;
+        (is_near && found.firmness(machine) > FIRM).then_some(found)
+    }
+
+    /// Smallest singular value of the change of the rods' lengths with the plate's freedoms, rotation counted
+    /// at the plate joints.
+    fn firmness(&self, machine: &Machine) -> f64 {
+        let joints = machine.unloaded(&self.commands_m, self.pose).joints_m;
+        let levers: Vec<Vector3<f64>> = machine
+            .rods
+            .iter()
+            .map(|rod| self.pose.rotation * rod.plate_joint_m)
+            .collect();
+        let lever =
+            (levers.iter().map(Vector3::norm_squared).sum::<f64>() / levers.len() as f64).sqrt();
+        let freedoms = machine.plate.freedoms();
+        let matrix = DMatrix::from_fn(levers.len(), freedoms.len(), |k, column| {
+            let along = (self.pose.position_m + levers[k] - joints[k]).normalize();
+            let motion = freedoms[column];
+            if motion < 3 {
+                along[motion]
+            } else {
+                levers[k].cross(&along)[motion - 3] / lever.max(1e-9)
+            }
+        });
+        if matrix.nrows() < matrix.ncols() {
+            0.0
+        } else {
+            matrix.singular_values().min()
+        }
+    }
+
+    /// Commands that bring the TCP of the machine, without load and errors, to a position (m); `None`
+    /// where it is out of reach. The orientation is what the arm leaves it, nearest to the one before.
+    pub(super) fn towards(&self, machine: &Machine, target_m: Vector3<f64>) -> Option<Self> {
+        let way = target_m - self.pose.position_m;
+        let steps = (way.norm() / (WAY * machine.workspace_m())).ceil().max(1.0);
+        let mut here = self.clone();
+        let mut step = 0.0;
+        while step < steps {
+            step += 1.0;
+            let position = self.pose.position_m + way * (step / steps);
+            here = here.near(machine, position)?;
+        }
+        Some(here)
+    }
+
+    /// Commands and orientation at a position (m) close by.
+    fn near(&self, machine: &Machine, position_m: Vector3<f64>) -> Option<Self> {
+        let pose = Pose {
+            position_m,
+            ..self.pose
+        };
+        let state = machine.unloaded(&self.commands_m, pose);
+        let (pose, commands_m) = closing::commands(machine, &state, &self.commands_m)?;
+        Some(Self { pose, commands_m })
+    }
+}

@@ -1,0 +1,306 @@
+//! A simulation from drawings to measurements.
+
+use std::collections::BTreeMap;
+
+use tau_robot::input_error::InputError;
+use tau_robot::measurements::{Folder, Shape};
+use tau_robot::robot_file::RobotFile;
+
+use super::build::{self, Build};
+use super::commanded::Commanded;
+use super::drawing::Drawing;
+use super::effect::{self, Effect};
+use super::folder::{SimulatedFolder, Truth};
+use super::machine::{Machine, State};
+use super::noise;
+use super::plan::{Planner, SECONDS, Stop, Stops, number};
+use super::plate::{self, Measure};
+use super::random::Random;
+use super::simulation::Simulation;
+use super::trackers::{Mounting, Trackers};
+use super::write;
+
+/// Simulates a measurement folder.
+///
+/// # Errors
+/// The robot file lacks values that nothing else gives, or the payload that an effect follows; the links do not hold the
+/// plate at the reference; fewer than two poses can be reached.
+pub fn simulate(simulation: &Simulation) -> Result<SimulatedFolder, InputError> {
+    Session::new(simulation)?.run()
+}
+
+struct Session<'a> {
+    simulation: &'a Simulation,
+    nominal: Machine,
+    machine: Machine,
+    home: Commanded,
+    range_m: (f64, f64),
+}
+
+impl<'a> Session<'a> {
+    fn new(simulation: &'a Simulation) -> Result<Self, InputError> {
+        let Simulation {
+            robot, file, seed, ..
+        } = simulation;
+        // Another assembly would be another machine, of which no variant of the robot file is true.
+        let Some(reference) = file.completed(robot).reference else {
+            let message = "found no `[reference]`, expected the pose at which the machine stands at some commands";
+            return Err(InputError::whole("robot.toml", message).help(
+                "add `[reference]` with `commands_m`, `position_m` and `orientation_rad` (ZYZ) to the robot file, \
+                 or `reference { … }` to the description",
+            ));
+        };
+        let mut drawing = Drawing::new(robot, file, &reference)?;
+        let Some(home) = Commanded::reference(&drawing.nominal, &reference) else {
+            let message =
+                "the arm can't be assembled near `[reference]` so that the links hold the plate";
+            return Err(InputError::whole("robot.toml", message).help(
+                "compare lengths, joints and the reference with the drawing: in metres, and of the assembly that was built",
+            ));
+        };
+        if let Some(name) = &simulation.variant {
+            robot.find(name, "--variant")?;
+            drawing.hold(name);
+        }
+        let mut machine = match simulation.build {
+            Build::Exact => drawing.nominal.clone(),
+            Build::Drawn { links, tracks } => build::drawn(&drawing, (links, tracks), *seed),
+        };
+        let nominal = drawing.nominal;
+        machine.effects.clone_from(&simulation.effects);
+        if let Some(name) = &simulation.variant {
+            let variant = robot.find(name, "--variant")?;
+            build::simplify(&mut machine, robot, variant, home.pose);
+            for (effect, places) in &variant.effects {
+                let key = format!("{effect}({})", places.join(", "));
+                if let Some(values) = file.effects.get(&key) {
+                    machine.effects.push(Effect::of_file(&key, values, robot)?);
+                }
+            }
+        }
+        let follows_forces =
+            |effect: &&Effect| effect.listed && effect::LOADED.contains(&effect.name.as_str());
+        let following = machine.effects.iter().find(follows_forces);
+        if let Some(effect) = following.filter(|_| !machine.is_loaded()) {
+            let message = format!(
+                "found no `[payload]`, expected one: `{}` follows the forces in the arm",
+                effect.name
+            );
+            return Err(InputError::whole("robot.toml", message)
+                .help("add `[payload]` to the robot file, or give its mass with `--payload`"));
+        }
+        let range_m = file.range_m.unwrap_or_else(|| {
+            let length = nominal.mean_length_m();
+            let commands = nominal.guideways().map(|track| home.commands_m[track]);
+            let middle = commands.sum::<f64>() / nominal.guideways().count().max(1) as f64;
+            (middle - length / 3.0, middle + length / 3.0)
+        });
+        Ok(Self {
+            simulation,
+            nominal,
+            machine,
+            home,
+            range_m,
+        })
+    }
+
+    fn run(self) -> Result<SimulatedFolder, InputError> {
+        let simulation = self.simulation;
+        let seed = simulation.seed;
+        let planner = Planner {
+            nominal: &self.nominal,
+            home: &self.home,
+            range_m: self.range_m,
+            approach: simulation.approach,
+            temperature: simulation.temperature,
+        };
+        let set1 = planner.tcp_poses(&simulation.poses, &mut Random::new(seed, "poses"));
+        let errors = plate::drive_errors(
+            &simulation.file,
+            &self.nominal.ways_m,
+            simulation.noise.scale[0],
+            set1.stops.len(),
+            seed,
+        );
+        let (visited, true_states) = self.reached_by_drives(set1, errors);
+        let objects = plate::Objects::draw(
+            &simulation.file,
+            simulation.build == Build::Exact,
+            self.home.pose.position_m,
+            self.nominal.workspace_m() / 3.0,
+            seed,
+        );
+        let gauges = plate::Gauges {
+            measures: &simulation.measures,
+            file: &simulation.file,
+            objects: &objects,
+            noise: &simulation.noise,
+            readings: simulation.readings.max(1),
+            seed,
+        };
+        let measured = gauges.measure(&visited.stops, &true_states);
+        let (set1, states1) = self.read_again(&visited, true_states);
+        if set1.stops.len() < 2 {
+            let message = "fewer than two poses are within reach";
+            return Err(InputError::whole("poses", message)
+                .help("take a grid of smaller steps, or smaller effects"));
+        }
+        let has_carts = self.nominal.guideways().next().is_some();
+        let mut random = Random::new(seed, "random poses");
+        let set3 = planner.random_poses(
+            if has_carts {
+                simulation.random_poses
+            } else {
+                0
+            },
+            &mut random,
+        );
+        let (set3, states3) = self.reached(set3);
+        let points =
+            planner.track_points(simulation.track_points, &mut Random::new(seed, "points"));
+
+        let mut random = Random::new(seed, "trackers");
+        let centre = self.home.pose.position_m;
+        let mut mounting = || Mounting::draw(self.nominal.tracks, centre, &mut random);
+        let (mounting2, mounting3) = (mounting(), mounting());
+
+        let outliers = noise::outliers(&simulation.noise, set1.stops.len(), seed);
+        let has_poses = simulation.measures.contains(&Measure::Poses);
+        let (set1_stops, outliers) = if has_poses {
+            (&set1.stops[..], outliers)
+        } else {
+            (&[][..], BTreeMap::new())
+        };
+        let mut trackers = Trackers::new(simulation, &self.machine);
+        let tcp_poses = trackers.tcp_poses(set1_stops, &states1, &outliers);
+        let cart_poses = if has_carts {
+            trackers.cart_poses(&points, &mounting2, &self.home)
+        } else {
+            Vec::new()
+        };
+        let cart_positions = trackers.cart_positions(&set3.stops, &states3, &mounting3);
+
+        let effects: Vec<(String, String)> = self
+            .machine
+            .effects
+            .iter()
+            .map(|effect| (effect.name.clone(), write::place(effect, &simulation.robot)))
+            .collect();
+        let listed = self
+            .machine
+            .effects
+            .iter()
+            .filter(|effect| effect.listed)
+            .count();
+        let status = match (effects.len(), effects.len() - listed) {
+            (0, _) => vec!["nothing_missing"],
+            (_, 0) => vec!["explained"],
+            _ => vec!["unnamed_structure", "partly_explained"],
+        };
+        Ok(SimulatedFolder {
+            shape: Shape::from(&simulation.robot),
+            folder: Folder {
+                name: "simulated".to_owned(),
+                tcp_poses,
+                cart_poses,
+                cart_positions,
+                plate_rows: measured.rows,
+                distances: measured.distances,
+                fingerprint: String::new(),
+                remarks: Vec::new(),
+            },
+            file: RobotFile {
+                reference: simulation.file.completed(&simulation.robot).reference,
+                ..simulation.file.clone()
+            },
+            truth: Truth {
+                effects,
+                status,
+                tcp_poses: states1,
+                set2: mounting2,
+                set3: mounting3,
+                outliers: outliers.keys().map(|&index| number(index)).collect(),
+                gross_rows: measured.gross,
+                objects,
+                out_of_reach: set1.left_out + set3.left_out,
+                links: simulation
+                    .robot
+                    .links
+                    .iter()
+                    .map(|link| link.name.clone())
+                    .collect(),
+                tracks: simulation.robot.tracks.clone(),
+                machine: self.machine,
+            },
+        })
+    }
+
+    /// The same where drives err: `errors` are those of each stop. Redundant drives can't be commanded at will: the
+    /// plate goes where it was meant to, and they follow and are read.
+    fn reached_by_drives(&self, planned: Stops, errors: Vec<Vec<f64>>) -> (Stops, Vec<State>) {
+        let is_redundant = self.nominal.is_redundant();
+        let mut left_out = planned.left_out;
+        let (mut stops, mut states) = (Vec::new(), Vec::new());
+        for (mut stop, errors) in planned.stops.into_iter().zip(errors) {
+            let with_errors = |commands: &[f64], sign: f64| -> Vec<f64> {
+                let pairs = commands.iter().zip(&errors);
+                pairs
+                    .map(|(command, error)| command + sign * error)
+                    .collect()
+            };
+            let Commanded { pose, commands_m } = &stop.commanded;
+            let state = if is_redundant {
+                let reached = self.machine.reach(commands_m, &stop.conditions, *pose);
+                reached.map(|(state, commands)| {
+                    stop.commanded.commands_m = with_errors(&commands, -1.0);
+                    state
+                })
+            } else {
+                let truly = with_errors(commands_m, 1.0);
+                self.machine.solve(&truly, &stop.conditions, *pose)
+            };
+            match state {
+                Some(state) => {
+                    stops.push(stop);
+                    states.push(state);
+                }
+                None => left_out += 1,
+            }
+        }
+        (Stops { stops, left_out }, states)
+    }
+
+    /// The stops at which the true machine closes, and its states there; the others are left out.
+    fn reached(&self, planned: Stops) -> (Stops, Vec<State>) {
+        let solve = |stop: &Stop| {
+            let Commanded { pose, commands_m } = &stop.commanded;
+            self.machine.solve(commands_m, &stop.conditions, *pose)
+        };
+        let count = planned.stops.len();
+        let reached = planned.stops.into_iter();
+        let (stops, states): (Vec<Stop>, Vec<State>) = reached
+            .filter_map(|stop| solve(&stop).map(|state| (stop, state)))
+            .unzip();
+        let left_out = planned.left_out + count - stops.len();
+        (Stops { stops, left_out }, states)
+    }
+
+    /// Each stop of set 1 as often as it is read, one reading after the other.
+    fn read_again(&self, stops: &Stops, states: Vec<State>) -> (Stops, Vec<State>) {
+        let readings = self.simulation.readings.max(1);
+        let read = |k: usize, stop: &Stop| {
+            let mut stop = stop.clone();
+            stop.conditions.time_s += SECONDS[0] * k as f64 / readings as f64;
+            stop
+        };
+        let again = stops.stops.iter().zip(states);
+        let (stops_again, states) = again
+            .flat_map(|(stop, state)| (0..readings).map(move |k| (read(k, stop), state.clone())))
+            .unzip();
+        let stops = Stops {
+            stops: stops_again,
+            ..*stops
+        };
+        (stops, states)
+    }
+}
