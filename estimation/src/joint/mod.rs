@@ -369,10 +369,7 @@ pub(crate) mod tests {
         let robot = Robot::from(&tau_generated::gantry_tau::ROBOT);
         let folder = tau_robot::prototype::folder().unwrap();
         let file = tau_robot::prototype::robot_file().unwrap();
-        let in_range = folder.in_range(
-            &file,
-            &tau_robot::measurements::Shape::from(&robot),
-        );
+        let in_range = folder.in_range(&file, &tau_robot::measurements::Shape::from(&robot));
         let poses: Vec<usize> = in_range.into_iter().step_by(5).collect();
         let variant = robot.variant("FullPiecewise").unwrap();
         let prepared = Prepared::new(&robot, variant, &file, Some(&folder), &poses).unwrap();

@@ -101,11 +101,6 @@ impl<'a> Config<'a> {
         includes.filter(move |name| !given.contains(&base(name)))
     }
 
-    /// True if there is a section of that name.
-    pub(super) fn has_section(&self, section: &str) -> bool {
-        self.entries.iter().any(|entry| entry.section == section)
-    }
-
     /// The option that counts: the last one by hand, or else the last one saved.
     pub(super) fn option(&self, section: &str, key: &str) -> Option<&Entry> {
         let own = self.entries.iter().rev();

@@ -3,7 +3,7 @@
 use std::fmt::Write;
 
 use super::TOWERS;
-use super::printer::{Printer, Tower};
+use super::printer::{Parameters, Printer, Tower};
 
 /// Name of the description in the folder.
 pub const DESCRIPTION: &str = "printer.tau";
@@ -77,9 +77,7 @@ fn robot(printer: &Printer) -> String {
 }
 
 fn description(printer: &Printer, origin: &str) -> String {
-    let Printer {
-        radius_mm, towers, ..
-    } = printer;
+    let Parameters { radius_mm, towers } = &printer.parameters;
     let mut text = format!(
         "/// A delta printer in the parameters of its firmware, Klipper, from {origin}.\n\
          ///\n\

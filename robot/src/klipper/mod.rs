@@ -10,7 +10,7 @@ mod save;
 
 pub use config::Config;
 pub use folder::{DESCRIPTION, folder};
-pub use printer::{Height, Measured, Printer, Tower};
+pub use printer::{Height, Measured, Parameters, Printer, Tower};
 pub use save::{saved_block, saved_into};
 
 /// Letters of the towers, in the order of the commands.

@@ -5,6 +5,8 @@ use nalgebra::Vector3;
 use super::TOWERS;
 use super::config::Config;
 use crate::input_error::{Errors, InputError, both};
+use crate::robot::Robot;
+use crate::robot_file::RobotFile;
 
 /// Angles of the towers that the firmware takes where none is stated (deg).
 const USUAL_ANGLES_DEG: [f64; 3] = [210.0, 330.0, 90.0];
@@ -22,8 +24,15 @@ pub struct Tower {
     pub angle_deg: f64,
     /// Height of the nozzle over the bed when all carriages are at their endstops (mm).
     pub endstop_mm: f64,
-    /// Way of the carriage for one step of the motor (mm).
-    pub step_mm: f64,
+}
+
+/// The parameters that the firmware calibrates.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Parameters {
+    /// Distance of the towers from the axis, less that of the rods' joints on the effector (mm).
+    pub radius_mm: f64,
+    /// Towers a, b, c.
+    pub towers: [Tower; 3],
 }
 
 /// A height that was probed, or measured by hand.
@@ -49,14 +58,47 @@ pub struct Measured {
 /// A delta printer.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Printer {
-    /// Distance of the towers from the axis, less that of the rods' joints on the effector (mm).
-    pub radius_mm: f64,
-    /// Towers a, b, c.
-    pub towers: [Tower; 3],
+    /// Its parameters.
+    pub parameters: Parameters,
+    /// Way of each carriage for one step of its motor (mm).
+    pub step_mm: [f64; 3],
     /// Heights, those by hand first, as the firmware takes them.
     pub heights: Vec<Height>,
     /// Distances.
     pub distances: Vec<Measured>,
+}
+
+impl Parameters {
+    /// The parameters as a robot file has them; a description fills in what the file lacks.
+    ///
+    /// # Errors
+    /// The robot has no such parameters.
+    pub fn of(robot: &Robot, file: &RobotFile) -> Result<Self, InputError> {
+        let described = robot.model.iter().flat_map(|model| &model.parameters);
+        let value = |name: &str| {
+            let of_file = file.parameters.get(name).map(|own| &own.value);
+            let mut described = described.clone();
+            let own = of_file.or_else(|| described.find(|own| own.name == name)?.nominal.as_ref());
+            own.and_then(|value| value.first()).copied().ok_or_else(|| {
+                let message = format!("the robot has no parameter `{name}` as the firmware has");
+                InputError::whole(&file.robot, message)
+                    .help("a description in the firmware's parameters is what `tau import klipper` writes")
+            })
+        };
+        let millimetres = |name: &str| value(name).map(|metres| 1000.0 * metres);
+        let tower = |letter: &str| {
+            Ok::<Tower, InputError>(Tower {
+                arm_mm: millimetres(&format!("arm_{letter}"))?,
+                angle_deg: value(&format!("angle_{letter}"))?.to_degrees(),
+                endstop_mm: millimetres(&format!("endstop_{letter}"))?,
+            })
+        };
+        let [a, b, c] = TOWERS.map(tower);
+        Ok(Self {
+            radius_mm: millimetres("radius")?,
+            towers: [a?, b?, c?],
+        })
+    }
 }
 
 impl Printer {
@@ -88,9 +130,9 @@ impl Printer {
                     .keep(optional(config, &section, "angle"))
                     .unwrap_or(usual),
                 endstop_mm: errors.keep(or_first("position_endstop")),
-                step_mm: errors.keep(step(config, &section)),
             });
         }
+        let steps = TOWERS.map(|tower| errors.keep(step(config, &format!("stepper_{tower}"))));
         let (heights, distances) = errors.keep(both(heights(config), distances(config)));
         errors.finish()?;
         let towers = [towers[0], towers[1], towers[2]];
@@ -102,8 +144,8 @@ impl Printer {
             return Err(config.lacks(message));
         }
         Ok(Self {
-            radius_mm,
-            towers,
+            parameters: Parameters { radius_mm, towers },
+            step_mm: steps,
             heights,
             distances,
         })
@@ -111,20 +153,21 @@ impl Printer {
 
     /// Commands (m) that belong to steps: the way of each carriage down from its endstop.
     pub fn commands_m(&self, steps: &[f64; 3]) -> [f64; 3] {
-        [0, 1, 2].map(|k| steps[k] * self.towers[k].step_mm / 1000.0)
+        [0, 1, 2].map(|k| steps[k] * self.step_mm[k] / 1000.0)
     }
 
     /// Position of the nozzle (mm) at steps, by intersection of the three spheres about the joints of the carriages.
     pub fn position_mm(&self, steps: &[f64; 3]) -> Vector3<f64> {
+        let Parameters { radius_mm, towers } = &self.parameters;
         let centre = |k: usize| {
-            let tower = &self.towers[k];
+            let tower = &towers[k];
             let (sine, cosine) = tower.angle_deg.to_radians().sin_cos();
-            let upright = (tower.arm_mm.powi(2) - self.radius_mm.powi(2)).sqrt();
-            let height = tower.endstop_mm + upright - steps[k] * tower.step_mm;
-            Vector3::new(self.radius_mm * cosine, self.radius_mm * sine, height)
+            let upright = (tower.arm_mm.powi(2) - radius_mm.powi(2)).sqrt();
+            let height = tower.endstop_mm + upright - steps[k] * self.step_mm[k];
+            Vector3::new(radius_mm * cosine, radius_mm * sine, height)
         };
         let [a, b, c] = [0, 1, 2].map(centre);
-        let squares = self.towers.map(|tower| tower.arm_mm.powi(2));
+        let squares = towers.map(|tower| tower.arm_mm.powi(2));
         let (to_b, to_c) = (b - a, c - a);
         let first = to_b.normalize();
         let along = first.dot(&to_c);

@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use super::TOWERS;
 use super::config::{Config, HEADER, SAVED};
-use super::printer::Printer;
+use super::printer::Parameters;
 
 /// First lines of the block.
 const FIRST_LINES: [&str; 3] = [
@@ -14,13 +14,13 @@ const FIRST_LINES: [&str; 3] = [
 ];
 
 /// The options of the parameters, by section.
-fn options(printer: &Printer) -> Vec<(String, Vec<(&'static str, String)>)> {
+fn options(parameters: &Parameters) -> Vec<(String, Vec<(&'static str, String)>)> {
     let number = |value: f64| format!("{value:.6}");
     let mut sections = vec![(
         "printer".to_owned(),
-        vec![("delta_radius", number(printer.radius_mm))],
+        vec![("delta_radius", number(parameters.radius_mm))],
     )];
-    for (letter, tower) in TOWERS.iter().zip(&printer.towers) {
+    for (letter, tower) in TOWERS.iter().zip(&parameters.towers) {
         let own = vec![
             ("angle", number(tower.angle_deg)),
             ("arm_length", number(tower.arm_mm)),
@@ -32,12 +32,12 @@ fn options(printer: &Printer) -> Vec<(String, Vec<(&'static str, String)>)> {
 }
 
 /// The block with the parameters alone, to be put at the end of `printer.cfg`.
-pub fn saved_block(printer: &Printer) -> String {
+pub fn saved_block(parameters: &Parameters) -> String {
     let mut text = String::new();
     for line in FIRST_LINES {
         let _ = writeln!(text, "{line}");
     }
-    for (section, own) in options(printer) {
+    for (section, own) in options(parameters) {
         let _ = writeln!(text, "{SAVED} [{section}]");
         for (key, value) in own {
             let _ = writeln!(text, "{SAVED} {key} = {value}");
@@ -49,9 +49,10 @@ pub fn saved_block(printer: &Printer) -> String {
 
 /// The text of `printer.cfg` with the parameters in its saved block; options by hand, which would win, become comments,
 /// as the firmware does it. All else stays as it is.
-pub fn saved_into(printer: &Printer, text: &str) -> String {
+pub fn saved_into(parameters: &Parameters, text: &str) -> String {
+    let text = text.strip_prefix('\u{feff}').unwrap_or(text);
     let config = Config::parse(&[("printer.cfg", text)]);
-    let sections = options(printer);
+    let sections = options(parameters);
     let is_ours = |section: &str, key: &str| {
         let of_section = sections.iter().filter(|(name, _)| name == section);
         of_section
