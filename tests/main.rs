@@ -21,6 +21,7 @@ mod evidence;
 mod generated_discovery;
 mod hand_written;
 mod kinematics;
+mod klipper;
 mod layout;
 mod machines;
 mod mutations;

@@ -1,5 +1,7 @@
 //! The command line as typed and as clap reads it; [`super::resolve`] gives it its meaning.
 
+mod firmware;
+mod generate;
 mod init;
 mod trust;
 
@@ -9,6 +11,8 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use clap_complete::Shell;
 
 use super::numbers::{Numbers, Triple, positive};
+pub(super) use firmware::{Export, Firmware, Import};
+pub(super) use generate::{Generate, Language};
 pub(super) use init::Init;
 pub(super) use trust::{Check, Force, KeepOutliers, Loss, Outliers};
 
@@ -26,6 +30,7 @@ Examples:
   tau                                      the study on the built-in measurements
   tau study measured --out report          the study on your own
   tau init delta.tau                       a robot.toml to fill in, from a description
+  tau import klipper printer.cfg --out printer   measurements of a printer's own calibration
   tau check measured                       what the measurements determine, and mistakes in them
   tau calibrate measured --variant Full    one variant: parameters, sigmas, covariance
   tau discover measured                    what the model lacks, added to the description
@@ -58,6 +63,8 @@ pub(super) enum Command {
     Sensitivity(Sensitivity),
     Discover(Discover),
     Init(Init),
+    Import(Import),
+    Export(Export),
     /// List the standard robots, which `--model NAME` takes
     Robots,
     Simulate(Box<Simulate>),
@@ -393,47 +400,6 @@ pub(super) struct SimulatedPlan {
     /// Mass of the payload (kg); without it, that of robot.toml
     #[arg(long, value_name = "KG")]
     pub(super) payload: Option<f64>,
-}
-
-/// Generate code from a description
-///
-/// Writes the residuals and their derivatives, for every variant, into DIR/NAME.rs with NAME the robot's
-/// name in snake case. The code is no_std and needs the crate `tau-runtime` only. A file whose code would
-/// not change is not touched.
-#[derive(Debug, Args)]
-#[command(after_help = "\
-Examples:
-  tau generate models/hexapod.tau --out src
-  tau generate models/hexapod.tau --out src --check    for continuous integration: exit code 1 if stale")]
-pub(super) struct Generate {
-    /// Description of the robot
-    #[arg(value_name = "F.tau")]
-    pub(super) description: PathBuf,
-    /// Folder for the generated files
-    #[arg(long, value_name = "DIR")]
-    pub(super) out: PathBuf,
-    /// Write nothing; fail if a file in DIR is not what would be written
-    #[arg(long)]
-    pub(super) check: bool,
-    /// Languages, separated by commas
-    #[arg(
-        long,
-        value_name = "LANG",
-        value_delimiter = ',',
-        default_value = "rust"
-    )]
-    pub(super) lang: Vec<Language>,
-}
-
-/// A language to generate.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub(super) enum Language {
-    /// Rust
-    Rust,
-    /// C99 (not yet)
-    C,
-    /// LaTeX (not yet)
-    Latex,
 }
 
 /// Compute poses from commands, or commands from poses

@@ -10,6 +10,7 @@ mod check;
 mod deliver;
 mod discover;
 mod evaluate;
+mod firmware;
 mod generate;
 mod init;
 mod kept;
@@ -183,6 +184,8 @@ impl Console<'_> {
             Command::Sensitivity(arguments) => sensitivity::run(arguments, self),
             Command::Discover(arguments) => discover::run(arguments, self),
             Command::Init(arguments) => init::run(arguments),
+            Command::Import(arguments) => firmware::import(arguments),
+            Command::Export(arguments) => firmware::export(arguments),
             Command::Robots => Ok(robots::run()),
             Command::Simulate(arguments) => simulate::run(arguments),
             Command::Generate(arguments) => generate::run(arguments),

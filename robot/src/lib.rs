@@ -3,6 +3,7 @@
 pub mod effects;
 pub mod fingerprint;
 pub mod input_error;
+pub mod klipper;
 pub mod measurements;
 pub mod prototype;
 pub mod robot;

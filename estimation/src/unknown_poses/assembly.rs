@@ -13,9 +13,10 @@ use tau_runtime::ResidualFamily;
 
 use super::coupled::Coupled;
 use super::kinds::{FIRST_GUESS_M, drive_sigmas, kinds_of_noise};
+use super::lengths::Lengths;
 use super::objects::{Object, ObjectUnknown, collect_objects};
 use super::quantity::{Measured, Quantity, base};
-use super::rows::{DRIVES, Kind, RowPlace, Rows};
+use super::rows::{DRIVES, Kind, LINKS, RowPlace, Rows};
 use crate::calibration::error::Error;
 use crate::problem::{CLOSURE_SHARE, POSE_UNKNOWNS, TruePose, by_pose, gradient};
 use crate::samples::Sample;
@@ -416,11 +417,15 @@ impl<'a> Assembly<'a> {
             family.parameters().iter().map(place).collect()
         };
         let sigmas = drive_sigmas(self.file, machine.robot.commands);
+        let are_lengths = self.file.noise_of_links().is_some();
+        let inner = Arc::clone(&family) as Arc<dyn ResidualFamily>;
         let outer: Arc<dyn ResidualFamily> = match sigmas {
-            Some(_) => Arc::new(Coupled::new(Arc::clone(&family) as Arc<dyn ResidualFamily>)),
-            None => Arc::clone(&family) as Arc<dyn ResidualFamily>,
+            Some(_) => Arc::new(Coupled::new(inner)),
+            None if are_lengths => Arc::new(Lengths::new(inner)),
+            None => inner,
         };
-        let kind = self.kind(DRIVES).unwrap_or_default();
+        let kind = self.kind(DRIVES).or_else(|| self.kind(LINKS));
+        let kind = kind.unwrap_or_default();
         let mut rows = Rows::new("links", outer, parameters, vec![kind; count]);
         for (index, pose) in self.poses.iter().enumerate() {
             for reading in &pose.readings {
@@ -434,22 +439,21 @@ impl<'a> Assembly<'a> {
                     Ok((x * x + y * y + z * z).sqrt())
                 });
                 let slopes = slopes.collect::<Result<Vec<f64>, Error>>()?;
-                match &sigmas {
-                    Some(sigmas) => {
-                        rows.data.extend(factor(machine, &sample, &slopes, sigmas)?);
-                        let weight = |link: usize| {
-                            let place = RowPlace {
-                                drive: Some(link),
-                                ..reading.place
-                            };
-                            let is_gross = chosen.left_out.contains(&place);
-                            if is_gross { 0.0 } else { 1.0 }
-                        };
-                        rows.weights.extend((0..count).map(weight));
-                    }
-                    None => rows
-                        .weights
-                        .extend(slopes.iter().map(|slope| slope.recip())),
+                let is_gross = |link: usize| {
+                    chosen.left_out.contains(&RowPlace {
+                        drive: Some(link),
+                        ..reading.place
+                    })
+                };
+                let weight = |link: usize| match (&sigmas, is_gross(link)) {
+                    (_, true) => 0.0,
+                    (Some(_), _) => 1.0,
+                    _ if are_lengths => 1.0,
+                    (None, _) => slopes[link].recip(),
+                };
+                rows.weights.extend((0..count).map(weight));
+                if let Some(sigmas) = &sigmas {
+                    rows.data.extend(factor(machine, &sample, &slopes, sigmas)?);
                 }
                 rows.places.push(reading.place);
             }

@@ -5,7 +5,7 @@ use tau_robot::input_error::InputError;
 use tau_robot::measurements::{DISTANCES, Folder, PlateKind, TCP_POSES};
 use tau_robot::robot_file::{RobotFile, StatedNoise};
 
-use super::rows::{DRIVES, Kind};
+use super::rows::{DRIVES, Kind, LINKS};
 use crate::calibration::error::Error;
 use crate::problem::CLOSURE_SHARE;
 
@@ -83,6 +83,24 @@ pub(super) fn kinds_of_noise(
         .collect();
     let is_estimated = drives.contains(&Some(StatedNoise::Estimate));
     let are_exact = drives.iter().all(Option::is_none);
+    if let Some(stated) = file.noise_of_links() {
+        if !are_exact {
+            let message = "both `[drives]` and `[noise.links]` state the noise of a link's length";
+            let error = InputError::whole("robot.toml", message);
+            return Err(error.help("keep the one that scatters more").into());
+        }
+        kinds.push(Kind {
+            file: LINKS,
+            quantity: "length",
+            unit: "m",
+            stated: Some(stated),
+            sigma: match stated {
+                StatedNoise::Known(sigma) => sigma,
+                StatedNoise::Estimate => FIRST_GUESS_M,
+            },
+        });
+        return Ok(kinds);
+    }
     if kinds.is_empty() && are_exact {
         let message = "nothing states the noise of the drives, and nothing else was measured";
         let error = InputError::whole("robot.toml", message);
@@ -121,8 +139,11 @@ fn usual_drive(file: &RobotFile, commands: usize) -> f64 {
     (squares / commands as f64).sqrt()
 }
 
-/// True if each drive has noise and moves one link alone, so that a link that is off tells of it.
+/// True if a link that is off tells of a gross reading: links have noise, or each drive has and moves one link alone.
 pub(super) fn tells_drives(file: &RobotFile, machine: &Machine) -> bool {
+    if file.noise_of_links().is_some() {
+        return true;
+    }
     let robot = &machine.robot;
     let by_length = robot.links.iter().filter_map(|link| link.actuated_by);
     let by_track = robot

@@ -13,6 +13,7 @@ mod fit;
 mod gauge;
 mod heldout;
 mod kinds;
+mod lengths;
 mod noise;
 mod objects;
 mod outcome;

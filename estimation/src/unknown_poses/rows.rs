@@ -10,6 +10,8 @@ use crate::problem::POSE_UNKNOWNS;
 
 /// Name under which the residuals of links are told.
 pub(super) const DRIVES: &str = "drives";
+/// Name under which they are told where links have noise of their own.
+pub(super) const LINKS: &str = "links";
 
 /// A kind of residual, with a noise of its own.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -97,6 +97,10 @@ impl Folder {
     ///
     /// # Errors
     /// As [`Folder::read`].
+    #[allow(
+        clippy::needless_pass_by_value,
+        reason = "callers make one for the call"
+    )]
     pub fn from_texts(name: &str, texts: Texts<'_>, shape: Shape) -> Result<Self, InputError> {
         let path = |file: &str| Path::new(name).join(file).display().to_string();
         let mut errors = Errors::default();

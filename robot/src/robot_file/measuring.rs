@@ -12,6 +12,8 @@ use super::{RobotFile, Value};
 use crate::measurements::plausible::{FARTHEST_M, LARGEST_NOISE, SMALLEST_DEVIATION};
 use crate::measurements::{DISTANCES, PlateKind};
 
+/// Section of `[noise]` for what a link's length scatters by at standing drives.
+const LINKS: &str = "links";
 /// Word in place of a noise that the calibration is to find.
 const ESTIMATE: &str = "estimate";
 
@@ -61,6 +63,7 @@ fn sections() -> impl Iterator<Item = (&'static str, &'static str)> {
         .filter_map(of_kind)
         .chain([(DISTANCES, "distance_m")])
         .map(|(file, key)| (section_of(file), key))
+        .chain([(LINKS, "length_m")])
 }
 
 /// Name of the section of a file.
@@ -79,6 +82,11 @@ impl RobotFile {
         let own = self.measuring.noise.get(section_of(file)).copied();
         let general = StatedNoise::Known(self.noise.position_m);
         own.or_else(|| self.noise.position_m.is_finite().then_some(general))
+    }
+
+    /// Noise (m) of the length of a link, whatever its drive does; `None` where the file has none: links are rigid.
+    pub fn noise_of_links(&self) -> Option<StatedNoise> {
+        self.measuring.noise.get(LINKS).copied()
     }
 
     /// Noise of a command (m or rad); `None` where drives are exact.

@@ -1,0 +1,17 @@
+//! Delta printers as their firmware knows them: Klipper's `printer.cfg`, its saved block, and back.
+//!
+//! Klipper keeps the measurements of its delta calibration as motor steps from the endstops, which no parameter
+//! changes. With the step length they are commands, and its parameters are those of a description.
+
+mod config;
+mod folder;
+mod printer;
+mod save;
+
+pub use config::Config;
+pub use folder::{DESCRIPTION, folder};
+pub use printer::{Height, Measured, Parameters, Printer, Tower};
+pub use save::{saved_block, saved_into};
+
+/// Letters of the towers, in the order of the commands.
+pub const TOWERS: [&str; 3] = ["a", "b", "c"];
