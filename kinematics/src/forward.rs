@@ -226,6 +226,14 @@ impl Machine {
         })
     }
 
+    /// Mean length of the links (m) at a sample's commands, up to the size of the plate.
+    ///
+    /// # Errors
+    /// Data missing.
+    pub fn mean_length_m(&self, sample: &Sample<'_>) -> Result<f64, Error> {
+        Ok(self.reach(sample, sample.pose.rotation)?.1)
+    }
+
     /// Centre of the cart-side joints and mean length of the links, both up to the size of the plate.
     pub(crate) fn reach(
         &self,

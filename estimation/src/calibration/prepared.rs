@@ -14,6 +14,7 @@ use super::paths;
 use super::registration::Registration;
 
 /// A variant at its nominal values.
+#[derive(Clone)]
 pub struct Prepared {
     /// The variant with its nominal values.
     pub machine: Machine,

@@ -201,6 +201,8 @@ impl<'a> Assembly<'a> {
         let measured: BTreeMap<u32, Pose> = (self.folder.tcp_poses.iter())
             .map(|pose| (pose.pose, Pose::from_zyz(pose.position_m, pose.angles_rad)))
             .collect();
+        let stated: Option<Pose> = machine.surroundings.reference.as_ref().map(Pose::from);
+        let is_redundant = machine.closure_count() > machine.pose_unknowns().len();
         let mut before: Option<(Vec<f64>, Pose)> = None;
         for pose in &mut self.poses {
             if let Some(&base) = measured.get(&pose.number) {
@@ -218,7 +220,14 @@ impl<'a> Assembly<'a> {
             let view = sample.view();
             let failed = |error| Error::at_pose(pose.number, machine.explained(error, &view));
             let from_reference = || {
-                let known = machine.at_reference(&view)?;
+                let known = match (machine.at_reference(&view), &stated) {
+                    // A drawing may be so rough that links can't have their lengths where the machine is said to stand.
+                    // Redundant ones tell where it stands all the same.
+                    (Err(_), Some(stated)) if is_redundant => {
+                        return machine.forward_fitted(&view.at(*stated));
+                    }
+                    (known, _) => known?,
+                };
                 let reached = machine.forward_along(&known.commands_m, &view.at(known.pose));
                 reached.or_else(|_| machine.forward_fitted(&view.at(known.pose)))
             };

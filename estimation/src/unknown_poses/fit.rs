@@ -38,6 +38,7 @@ pub(super) struct Fit<'a> {
 }
 
 impl<'a> Fit<'a> {
+    /// From the nominal values.
     pub(super) fn new(
         robot: &Robot,
         variant: &Variant,
@@ -48,6 +49,17 @@ impl<'a> Fit<'a> {
         let all: Vec<usize> = (0..folder.tcp_poses.len()).collect();
         let prepared = Prepared::new(robot, variant, file, Some(folder), &all)?;
         let machine = prepared.machine.clone();
+        Self::from(&prepared, machine, file, folder, division)
+    }
+
+    /// From the values of a machine, under the priors of the nominal ones.
+    pub(super) fn from(
+        prepared: &Prepared,
+        machine: Machine,
+        file: &'a RobotFile,
+        folder: &'a Folder,
+        division: &'a RowDivision,
+    ) -> Result<Self, Error> {
         let left_out = BTreeSet::new();
         let chosen = Chosen {
             poses: &division.calibration,
@@ -69,7 +81,7 @@ impl<'a> Fit<'a> {
             folder,
             file,
             division,
-            prepared,
+            prepared: prepared.clone(),
             machine,
             used,
             priors,

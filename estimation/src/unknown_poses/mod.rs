@@ -20,15 +20,18 @@ mod outcome;
 mod quantity;
 mod refusals;
 mod rows;
+mod starts;
 #[cfg(test)]
 mod tests;
 mod verdict;
 
+use tau_kinematics::Machine;
 use tau_robot::measurements::Folder;
 use tau_robot::robot::{Robot, Variant};
 use tau_robot::robot_file::RobotFile;
 use tau_solver::solve;
 
+use crate::calibration::prepared::Prepared;
 use crate::calibration::{self, Error};
 use fit::Fit;
 use refusals::refuse_tracker_effects;
@@ -85,7 +88,17 @@ pub fn calibrate(
 ) -> Result<UnknownPoses, Error> {
     let file = &file.completed(robot);
     refuse_tracker_effects(variant, folder)?;
-    let mut fit = Fit::new(robot, variant, file, folder, division)?;
+    let all: Vec<usize> = (0..folder.tcp_poses.len()).collect();
+    let prepared = Prepared::new(robot, variant, file, Some(folder), &all)?;
+    let fitted = |machine: Machine| {
+        let fit = Fit::from(&prepared, machine, file, folder, division)?;
+        fitted(fit, options)
+    };
+    starts::best(&prepared, fitted)
+}
+
+/// The fit from a start to its end, with the noise of kinds that ask for it and without gross rows.
+fn fitted(mut fit: Fit<'_>, options: &calibration::Options) -> Result<UnknownPoses, Error> {
     fit.refuse_units()?;
     let reduced = fit.elimination(&fit.start).reduce();
     let rank = fit.rank(&reduced, &fit.machine);
