@@ -11,8 +11,8 @@ use super::texts::TCP_POSES;
 use super::{TcpPose, plausible};
 use crate::input_error::{Errors, InputError, Mistakes, Source, quoted};
 
-/// Rows of one pose may differ in their commands by this share of the range of the command: what drives read scatters,
-/// while numbers that are used twice mean places anywhere.
+/// Rows of one pose may differ in their commands by this share of the range of the command, and in one command by any
+/// amount: what drives read scatters, and one may read grossly, while numbers that are used twice mean places anywhere.
 const SAME_POSE: f64 = 0.01;
 
 /// A row with the place of its pose's number in the text.
@@ -254,9 +254,10 @@ pub(super) fn same_commands(
     }
     let differ = |a: &[f64], b: &[f64]| {
         let pairs = a.iter().zip(b).zip(&ranges);
-        pairs
-            .into_iter()
-            .any(|((a, b), (low, high))| (a - b).abs() > SAME_POSE * (high - low))
+        let differs = |((a, b), (low, high)): &((&f64, &f64), &(f64, f64))| {
+            (*a - *b).abs() > SAME_POSE * (high - low)
+        };
+        pairs.filter(differs).count() > usize::from(ranges.len() > 1)
     };
     let mut first: BTreeMap<u32, (&[f64], String)> = BTreeMap::new();
     for pose in tcp_poses {
