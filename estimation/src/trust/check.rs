@@ -469,6 +469,8 @@ fn lacks(effect: &Effect, model: &Model, file: &RobotFile, folder: &Folder) -> V
     if effect.lacks_plate_joints(model.plate).is_some() {
         lacks.insert(NO_JOINTS);
     }
+    let pulls = model.links.iter().any(|link| link.pull.is_some());
+    let is_unloaded = file.payload.is_none() && !pulls;
     for quantity in effect.quantities() {
         let missing = match quantity {
             Readable::Direction => poses
@@ -486,7 +488,7 @@ fn lacks(effect: &Effect, model: &Model, file: &RobotFile, folder: &Folder) -> V
             Readable::LoadAlong
             | Readable::LoadHorizontal
             | Readable::LoadVertical
-            | Readable::Tension => file.payload.is_none().then_some("[payload] in robot.toml"),
+            | Readable::Tension => is_unloaded.then_some("[payload] in robot.toml"),
             _ => None,
         };
         lacks.extend(missing);
