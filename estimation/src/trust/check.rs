@@ -207,12 +207,13 @@ fn files(robot: &Robot, folder: &Folder) -> Vec<FileFacts> {
     let mut files = Vec::new();
     let axes = ["x_m", "y_m", "z_m"];
     let commands = |row: &dyn Fn(usize) -> Vec<f64>| -> Vec<Range> {
-        let of = |k: usize| range(format!("q{}_m", k + 1), row(k).into_iter());
+        let of = |k: usize| range(robot.command_column(k), row(k).into_iter());
         (0..robot.commands).filter_map(of).collect()
     };
     let positions = |positions: &[[f64; 3]]| -> Vec<Range> {
         let of = |k: usize| range(axes[k].to_owned(), positions.iter().map(|p| p[k]));
-        (0..3).filter_map(of).collect()
+        let free = robot.plate.freedoms_of_tcp().iter();
+        free.filter_map(|&k| of(k)).collect()
     };
     let poses = &folder.tcp_poses;
     let conditions =
