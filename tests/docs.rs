@@ -193,8 +193,8 @@ fn the_tutorial_does_what_it_says() {
         rows.map(|row| row[place].parse().unwrap()).collect()
     };
     let q = column("q2_m");
-    assert!((1e6 * (q[1] - q[0]).abs() - 83.2).abs() < 0.1, "{q:?}");
+    assert!((1e6 * (q[1] - q[0]).abs() - 80.0).abs() < 0.1, "{q:?}");
     assert_eq!(column("inside"), [1.0, 1.0, 0.0]);
     let sigma = column("sigma_x_m");
-    assert!(sigma[0] < 3e-6 && sigma[2] > 1e-5, "{sigma:?}");
+    assert!(sigma[0] < 3e-6 && sigma[2] > 3.0 * sigma[0], "{sigma:?}");
 }

@@ -9,6 +9,7 @@ use nalgebra::{DMatrix, DVector};
 use serde_json::Value;
 use tau::Robot;
 
+use crate::discovery_folders::effects;
 use crate::support::tau_in;
 
 /// Folders of each robot.
@@ -161,6 +162,105 @@ fn kinematics_of_calibrated_standard_robots_agree_both_ways() {
                 let off = largest(&measured, &back, &column);
                 assert!(off < 1e-8, "{name}: {column} {off:e}");
             }
+        }
+    }
+}
+
+/// Effects that were planted are named, with their size, on points, planes, cranks and drums.
+#[test]
+fn discovery_names_what_was_planted_in_standard_robots() {
+    for (robot, plan, effect, place, parameter, size) in [
+        (
+            "rotary_delta",
+            "--seed 3",
+            "link_thermal",
+            "all",
+            "expansion",
+            2.4e-5,
+        ),
+        (
+            "rotary_delta",
+            "--seed 6 --payload 10",
+            "link_compliance",
+            "all",
+            "strain",
+            4e-6,
+        ),
+        (
+            "servo_hexapod",
+            "--seed 3",
+            "link_thermal",
+            "all",
+            "expansion",
+            1e-4,
+        ),
+        (
+            "five_bar",
+            "--seed 3 --random",
+            "link_thermal",
+            "all",
+            "expansion",
+            4e-5,
+        ),
+        (
+            "four_lines",
+            "--seed 4",
+            "link_thermal",
+            "b",
+            "expansion",
+            2e-5,
+        ),
+        (
+            "four_lines",
+            "--seed 6 --payload 5",
+            "link_compliance",
+            "all",
+            "strain",
+            2e-6,
+        ),
+    ] {
+        let folder = tempfile::tempdir().unwrap();
+        let with = format!("--model {robot}");
+        let line = format!(
+            "tau simulate {with} --variant Full --warming 6 {plan} --effect {effect}({place}):{parameter}={size} --out \
+             DIR/measured"
+        );
+        tau_in(folder.path(), &line).done();
+        let line = format!("tau discover DIR/measured {with} --base Full --out DIR/out --json -");
+        let found = tau_in(folder.path(), &line).json();
+        let named = effects(&found);
+        assert_eq!(named, [format!("{effect}({place})")], "{robot}");
+        assert_eq!(found["status"], "explained", "{robot} {effect}");
+        let of = &found["effects"][0]["parameters"][parameter];
+        let [value, sigma] = ["value", "sigma"].map(|key| of[key].as_f64().unwrap());
+        // The estimator's forces are those of the machine as drawn, which is some thousandths off.
+        let of_forces = if effect == "link_compliance" {
+            0.02 * size
+        } else {
+            0.0
+        };
+        let off = (value - size).abs();
+        assert!(off < 4.0 * sigma + of_forces, "{robot} {effect}: {of}");
+    }
+}
+
+/// Without any, nothing is named: neither effects of carts where there are only cranks, nor of joints where links meet in
+/// a point.
+#[test]
+fn discovery_finds_nothing_where_nothing_is() {
+    for robot in ["rotary_delta", "five_bar", "four_belts", "linear_delta"] {
+        let folder = tempfile::tempdir().unwrap();
+        let with = format!("--model {robot}");
+        let line = format!("tau simulate {with} --variant Full --seed 3 --out DIR/measured");
+        tau_in(folder.path(), &line).done();
+        let line = format!("tau discover DIR/measured {with} --base Full --out DIR/out --json -");
+        let found = tau_in(folder.path(), &line).json();
+        assert_eq!(found["status"], "nothing_missing", "{robot}");
+        let considered = found["considered"].as_array().unwrap();
+        for candidate in considered {
+            let name = candidate["name"].as_str().unwrap();
+            assert_ne!(name, "joint_placement", "{robot}");
+            assert!(robot == "linear_delta" || name != "backlash", "{robot}");
         }
     }
 }

@@ -3,7 +3,6 @@
 use rayon::prelude::*;
 use tau_kinematics::{Machine, Sample};
 use tau_robot::measurements::{Folder, TcpPose};
-use tau_robot::robot::Arm;
 use tau_robot::robot_file::Noise;
 
 use crate::calibration::{Combination, Error, LinkResult, ParameterEstimate};
@@ -62,12 +61,24 @@ impl PoseError {
 }
 
 impl ErrorSigma {
-    fn new(predicted: &PoseUncertainty, noise: Noise, arm: Arm) -> Self {
-        let with = |sigmas: [f64; 3], noise: f64| sigmas.map(|sigma| sigma.hypot(noise));
+    /// What the plate can't do is neither predicted nor measured.
+    fn new(predicted: &PoseUncertainty, noise: Noise, machine: &Machine) -> Self {
+        let free = machine.pose_unknowns();
+        let with = |sigmas: [f64; 3], noise: f64, first: usize| {
+            [0, 1, 2].map(|axis| {
+                let is_free = free.contains(&(first + axis));
+                if is_free {
+                    sigmas[axis].hypot(noise)
+                } else {
+                    0.0
+                }
+            })
+        };
+        let position_m = with(predicted.position_m(), noise.position_m, 0);
         Self {
-            position_um: with(predicted.position_m(), noise.position_m).map(|sigma| 1e6 * sigma),
-            orientation_rad: (arm == Arm::Full)
-                .then(|| with(predicted.rotation_rad(), noise.rotation_rad)),
+            position_um: position_m.map(|sigma| 1e6 * sigma),
+            orientation_rad: (machine.turns())
+                .then(|| with(predicted.rotation_rad(), noise.rotation_rad, 3)),
         }
     }
 
@@ -182,7 +193,7 @@ pub fn evaluate_knowing(
             let predicted = machine.forward_fitted(&sample).map_err(fail)?.pose;
             let sigma = known.map(|(uncertainty, noise)| {
                 let of_pose = uncertainty.pose(machine, &sample.at(predicted))?;
-                Ok(ErrorSigma::new(&of_pose, noise, machine.variant.arm))
+                Ok(ErrorSigma::new(&of_pose, noise, machine))
             });
             let sigma = sigma.transpose().map_err(fail)?;
             let position = predicted.position_m();
@@ -191,7 +202,7 @@ pub fn evaluate_knowing(
                 pose: measured.pose,
                 position_m: measured.position_m,
                 error_um: [0, 1, 2].map(|k| (position[k] - measured.position_m[k]) * 1e6),
-                orientation_rad: (machine.variant.arm == Arm::Full).then_some(orientation),
+                orientation_rad: machine.turns().then_some(orientation),
                 sigma,
             })
         })
@@ -212,7 +223,8 @@ pub fn evaluate_knowing(
     Ok(Evaluation {
         position_um: Summary::of(&lengths),
         expected_rms_um: expected.map(|expected| Summary::of(&expected).rms),
-        orientation_rad_max_abs: (machine.variant.arm == Arm::Full)
+        orientation_rad_max_abs: machine
+            .turns()
             .then(|| [largest(0), largest(1), largest(2)]),
         errors,
     })

@@ -196,6 +196,18 @@ impl Machine {
         formula.value(&leaf).unwrap_or(f64::NAN)
     }
 
+    /// A vector of the link of a closure that is no parameter of its own to fit: from a formula, or held; `None` where
+    /// there is none.
+    pub fn described(&self, closure: &Instance, value: Value) -> Option<[f64; 3]> {
+        let is_full = self.variant.arm == tau_robot::robot::Arm::Full;
+        let has = |value: Value| {
+            let formula = self.robot.formula_of(closure.of, value);
+            let own = Owner::Link(closure.of);
+            formula.is_some() || self.variant.parameter(own, value.name(), Some(0)).is_some()
+        };
+        (is_full && has(value)).then(|| self.value(closure, value).into())
+    }
+
     /// A vector of a link or cluster, which may follow from a formula.
     fn value(&self, closure: &Instance, value: Value) -> Vector3<f64> {
         let formula = match self.variant.arm {

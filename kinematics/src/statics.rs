@@ -1,17 +1,18 @@
-//! Forces in the links and on the carts, from the load that the arm carries.
+//! Forces in the links and on the carts, from the load that the arm carries and the drives that pull.
 
-use nalgebra::{DMatrix, Vector3};
-use tau_robot::robot::Robot;
-use tau_robot::robot_file::{LinkValues, Payload, RobotFile};
+use nalgebra::{DMatrix, Rotation3, Vector3};
+use tau_robot::robot::{Plate, Robot, Value};
+use tau_robot::robot_file::{Dimensions, Payload, RobotFile};
 
 use super::Pose;
 use super::least_norm::least_norm;
 
-/// The arm as a framework of rods under its payload, with nominal dimensions: the forces change by
+/// The arm as a framework of rods under its payload and pulls, with nominal dimensions: the forces change by
 /// parts in ten thousand with calibration.
 #[derive(Debug, Clone)]
 pub struct Statics {
-    payload: Payload,
+    payload: Option<Payload>,
+    plate: Plate,
     links: Vec<Rod>,
     tracks: usize,
 }
@@ -21,7 +22,11 @@ struct Rod {
     plate_joint: Vector3<f64>,
     track_offset: Vector3<f64>,
     direction: Vector3<f64>,
+    /// Centre and axis of the crank that carries it.
+    crank: Option<[Vector3<f64>; 2]>,
     track: Option<usize>,
+    /// Tension to which its drive is controlled (N).
+    pull_n: Option<f64>,
 }
 
 /// Forces at one pose.
@@ -30,32 +35,29 @@ pub struct Forces {
     /// Tension of each link (N), positive where it pulls the plate towards the cart.
     pub tensions_n: Vec<f64>,
     /// Force of the arm on each cart (N): along its track, horizontally across it, and in the third
-    /// direction.
+    /// direction; on a crank along x, y, z.
     pub loads_n: Vec<[f64; 3]>,
 }
 
 impl Statics {
-    /// `None` where the file states no payload or not all dimensions of the links.
+    /// `None` where there is neither a payload nor a known pull, a pull is not known, or not all dimensions of the links
+    /// are.
     pub fn new(robot: &Robot, file: &RobotFile) -> Option<Self> {
-        let payload = file.payload?;
-        let links = robot
-            .links
-            .iter()
-            .map(|link| {
-                let values = file.links.get(&link.name)?;
-                let track = robot.clusters.get(link.cluster)?.track;
-                Rod::new(values, track)
-            })
-            .collect::<Option<Vec<_>>>()?;
-        Some(Self {
-            payload,
+        let dimensions = Dimensions::new(robot, file);
+        let links: Vec<Rod> = (0..robot.links.len())
+            .map(|link| Rod::new(robot, dimensions, link))
+            .collect::<Option<_>>()?;
+        let is_loaded = file.payload.is_some() || links.iter().any(|rod| rod.pull_n.is_some());
+        is_loaded.then(|| Self {
+            payload: file.payload,
+            plate: robot.plate,
             links,
             tracks: robot.tracks.len(),
         })
     }
 
-    /// Forces that hold the payload in equilibrium at a pose; where there are more links than
-    /// conditions of equilibrium, the smallest such forces.
+    /// Forces that hold the plate in equilibrium in its freedoms at a pose; where more drives hold their position than
+    /// there are conditions of equilibrium, the smallest such forces.
     pub fn forces(&self, pose: &Pose, commands_m: &[f64]) -> Forces {
         let levers: Vec<Vector3<f64>> = self
             .links
@@ -72,31 +74,51 @@ impl Statics {
                     .and_then(|track| commands_m.get(track))
                     .copied()
                     .unwrap_or(0.0);
-                let rod = rod.track_offset + rod.direction * q - pose.position - lever;
+                let rod = rod.joint(q) - pose.position - lever;
                 rod.try_normalize(0.0).unwrap_or_default()
             })
             .collect();
-        let wrenches = DMatrix::from_fn(6, self.links.len(), |row, link| {
+        let freedoms = self.plate.freedoms();
+        let wrench = |link: usize, motion: usize| {
             let (force, lever) = (towards_cart[link], levers[link]);
-            if row < 3 {
-                force[row]
+            if motion < 3 {
+                force[motion]
             } else {
-                lever.cross(&force)[row - 3]
+                lever.cross(&force)[motion - 3]
             }
+        };
+        let (weight, moment) = self.payload.map_or_else(Default::default, |payload| {
+            let weight = Vector3::from(payload.gravity_m_s2) * payload.mass_kg;
+            let lever = pose.rotation * Vector3::from(payload.centre_m);
+            (weight, lever.cross(&weight))
         });
-        let weight = Vector3::from(self.payload.gravity_m_s2) * self.payload.mass_kg;
-        let moment = (pose.rotation * Vector3::from(self.payload.centre_m)).cross(&weight);
-        let load = DMatrix::from_fn(6, 1, |row, _| {
-            if row < 3 {
-                -weight[row]
+        let pulled = |motion: usize| -> f64 {
+            let pulls = self.links.iter().enumerate();
+            pulls
+                .filter_map(|(link, rod)| Some(wrench(link, motion) * rod.pull_n?))
+                .sum()
+        };
+        let load = DMatrix::from_fn(freedoms.len(), 1, |row, _| {
+            let motion = freedoms[row];
+            let of_payload = if motion < 3 {
+                weight[motion]
             } else {
-                -moment[row - 3]
-            }
+                moment[motion - 3]
+            };
+            -of_payload - pulled(motion)
         });
-        let tensions: Vec<f64> = least_norm(&wrenches, &load).map_or_else(
-            || vec![0.0; self.links.len()],
-            |t| t.iter().copied().collect(),
-        );
+        let holding: Vec<usize> = (0..self.links.len())
+            .filter(|&link| self.links[link].pull_n.is_none())
+            .collect();
+        let wrenches = DMatrix::from_fn(freedoms.len(), holding.len(), |row, column| {
+            wrench(holding[column], freedoms[row])
+        });
+        let held = least_norm(&wrenches, &load);
+        let pulls = self.links.iter().map(|rod| rod.pull_n.unwrap_or(0.0));
+        let mut tensions: Vec<f64> = pulls.collect();
+        for (row, &link) in holding.iter().enumerate() {
+            tensions[link] = held.as_ref().map_or(0.0, |held| held[(row, 0)]);
+        }
         let mut forces = vec![Vector3::zeros(); self.tracks];
         let mut directions = vec![Vector3::zeros(); self.tracks];
         for ((rod, direction), tension) in self.links.iter().zip(&towards_cart).zip(&tensions) {
@@ -118,22 +140,34 @@ impl Statics {
 }
 
 impl Rod {
-    fn new(values: &LinkValues, track: Option<usize>) -> Option<Self> {
-        let vector = |value: &tau_robot::robot_file::Value| -> Option<Vector3<f64>> {
-            <[f64; 3]>::try_from(value.value.as_slice())
-                .ok()
-                .map(Vector3::from)
-        };
-        let direction = match track {
-            Some(_) => vector(values.track_direction.as_ref()?)?,
-            None => Vector3::zeros(),
-        };
+    fn new(robot: &Robot, dimensions: Dimensions<'_>, link: usize) -> Option<Self> {
+        let vector = |value| dimensions.vector(link, value).map(Vector3::from);
+        let track = robot.clusters.get(robot.links[link].cluster)?.track;
+        let model = robot.model.as_ref();
+        let pull = model.and_then(|model| model.links.get(link)?.pull.as_ref());
         Some(Self {
-            plate_joint: vector(values.plate_joint.as_ref()?)?,
-            track_offset: vector(values.track_offset.as_ref()?)?,
-            direction,
+            plate_joint: vector(Value::PlateJoint)?,
+            track_offset: vector(Value::TrackOffset)?,
+            direction: vector(Value::TrackDirection)?,
+            crank: track
+                .and_then(|track| dimensions.crank(track))
+                .map(|crank| crank.map(Vector3::from)),
             track,
+            pull_n: match pull {
+                Some(pull) => Some(pull.value?[0]),
+                None => None,
+            },
         })
+    }
+
+    /// The joint on the cart, the crank or the base at a command.
+    fn joint(&self, command: f64) -> Vector3<f64> {
+        match self.crank {
+            Some([centre, axis]) => {
+                centre + Rotation3::new(axis * command) * (self.track_offset - centre)
+            }
+            None => self.track_offset + self.direction * command,
+        }
     }
 }
 

@@ -244,6 +244,9 @@ fn geometry(study: &Study) -> Markup {
         }
         @for variant in &study.variants {
             (table(&tables::geometry(variant, study.architecture), "wide compact"))
+            @if let Some(machine) = tables::machine(variant) {
+                (table(&machine, "compact"))
+            }
             p { (findings::brackets(variant)) }
         }
     }

@@ -89,6 +89,9 @@ impl Digits {
     }
 
     fn cell(&self, value: f64, sigma: f64) -> Cell {
+        if value.is_nan() {
+            return Cell::Empty;
+        }
         Cell::Number(concise(value, self.widening * sigma, self.decimals))
     }
 
@@ -181,6 +184,33 @@ pub(super) fn geometry(variant: &VariantResult, of: Architecture) -> Table {
         columns: columns(&groups),
         rows,
     }
+}
+
+/// Parameters of the whole machine and of its cranks, which belong to no link; `None` where there are none.
+pub(super) fn machine(variant: &VariantResult) -> Option<Table> {
+    let is_of_machine = |name: &str| {
+        let of_crank = name.contains(".centre.") || name.contains(".axis.");
+        of_crank || !name.contains(['.', '('])
+    };
+    let own = variant.parameters.iter();
+    let own: Vec<_> = own
+        .filter(|parameter| is_of_machine(&parameter.name))
+        .collect();
+    let widening = findings::widening(variant);
+    let rows = own.iter().map(|parameter| {
+        let sigma = widening * parameter.sigma;
+        let value = concise(parameter.value, sigma, decimals(sigma, 2));
+        vec![
+            text(&parameter.name),
+            Cell::Number(value),
+            text(&parameter.unit),
+        ]
+    });
+    (!own.is_empty()).then(|| Table {
+        title: format!("Calibrated machine, {}", variant.name),
+        columns: columns(&[("", &["Parameter", "Value", "Unit"])]),
+        rows: rows.collect(),
+    })
 }
 
 /// Sum of the components of a change of orientation.

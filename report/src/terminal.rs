@@ -170,6 +170,10 @@ pub fn variant(
 /// Table II, and the meaning of what stands in brackets.
 fn geometry(screen: &mut Screen, result: &VariantResult, of: Architecture) {
     screen.table(&tables::geometry(result, of));
+    if let Some(machine) = tables::machine(result) {
+        screen.gap();
+        screen.table(&machine);
+    }
     screen.say(&findings::brackets(result));
 }
 

@@ -2,7 +2,7 @@
 
 use tau_kinematics::{Machine, Sample, xyz, xyz_angles};
 use tau_robot::measurements::TcpPose;
-use tau_robot::robot::{Instance, Owner, ResidualKind};
+use tau_robot::robot::{Instance, Owner, ResidualKind, Value as Geometry};
 use tau_robot::robot_file::keys::{WIDE, crank_key, effect_key, quantity_slot};
 use tau_robot::robot_file::{Covariance, Reference, RobotFile, Value};
 
@@ -16,9 +16,9 @@ use super::registration::Registration;
 pub struct LinkResult {
     /// Name of the link, or of the cluster where the arm is reduced.
     pub name: String,
-    /// Length (m).
+    /// Length (m); not a number where it follows from the command alone.
     pub length_m: f64,
-    /// Plate joint in TCP coordinates (m); `None` where the arm is reduced.
+    /// Plate joint in TCP coordinates (m); `None` where the arm is reduced, or links meet in a point.
     pub plate_joint_m: Option<[f64; 3]>,
     /// Cart-side joint at q = 0 (m).
     pub track_offset_m: [f64; 3],
@@ -123,14 +123,17 @@ pub(super) fn links(
         .instances_of(ResidualKind::Closure)
         .map(|closure| {
             let vector = |quantity: &str| vector_of(machine, closure, quantity);
+            let value = |value: Geometry| {
+                vector(value.name()).or_else(|| machine.described(closure, value))
+            };
             let sigma = |quantity: &str| vector_of(&deviations, closure, quantity);
             let track = sigma("track_direction").or_else(|| sigma("track_rotation"));
             Ok(LinkResult {
                 name: machine.closure_name(closure).to_owned(),
-                length_m: scalar_of(machine, closure, "length"),
-                plate_joint_m: vector("plate_joint"),
-                track_offset_m: vector("track_offset").unwrap_or_default(),
-                track_direction: vector("track_direction"),
+                length_m: machine.length_m(closure, &[]),
+                plate_joint_m: value(Geometry::PlateJoint),
+                track_offset_m: value(Geometry::TrackOffset).unwrap_or_default(),
+                track_direction: value(Geometry::TrackDirection),
                 track_rotation_rad: vector("track_rotation")
                     .map(|angles| absolute_angles(angles, registration)),
                 cost_m4: closure_cost(machine, closure, poses)?,

@@ -207,12 +207,13 @@ fn files(robot: &Robot, folder: &Folder) -> Vec<FileFacts> {
     let mut files = Vec::new();
     let axes = ["x_m", "y_m", "z_m"];
     let commands = |row: &dyn Fn(usize) -> Vec<f64>| -> Vec<Range> {
-        let of = |k: usize| range(format!("q{}_m", k + 1), row(k).into_iter());
+        let of = |k: usize| range(robot.command_column(k), row(k).into_iter());
         (0..robot.commands).filter_map(of).collect()
     };
     let positions = |positions: &[[f64; 3]]| -> Vec<Range> {
         let of = |k: usize| range(axes[k].to_owned(), positions.iter().map(|p| p[k]));
-        (0..3).filter_map(of).collect()
+        let free = robot.plate.freedoms_of_tcp().iter();
+        free.filter_map(|&k| of(k)).collect()
     };
     let poses = &folder.tcp_poses;
     let conditions =
@@ -469,6 +470,8 @@ fn lacks(effect: &Effect, model: &Model, file: &RobotFile, folder: &Folder) -> V
     if effect.lacks_plate_joints(model.plate).is_some() {
         lacks.insert(NO_JOINTS);
     }
+    let pulls = model.links.iter().any(|link| link.pull.is_some());
+    let is_unloaded = file.payload.is_none() && !pulls;
     for quantity in effect.quantities() {
         let missing = match quantity {
             Readable::Direction => poses
@@ -486,7 +489,7 @@ fn lacks(effect: &Effect, model: &Model, file: &RobotFile, folder: &Folder) -> V
             Readable::LoadAlong
             | Readable::LoadHorizontal
             | Readable::LoadVertical
-            | Readable::Tension => file.payload.is_none().then_some("[payload] in robot.toml"),
+            | Readable::Tension => is_unloaded.then_some("[payload] in robot.toml"),
             _ => None,
         };
         lacks.extend(missing);

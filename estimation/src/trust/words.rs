@@ -2,6 +2,7 @@
 
 use tau_robot::input_error::quoted;
 use tau_robot::measurements::TCP_POSES;
+use tau_robot::robot::Robot;
 
 use crate::trust::hypothesis::{Case, Hypothesis, THOUSAND};
 use crate::trust::mistake::Mistake;
@@ -44,11 +45,14 @@ fn nothing() -> Mistake {
 
 fn of(case: &Case<'_>, hypothesis: &Hypothesis, values: &[f64]) -> Mistake {
     let (kind, file, what, mend) = match hypothesis {
-        Hypothesis::Commands(columns) => commands(columns),
+        Hypothesis::Commands(columns) => commands(case.robot, columns),
         Hypothesis::Sign(command) => (
             "command_sign",
             TCP_POSES,
-            format!("`q{}_m` counts the other way", command + 1),
+            format!(
+                "`{}` counts the other way",
+                case.robot.command_column(*command)
+            ),
             "change its sign, or that of the direction or length that it drives in robot.toml"
                 .to_owned(),
         ),
@@ -86,9 +90,9 @@ fn of(case: &Case<'_>, hypothesis: &Hypothesis, values: &[f64]) -> Mistake {
 
 type Words = (&'static str, &'static str, String, String);
 
-fn commands(columns: &[usize]) -> Words {
+fn commands(robot: &Robot, columns: &[usize]) -> Words {
     let moved: Vec<usize> = (0..columns.len()).filter(|&k| columns[k] != k).collect();
-    let name = |k: &usize| format!("q{}_m", k + 1);
+    let name = |k: &usize| robot.command_column(*k);
     let names: Vec<String> = moved.iter().map(name).collect();
     let (what, mend) = if let [one, other] = names.as_slice() {
         (
@@ -98,7 +102,10 @@ fn commands(columns: &[usize]) -> Words {
     } else {
         let held: Vec<String> = moved
             .iter()
-            .map(|&k| format!("command {} stands in `q{}_m`", k + 1, columns[k] + 1))
+            .map(|&k| {
+                let column = robot.command_column(columns[k]);
+                format!("command {} stands in `{column}`", k + 1)
+            })
             .collect();
         (
             format!("the columns of the commands are out of order: {}", held.join(", ")),

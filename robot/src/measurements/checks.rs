@@ -7,8 +7,8 @@ use nalgebra::{Rotation3, Vector3};
 
 use super::{Folder, TcpPose};
 use crate::input_error::{Errors, InputError};
-use crate::robot::Robot;
-use crate::robot_file::{RobotFile, Value};
+use crate::robot::{Robot, Value};
+use crate::robot_file::{Dimensions, RobotFile};
 
 /// A link that would have to be longer or shorter than it is by this share is not meant: nominal
 /// values, and measurements in the right unit and frame, are far better.
@@ -102,9 +102,12 @@ impl Folder {
         };
         let is_large = poses
             .iter()
-            .any(|pose| reach.driving_command(pose).abs() > LARGE_COMMAND_M);
+            .any(|pose| reach.driving_command(pose).abs() > LARGE_COMMAND_M)
+            && !reach.is_angle();
         error.help(
-            if is_large && fits(&|pose| reach.driving_command(pose) / 1000.0) {
+            if reach.is_angle() && fits(&|pose| reach.driving_command(pose).to_radians()) {
+                "the commands look like degrees: multiply by pi/180"
+            } else if is_large && fits(&|pose| reach.driving_command(pose) / 1000.0) {
                 "the commands look like millimetres: divide by 1000"
             } else if fits(&|pose| -reach.driving_command(pose)) {
                 "with the opposite sign of the command they are in reach"
@@ -129,38 +132,39 @@ const FRAME_ADVICE: &str = "are the poses in the frame, and in the units, in whi
 
 /// Nominal dimensions from which the reach of a link follows.
 struct Reach<'a> {
-    link: &'a str,
-    length_m: f64,
+    robot: &'a Robot,
+    dimensions: Dimensions<'a>,
+    link: usize,
     plate_joint_m: Vector3<f64>,
     track_offset_m: Vector3<f64>,
-    /// Zero where the cart-side joint is fixed.
+    /// Zero where the joint is fixed, or on a crank.
     track_direction: Vector3<f64>,
-    /// Length (m) per metre of command: 1 where the length is actuated.
-    extension: f64,
+    /// Centre and axis of the crank that carries the joint.
+    crank: Option<[Vector3<f64>; 2]>,
     command: Option<usize>,
 }
 
 impl<'a> Reach<'a> {
-    /// Of the links whose values the file gives.
-    fn of_links(robot: &'a Robot, file: &RobotFile) -> Vec<Self> {
-        let of_link = |link: &'a crate::robot::Link| {
-            let values = file.links.get(&link.name)?;
-            let track = robot.clusters.get(link.cluster)?.track;
-            let track_direction = match track {
-                Some(_) => vector(values.track_direction.as_ref()?)?,
-                None => Vector3::zeros(),
-            };
+    /// Of the links whose values are known.
+    fn of_links(robot: &'a Robot, file: &'a RobotFile) -> Vec<Self> {
+        let dimensions = Dimensions::new(robot, file);
+        let of_link = |link: usize| {
+            let own = &robot.links[link];
+            let track = robot.clusters.get(own.cluster)?.track;
+            let vector = |value| dimensions.vector(link, value).map(Vector3::from);
+            let crank = track.and_then(|track| dimensions.crank(track));
             Some(Self {
-                link: &link.name,
-                length_m: *values.length.as_ref()?.value.first()?,
-                plate_joint_m: vector(values.plate_joint.as_ref()?)?,
-                track_offset_m: vector(values.track_offset.as_ref()?)?,
-                track_direction,
-                extension: if link.actuated_by.is_some() { 1.0 } else { 0.0 },
-                command: link.actuated_by.or(track),
+                plate_joint_m: vector(Value::PlateJoint)?,
+                track_offset_m: vector(Value::TrackOffset)?,
+                track_direction: vector(Value::TrackDirection)?,
+                crank: crank.map(|crank| crank.map(Vector3::from)),
+                command: own.actuated_by.or(track),
+                robot,
+                dimensions,
+                link,
             })
         };
-        robot.links.iter().filter_map(of_link).collect()
+        (0..robot.links.len()).filter_map(of_link).collect()
     }
 
     fn driving_command(&self, pose: &TcpPose) -> f64 {
@@ -169,40 +173,50 @@ impl<'a> Reach<'a> {
             .unwrap_or(0.0)
     }
 
-    /// Length of the link at a command.
-    fn length(&self, command_m: f64) -> f64 {
-        self.length_m + self.extension * command_m
+    /// Length (m) of the link at a command of its drive; not a number where it has none.
+    fn length_m(&self, command: f64) -> f64 {
+        let mut commands = vec![0.0; self.robot.commands];
+        if let Some(own) = self.command.and_then(|own| commands.get_mut(own)) {
+            *own = command;
+        }
+        let length = self.dimensions.length_m(self.link, &commands);
+        length.unwrap_or(f64::NAN)
     }
 
-    /// Distance between the two joints that the link connects.
-    fn distance(&self, pose: &TcpPose, command_m: f64) -> f64 {
+    /// Distance (m) between the two joints that the link connects.
+    fn distance_m(&self, pose: &TcpPose, command: f64) -> f64 {
         let plate = Vector3::from(pose.position_m) + rotation(pose) * self.plate_joint_m;
-        (plate - self.track_offset_m - command_m * self.track_direction).norm()
+        let joint = match self.crank {
+            Some([centre, axis]) => {
+                centre + Rotation3::new(axis * command) * (self.track_offset_m - centre)
+            }
+            None => self.track_offset_m + command * self.track_direction,
+        };
+        (plate - joint).norm()
     }
 
-    fn reaches(&self, pose: &TcpPose, command_m: f64) -> bool {
-        let length = self.length(command_m);
-        (self.distance(pose, command_m) - length).abs() <= LARGEST_MISFIT * length.abs()
+    fn reaches(&self, pose: &TcpPose, command: f64) -> bool {
+        let length = self.length_m(command);
+        (self.distance_m(pose, command) - length).abs() <= LARGEST_MISFIT * length.abs()
+    }
+
+    fn is_angle(&self) -> bool {
+        (self.command).is_some_and(|command| self.robot.is_angle(command))
     }
 
     fn describe(&self, pose: &TcpPose) -> String {
         let command = self.driving_command(pose);
         let with = match self.command {
-            Some(index) => format!(" with q{}_m = {command}", index + 1),
+            Some(index) => format!(" with {} = {command}", self.robot.command_column(index)),
             None => String::new(),
         };
         format!(
             "link `{}` is {:.3} m long, its joints are {:.3} m apart{with}",
-            self.link,
-            self.length(command),
-            self.distance(pose, command)
+            self.robot.links[self.link].name,
+            self.length_m(command),
+            self.distance_m(pose, command)
         )
     }
-}
-
-fn vector(value: &Value) -> Option<Vector3<f64>> {
-    let components: [f64; 3] = value.value.as_slice().try_into().ok()?;
-    Some(components.into())
 }
 
 fn rotation(pose: &TcpPose) -> Rotation3<f64> {

@@ -2,14 +2,11 @@
 
 use std::path::Path;
 
+pub use super::shape::{ANGLES, POSITION};
 use super::table::{Column, Table};
 use super::{Conditions, plausible};
 use crate::input_error::{InputError, Mistakes, Source, quoted};
 
-/// Columns of a position.
-pub const POSITION: [&str; 3] = ["x_m", "y_m", "z_m"];
-/// Columns of angles.
-pub const ANGLES: [&str; 3] = ["alpha_rad", "beta_rad", "gamma_rad"];
 /// Column of the time since the start.
 pub const TIME: &str = "time_s";
 /// Column of the temperature.

@@ -2,8 +2,12 @@
 
 use tau_model_dsl::model::Plate;
 
-use super::set::{ANGLES, POSITION};
 use crate::robot::{Robot, command_column};
+
+/// Columns of a position.
+pub const POSITION: [&str; 3] = ["x_m", "y_m", "z_m"];
+/// Columns of angles.
+pub const ANGLES: [&str; 3] = ["alpha_rad", "beta_rad", "gamma_rad"];
 
 /// A drive, by what its command is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

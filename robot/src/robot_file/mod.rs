@@ -3,6 +3,7 @@
 mod check;
 mod covariance;
 mod described;
+mod dimensions;
 mod document;
 pub mod keys;
 mod measuring;
@@ -16,6 +17,7 @@ use crate::input_error::quoted;
 use crate::robot::{Robot, Variant};
 pub use covariance::Covariance;
 pub use described::{PLACEHOLDER, USUAL_NOISE};
+pub use dimensions::Dimensions;
 use keys::effect_key;
 pub use measuring::{Measuring, StatedNoise, Surface};
 pub use provenance::{MeasuredPath, Provenance};

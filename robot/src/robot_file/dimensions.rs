@@ -1,0 +1,114 @@
+//! Nominal dimensions of a robot: numbers of its file or else its description, and what formulas make of them.
+
+use tau_codegen::language::model::{CrankValue, Formula, Model, Readable, Value as Geometry};
+
+use super::RobotFile;
+use super::keys::{crank_key, quantity_of};
+use crate::robot::Robot;
+
+/// Dimensions of a robot by its file.
+#[derive(Clone, Copy)]
+pub struct Dimensions<'a> {
+    robot: &'a Robot,
+    file: &'a RobotFile,
+}
+
+impl<'a> Dimensions<'a> {
+    /// Those that a file, or else the description, gives.
+    pub fn new(robot: &'a Robot, file: &'a RobotFile) -> Self {
+        Self { robot, file }
+    }
+
+    /// Length (m) of a link at commands; `None` where nothing gives it.
+    pub fn length_m(&self, link: usize, commands: &[f64]) -> Option<f64> {
+        let own = self.robot.links.get(link)?;
+        let driven = own
+            .actuated_by
+            .and_then(|drive| commands.get(drive))
+            .copied();
+        match self.robot.formula_of(link, Geometry::Length) {
+            Some(formula) => formula.value(&|leaf| self.leaf(link, driven, leaf)),
+            None => Some(self.stated(link, Geometry::Length)?.first()? + driven.unwrap_or(0.0)),
+        }
+    }
+
+    /// A vector of a link (m, or per unit of the command); zero where the plate or the base has none, `None` where nothing
+    /// gives it.
+    pub fn vector(&self, link: usize, value: Geometry) -> Option<[f64; 3]> {
+        if let Some(formula) = self.robot.formula_of(link, value) {
+            return components(formula, &|leaf| self.leaf(link, None, leaf));
+        }
+        if !self.robot.has_parameter(link, value.name()) {
+            return Some([0.0; 3]);
+        }
+        self.stated(link, value)?.try_into().ok()
+    }
+
+    /// Centre (m) and axis of a crank by its index among the tracks; `None` of a track, or where nothing gives them.
+    pub fn crank(&self, track: usize) -> Option<[[f64; 3]; 2]> {
+        let model = self.robot.model.as_ref()?;
+        let of_track = model.tracks.get(track)?;
+        let crank = of_track.crank.as_ref()?;
+        let of = |value: CrankValue| {
+            if let Some(formula) = crank.formula(value) {
+                return components(formula, &|leaf| self.of_robot(model, leaf));
+            }
+            let stated = self.file.cranks.get(&of_track.name);
+            let stated = stated.and_then(|values| values.get(crank_key(value.name())));
+            let stated = stated.and_then(|value| value.value.clone().try_into().ok());
+            stated.or(crank.quantity(value).value)
+        };
+        Some([of(CrankValue::Centre)?, of(CrankValue::Axis)?])
+    }
+
+    /// Numbers that the file, or else the description, states.
+    fn stated(&self, link: usize, value: Geometry) -> Option<Vec<f64>> {
+        let own = self.robot.links.get(link)?;
+        let track = self.robot.clusters.get(own.cluster)?.track;
+        let shared = track.and_then(|track| self.file.tracks.get(&self.robot.tracks[track]));
+        let values = [self.file.links.get(&own.name), shared];
+        let mut stated = values.into_iter().flatten();
+        let stated = stated.find_map(|values| quantity_of(values, value.name()));
+        stated.map(|value| value.value.clone()).or_else(|| {
+            let model = self.robot.model.as_ref()?;
+            let given = &model.links.get(link)?.defaults;
+            Some(match value {
+                Geometry::Length => given.length.value?.to_vec(),
+                Geometry::PlateJoint => given.plate_joint.value?.to_vec(),
+                Geometry::TrackOffset => given.track_offset.value?.to_vec(),
+                Geometry::TrackDirection => given.track_direction.value?.to_vec(),
+            })
+        })
+    }
+
+    fn leaf(&self, link: usize, command: Option<f64>, leaf: &Formula) -> Option<f64> {
+        match *leaf {
+            Formula::Read(Readable::Command) => command,
+            Formula::OfLink(Geometry::Length, _) => self.length_m(link, &[]),
+            Formula::OfLink(value, component) => Some(self.vector(link, value)?[component]),
+            _ => self.of_robot(self.robot.model.as_ref()?, leaf),
+        }
+    }
+
+    /// A component of a parameter of the whole machine.
+    fn of_robot(&self, model: &Model, leaf: &Formula) -> Option<f64> {
+        let Formula::OfRobot(index, component) = *leaf else {
+            return None;
+        };
+        let parameter = model.parameters.get(index)?;
+        let stated = self.file.parameters.get(&parameter.name);
+        let stated = stated
+            .filter(|_| !parameter.exact)
+            .map(|value| &value.value);
+        let values = stated.or(parameter.nominal.as_ref())?;
+        values.get(component).copied()
+    }
+}
+
+fn components(formula: &Formula, of: &dyn Fn(&Formula) -> Option<f64>) -> Option<[f64; 3]> {
+    let Formula::Vector(components) = formula else {
+        return None;
+    };
+    let [x, y, z] = &**components;
+    Some([x.value(of)?, y.value(of)?, z.value(of)?])
+}
