@@ -43,7 +43,10 @@ pub fn terminal(found: &UnknownPoses, width: usize) -> String {
     gauge(&mut screen, rank);
     if !found.gross.is_empty() {
         screen.gap();
-        screen.line("Rows left out");
+        screen.line(match found.loss {
+            None => "Rows left out",
+            Some(_) => "Rows far off, which count less",
+        });
     }
     for row in found.gross.iter().take(LISTED) {
         screen.say_within(
@@ -171,7 +174,7 @@ pub fn json(found: &UnknownPoses) -> Value {
             "name": own.name, "unit": own.unit, "value": own.value, "sigma": own.sigma,
         })).collect::<Vec<_>>(),
         "gross_rows": found.gross.iter().map(|row| json!({
-            "file": row.place.file, "line": row.place.line, "pose": row.place.pose, "sigmas": row.sigmas,
+            "file": row.place.file, "line": row.place.line, "pose": row.place.pose, "sigmas": row.sigmas, "weight": row.weight,
             "link": link(found, row),
         })).collect::<Vec<_>>(),
         "held_out": found.held_out.as_ref().map(|own| json!({

@@ -256,6 +256,11 @@ fn measuring(noise: f64) -> Measuring {
         sigma: Some(vec![noise]),
     };
     Measuring {
+        axes: [
+            None,
+            Some(StatedNoise::Estimate),
+            Some(StatedNoise::Known(noise)),
+        ],
         noise: [
             ("heights".to_owned(), StatedNoise::Estimate),
             ("distances".to_owned(), StatedNoise::Known(noise)),

@@ -12,7 +12,7 @@ use tau_robot::robot_file::{RobotFile, StatedNoise};
 use tau_runtime::ResidualFamily;
 
 use super::coupled::Coupled;
-use super::kinds::{FIRST_GUESS_M, drive_sigmas, kinds_of_noise};
+use super::kinds::{AXES, FIRST_GUESS_M, drive_sigmas, kinds_of_noise};
 use super::lengths::Lengths;
 use super::objects::{Object, ObjectUnknown, collect_objects};
 use super::quantity::{Measured, Quantity, base};
@@ -264,6 +264,7 @@ impl<'a> Assembly<'a> {
             let Some(component) = self.kind(kind.file()) else {
                 continue;
             };
+            let by_axis = AXES.contains(&self.kinds[component].quantity);
             let mut by_object: BTreeMap<&str, Vec<&PlateRow>> = BTreeMap::new();
             for row in of_rows(kind) {
                 by_object
@@ -290,7 +291,9 @@ impl<'a> Assembly<'a> {
                     kind.file(),
                     Arc::new(Measured::new(quantity)),
                     (first..first + quantity.shared()).collect(),
-                    vec![component; quantity.residuals()],
+                    (0..quantity.residuals())
+                        .map(|axis| component + if by_axis { axis } else { 0 })
+                        .collect(),
                 );
                 for row in own {
                     self.measured(row, quantity, &mut measured);

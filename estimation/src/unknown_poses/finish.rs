@@ -22,7 +22,8 @@ impl Fit<'_> {
         (solution, iterations): (&tau_solver::Solution, usize),
     ) -> Result<UnknownPoses, Error> {
         let shared = self.shared();
-        let covariance = self.covariance(&reduced.triangle);
+        let variance = self.loss_variance(reduced, leverages);
+        let covariance = self.covariance(&reduced.triangle, variance);
         let count = self.used.len();
         let of_variant: Vec<Vec<f64>> = (0..count)
             .map(|i| (0..count).map(|j| covariance[(i, j)]).collect())

@@ -13,10 +13,12 @@ use tau_solver::{Parameter, Problem};
 use super::assembly::{Assembly, Chosen};
 use super::elimination::{self, Elimination, Reduced};
 use super::gauge::{Shared, scaled};
+use super::kinds::tells_drives;
 use super::rows::{RowPlace, Rows};
 use super::{GrossRow, KindFit, Rank, RowDivision};
-use crate::calibration::{self, Error, Nominal, Prepared};
+use crate::calibration::{Error, Nominal, Prepared};
 use crate::problem::{self, POSE_UNKNOWNS};
+use crate::weighing::Loss;
 
 /// A calibration on its way.
 pub(super) struct Fit<'a> {
@@ -35,6 +37,8 @@ pub(super) struct Fit<'a> {
     pub(super) start: Vec<f64>,
     pub(super) left_out: BTreeSet<RowPlace>,
     pub(super) gross: Vec<GrossRow>,
+    /// Loss of single residuals, if it is not least squares.
+    pub(super) loss: Option<Loss>,
 }
 
 impl<'a> Fit<'a> {
@@ -90,6 +94,7 @@ impl<'a> Fit<'a> {
             start,
             left_out,
             gross: vec![],
+            loss: None,
         })
     }
 
@@ -126,7 +131,39 @@ impl<'a> Fit<'a> {
         parameters
     }
 
-    pub(super) fn problem(&self, values: &[f64], options: &calibration::Options) -> Problem<'_> {
+    /// True if a residual of a block may be a gross one: exact closures are no measurements.
+    pub(super) fn can_be_gross(&self, block: usize) -> bool {
+        block > 0 || tells_drives(self.file, &self.machine)
+    }
+
+    /// Residuals of blocks that may hold gross ones: block, index, residual over its noise, share that the fit leaves.
+    pub(super) fn judged<'b>(
+        &'b self,
+        reduced: &'b Reduced,
+        leverages: &'b [Vec<f64>],
+    ) -> impl Iterator<Item = (usize, usize, f64, f64)> + 'b {
+        let blocks = self.blocks.iter().enumerate();
+        let blocks = blocks.filter(|(block, _)| self.can_be_gross(*block));
+        blocks.flat_map(|(block, rows)| {
+            let residuals = reduced.residuals[block].iter().zip(&leverages[block]);
+            let own = residuals.zip(&rows.weights).enumerate();
+            own.filter(|(_, (_, weight))| **weight > 0.0)
+                .map(move |(k, ((residual, leverage), _))| (block, k, *residual, 1.0 - leverage))
+        })
+    }
+
+    /// Variance of estimates over that of least squares at the noise: 1 but under a loss.
+    pub(super) fn loss_variance(&self, reduced: &Reduced, leverages: &[Vec<f64>]) -> f64 {
+        let Some(loss) = self.loss else {
+            return 1.0;
+        };
+        let judged = || self.judged(reduced, leverages);
+        let norms: Vec<f64> = judged().map(|(_, _, residual, _)| residual.abs()).collect();
+        let absorbed = judged().map(|(_, _, _, left)| 1.0 - left).sum();
+        loss.tuned(1).variance(&norms, absorbed)
+    }
+
+    pub(super) fn problem(&self, values: &[f64]) -> Problem<'_> {
         let shared = self.shared();
         let mut parameters = self.shared_parameters(values);
         let axes = ["x", "y", "z", "about x", "about y", "about z"];
@@ -146,9 +183,8 @@ impl<'a> Fit<'a> {
                 });
             }
         }
-        // Links are no measurements that could be gross: their drives are.
-        let loss = |index: usize| match options.treatment.loss {
-            Some(loss) if index > 0 => loss.of_single_residuals(),
+        let loss = |index: usize| match self.loss {
+            Some(loss) if self.can_be_gross(index) => loss.of_single_residuals(),
             _ => tau_solver::Loss::Squared,
         };
         let blocks = self.blocks.iter().enumerate();
@@ -193,8 +229,9 @@ impl<'a> Fit<'a> {
             .collect()
     }
 
-    /// Covariance of the shared unknowns, priors included; infinite variances where nothing determines them.
-    pub(super) fn covariance(&self, triangle: &DMatrix<f64>) -> DMatrix<f64> {
+    /// Covariance of the shared unknowns, priors included; infinite variances where nothing determines them. `variance` is
+    /// that of what the data say, over that of least squares.
+    pub(super) fn covariance(&self, triangle: &DMatrix<f64>, variance: f64) -> DMatrix<f64> {
         let scales = self.scales();
         let width = scales.len();
         let priors = DMatrix::from_diagonal(&DVector::from_iterator(
@@ -203,7 +240,8 @@ impl<'a> Fit<'a> {
                 .into_iter()
                 .map(|has| f64::from(u8::from(has))),
         ));
-        let all = elimination::stacked(&scaled(triangle, &scales), &[priors]);
+        let data = scaled(triangle, &scales) / variance.sqrt();
+        let all = elimination::stacked(&data, &[priors]);
         let svd = all.svd(false, true);
         let Some(v_t) = svd.v_t else {
             return DMatrix::from_element(width, width, f64::NAN);
@@ -309,16 +347,23 @@ impl<'a> Fit<'a> {
                 squares: 0.0,
             })
             .collect();
-        for ((rows, residuals), leverages) in
-            self.blocks.iter().zip(&reduced.residuals).zip(leverages)
+        // Under a loss, gross residuals count as little in the noise as in the fit (P. J. Huber, 1964, proposal 2).
+        let tuned = self.loss.map(|loss| loss.tuned(1));
+        let usual = tuned.map_or(1.0, |tuned| tuned.square_at_normal_noise());
+        for (block, ((rows, residuals), leverages)) in
+            (self.blocks.iter().zip(&reduced.residuals).zip(leverages)).enumerate()
         {
+            let tuned = tuned.filter(|_| self.can_be_gross(block));
             let of_rows = rows.kinds.iter().cycle().zip(&rows.weights);
             for ((&kind, weight), (residual, leverage)) in
                 of_rows.zip(residuals.iter().zip(leverages))
             {
                 if *weight > 0.0 {
                     fits[kind].redundancy += 1.0 - leverage;
-                    fits[kind].squares += residual * residual;
+                    fits[kind].squares += match tuned {
+                        Some(tuned) => (tuned.weight(residual.abs()) * residual).powi(2) / usual,
+                        None => residual * residual,
+                    };
                 }
             }
         }

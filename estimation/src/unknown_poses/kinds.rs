@@ -13,6 +13,9 @@ use crate::problem::CLOSURE_SHARE;
 /// estimate replaces it.
 pub(super) const FIRST_GUESS_M: f64 = 1e-4;
 
+/// Coordinates whose noise is stated by axis.
+pub(super) const AXES: [&str; 3] = ["x", "y", "z"];
+
 /// Kinds of residuals that a folder has, each with its noise.
 ///
 /// # Errors
@@ -29,22 +32,22 @@ pub(super) fn kinds_of_noise(
     };
     let robot_file = file;
     let default = file.noise;
+    let first_guess = |stated: StatedNoise| match stated {
+        StatedNoise::Known(sigma) => sigma,
+        StatedNoise::Estimate if default.position_m.is_finite() => default.position_m,
+        StatedNoise::Estimate => FIRST_GUESS_M,
+    };
     let length = |file: &'static str, quantity: &'static str, key: &str| {
         let section = file.trim_end_matches(".csv");
         let stated = robot_file.noise_of(file);
         let stated =
             stated.ok_or_else(|| unstated(file, &format!("`[noise.{section}]` with `{key}`")))?;
-        let sigma = match stated {
-            StatedNoise::Known(sigma) => sigma,
-            StatedNoise::Estimate if default.position_m.is_finite() => default.position_m,
-            StatedNoise::Estimate => FIRST_GUESS_M,
-        };
         Ok::<Kind, InputError>(Kind {
             file,
             quantity,
             unit: "m",
             stated: Some(stated),
-            sigma,
+            sigma: first_guess(stated),
         })
     };
     if !folder.tcp_poses.is_empty() {
@@ -71,8 +74,31 @@ pub(super) fn kinds_of_noise(
         (PlateKind::Height, "height", "height_m"),
         (PlateKind::BallBar, "distance", "distance_m"),
     ] {
-        if folder.rows_of(kind).next().is_some() {
+        if folder.rows_of(kind).next().is_none() {
+            continue;
+        }
+        let axes = robot_file
+            .noise_of_axes()
+            .filter(|_| kind == PlateKind::Position);
+        let Some(axes) = axes else {
             kinds.push(length(kind.file(), quantity, key)?);
+            continue;
+        };
+        for ((axis, column), stated) in AXES.into_iter().zip(kind.columns()).zip(axes) {
+            let missing = || {
+                unstated(
+                    kind.file(),
+                    &format!("`{column}` to `[noise.tcp_positions]`"),
+                )
+            };
+            let stated = stated.ok_or_else(missing)?;
+            kinds.push(Kind {
+                file: kind.file(),
+                quantity: axis,
+                unit: "m",
+                stated: Some(stated),
+                sigma: first_guess(stated),
+            });
         }
     }
     if !folder.distances.is_empty() {
@@ -94,10 +120,7 @@ pub(super) fn kinds_of_noise(
             quantity: "length",
             unit: "m",
             stated: Some(stated),
-            sigma: match stated {
-                StatedNoise::Known(sigma) => sigma,
-                StatedNoise::Estimate => FIRST_GUESS_M,
-            },
+            sigma: first_guess(stated),
         });
         return Ok(kinds);
     }

@@ -33,6 +33,7 @@ use tau_solver::solve;
 
 use crate::calibration::prepared::Prepared;
 use crate::calibration::{self, Error};
+use crate::weighing::Loss;
 use fit::Fit;
 use refusals::refuse_tracker_effects;
 
@@ -106,10 +107,13 @@ fn fitted(mut fit: Fit<'_>, options: &calibration::Options) -> Result<UnknownPos
     let mut values = fit.start.clone();
     let mut iterations = 0;
     let mut rounds = 0;
+    let loss = options.treatment.loss;
     let (solution, reduced, leverages) = loop {
         rounds += 1;
+        // Losses that let go of what is far off begin where the convex one ends.
+        fit.loss = loss.map(|loss| if rounds == 1 { Loss::Huber } else { loss });
         let solution = {
-            let problem = fit.problem(&values, options);
+            let problem = fit.problem(&values);
             let solver = tau_solver::Options {
                 cost_tolerance: options.solver.cost_tolerance.max(1e-12),
                 ..options.solver.clone()
@@ -125,17 +129,21 @@ fn fitted(mut fit: Fit<'_>, options: &calibration::Options) -> Result<UnknownPos
         values.clone_from(&solution.parameters);
         let moved = fit.largest_move(&values);
         let reduced = fit.elimination(&values).reduce();
-        let covariance = fit.covariance(&reduced.triangle);
+        let covariance = fit.covariance(&reduced.triangle, 1.0);
         let leverages = fit.elimination(&values).leverages(&covariance);
         let noise = fit.estimate_noise(&reduced, &leverages);
-        let gross = options.treatment.loss.is_none()
+        let gross = loss.is_none()
             && !options.treatment.keep_outliers
             && fit.leave_out_gross(&reduced, &leverages);
-        if rounds == ROUNDS || (moved < SAME_POSE && noise < SAME_NOISE && !gross) {
+        let is_loss = fit.loss == loss;
+        if rounds == ROUNDS || (moved < SAME_POSE && noise < SAME_NOISE && !gross && is_loss) {
             break (solution, reduced, leverages);
         }
         fit.rebuild(&mut values)?;
     };
+    if loss.is_some() {
+        fit.gross = fit.gross_rows(&reduced, &leverages);
+    }
     let machine = fit.machine_at(&values);
     let rank = fit.rank(&reduced, &machine);
     let found = fit.finish(
@@ -144,8 +152,5 @@ fn fitted(mut fit: Fit<'_>, options: &calibration::Options) -> Result<UnknownPos
         rank,
         (&solution, iterations),
     )?;
-    Ok(UnknownPoses {
-        loss: options.treatment.loss,
-        ..found
-    })
+    Ok(UnknownPoses { loss, ..found })
 }

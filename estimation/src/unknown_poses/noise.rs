@@ -4,10 +4,9 @@ use std::collections::BTreeSet;
 
 use super::elimination::Reduced;
 use super::fit::Fit;
-use super::kinds::tells_drives;
 use super::rows::RowPlace;
 use super::{ABSORBED, GrossRow};
-use crate::numerics::distribution::chi2_quantile_above;
+use crate::numerics::distribution::{chi2_quantile_above, f_quantile_above};
 
 /// Chance that the largest of all residuals is taken for a gross one though none is: one folder in a hundred loses a
 /// good row.
@@ -38,48 +37,66 @@ impl Fit<'_> {
         largest
     }
 
-    /// Leaves out rows that are farther off than the largest of so many; true if there were any. Readings of drives are
-    /// rows by themselves where each drive moves one link.
-    pub(super) fn leave_out_gross(&mut self, reduced: &Reduced, leverages: &[Vec<f64>]) -> bool {
-        let mut all: Vec<GrossRow> = vec![];
-        let tells = tells_drives(self.file, &self.machine);
-        let blocks = self.blocks.iter().zip(&reduced.residuals).zip(leverages);
-        for (index, ((rows, residuals), leverages)) in blocks.enumerate() {
-            if index == 0 && !tells {
-                continue;
-            }
-            let each = rows.kinds.len();
-            for (k, residual) in residuals.iter().enumerate() {
-                let left = 1.0 - leverages[k];
-                // A row that the fit follows anyway can't be told to be off.
-                if rows.weights[k] > 0.0 && left > 1.0 - ABSORBED {
-                    let drive = (index == 0).then_some(k % each);
-                    all.push(GrossRow {
-                        place: RowPlace {
-                            drive,
-                            ..rows.places[k / each]
-                        },
-                        sigmas: residual.abs() / left.sqrt(),
-                    });
+    /// Rows that are farther off than the largest of so many, worst first. Readings of drives are rows by themselves where
+    /// each drive moves one link.
+    ///
+    /// One gross row makes all residuals larger, many of them or a model that lacks something do the same: a row is
+    /// compared with the smaller of the scale of most residuals and of that of all others, had it been left out
+    /// (externally Studentized, R. D. Cook and S. Weisberg, *Residuals and Influence in Regression*, 1982, section 2.2).
+    pub(super) fn gross_rows(&self, reduced: &Reduced, leverages: &[Vec<f64>]) -> Vec<GrossRow> {
+        let tuned = self.loss.map(|loss| loss.tuned(1));
+        // What the fit follows anyway can't be told to be off.
+        let judged = || {
+            let all = self.judged(reduced, leverages);
+            all.filter(|(_, _, _, left)| *left > 1.0 - ABSORBED)
+        };
+        let mut far: Vec<GrossRow> = judged()
+            .map(|(block, k, residual, left)| {
+                let rows = &self.blocks[block];
+                let each = rows.kinds.len();
+                GrossRow {
+                    place: RowPlace {
+                        drive: (block == 0).then_some(k % each),
+                        ..rows.places[k / each]
+                    },
+                    sigmas: residual.abs() / left.sqrt(),
+                    weight: tuned.map_or(0.0, |tuned| tuned.weight(residual.abs())),
                 }
-            }
+            })
+            .collect();
+        let (mut squares, mut degrees) = (0.0, 0.0);
+        for (_, _, residual, left) in self.judged(reduced, leverages) {
+            squares += residual * residual;
+            degrees += left;
         }
-        let mut sorted: Vec<f64> = all.iter().map(|row| row.sigmas).collect();
+        let mut sorted: Vec<f64> = far.iter().map(|row| row.sigmas).collect();
         sorted.sort_by(f64::total_cmp);
-        // Larger noise, or an effect that the model lacks, makes no gross rows: they are told at the scale of most.
         let median = sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
-        let scale = (median / MEDIAN_OF_NORMAL).max(1.0);
-        let count = all.len();
-        let level = GROSS_LEVEL / count.max(1) as f64;
-        let limit = scale * chi2_quantile_above(level, 1.0).sqrt();
-        let mut far = all;
-        far.retain(|row| row.sigmas > limit);
+        let level = GROSS_LEVEL / far.len().max(1) as f64;
+        let normal = chi2_quantile_above(level, 1.0).sqrt();
+        let of_most = normal * median / MEDIAN_OF_NORMAL;
+        let others = degrees - 1.0;
+        let student = if others > 1.0 {
+            f_quantile_above(level, 1.0, others).sqrt()
+        } else {
+            f64::INFINITY
+        };
+        far.retain(|row| {
+            let of_others = ((squares - row.sigmas.powi(2)).max(0.0) / others.max(1.0)).sqrt();
+            row.sigmas > of_most.min(student * of_others).max(normal)
+        });
         far.sort_by(|a, b| b.sigmas.total_cmp(&a.sigmas));
+        far
+    }
+
+    /// Leaves out gross rows; true if there were any.
+    pub(super) fn leave_out_gross(&mut self, reduced: &Reduced, leverages: &[Vec<f64>]) -> bool {
+        let mut far = self.gross_rows(reduced, leverages);
         // One gross row drags others along: only those nearly as far off as the worst go at once, and of one pose the worst.
         let worst = far.first().map_or(0.0, |row| row.sigmas);
         let mut seen = BTreeSet::new();
         far.retain(|row| row.sigmas > 0.7 * worst && seen.insert(row.place.pose));
-        let total = count + self.gross.len();
+        let total = self.judged(reduced, leverages).count() + self.gross.len();
         if far.is_empty()
             || (self.gross.len() + far.len()) as f64 > (MOST_GROSS * total as f64).max(1.0)
         {

@@ -84,6 +84,8 @@ pub struct GrossRow {
     pub place: RowPlace,
     /// Its residual over the noise that the fit leaves of it.
     pub sigmas: f64,
+    /// Share with which it counts under a loss; 0 where it is left out.
+    pub weight: f64,
 }
 
 /// An unknown that is no parameter of the machine.
@@ -176,7 +178,7 @@ pub struct UnknownPoses {
     pub kinds: Vec<KindFit>,
     /// Combinations that the measurements determine, and those they leave open.
     pub rank: Rank,
-    /// Rows that were left out, worst first.
+    /// Rows that were left out, or count less under a loss, worst first.
     pub gross: Vec<GrossRow>,
     /// Fit of rows that took no part; `None` where all did.
     pub held_out: Option<HeldOut>,

@@ -6,7 +6,6 @@ use tau_robot::robot::Robot;
 
 use super::RowDivision;
 use super::fit::Fit;
-use crate::calibration::Options;
 
 /// Positions, heights and distances at some of the prototype's poses.
 fn folder() -> Folder {
@@ -60,8 +59,8 @@ fn elimination_gives_the_covariance_of_the_dense_normal_equations() {
     assert_eq!(reduced.rows(), 20 * (6 + 2 + 1) + 6);
     assert_eq!(reduced.spent, 20 * 6);
 
-    let eliminated = fit.covariance(&reduced.triangle);
-    let problem = fit.problem(&fit.start, &Options::default());
+    let eliminated = fit.covariance(&reduced.triangle, 1.0);
+    let problem = fit.problem(&fit.start);
     let dense = tau_solver::covariance(&problem, &fit.start).unwrap();
     for i in 0..fit.shared() {
         for j in 0..=i {

@@ -100,7 +100,7 @@ impl UnknownPoses {
                     file: row.place.file,
                     pose: row.place.pose,
                     sigmas: row.sigmas,
-                    weight: 0.0,
+                    weight: row.weight,
                 })
                 .collect(),
             repeats: None,

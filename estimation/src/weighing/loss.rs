@@ -94,6 +94,17 @@ impl Tuned {
 
     /// Variance of estimates over that of least squares where noise is normal: E\[w²d²\]/m over E\[w + w′d/m\]².
     fn variance_at_normal_noise(&self) -> f64 {
+        let (square, slope) = self.means_at_normal_noise();
+        square / (slope * slope)
+    }
+
+    /// Mean of the squares of weighted residuals where noise is normal, of variance one: E\[w²d²\]/m.
+    pub(crate) fn square_at_normal_noise(&self) -> f64 {
+        self.means_at_normal_noise().0
+    }
+
+    /// E\[w²d²\]/m and E\[w + w′d/m\] at normal noise.
+    fn means_at_normal_noise(&self) -> (f64, f64) {
         /// Steps of the midpoint rule over normal deviates: the kinks of a loss leave an error of some 1e-5, while thresholds
         /// matter to a percent.
         const STEPS: usize = 2000;
@@ -103,7 +114,7 @@ impl Tuned {
             reason = "a small count"
         )]
         let Ok(chi) = Chi::new(self.residuals as u64) else {
-            return 1.0;
+            return (1.0, 1.0);
         };
         let last = self.residuals.sqrt() + 10.0;
         let (mut square, mut slope) = (0.0, 0.0);
@@ -113,7 +124,7 @@ impl Tuned {
             square += share * (self.weight(d) * d).powi(2) / self.residuals;
             slope += share * self.slope(d);
         }
-        square / (slope * slope)
+        (square, slope)
     }
 
     /// Variance of estimates over that of least squares at unit noise, from the norms of the poses' residuals: Huber's

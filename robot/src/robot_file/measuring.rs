@@ -40,6 +40,8 @@ pub struct Surface {
 pub struct Measuring {
     /// `[noise.NAME]`, by name of the file without its ending: noise of its lengths (m).
     pub noise: BTreeMap<String, StatedNoise>,
+    /// `[noise.tcp_positions]` by axis, those that are stated.
+    pub axes: [Option<StatedNoise>; 3],
     /// `[drives]`: noise of each command (m or rad), or one for all; empty: exact drives.
     pub drives: Vec<StatedNoise>,
     /// `[targets.NAME]`: position on the plate, in TCP coordinates (m).
@@ -84,6 +86,14 @@ impl RobotFile {
         own.or_else(|| self.noise.position_m.is_finite().then_some(general))
     }
 
+    /// Noise (m) of each coordinate of positions where the file states it by axis; a coordinate left out has that of all.
+    pub fn noise_of_axes(&self) -> Option<[Option<StatedNoise>; 3]> {
+        let axes = self.measuring.axes;
+        let file = PlateKind::Position.file();
+        let any = axes.iter().any(Option::is_some);
+        any.then(|| axes.map(|axis| axis.or_else(|| self.noise_of(file))))
+    }
+
     /// Noise (m) of the length of a link, whatever its drive does; `None` where the file has none: links are rigid.
     pub fn noise_of_links(&self) -> Option<StatedNoise> {
         self.measuring.noise.get(LINKS).copied()
@@ -109,8 +119,17 @@ impl Document<'_> {
             let Some(table) = self.table(value) else {
                 continue;
             };
-            self.known_keys(table, &[key]);
             let place = value.span();
+            let axes = PlateKind::Position.columns();
+            if section == section_of(PlateKind::Position.file()) {
+                self.known_keys(table, &[&[key], axes].concat());
+                found.axes = [0, 1, 2].map(|axis| self.stated_noise(table.get(axes[axis])?));
+                if axes.iter().any(|axis| table.contains_key(*axis)) && !table.contains_key(key) {
+                    continue;
+                }
+            } else {
+                self.known_keys(table, &[key]);
+            }
             if let Some(value) = self.required(table, key, &place)
                 && let Some(stated) = self.stated_noise(value)
             {
@@ -208,8 +227,19 @@ impl Measuring {
     /// Sections of `[noise]`, then the others.
     pub(super) fn write(&self, out: &mut String) -> fmt::Result {
         for (section, quantity) in sections() {
-            if let Some(noise) = self.noise.get(section) {
-                writeln!(out, "\n[noise.{section}]\n{quantity} = {noise}")?;
+            let own = self.noise.get(section).map(|noise| (quantity, noise));
+            let is_positions = section == section_of(PlateKind::Position.file());
+            let axes = PlateKind::Position.columns().iter().zip(&self.axes);
+            let axes = axes.filter_map(|(axis, noise)| Some((*axis, noise.as_ref()?)));
+            let stated: Vec<_> = own
+                .into_iter()
+                .chain(axes.filter(|_| is_positions))
+                .collect();
+            if !stated.is_empty() {
+                writeln!(out, "\n[noise.{section}]")?;
+            }
+            for (quantity, noise) in stated {
+                writeln!(out, "{quantity} = {noise}")?;
             }
         }
         match self.drives.as_slice() {
