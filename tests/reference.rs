@@ -14,7 +14,7 @@ use tau_model_dsl::model::{
 };
 
 use matrices::{
-    M, V, about_x, about_y, about_z, apply, columns, cross, dot, frame, implied, mean, minus, plus,
+    V, about_x, about_y, about_z, apply, columns, cross, dot, frame, implied, mean, minus, plus,
     product, rotated, transpose, unit,
 };
 

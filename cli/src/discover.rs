@@ -40,6 +40,7 @@ pub(super) fn run(
         base(&session, arguments.base.as_deref()),
         session.catalogues(&arguments.effects),
     )?;
+    let session = session.comparing_poses()?;
     let poses = session.poses()?;
     let (robot, file, folder) = (session.robot(), session.robot_file(), session.folder());
 

@@ -18,7 +18,7 @@ pub(super) fn run(
         resolve::with_variant(&arguments.input, &arguments.variant),
         Target::resolve(&arguments.json, &Kept::from(&arguments.input)),
     )?;
-    let session = session.outliers(Treatment {
+    let session = session.comparing_poses()?.outliers(Treatment {
         keep_outliers: arguments.outliers.keep_outliers,
         ..Treatment::default()
     });

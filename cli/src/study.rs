@@ -20,7 +20,9 @@ pub(super) fn run(arguments: &arguments::Study, console: &Console<'_>) -> Result
         check_folder(out),
     );
     let (session, (target, ())) = both(resolve::session(&arguments.input), outputs)?;
-    let session = session.outliers(resolve::treatment(&arguments.outliers));
+    let session = session
+        .comparing_poses()?
+        .outliers(resolve::treatment(&arguments.outliers));
 
     let bar = Bar::new(console);
     let ran = study::run(&session, &mut |progress| bar.show(progress));

@@ -22,6 +22,24 @@ pub struct Surroundings {
     pub reference: Option<Reference>,
     /// Nominal value of each of the variant's parameters; those that it holds are taken from here.
     pub held: Vec<f64>,
+    /// Noise of the links' lengths.
+    pub length_noise: LengthNoise,
+}
+
+/// Standard deviations of what makes the links' lengths scatter; none where drives are exact and links rigid.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct LengthNoise {
+    /// Of each command (m or rad); empty for none.
+    pub commands: Vec<f64>,
+    /// Of each link's length beside its drive (m).
+    pub links_m: f64,
+}
+
+impl LengthNoise {
+    /// True if lengths scatter.
+    pub fn is_any(&self) -> bool {
+        self.links_m > 0.0 || self.commands.iter().any(|&sigma| sigma > 0.0)
+    }
 }
 
 /// One sample: commands, what stands where at them, and under which conditions.

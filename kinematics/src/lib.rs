@@ -15,7 +15,7 @@ mod statics;
 
 pub use error::Error;
 pub use forward::{AssemblyMode, LARGEST_MISMATCH_M};
-pub use inputs::{Missing, Sample, Surroundings};
+pub use inputs::{LengthNoise, Missing, Sample, Surroundings};
 pub use inverse::{InverseOptions, Reached};
 pub use layout::{Layout, Rail, Rod};
 pub use least_norm::least_norm;

@@ -3,11 +3,11 @@
 use std::collections::BTreeMap;
 
 use nalgebra::{Matrix3, Rotation3};
-use tau_kinematics::{Machine, Statics, Surroundings, nearest_rotation, xyz, zyz};
+use tau_kinematics::{LengthNoise, Machine, Statics, Surroundings, nearest_rotation, xyz, zyz};
 use tau_robot::input_error::InputError;
 use tau_robot::measurements::Folder;
 use tau_robot::robot::{Robot, Variant};
-use tau_robot::robot_file::{MeasuredPath, RobotFile};
+use tau_robot::robot_file::{MeasuredPath, RobotFile, StatedNoise};
 
 use super::nominal::{self, Nominal};
 use super::paths;
@@ -95,6 +95,7 @@ impl Prepared {
             statics: Statics::new(robot, file),
             reference: file.reference.clone(),
             held: nominal.iter().map(|nominal| nominal.value).collect(),
+            length_noise: length_noise(robot, file),
         };
         let machine = Machine {
             robot: robot.clone(),
@@ -111,6 +112,20 @@ impl Prepared {
             registration,
             measured_paths,
         })
+    }
+}
+
+/// Stated noise of drives and links; noise that is to be estimated is not known here.
+fn length_noise(robot: &Robot, file: &RobotFile) -> LengthNoise {
+    let known = |stated: Option<StatedNoise>| match stated {
+        Some(StatedNoise::Known(sigma)) => sigma,
+        _ => 0.0,
+    };
+    LengthNoise {
+        commands: (0..robot.commands)
+            .map(|command| known(file.noise_of_drive(command)))
+            .collect(),
+        links_m: known(file.noise_of_links()),
     }
 }
 

@@ -2,7 +2,9 @@
 
 use std::collections::BTreeSet;
 
-use super::{Conditions, Folder};
+use tau_model_dsl::model::Plate;
+
+use super::{Conditions, Folder, PoseSigmas, TcpPose};
 
 /// A kind of measurement of the plate, with a file of its own.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -97,6 +99,37 @@ impl Folder {
     pub fn has_partial_poses(&self) -> bool {
         let of_rows = self.tcp_poses.iter().any(|pose| pose.sigmas.are_stated());
         of_rows || !self.plate_rows.is_empty() || !self.distances.is_empty()
+    }
+
+    /// Takes positions of a plate that is a point for its poses, where all its coordinates were measured at the TCP and
+    /// there are no other poses: of rows of one pose the first. True if there are such.
+    pub fn take_positions_for_poses(&mut self, plate: Plate) -> bool {
+        if !plate.is_point() || !self.tcp_poses.is_empty() {
+            return false;
+        }
+        let freedoms = plate.freedoms();
+        let pose = |row: &PlateRow| {
+            let is_whole = freedoms.iter().all(|&axis| row.values[axis].is_some());
+            (is_whole && row.of.is_none()).then(|| TcpPose {
+                pose: row.pose,
+                commands_m: row.commands_m.clone(),
+                position_m: row.values.map(Option::unwrap_or_default),
+                angles_rad: [0.0; 3],
+                conditions: row.conditions,
+                directions: row.directions.clone(),
+                sigmas: PoseSigmas {
+                    position_m: row.sigmas,
+                    rotation_rad: None,
+                },
+            })
+        };
+        let poses: Vec<TcpPose> = self.rows_of(PlateKind::Position).filter_map(pose).collect();
+        let mut known = BTreeSet::new();
+        self.tcp_poses = poses
+            .into_iter()
+            .filter(|pose| known.insert(pose.pose))
+            .collect();
+        !self.tcp_poses.is_empty()
     }
 
     /// Rows of each kind, as many as there are.

@@ -2,7 +2,9 @@
 
 use tau_estimation::calibration::{Error, Options};
 use tau_estimation::unknown_poses::{self, RowDivision, UnknownPoses};
-use tau_robot::robot_file::{Provenance, RobotFile};
+use tau_robot::input_error::InputError;
+use tau_robot::measurements::PlateKind;
+use tau_robot::robot_file::{Provenance, RobotFile, StatedNoise};
 
 use super::{Session, Stamp, VariantKey};
 
@@ -14,6 +16,34 @@ impl<R> Session<R> {
         self.folder.has_partial_poses()
             || !self.robot_file.measuring.drives.is_empty()
             || self.robot.is_redundant()
+    }
+
+    /// The same with measured positions of a plate that is a point taken for its poses, where there are no others: for
+    /// what compares predicted poses with measured ones.
+    ///
+    /// # Errors
+    /// Nothing states the noise of positions.
+    pub fn comparing_poses(mut self) -> Result<Self, InputError> {
+        let plate = self.robot.plate;
+        if !self.folder.take_positions_for_poses(plate) {
+            return Ok(self);
+        }
+        if !self.robot_file.noise.position_m.is_finite() {
+            let stated = self.robot_file.noise_of(PlateKind::Position.file());
+            let Some(StatedNoise::Known(sigma)) = stated else {
+                let message =
+                    "the noise of positions is to be estimated, but this command needs it";
+                return Err(InputError::whole("robot.toml", message)
+                    .help("write what `tau calibrate` found as `position_m` of `[noise]`"));
+            };
+            self.robot_file.noise.position_m = sigma;
+        }
+        // A point does not turn.
+        let rotation_rad = &mut self.robot_file.noise.rotation_rad;
+        if !rotation_rad.is_finite() {
+            *rotation_rad = 0.0;
+        }
+        Ok(self)
     }
 
     /// Rows that calibrate and rows that are held out, by the [split](Self::split).
