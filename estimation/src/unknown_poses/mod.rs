@@ -8,6 +8,7 @@
 mod assembly;
 mod coupled;
 mod elimination;
+mod exchanged;
 mod finish;
 mod fit;
 mod gauge;
@@ -34,6 +35,7 @@ use crate::weighing::Loss;
 use fit::Fit;
 use refusals::refuse_tracker_effects;
 
+pub use exchanged::mistakes;
 pub use gauge::Freedom;
 pub use heldout::{HeldOut, HeldOutKind};
 pub use objects::Object;
@@ -42,7 +44,7 @@ pub use rows::{Kind, RowPlace};
 
 /// Rounds of fit, weights and noise; a handful is usual. Estimated noise of kinds with little redundancy converges
 /// slowest.
-const ROUNDS: usize = 30;
+const ROUNDS: usize = 100;
 /// Changes of a standard deviation below this share are none: far less than what its own estimate is known to.
 const SAME_NOISE: f64 = 1e-3;
 /// Moves of a base (m, rad) below which the weights of closures stay as they are: over links of a metre they turn by
@@ -91,14 +93,19 @@ pub fn calibrate(
     let reduced = fit.elimination(&fit.start).reduce();
     let rank = fit.rank(&reduced, &fit.machine);
     fit.refuse_rank(&rank, options.free_scale)?;
+    let mistakes = fit.exchanged_distances();
     let mut values = fit.start.clone();
     let mut iterations = 0;
     let mut rounds = 0;
+    // Noise that is estimated must not be that of gross rows, which would hide among it: they are sought under Huber's loss
+    // first. Losses that let go of what is far off begin where this convex one ends, with the noise that it found (V. J.
+    // Yohai, 1987, MM-estimates): their own could shrink to that of the few rows that they keep.
     let loss = options.treatment.loss;
+    let keeps = loss.is_some() || options.treatment.keep_outliers;
+    let is_estimated = fit.assembly.kinds.iter().any(Kind::is_estimated);
+    fit.loss = (loss.is_some() || (is_estimated && !keeps)).then_some(Loss::Huber);
     let (solution, reduced, leverages) = loop {
         rounds += 1;
-        // Losses that let go of what is far off begin where the convex one ends.
-        fit.loss = loss.map(|loss| if rounds == 1 { Loss::Huber } else { loss });
         let solution = {
             let problem = fit.problem(&values);
             let solver = tau_solver::Options {
@@ -118,13 +125,19 @@ pub fn calibrate(
         let reduced = fit.elimination(&values).reduce();
         let covariance = fit.covariance(&reduced.triangle, 1.0);
         let leverages = fit.elimination(&values).leverages(&covariance);
-        let noise = fit.estimate_noise(&reduced, &leverages);
-        let gross = loss.is_none()
-            && !options.treatment.keep_outliers
-            && fit.leave_out_gross(&reduced, &leverages);
-        let is_loss = fit.loss == loss;
-        if rounds == ROUNDS || (moved < SAME_POSE && noise < SAME_NOISE && !gross && is_loss) {
+        let is_last = fit.loss == loss;
+        let noise = if is_last && loss.is_some_and(|loss| loss != Loss::Huber) {
+            0.0
+        } else {
+            fit.estimate_noise(&reduced, &leverages)
+        };
+        let is_settled = moved < SAME_POSE && noise < SAME_NOISE;
+        let left_out = is_settled && !keeps && fit.leave_out_gross(&reduced, &leverages);
+        if rounds == ROUNDS || (is_settled && is_last && !left_out) {
             break (solution, reduced, leverages);
+        }
+        if is_settled && !left_out {
+            fit.loss = loss;
         }
         fit.rebuild(&mut values)?;
     };
@@ -139,5 +152,9 @@ pub fn calibrate(
         rank,
         (&solution, iterations),
     )?;
-    Ok(UnknownPoses { loss, ..found })
+    Ok(UnknownPoses {
+        loss,
+        mistakes,
+        ..found
+    })
 }

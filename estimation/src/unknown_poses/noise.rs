@@ -28,10 +28,12 @@ impl Fit<'_> {
                 continue;
             }
             if let Some(ratio) = fit.residual_over_noise() {
-                // Bounded, so that a first round far off does not throw the others away.
-                let ratio = ratio.clamp(0.1, 10.0);
-                largest = largest.max((ratio - 1.0).abs());
-                kind.sigma *= ratio;
+                // A kind of which the fit absorbs much follows its noise: a step as large as what it leaves would have it
+                // crawl. Bounded, so that a first round far off does not throw the others away.
+                let left = fit.redundancy / fit.rows as f64;
+                let step = ratio.powf(left.recip()).clamp(0.3, 3.0);
+                largest = largest.max((step - 1.0).abs());
+                kind.sigma *= step;
             }
         }
         largest
@@ -101,6 +103,9 @@ impl Fit<'_> {
             || (self.gross.len() + far.len()) as f64 > (MOST_GROSS * total as f64).max(1.0)
         {
             return false;
+        }
+        for row in &mut far {
+            row.weight = 0.0;
         }
         self.left_out.extend(far.iter().map(|row| row.place));
         self.gross.extend(far);
