@@ -44,9 +44,14 @@ pub use rows::{Kind, RowPlace};
 
 /// Rounds of fit, weights and noise; a handful is usual. Estimated noise of kinds with little redundancy converges
 /// slowest.
-const ROUNDS: usize = 100;
+const ROUNDS: usize = 60;
+/// Relative change of the cost at which a round ends while noise is still estimated: 1e-8 moves parameters by 1e-4 of their
+/// standard deviations, and noise by less.
+const ROUGH_COST: f64 = 1e-8;
 /// Changes of a standard deviation below this share are none: far less than what its own estimate is known to.
 const SAME_NOISE: f64 = 1e-3;
+/// The same while gross rows are sought, for which a standard deviation to a percent is more than enough.
+const ROUGH_NOISE: f64 = 1e-2;
 /// Moves of a base (m, rad) below which the weights of closures stay as they are: over links of a metre they turn by
 /// as little.
 const SAME_POSE: f64 = 1e-4;
@@ -104,12 +109,17 @@ pub fn calibrate(
     let keeps = loss.is_some() || options.treatment.keep_outliers;
     let is_estimated = fit.assembly.kinds.iter().any(Kind::is_estimated);
     fit.loss = (loss.is_some() || (is_estimated && !keeps)).then_some(Loss::Huber);
+    let mut is_exact = !is_estimated;
     let (solution, reduced, leverages) = loop {
         rounds += 1;
         let solution = {
             let problem = fit.problem(&values);
             let solver = tau_solver::Options {
-                cost_tolerance: options.solver.cost_tolerance.max(1e-12),
+                cost_tolerance: (options.solver.cost_tolerance).max(if is_exact {
+                    1e-12
+                } else {
+                    ROUGH_COST
+                }),
                 ..options.solver.clone()
             };
             let failed = |error: tau_solver::Error| fit.not_converged(error.to_string());
@@ -131,14 +141,17 @@ pub fn calibrate(
         } else {
             fit.estimate_noise(&reduced, &leverages)
         };
-        let is_settled = moved < SAME_POSE && noise < SAME_NOISE;
+        let same_noise = if is_last { SAME_NOISE } else { ROUGH_NOISE };
+        let is_settled = moved < SAME_POSE && noise < same_noise;
         let left_out = is_settled && !keeps && fit.leave_out_gross(&reduced, &leverages);
-        if rounds == ROUNDS || (is_settled && is_last && !left_out) {
+        let is_done = is_settled && is_last && !left_out;
+        if rounds == ROUNDS || (is_done && is_exact) {
             break (solution, reduced, leverages);
         }
         if is_settled && !left_out {
             fit.loss = loss;
         }
+        is_exact = !is_estimated || is_done;
         fit.rebuild(&mut values)?;
     };
     if loss.is_some() {

@@ -28,12 +28,10 @@ impl Fit<'_> {
                 continue;
             }
             if let Some(ratio) = fit.residual_over_noise() {
-                // A kind of which the fit absorbs much follows its noise: a step as large as what it leaves would have it
-                // crawl. Bounded, so that a first round far off does not throw the others away.
-                let left = fit.redundancy / fit.rows as f64;
-                let step = ratio.powf(left.recip()).clamp(0.3, 3.0);
-                largest = largest.max((step - 1.0).abs());
-                kind.sigma *= step;
+                // Bounded, so that a first round far off does not throw the others away.
+                let ratio = ratio.clamp(0.1, 10.0);
+                largest = largest.max((ratio - 1.0).abs());
+                kind.sigma *= ratio;
             }
         }
         largest
