@@ -10,10 +10,12 @@
 use nalgebra::{DMatrix, DVector, Vector3};
 use tau_kinematics::{Machine, POSE_COLUMNS, Pose, Sample, angle_rates};
 use tau_robot::measurements::{Folder, TcpPose};
-use tau_robot::robot::{Arm, Instance, Owner, ResidualKind};
+use tau_robot::robot::{Instance, Owner, ResidualKind};
 
 use crate::calibration::{Error, closure_cost};
 use crate::implicit::Linearized;
+use crate::numerics::parallel;
+use crate::numerics::spread::spread;
 
 /// Table III: effect of a step in each parameter of each link, summed over the validation poses.
 #[derive(Debug, Clone)]
@@ -109,6 +111,9 @@ pub struct ParameterSensitivity {
 /// Step of the paper, in SI units of each parameter.
 pub const PAPER_STEP: f64 = 5e-5;
 
+/// Poses that are summed over, at most: changes are smooth over the workspace, so that more of them tell the same.
+const MOST_POSES: usize = 1000;
+
 /// A sum below this share of the largest of its quantity does not count in the comparison of the two
 /// ways: it is rounding, or of second order in the step.
 const NEGLIGIBLE: f64 = 1e-6;
@@ -127,7 +132,7 @@ const ROWS: [(&str, &str, Option<usize>); 10] = [
     ("Orient_3", "orientation", Some(2)),
 ];
 
-/// Table III for a machine at poses of a folder, given by index: for each parameter of each link, the
+/// Table III for a machine at poses of a folder, given by index; of thousands, at a thousand evenly spread. For each parameter of each link, the
 /// sums over the poses of the changes that a step up and a step down of the parameter make. Rows that
 /// a reduced arm lacks are left out; a direction or rotation that links share counts for each of them.
 ///
@@ -139,29 +144,27 @@ pub fn analyse(
     poses: &[usize],
     step: f64,
 ) -> Result<Sensitivity, Error> {
-    let places = poses
-        .iter()
-        .filter_map(|&pose| folder.tcp_poses.get(pose))
-        .map(|measured| Place::new(machine, measured))
-        .collect::<Result<Vec<_>, Error>>()?;
+    let chosen: Vec<&TcpPose> = (spread(poses.len(), MOST_POSES).into_iter())
+        .filter_map(|index| folder.tcp_poses.get(poses[index]))
+        .collect();
+    let places = parallel::map(&chosen, |measured| Place::new(machine, measured));
+    let places = places.into_iter().collect::<Result<Vec<_>, Error>>()?;
     let turn = Turn::at(&places);
-    let links = machine
-        .variant
+    let closures: Vec<&Instance> = (machine.variant)
         .instances_of(ResidualKind::Closure)
-        .map(|closure| {
-            let parameters = ROWS
-                .iter()
-                .filter_map(|&(name, quantity, component)| {
-                    let parameter = find(machine, closure, quantity, component)?;
-                    Some(row(machine, name, parameter, (&places, turn), step))
-                })
-                .collect::<Result<Vec<_>, Error>>()?;
-            Ok(LinkSensitivity {
-                link: machine.closure_name(closure).to_owned(),
-                parameters,
-            })
+        .collect();
+    let links = parallel::map(&closures, |closure| {
+        let parameters = parallel::map(&ROWS, |&(name, quantity, component)| {
+            let parameter = find(machine, closure, quantity, component)?;
+            Some(row(machine, name, parameter, (&places, turn), step))
+        });
+        let parameters = parameters.into_iter().flatten();
+        Ok(LinkSensitivity {
+            link: machine.closure_name(closure).to_owned(),
+            parameters: parameters.collect::<Result<Vec<_>, Error>>()?,
         })
-        .collect::<Result<Vec<_>, Error>>()?;
+    });
+    let links = links.into_iter().collect::<Result<Vec<_>, Error>>()?;
     Ok(Sensitivity {
         variant: machine.variant.name.clone(),
         poses: places.len(),
@@ -289,7 +292,7 @@ fn implicit(machine: &Machine, parameter: usize, places: &[Place<'_>], turn: Tur
         position: Vec::new(),
         orientation: Vec::new(),
     };
-    let turns = machine.variant.arm == Arm::Full;
+    let turns = machine.turns();
     for place in places {
         let motion = &place.response * place.closure_derivatives(parameter);
         change.position.push(motion.fixed_rows::<3>(0).norm());

@@ -167,12 +167,13 @@ fn densest(
     let mut places: Vec<f64> = all.iter().map(|sample| at(sample)).collect();
     places.sort_by(f64::total_cmp);
     let choices = Choices::up_to(all.len());
+    let until = |s: &usize| places.partition_point(|&place| place <= at(&samples[*s]));
+    let ends: Vec<usize> = sorted.iter().map(until).collect();
     let mut best: Option<(f64, usize, usize)> = None;
     for first in 0..sorted.len() {
         let before = places.partition_point(|&place| place < at(&samples[sorted[first]]));
         for last in first + LEAST_CROWD - 1..sorted.len() {
-            let within =
-                places.partition_point(|&place| place <= at(&samples[sorted[last]])) - before;
+            let within = ends[last] - before;
             let crowd = last - first + 1;
             let chance = (all.len() as f64).ln()
                 + choices.ln(sorted.len(), crowd)

@@ -9,6 +9,7 @@ use tau_robot::robot_file::{LinkValues, RobotFile, Value};
 
 use crate::calibration::Error;
 use crate::calibration::Prepared;
+use crate::numerics::spread::spread;
 
 /// Measurements and parameters, as given or mended.
 #[derive(Clone)]
@@ -54,12 +55,6 @@ pub(crate) enum Hypothesis {
 
 /// Of thousands, the factor between units of SI and those of drawings and trackers.
 pub(crate) const THOUSAND: f64 = 1e3;
-
-/// So many of all numbers from 0, or all, evenly spread.
-pub(crate) fn spread(all: usize, most: usize) -> Vec<usize> {
-    let count = all.min(most);
-    (0..count).map(|k| k * all / count).collect()
-}
 
 impl Case<'_> {
     /// The variant with its nominal values.

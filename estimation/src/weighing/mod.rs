@@ -76,8 +76,8 @@ pub struct Weighing {
     pub loss: Option<Loss>,
 }
 
-/// More poses than these are weighed and judged by as many of them, in whole visits: what those tell of the scale leaves nothing to
-/// ask, and whitened derivatives of all would need gigabytes.
+/// More poses than these are weighed and judged by as many of them, in whole visits: what those tell of the scale leaves
+/// nothing to ask, and whitened derivatives of all would need gigabytes.
 pub(crate) const MOST_POSES: usize = 4000;
 /// Rounds in which outliers lose their pull, and in which they are left out and taken back.
 const ROUNDS: usize = 20;
