@@ -501,6 +501,8 @@ fn help_teaches() {
         "evaluate",
         "sensitivity",
         "discover",
+        "import",
+        "export",
         "simulate",
         "generate",
         "kinematics",

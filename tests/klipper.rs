@@ -456,6 +456,140 @@ fn seven_factors_on_seven_points_are_refused() {
     assert_eq!(tau_in(folder.path(), &format!("tau check {line}")).code, 1);
 }
 
+/// Largest way (mm) by which the edge of the bed moves between two sets of parameters: where one takes it to be, the other
+/// puts it elsewhere.
+fn moved_edge(from: &[f64], to: &[f64], step: f64) -> f64 {
+    let around = (0..24).map(|k| {
+        let (sine, cosine) = (15.0 * f64::from(k)).to_radians().sin_cos();
+        let at = Vector3::new(140.0 * cosine, 140.0 * sine, 0.0);
+        (position(to, step, &steps_at(from, step, at)) - at).norm()
+    });
+    around.fold(0.0, f64::max)
+}
+
+/// Makes each distance wrong by 1 mm, either way: it alone is named, left out or under a loss, and the edge of the bed
+/// moves by no more than 1.2 mm.
+fn wrong_distances_are_named(printer: &Printer, rows: impl Iterator<Item = usize> + Clone) {
+    let work = tempfile::tempdir().unwrap();
+    let fit = |printer: &Printer, more: &str| {
+        for name in ["printer", "found"] {
+            let _ = fs::remove_dir_all(work.path().join(name));
+        }
+        printer.import(work.path());
+        printer.calibrate(work.path(), more)
+    };
+    for more in ["", "--loss cauchy", "--loss tukey"] {
+        let (before, _) = fit(printer, more);
+        for row in rows.clone() {
+            for off in [1.0, -1.0] {
+                let mut wrong = printer.clone();
+                wrong.distances[row].0 += off;
+                let (after, found) = fit(&wrong, more);
+                let moved = moved_edge(&before, &after, printer.step);
+                assert!(moved <= 1.2, "{more} {row} {off}: {moved} mm");
+                let worst = &found["gross_rows"][0];
+                assert_eq!(worst["file"], "distances.csv", "{more} {row} {off}");
+                assert_eq!(worst["line"], row + 2, "{more} {row} {off}");
+                let counts = number(&worst["weight"]);
+                assert!(counts < 0.1, "{more} {row} {off}: {counts}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_wrong_distance_hardly_moves_the_edge_of_the_bed() {
+    wrong_distances_are_named(&imagined().0, [2, 7].into_iter());
+}
+
+#[test]
+fn exchanged_distances_are_found_before_the_fit() {
+    let (mut printer, truth) = imagined();
+    // A smaller object beside the other, so that distances differ.
+    for row in 6..12 {
+        let [a, b] = printer.distances[row]
+            .1
+            .map(|steps| position(&truth, printer.step, &steps));
+        let b = a + (b - a) * 0.8;
+        printer.distances[row] = (
+            (a - b).norm(),
+            [a, b].map(|at| steps_at(&truth, printer.step, at)),
+        );
+    }
+    let model = "--model DIR/printer/printer.tau --variant Extended --split all";
+    for is_exchanged in [false, true] {
+        let mut own = printer.clone();
+        if is_exchanged {
+            own.distances[2].0 = printer.distances[9].0;
+            own.distances[9].0 = printer.distances[2].0;
+        }
+        let folder = tempfile::tempdir().unwrap();
+        own.import(folder.path());
+        let check = tau_in(folder.path(), &format!("tau check DIR/printer {model}"));
+        let fit = tau_in(
+            folder.path(),
+            &format!("tau calibrate DIR/printer {model} --out DIR/found"),
+        );
+        let says = "the distances of lines 4 and 11 are exchanged";
+        for (what, ran) in [("check", check), ("calibrate", fit)] {
+            assert_eq!(
+                ran.code == 1,
+                is_exchanged,
+                "{what}: {}{}",
+                ran.out,
+                ran.err
+            );
+            assert_eq!((ran.out + &ran.err).contains(says), is_exchanged, "{what}");
+        }
+        assert_eq!(
+            folder.path().join("found/robot.toml").exists(),
+            !is_exchanged
+        );
+    }
+}
+
+#[test]
+fn configurations_that_mean_nothing_are_refused() {
+    let (printer, _) = imagined();
+    let config = printer.config();
+    let folder = tempfile::tempdir().unwrap();
+    let mut told = String::new();
+    let first = printer.distances[0].0;
+    for (from, to) in [
+        (
+            "kinematics: delta".to_owned(),
+            "kinematics: corexy".to_owned(),
+        ),
+        (
+            format!("distance0 = {first}"),
+            format!("distance0 = -{first}"),
+        ),
+        ("#*# delta_radius".to_owned(), "#*# print_radius".to_owned()),
+        (
+            "rotation_distance: 40".to_owned(),
+            "rotation_distance: forty".to_owned(),
+        ),
+        ("height3_pos = ".to_owned(), "height3_pos = 1,".to_owned()),
+        ("arm_length = 345".to_owned(), "arm_length = 145".to_owned()),
+    ] {
+        assert!(config.contains(&from), "{from}");
+        fs::write(
+            folder.path().join("printer.cfg"),
+            config.replace(&from, &to),
+        )
+        .unwrap();
+        let ran = tau_in(
+            folder.path(),
+            "tau import klipper DIR/printer.cfg --out DIR/out",
+        );
+        assert_eq!(ran.code, 2, "{to}");
+        assert!(!folder.path().join("out").exists(), "{to}");
+        told += &ran.err.replace(&folder.path().display().to_string(), "DIR");
+        told += "\n";
+    }
+    insta::assert_snapshot!(told);
+}
+
 /// The folder of runs of real printers, which the project does not ship.
 fn real_runs() -> Option<PathBuf> {
     let named = std::env::var_os("TAU_KLIPPER_RUNS").map(PathBuf::from);
@@ -545,5 +679,46 @@ fn the_printers_own_calibrations_are_reached() {
             let off = (found[index] - recorded.parse::<f64>().unwrap()).abs();
             assert!(off < 1e-4 + 5e-5, "{name} {}: {off}", NAMES[index]);
         }
+    }
+}
+
+#[test]
+fn a_wrong_distance_hardly_moves_the_edge_of_real_beds() {
+    let Some(folder) = real_runs() else { return };
+    let with_distances = runs(&folder)
+        .into_iter()
+        .filter(|own| !own.1.distances.is_empty());
+    let all: Vec<_> = with_distances.collect();
+    assert_eq!(all.len(), 3);
+    for (_, printer, _) in all {
+        wrong_distances_are_named(&printer, 0..12);
+    }
+}
+
+/// With tolerances and the noise of a probe and a caliper: standard deviations, and of the basic fits, which leave one
+/// residual, a word that it tells nothing where it is too large.
+#[test]
+fn real_printers_have_standard_deviations_and_a_verdict() {
+    let Some(folder) = real_runs() else { return };
+    for (name, printer, _) in runs(&folder) {
+        let work = tempfile::tempdir().unwrap();
+        printer.import(work.path());
+        let (_, found) = printer.calibrate(work.path(), "");
+        for parameter in found["parameters"].as_array().unwrap() {
+            let (sigma, tolerance) = (number(&parameter["sigma"]), number(&parameter["tolerance"]));
+            assert!(
+                sigma > 0.0 && sigma < tolerance,
+                "{name} {}: {sigma}",
+                parameter["name"]
+            );
+        }
+        let consistent = found["fit"]["status"] == "consistent";
+        let why = found["fit"]["why"].to_string();
+        let says = why.contains("every effect would explain it as well as any other");
+        assert_eq!(
+            says,
+            printer.distances.is_empty() && !consistent,
+            "{name}: {why}"
+        );
     }
 }

@@ -20,6 +20,7 @@ mod errors_in_variables;
 mod evidence;
 mod generated_discovery;
 mod hand_written;
+mod hangprinter;
 mod kinematics;
 mod klipper;
 mod layout;

@@ -137,9 +137,10 @@ pub fn check(
     catalogue: &str,
 ) -> Result<Check, Error> {
     let effects = sights(robot, file, folder, catalogue);
-    // Mistakes are recognised by poses that were measured.
-    let first = variants.first().copied().filter(|_| rows.is_none());
-    let found = first.map(|variant| mistakes(robot, variant, file, folder, &division.calibration));
+    let found = (variants.first().copied()).map(|variant| match rows {
+        None => mistakes(robot, variant, file, folder, &division.calibration),
+        Some(rows) => unknown_poses::mistakes(robot, variant, file, folder, rows),
+    });
     Ok(Check {
         files: files(robot, folder),
         variants: variants

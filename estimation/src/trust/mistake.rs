@@ -4,7 +4,7 @@
 #[derive(Debug, Clone, PartialEq)]
 pub struct Mistake {
     /// Its kind: `commands`, `command_sign`, `axes`, `angles`, `millimetres`, `noise`, `tolerances`, `dimension`,
-    /// `carts`.
+    /// `carts`, `distances`.
     pub kind: &'static str,
     /// The file that holds it.
     pub file: &'static str,

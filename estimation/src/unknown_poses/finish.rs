@@ -65,6 +65,7 @@ impl Fit<'_> {
             gross: self.gross.clone(),
             held_out,
             poses,
+            mistakes: vec![],
             loss: None,
             commands_m: (0..self.machine.robot.commands)
                 .map(|k| range(self.assembly.commands().map(|commands| commands[k])))

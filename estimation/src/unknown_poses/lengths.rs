@@ -102,3 +102,77 @@ impl ResidualFamily for Lengths {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// One link from an anchor to a point: length² − distance², of length, anchor (a shared parameter along each axis)
+    /// and the point's six unknowns, of which three turn it about the origin to no effect.
+    struct OneLink;
+
+    impl ResidualFamily for OneLink {
+        fn shape(&self) -> Shape {
+            Shape {
+                data: 0,
+                prepared: 0,
+                parameters: 4 + POSE_UNKNOWNS,
+                residuals: 1,
+            }
+        }
+
+        fn pattern(&self) -> Pattern<'_> {
+            Pattern {
+                row_starts: &[0, 10],
+                columns: &[0, 1, 2, 3, 4, 5, 6, 7, 8, 9],
+            }
+        }
+
+        fn prepare(&self, _: &[f64], _: &mut [f64]) {}
+
+        fn value(&self, data: &[f64], parameters: &[f64], residuals: &mut [f64]) {
+            self.linearize(data, parameters, residuals, &mut [0.0; 10]);
+        }
+
+        fn linearize(&self, _: &[f64], p: &[f64], residuals: &mut [f64], jacobian: &mut [f64]) {
+            let way = Vector3::new(p[4] - p[1], p[5] - p[2], p[6] - p[3]);
+            // The length follows from the anchor, too, as that of a line counted from the origin.
+            let anchor = Vector3::new(p[1], p[2], p[3]);
+            let length = p[0] + anchor.norm();
+            residuals[0] = length * length - way.norm_squared();
+            jacobian.fill(0.0);
+            jacobian[0] = 2.0 * length;
+            for axis in 0..3 {
+                jacobian[1 + axis] = 2.0 * length * anchor[axis] / anchor.norm() + 2.0 * way[axis];
+                jacobian[4 + axis] = -2.0 * way[axis];
+            }
+        }
+    }
+
+    /// Length less distance, with derivatives as by central differences.
+    #[test]
+    fn closures_become_lengths() {
+        let lengths = Lengths::new(Arc::new(OneLink));
+        let point = [0.3, 1.1, -0.4, 0.2, 0.1, 0.2, 0.5, 0.0, 0.0, 0.0];
+        let value = |p: &[f64]| {
+            let mut found = [0.0];
+            lengths.value(&[], p, &mut found);
+            found[0]
+        };
+        let anchor = Vector3::new(1.1, -0.4, 0.2);
+        let distance = (Vector3::new(0.1, 0.2, 0.5) - anchor).norm();
+        assert!((value(&point) - (0.3 + anchor.norm() - distance)).abs() < 1e-15);
+        let (mut residuals, mut jacobian) = ([0.0], [0.0; 10]);
+        lengths.linearize(&[], &point, &mut residuals, &mut jacobian);
+        assert_eq!(residuals[0], value(&point));
+        for (index, entry) in jacobian.iter().enumerate() {
+            let at = |step: f64| {
+                let mut moved = point;
+                moved[index] += step;
+                value(&moved)
+            };
+            let rate = (at(1e-5) - at(-1e-5)) / 2e-5;
+            assert!((rate - entry).abs() < 1e-9, "{index}: {rate}, {entry}");
+        }
+    }
+}

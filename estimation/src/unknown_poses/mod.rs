@@ -8,6 +8,7 @@
 mod assembly;
 mod coupled;
 mod elimination;
+mod exchanged;
 mod finish;
 mod fit;
 mod gauge;
@@ -37,6 +38,7 @@ use crate::weighing::Loss;
 use fit::Fit;
 use refusals::refuse_tracker_effects;
 
+pub use exchanged::mistakes;
 pub use gauge::Freedom;
 pub use heldout::{HeldOut, HeldOutKind};
 pub use objects::Object;
@@ -45,9 +47,14 @@ pub use rows::{Kind, RowPlace};
 
 /// Rounds of fit, weights and noise; a handful is usual. Estimated noise of kinds with little redundancy converges
 /// slowest.
-const ROUNDS: usize = 30;
+const ROUNDS: usize = 60;
+/// Relative change of the cost at which a round ends while noise is still estimated: 1e-8 moves parameters by 1e-4 of their
+/// standard deviations, and noise by less.
+const ROUGH_COST: f64 = 1e-8;
 /// Changes of a standard deviation below this share are none: far less than what its own estimate is known to.
 const SAME_NOISE: f64 = 1e-3;
+/// The same while gross rows are sought, for which a standard deviation to a percent is more than enough.
+const ROUGH_NOISE: f64 = 1e-2;
 /// Moves of a base (m, rad) below which the weights of closures stay as they are: over links of a metre they turn by
 /// as little.
 const SAME_POSE: f64 = 1e-4;
@@ -104,18 +111,28 @@ fn fitted(mut fit: Fit<'_>, options: &calibration::Options) -> Result<UnknownPos
     let reduced = fit.elimination(&fit.start).reduce();
     let rank = fit.rank(&reduced, &fit.machine);
     fit.refuse_rank(&rank, options.free_scale)?;
+    let mistakes = fit.exchanged_distances();
     let mut values = fit.start.clone();
     let mut iterations = 0;
     let mut rounds = 0;
+    // Noise that is estimated must not be that of gross rows, which would hide among it: they are sought under Huber's loss
+    // first. Losses that let go of what is far off begin where this convex one ends, with the noise that it found (V. J.
+    // Yohai, 1987, MM-estimates): their own could shrink to that of the few rows that they keep.
     let loss = options.treatment.loss;
+    let keeps = loss.is_some() || options.treatment.keep_outliers;
+    let is_estimated = fit.assembly.kinds.iter().any(Kind::is_estimated);
+    fit.loss = (loss.is_some() || (is_estimated && !keeps)).then_some(Loss::Huber);
+    let mut is_exact = !is_estimated;
     let (solution, reduced, leverages) = loop {
         rounds += 1;
-        // Losses that let go of what is far off begin where the convex one ends.
-        fit.loss = loss.map(|loss| if rounds == 1 { Loss::Huber } else { loss });
         let solution = {
             let problem = fit.problem(&values);
             let solver = tau_solver::Options {
-                cost_tolerance: options.solver.cost_tolerance.max(1e-12),
+                cost_tolerance: (options.solver.cost_tolerance).max(if is_exact {
+                    1e-12
+                } else {
+                    ROUGH_COST
+                }),
                 ..options.solver.clone()
             };
             let failed = |error: tau_solver::Error| fit.not_converged(error.to_string());
@@ -131,14 +148,23 @@ fn fitted(mut fit: Fit<'_>, options: &calibration::Options) -> Result<UnknownPos
         let reduced = fit.elimination(&values).reduce();
         let covariance = fit.covariance(&reduced.triangle, 1.0);
         let leverages = fit.elimination(&values).leverages(&covariance);
-        let noise = fit.estimate_noise(&reduced, &leverages);
-        let gross = loss.is_none()
-            && !options.treatment.keep_outliers
-            && fit.leave_out_gross(&reduced, &leverages);
-        let is_loss = fit.loss == loss;
-        if rounds == ROUNDS || (moved < SAME_POSE && noise < SAME_NOISE && !gross && is_loss) {
+        let is_last = fit.loss == loss;
+        let noise = if is_last && loss.is_some_and(|loss| loss != Loss::Huber) {
+            0.0
+        } else {
+            fit.estimate_noise(&reduced, &leverages)
+        };
+        let same_noise = if is_last { SAME_NOISE } else { ROUGH_NOISE };
+        let is_settled = moved < SAME_POSE && noise < same_noise;
+        let left_out = is_settled && !keeps && fit.leave_out_gross(&reduced, &leverages);
+        let is_done = is_settled && is_last && !left_out;
+        if rounds == ROUNDS || (is_done && is_exact) {
             break (solution, reduced, leverages);
         }
+        if is_settled && !left_out {
+            fit.loss = loss;
+        }
+        is_exact = !is_estimated || is_done;
         fit.rebuild(&mut values)?;
     };
     if loss.is_some() {
@@ -152,5 +178,9 @@ fn fitted(mut fit: Fit<'_>, options: &calibration::Options) -> Result<UnknownPos
         rank,
         (&solution, iterations),
     )?;
-    Ok(UnknownPoses { loss, ..found })
+    Ok(UnknownPoses {
+        loss,
+        mistakes,
+        ..found
+    })
 }

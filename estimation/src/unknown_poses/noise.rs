@@ -102,6 +102,9 @@ impl Fit<'_> {
         {
             return false;
         }
+        for row in &mut far {
+            row.weight = 0.0;
+        }
         self.left_out.extend(far.iter().map(|row| row.place));
         self.gross.extend(far);
         true

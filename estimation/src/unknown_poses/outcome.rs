@@ -10,6 +10,7 @@ use super::heldout::HeldOut;
 use super::rows::{Kind, RowPlace};
 use crate::calibration::Calibration;
 use crate::numerics::distribution::chi2_survival;
+use crate::trust::Mistake;
 use crate::weighing::Loss;
 
 /// Chance below which residuals are larger than their noise allows: one right fit in a thousand is called
@@ -188,6 +189,8 @@ pub struct UnknownPoses {
     pub chi2: f64,
     /// Residuals less what the fit absorbs.
     pub dof: f64,
+    /// Mistakes in the rows, which were fitted as they are.
+    pub mistakes: Vec<Mistake>,
     /// Loss of the fit, if it is not least squares.
     pub loss: Option<Loss>,
     /// Lowest and highest value of each command among the poses (m or rad).

@@ -1,6 +1,8 @@
 //! The verdict on a calibration from unknown poses.
 
 use super::UnknownPoses;
+use super::kinds::AXES;
+use super::rows::Kind;
 use crate::trust::{FileFit, PoseFit, Pull, Status, Verdict, general};
 use crate::weighing::Outlier;
 
@@ -28,6 +30,13 @@ impl UnknownPoses {
                 "Residuals are {} times the stated noise: the model lacks something, or the noise is larger.",
                 general(ratio, 3)
             ));
+            if self.rank.net_rows() == self.rank.factors() + 1 {
+                why.push(
+                    "One residual is left beyond the factors: every effect would explain it as well as any other; measure \
+                     more poses to tell what the model lacks."
+                        .to_owned(),
+                );
+            }
         }
         let mut pulls: Vec<Pull> = (self.calibration.parameters.iter())
             .filter_map(|parameter| {
@@ -52,18 +61,34 @@ impl UnknownPoses {
             ));
         }
         for kind in self.kinds.iter().filter(|kind| kind.kind.is_estimated()) {
+            let Kind {
+                file,
+                quantity,
+                unit,
+                sigma,
+                ..
+            } = kind.kind;
+            let own = if AXES.contains(&quantity) {
+                format!("{quantity} in {file}")
+            } else {
+                file.to_owned()
+            };
             why.push(match kind.residual_over_noise() {
                 Some(_) => format!(
-                    "The noise of {} was estimated: {} {}.",
-                    kind.kind.file,
-                    general(kind.kind.sigma, 2),
-                    kind.kind.unit
+                    "The noise of {own} was estimated: {} {unit}.",
+                    general(sigma, 2)
                 ),
-                None => format!(
-                    "The noise of {} could not be estimated: the fit follows its rows.",
-                    kind.kind.file
-                ),
+                None => {
+                    format!("The noise of {own} could not be estimated: the fit follows its rows.")
+                }
             });
+        }
+        for mistake in &self.mistakes {
+            status = Status::Absurd;
+            why.insert(
+                0,
+                format!("{}: {}; {}.", mistake.file, mistake.what, mistake.mend),
+            );
         }
         let kinds = self
             .kinds
@@ -94,7 +119,7 @@ impl UnknownPoses {
             pulls,
             reach: None,
             why,
-            mistakes: vec![],
+            mistakes: self.mistakes.clone(),
             outliers: (self.gross.iter())
                 .map(|row| Outlier {
                     file: row.place.file,
