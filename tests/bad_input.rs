@@ -112,7 +112,7 @@ impl OnDisk {
     }
 
     fn read(&self) -> Result<Folder, InputError> {
-        Folder::read(self.path(), shape())
+        Folder::read(self.path(), &shape())
     }
 
     fn read_robot(&self) -> Result<RobotFile, InputError> {
@@ -259,9 +259,9 @@ fn missing_sets_and_columns_are_remarked() {
 fn files() {
     let mut answers = Answers::default();
     let folder = OnDisk::valid();
-    let missing = Folder::read(&folder.path().join("nowhere"), shape());
+    let missing = Folder::read(&folder.path().join("nowhere"), &shape());
     answers.add("missing folder", &folder.answer(missing));
-    let file = Folder::read(&folder.path().join("robot.toml"), shape());
+    let file = Folder::read(&folder.path().join("robot.toml"), &shape());
     answers.add("file in place of a folder", &folder.answer(file));
     folder.remove("tcp_poses.csv");
     answers.add("missing file", &folder.answer(folder.read()));

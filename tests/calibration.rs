@@ -318,7 +318,7 @@ fn not_converging_is_an_error_of_its_own() {
 fn a_searched_period_is_found_from_the_description_alone() {
     let robot = gantry_tau();
     let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../data/trials/02");
-    let measured = Folder::read(&folder, tau::measurements::Shape::from(&robot)).unwrap();
+    let measured = Folder::read(&folder, &tau::measurements::Shape::from(&robot)).unwrap();
     let file = RobotFile::read(&folder.join("robot.toml"), &robot).unwrap();
     let poses = Poses::select(
         &robot,

@@ -21,7 +21,7 @@ fn trial(name: &str) -> PathBuf {
 
 fn discovered(folder: &Path) -> Discovery {
     let robot = gantry_tau();
-    let measured = Folder::read(folder, Shape::from(&robot)).unwrap();
+    let measured = Folder::read(folder, &Shape::from(&robot)).unwrap();
     let file = RobotFile::read(&folder.join("robot.toml"), &robot).unwrap();
     let options = Options::default();
     discover(&robot, "Full", &file, &measured, &options, &mut |_| {})
@@ -111,7 +111,7 @@ fn a_track_with_a_bump_follows_its_points_without_a_name() {
 fn from_base(name: &str, base: &str, sets: &[u8]) -> Discovery {
     let robot = gantry_tau();
     let folder = trial(name);
-    let mut measured = Folder::read(&folder, Shape::from(&robot)).unwrap();
+    let mut measured = Folder::read(&folder, &Shape::from(&robot)).unwrap();
     let file = RobotFile::read(&folder.join("robot.toml"), &robot).unwrap();
     if !sets.contains(&2) {
         measured.cart_poses.clear();
@@ -209,7 +209,7 @@ fn what_is_local_is_not_taken_for_outliers() {
 fn measured(name: &str) -> (Folder, RobotFile) {
     let (robot, folder) = (gantry_tau(), trial(name));
     (
-        Folder::read(&folder, Shape::from(&robot)).unwrap(),
+        Folder::read(&folder, &Shape::from(&robot)).unwrap(),
         RobotFile::read(&folder.join("robot.toml"), &robot).unwrap(),
     )
 }

@@ -23,7 +23,7 @@ fn trial(name: &str) -> Discovery {
         .join(name);
     let robot = gantry_tau();
     search(
-        &Folder::read(&folder, Shape::from(&robot)).unwrap(),
+        &Folder::read(&folder, &Shape::from(&robot)).unwrap(),
         &RobotFile::read(&folder.join("robot.toml"), &robot).unwrap(),
     )
 }

@@ -93,7 +93,7 @@ pub(super) fn floor(
         // Columns of translation come first.
         let position = moved.rows(0, axes);
         let covariance = DMatrix::identity(axes, axes) * noise.position_m.powi(2)
-            + &position * position.transpose();
+            + position * position.transpose();
         let trace = covariance.trace();
         // Mean length of a normal vector, to second order in how uneven its covariance is.
         let spread = (&covariance * &covariance).trace() / trace.powi(2);

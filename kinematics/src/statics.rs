@@ -48,7 +48,7 @@ impl Statics {
             .map(|link| Rod::new(robot, dimensions, link))
             .collect::<Option<_>>()?;
         let is_loaded = file.payload.is_some() || links.iter().any(|rod| rod.pull_n.is_some());
-        is_loaded.then(|| Self {
+        is_loaded.then_some(Self {
             payload: file.payload,
             plate: robot.plate,
             links,

@@ -27,7 +27,7 @@ pub fn folder() -> Result<Folder, InputError> {
         cart_positions: Some(CART_POSITIONS),
         ..Texts::default()
     };
-    Folder::from_texts(NAME, texts, shape())
+    Folder::from_texts(NAME, texts, &shape())
 }
 
 /// Nominal parameters, tolerances and noise.

@@ -152,7 +152,7 @@ pub(crate) fn commands(
             let is_crank = machine.crank(k).is_some();
             farthest = farthest.max(if is_crank { change.abs() } else { way.abs() });
         }
-        if !(farthest <= OUT_OF_REACH) {
+        if farthest > OUT_OF_REACH {
             return None;
         }
         if step.amax() < SETTLED_COMMANDS {

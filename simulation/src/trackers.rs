@@ -137,7 +137,9 @@ impl<'a> Trackers<'a> {
             .enumerate()
             .map(|(index, &(_, q, direction))| {
                 let mut commands = home.commands_m.clone();
-                guideways.iter().for_each(|&track| commands[track] = q);
+                for &track in &guideways {
+                    commands[track] = q;
+                }
                 let conditions = Conditions {
                     directions: vec![direction; commands.len()],
                     time_s: SECONDS[1] * index as f64,

@@ -93,7 +93,7 @@ impl SimulatedFolder {
         let read = Texts::of(text);
         let file = folder.join("robot.toml").display().to_string();
         let file = RobotFile::parse_for(text("robot.toml").unwrap_or_default(), &file, robot);
-        Folder::from_texts(&folder.display().to_string(), read, robot.into())
+        Folder::from_texts(&folder.display().to_string(), read, &robot.into())
             .map(|_| ())
             .and(file.map(|_| ()))
             .map_err(|error| {

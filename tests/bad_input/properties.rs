@@ -282,7 +282,7 @@ fn measuring(noise: f64) -> Measuring {
 
 fn read_all(text: &str) -> Result<Folder, InputError> {
     let texts = Texts::of(|_| Some(text));
-    Folder::from_texts("folder", texts, shape())
+    Folder::from_texts("folder", texts, &shape())
 }
 
 /// An error can be shown, and points into its text.

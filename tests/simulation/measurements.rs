@@ -258,7 +258,7 @@ fn files_read_back_as_they_were() {
     });
     simulated.write(&path).unwrap();
     let (robot, _) = drawings();
-    let read = Folder::read(&path, (&robot).into()).unwrap();
+    let read = Folder::read(&path, &(&robot).into()).unwrap();
     assert_eq!(read.tcp_poses, simulated.folder.tcp_poses);
     assert_eq!(read.cart_poses, simulated.folder.cart_poses);
     assert_eq!(read.cart_positions, simulated.folder.cart_positions);

@@ -224,7 +224,7 @@ fn a_request_writes_what_it_says() {
     assert_eq!(summary.rows, [8, 9, 12]);
     assert_eq!(summary.effects, [("backlash".to_owned(), "one".to_owned())]);
     assert_eq!((summary.outliers, summary.out_of_reach), (2, 0));
-    let read = tau::measurements::Folder::read(&folder, (&robot).into()).unwrap();
+    let read = tau::measurements::Folder::read(&folder, &(&robot).into()).unwrap();
     assert_eq!(read.tcp_poses.len(), 8);
     let file = tau::robot_file::RobotFile::read(&folder.join("robot.toml"), &robot).unwrap();
     assert_eq!(
@@ -307,7 +307,7 @@ fn whatever_is_written_is_read_again() {
     };
     let folder = parent.path().join("extreme");
     extreme.run(&robot, &folder).unwrap();
-    tau::measurements::Folder::read(&folder, (&robot).into()).unwrap();
+    tau::measurements::Folder::read(&folder, &(&robot).into()).unwrap();
     tau::robot_file::RobotFile::read(&folder.join("robot.toml"), &robot).unwrap();
 
     let folder = parent.path().join("scattered");

@@ -32,7 +32,7 @@ impl Folder {
     /// # Errors
     /// All mistakes of all files: files missing or unreadable, text that is no table of numbers,
     /// quantities in the wrong unit, poses given twice.
-    pub fn read(path: &Path, shape: Shape) -> Result<Self, InputError> {
+    pub fn read(path: &Path, shape: &Shape) -> Result<Self, InputError> {
         let name = path.display().to_string();
         match fs::metadata(path) {
             Ok(metadata) if metadata.is_dir() => {}
@@ -97,22 +97,18 @@ impl Folder {
     ///
     /// # Errors
     /// As [`Folder::read`].
-    #[allow(
-        clippy::needless_pass_by_value,
-        reason = "callers make one for the call"
-    )]
-    pub fn from_texts(name: &str, texts: Texts<'_>, shape: Shape) -> Result<Self, InputError> {
+    pub fn from_texts(name: &str, texts: Texts<'_>, shape: &Shape) -> Result<Self, InputError> {
         let path = |file: &str| Path::new(name).join(file).display().to_string();
         let mut errors = Errors::default();
         let mut remarks = Vec::new();
         let tcp_poses = texts.tcp_poses.map_or(vec![], |text| {
-            errors.keep(read_tcp_poses(&path(TCP_POSES), text, &shape, &mut remarks))
+            errors.keep(read_tcp_poses(&path(TCP_POSES), text, shape, &mut remarks))
         });
         let cart_poses = if let Some(text) = texts.cart_poses {
             errors.keep(read_cart_poses(
                 &path(CART_POSES),
                 text,
-                &shape,
+                shape,
                 &mut remarks,
             ))
         } else {
@@ -129,7 +125,7 @@ impl Folder {
             errors.keep(read_cart_positions(
                 &path(CART_POSITIONS),
                 text,
-                &shape,
+                shape,
                 &mut remarks,
             ))
         } else {
@@ -149,7 +145,7 @@ impl Folder {
                     kind,
                     &name,
                     text,
-                    &shape,
+                    shape,
                     &mut remarks,
                 ));
                 files.push(read_plate::ReadRows { name, text, rows });

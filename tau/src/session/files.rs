@@ -49,7 +49,7 @@ impl Files {
     pub fn read_folder(&self, robot: &Robot) -> Result<Folder, InputError> {
         let shape = Shape::from(robot);
         match &self.folder {
-            Some(path) => Folder::read(path, shape),
+            Some(path) => Folder::read(path, &shape),
             None if !prototype::is_of(robot) => {
                 let message = format!(
                     "found no measurement folder for robot `{}`: the measurements that are built in are of a Gantry-Tau",
@@ -66,7 +66,7 @@ impl Files {
                     cart_positions: Some(prototype::CART_POSITIONS),
                     ..Texts::default()
                 };
-                Folder::from_texts(prototype::NAME, texts, shape)
+                Folder::from_texts(prototype::NAME, texts, &shape)
             }
         }
     }
