@@ -161,7 +161,8 @@ mod tests {
         };
         let anchor = Vector3::new(1.1, -0.4, 0.2);
         let distance = (Vector3::new(0.1, 0.2, 0.5) - anchor).norm();
-        assert!((value(&point) - (0.3 + anchor.norm() - distance)).abs() < 1e-15);
+        let off: f64 = value(&point) - (0.3 + anchor.norm() - distance);
+        assert!(off.abs() < 1e-15);
         let (mut residuals, mut jacobian) = ([0.0], [0.0; 10]);
         lengths.linearize(&[], &point, &mut residuals, &mut jacobian);
         assert_eq!(residuals[0], value(&point));
