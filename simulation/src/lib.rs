@@ -1,8 +1,9 @@
 //! The virtual robot: a hand-written machine that measures itself, for data of which the truth is known.
 //!
-//! It shares no generated function and no residual with the estimator. At each pose the rods are closed
-//! exactly by a Newton method of its own, with the carts where the [effects](Effect) put them and the
-//! forces in equilibrium; trackers stand in frames of their own, targets are mounted anyhow.
+//! It shares no generated function and no residual with the estimator, and no solver: values and formulas of the
+//! description are evaluated as they stand (`drawing.rs`), rods are closed exactly by a Newton method of its own in the
+//! freedoms of the plate, with the carts where the [effects](Effect) put them and the forces in equilibrium; trackers
+//! stand in frames of their own, targets are mounted anyhow.
 
 mod angles;
 mod build;
