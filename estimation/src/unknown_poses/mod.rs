@@ -166,8 +166,8 @@ pub fn calibrate(
         (&solution, iterations),
     )?;
     Ok(UnknownPoses {
-        loss,
         mistakes,
+        loss,
         ..found
     })
 }
