@@ -328,7 +328,7 @@ fn as_read(text: &str) -> Vec<(String, String, String)> {
                 .strip_prefix('[')
                 .and_then(|line| line.strip_suffix(']'))
             {
-                section = name.to_owned();
+                name.clone_into(&mut section);
             } else if let Some((key, value)) = line.split_once(['=', ':']) {
                 let key = key.trim().to_owned();
                 if !known.iter().any(|own| own.0 == section && own.1 == key) {
@@ -469,7 +469,7 @@ fn moved_edge(from: &[f64], to: &[f64], step: f64) -> f64 {
 
 /// Makes each distance wrong by 1 mm, either way: it alone is named, left out or under a loss, and the edge of the bed
 /// moves by no more than 1.2 mm.
-fn wrong_distances_are_named(printer: &Printer, rows: impl Iterator<Item = usize> + Clone) {
+fn wrong_distances_are_named(printer: &Printer, rows: &[usize]) {
     let work = tempfile::tempdir().unwrap();
     let fit = |printer: &Printer, more: &str| {
         for name in ["printer", "found"] {
@@ -480,7 +480,7 @@ fn wrong_distances_are_named(printer: &Printer, rows: impl Iterator<Item = usize
     };
     for more in ["", "--loss cauchy", "--loss tukey"] {
         let (before, _) = fit(printer, more);
-        for row in rows.clone() {
+        for &row in rows {
             for off in [1.0, -1.0] {
                 let mut wrong = printer.clone();
                 wrong.distances[row].0 += off;
@@ -499,7 +499,7 @@ fn wrong_distances_are_named(printer: &Printer, rows: impl Iterator<Item = usize
 
 #[test]
 fn a_wrong_distance_hardly_moves_the_edge_of_the_bed() {
-    wrong_distances_are_named(&imagined().0, [2, 7].into_iter());
+    wrong_distances_are_named(&imagined().0, &[2, 7]);
 }
 
 #[test]
@@ -629,8 +629,11 @@ fn run(path: &Path) -> Printer {
     }
 }
 
-/// All eight, by name of the file, with their rows of `expected.csv`.
-fn runs(folder: &Path) -> Vec<(String, Printer, Vec<(String, String)>)> {
+/// A file's name, its printer, and its row of `expected.csv` by column.
+type Run = (String, Printer, Vec<(String, String)>);
+
+/// All eight.
+fn runs(folder: &Path) -> Vec<Run> {
     let table = fs::read_to_string(folder.join("expected.csv")).unwrap();
     let mut lines = table.lines().map(|line| line.split(','));
     let header: Vec<&str> = lines.next().unwrap().collect();
@@ -691,7 +694,8 @@ fn a_wrong_distance_hardly_moves_the_edge_of_real_beds() {
     let all: Vec<_> = with_distances.collect();
     assert_eq!(all.len(), 3);
     for (_, printer, _) in all {
-        wrong_distances_are_named(&printer, 0..12);
+        let rows: Vec<usize> = (0..printer.distances.len()).collect();
+        wrong_distances_are_named(&printer, &rows);
     }
 }
 

@@ -172,8 +172,8 @@ fn densest(
     let mut best: Option<(f64, usize, usize)> = None;
     for first in 0..sorted.len() {
         let before = places.partition_point(|&place| place < at(&samples[sorted[first]]));
-        for last in first + LEAST_CROWD - 1..sorted.len() {
-            let within = ends[last] - before;
+        for (last, end) in ends.iter().enumerate().skip(first + LEAST_CROWD - 1) {
+            let within = end - before;
             let crowd = last - first + 1;
             let chance = (all.len() as f64).ln()
                 + choices.ln(sorted.len(), crowd)

@@ -51,7 +51,10 @@ impl Fit<'_> {
         let pairs = lines.len() * lines.len().saturating_sub(1) / 2;
         let mut found: Vec<[usize; 2]> = vec![];
         let (mut squares, degrees) = self.least_squares();
-        while degrees > 0.0 {
+        if degrees <= 0.0 {
+            return vec![];
+        }
+        loop {
             let free = |row: usize| !found.iter().flatten().any(|taken| *taken == row);
             let tried = self.promising(block).into_iter();
             let tried = tried.filter(|pair| pair.iter().all(|row| free(*row)));

@@ -154,15 +154,15 @@ mod tests {
     fn closures_become_lengths() {
         let lengths = Lengths::new(Arc::new(OneLink));
         let point = [0.3, 1.1, -0.4, 0.2, 0.1, 0.2, 0.5, 0.0, 0.0, 0.0];
-        let value = |p: &[f64]| {
+        let value = |p: &[f64]| -> f64 {
             let mut found = [0.0];
             lengths.value(&[], p, &mut found);
             found[0]
         };
         let anchor = Vector3::new(1.1, -0.4, 0.2);
         let distance = (Vector3::new(0.1, 0.2, 0.5) - anchor).norm();
-        let off: f64 = value(&point) - (0.3 + anchor.norm() - distance);
-        assert!(off.abs() < 1e-15);
+        let expected: f64 = 0.3 + anchor.norm() - distance;
+        assert!((value(&point) - expected).abs() < 1e-15);
         let (mut residuals, mut jacobian) = ([0.0], [0.0; 10]);
         lengths.linearize(&[], &point, &mut residuals, &mut jacobian);
         assert_eq!(residuals[0], value(&point));

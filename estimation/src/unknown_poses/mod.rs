@@ -179,8 +179,8 @@ fn fitted(mut fit: Fit<'_>, options: &calibration::Options) -> Result<UnknownPos
         (&solution, iterations),
     )?;
     Ok(UnknownPoses {
-        loss,
         mistakes,
+        loss,
         ..found
     })
 }

@@ -70,7 +70,7 @@ impl<'a> Config<'a> {
             }
             let trimmed = own.trim();
             if let Some(name) = trimmed.strip_prefix('[').and_then(|t| t.strip_suffix(']')) {
-                section = name.trim().to_owned();
+                name.trim().clone_into(&mut section);
                 if let Some(name) = section.strip_prefix("include ") {
                     self.includes.push(name.trim().to_owned());
                 }
