@@ -61,7 +61,7 @@ impl PoseError {
 }
 
 impl ErrorSigma {
-    /// What the plate can't do is neither predicted nor measured.
+    /// Motions that the plate lacks are neither predicted nor measured.
     fn new(predicted: &PoseUncertainty, noise: Noise, machine: &Machine) -> Self {
         let free = machine.pose_unknowns();
         let with = |sigmas: [f64; 3], noise: f64, first: usize| {

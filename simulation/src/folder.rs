@@ -1,4 +1,4 @@
-//! What a simulation makes: a measurement folder, and the truth behind it.
+//! Results of a simulation: a measurement folder, and the truth behind it.
 
 use tau_robot::measurements::{Folder, Shape};
 use tau_robot::robot_file::RobotFile;

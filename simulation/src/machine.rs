@@ -13,7 +13,7 @@ use super::parts::{Crank, Pose, Rod};
 /// A machine with its load and its errors.
 #[derive(Debug, Clone)]
 pub struct Machine {
-    /// What the links hold.
+    /// Freedoms of the plate that the links hold.
     pub plate: Plate,
     /// Links in order of the description.
     pub rods: Vec<Rod>,

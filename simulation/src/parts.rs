@@ -31,7 +31,7 @@ pub struct Rod {
     pub track: Option<usize>,
     /// The command that drives its length.
     pub actuated_by: Option<usize>,
-    /// How that command becomes the length, where a formula says so, with this machine's numbers in it.
+    /// Formula from that command to the length, where there is one, with this machine's numbers in it.
     pub transmission: Option<Formula>,
     /// Tension that its drive is controlled to, where it pulls instead of holding its position (N).
     pub pull_n: Option<f64>,

@@ -145,7 +145,7 @@ pub(super) fn of_file(
     let sigmas = known.iter().map(|name| format!("sigma_{name}"));
     let known = sigmas.chain(["inside".to_owned()]).chain(known.clone());
     let known: Vec<String> = known.collect();
-    // What the plate can't do may be left out.
+    // Columns of motions that the plate lacks may be left out.
     let of_plate = shape.pose_names();
     let named = |names: &[&'static str]| -> Vec<&'static str> {
         let names = names.iter().copied();

@@ -45,7 +45,7 @@ impl Fit<'_> {
     /// (externally Studentized, R. D. Cook and S. Weisberg, *Residuals and Influence in Regression*, 1982, section 2.2).
     pub(super) fn gross_rows(&self, reduced: &Reduced, leverages: &[Vec<f64>]) -> Vec<GrossRow> {
         let tuned = self.loss.map(|loss| loss.tuned(1));
-        // What the fit follows anyway can't be told to be off.
+        // A row that the fit follows anyway can't be told to be off.
         let judged = || {
             let all = self.judged(reduced, leverages);
             all.filter(|(_, _, _, left)| *left > 1.0 - ABSORBED)

@@ -261,7 +261,7 @@ fn read_tcp_poses(
 ) -> Result<Vec<TcpPose>, InputError> {
     let directions: Vec<String> = (1..=shape.commands()).map(|n| format!("dir{n}")).collect();
     let optional = [&[TIME.to_owned(), TEMPERATURE.to_owned()], &directions[..]].concat();
-    // What the plate can't do may be there all the same: it is read, and means nothing.
+    // Columns of motions that the plate lacks may be there all the same: they are read, and mean nothing.
     let sigmas = SIGMAS.map(str::to_owned);
     let pose_names = [POSITION, ANGLES].concat();
     let known: Vec<String> = pose_names.iter().map(|&name| name.to_owned()).collect();

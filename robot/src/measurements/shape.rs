@@ -29,12 +29,12 @@ impl Actuator {
     }
 }
 
-/// What the measurements of a robot must fit: its drives and its plate.
+/// Drives and plate of a robot, which its measurements must fit.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Shape {
     /// One per command; carts and cranks come first, and carry the numbers of carts, from 1.
     pub drives: Vec<Actuator>,
-    /// What the links hold.
+    /// Freedoms of the plate.
     pub plate: Plate,
 }
 
