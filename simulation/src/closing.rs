@@ -10,6 +10,7 @@ use super::parts::Pose;
 pub(crate) const SETTLED: f64 = 1e-12;
 /// Step of commands (m) below which it has: commands are written to 1e-7.
 const SETTLED_COMMANDS: f64 = 1e-11;
+/// Steps of Newton's method, which takes under ten from a place close by; damped ones from far off take more.
 const NEWTON_STEPS: usize = 60;
 /// The same of commands, which are sought near those of a place close by.
 const COMMAND_STEPS: usize = 30;
