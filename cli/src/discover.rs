@@ -1,6 +1,6 @@
 //! `tau discover`.
 
-use tau::discovery::{Discovery, Options, Outcome as Found};
+use tau::discovery::{Discovery, Estimated, Options, Outcome as Found};
 use tau::input_error::InputError;
 use tau::kinematics::Layout;
 use tau::measurements::Split;
@@ -41,7 +41,11 @@ pub(super) fn run(
         session.catalogues(&arguments.effects),
     )?;
     let session = session.comparing_poses()?;
-    let poses = session.poses()?;
+    let known = if session.folder().tcp_poses.is_empty() {
+        None
+    } else {
+        Some(session.poses()?.counts)
+    };
     let (robot, file, folder) = (session.robot(), session.robot_file(), session.folder());
 
     let options = Options {
@@ -66,13 +70,16 @@ pub(super) fn run(
         || generated(compiled, discovery),
         || {
             let (calibrated, layout) = state(&session, &found, arguments.refit)?;
+            let estimated = found.estimated.as_ref();
+            let placed = estimated.map_or(folder, |estimated| &estimated.folder);
+            let counts = known.or(estimated.map(Estimated::counts));
             let setting = report::Setting {
-                poses: poses.counts,
+                poses: counts.map_or_else(|| session.poses().map(|poses| poses.counts), Ok)?,
                 has_cart_poses: !folder.cart_poses.is_empty(),
                 noise: (file.noise.position_m, file.noise.rotation_rad),
                 architecture: robot.architecture(),
                 layout,
-                measured_m: folder
+                measured_m: placed
                     .tcp_poses
                     .iter()
                     .map(|pose| pose.position_m)
@@ -112,6 +119,16 @@ fn state(
     found: &Found,
     refit: Refit,
 ) -> Result<(RobotFile, Option<Layout>), Failure> {
+    if let Some(estimated) = &found.estimated {
+        let session = match refit {
+            Refit::Calibration => session.clone(),
+            Refit::All => session.clone().split(Split::All),
+        };
+        let fitted = session.state_found_of_unknown_poses(found)?;
+        let file = session.file_of_unknown_poses(&fitted, &stamp());
+        let layout = study::layout(&fitted.calibration, &estimated.folder);
+        return Ok((file, layout));
+    }
     let refitted;
     let (found, session) = match refit {
         Refit::Calibration => (found, session.clone()),

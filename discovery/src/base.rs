@@ -4,6 +4,7 @@ use tau_codegen::language::Model;
 use tau_estimation::calibration::Prepared;
 use tau_estimation::joint::descent::not_converged;
 use tau_estimation::joint::fit::Fit;
+use tau_estimation::joint::unknown::{self, Start};
 use tau_estimation::joint::variant;
 use tau_estimation::joint::{Component, Joint};
 use tau_estimation::samples::Sample;
@@ -13,7 +14,7 @@ use tau_estimation::samples::plates::place_plates;
 use tau_estimation::trust::{self, LARGEST_MISFIT};
 use tau_robot::robot::{Owner, Variant};
 
-use super::{Error, Input};
+use super::{Error, Input, Unknown};
 
 /// The base fitted to all sets, and their samples with the loads of the arm.
 pub(super) fn base_fit(
@@ -31,6 +32,9 @@ pub(super) fn base_fit(
     } = *input;
     let free = variant::free_turning(model, index, Some(variant));
     let prepared = Prepared::new(robot, &free, file, Some(folder), &division.calibration)?;
+    if let Some(unknown) = input.unknown {
+        return of_unknown_poses(input, unknown, &prepared);
+    }
     let samples_in = |frames: &Frames| {
         let mut samples = Sample::all(robot, folder, &division.calibration, frames);
         Sample::sort_by_time(&mut samples);
@@ -60,6 +64,37 @@ pub(super) fn base_fit(
         return Err(not_converged(&fit.joint, &why));
     }
     Ok((fit, samples))
+}
+
+/// The same where poses are unknown, from values by which they were estimated.
+fn of_unknown_poses(
+    input: &Input<'_>,
+    unknown: &Unknown<'_>,
+    prepared: &Prepared,
+) -> Result<(Fit, Vec<Sample>), Error> {
+    let Input {
+        robot,
+        file,
+        folder,
+        division,
+        ..
+    } = *input;
+    let own = prepared.machine.variant.parameters.iter();
+    let values = own.zip(&prepared.machine.values).map(|(parameter, value)| {
+        let known = unknown.values.get(&parameter.name);
+        known.copied().unwrap_or(*value)
+    });
+    let machine = prepared.machine.with_values(values.collect());
+    let frames = Frames::of(&machine, file, folder);
+    let mut samples = Sample::all(robot, folder, &division.calibration, &frames);
+    Sample::sort_by_time(&mut samples);
+    place_plates(&machine, file, &mut samples);
+    let start = Start {
+        machine,
+        nominal: &prepared.nominal,
+        near: None,
+    };
+    unknown::fit(start, &unknown.poses, &samples, file.noise)
 }
 
 /// Mean length of the links, or of the clusters where the arm is reduced.

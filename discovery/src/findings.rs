@@ -2,7 +2,6 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use tau_estimation::evaluation::evaluate;
 use tau_estimation::joint::fit::Fit;
 use tau_estimation::numerics::distribution::chi2_survival;
 use tau_estimation::numerics::parallel;
@@ -15,12 +14,12 @@ use super::candidate_set::CandidateSet;
 use super::evidence::{self, whiteness::Series};
 use super::linear_model::LinearModel;
 use super::results::{
-    Considered, Discovery, Estimate, FoundEffect, Gap, LeftOut, Place, Rival, SerialCorrelation,
+    Considered, Discovery, ErrorOf, Estimate, FoundEffect, Gap, LeftOut, Place, Rival, SerialCorrelation,
     Status, Unseen, Validation, Verdict, Whiteness,
 };
 use super::search::{Found, Search};
 use super::waves::waves;
-use super::{Error, Input, Outcome, floor, misfit, results, structure, text};
+use super::{Error, Input, Outcome, floor, held_out, misfit, results, structure, text};
 
 /// Chance in white noise below which residuals are said to follow each other.
 const SERIAL: f64 = 0.01;
@@ -54,11 +53,10 @@ pub(super) fn finish(
         ..
     } = *input;
     let (fit, bench) = (&search.state.fit, &search.bench);
-    let machine = fit.joint.machine.with_values(fit.joint.values(&fit.fitted));
-    let after = Gap::from(evaluate(&machine, folder, &division.validation)?.position_um);
+    let after = held_out::gap(input, fit)?;
     let before = search.gaps.first().copied().unwrap_or(after);
     let (floor, evidence) = parallel::both(
-        || floor::floor(fit, &machine, folder, &division.validation, file.noise),
+        || held_out::floor(input, fit),
         || evidence::of_effects(search, &beforehand.view),
     );
     let floor = floor?;
@@ -97,6 +95,10 @@ pub(super) fn finish(
             before,
             after,
             held_out: search.input.division.is_disjoint(),
+            of: match input.unknown {
+                Some(_) => ErrorOf::Measurements,
+                None => ErrorOf::Position,
+            },
         },
         misfit: beforehand.misfit,
         noise: misfit::noise_scales(fit),
@@ -110,6 +112,7 @@ pub(super) fn finish(
         unnamed,
         outliers,
         left_out,
+        gross_rows: vec![],
         steps: search.steps.clone(),
         model_text,
         model,
@@ -139,6 +142,7 @@ impl Outcome {
             covariance: &b * b.transpose(),
             cost: 0.5 * fit.residuals.norm_squared(),
             poses,
+            estimated: None,
         }
     }
 }

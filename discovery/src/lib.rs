@@ -18,6 +18,7 @@ mod fixture;
 mod floor;
 mod formula;
 mod generic;
+mod held_out;
 mod linear_model;
 mod misfit;
 mod p_value;
@@ -40,14 +41,14 @@ use std::time::Instant;
 
 use nalgebra::DMatrix;
 use tau_codegen::language::{self, Model, effects_from_text};
-use tau_estimation::calibration::{Calibration, Prepared, Stated, check_poses};
-use tau_estimation::evaluation::evaluate;
+use tau_estimation::calibration::{self, Calibration, Prepared, Stated, check_poses};
 use tau_estimation::joint::fit::Fit;
 use tau_estimation::numerics::parallel;
 use tau_estimation::samples::Sample;
+use tau_estimation::unknown_poses::{self, EstimatedPoses, RowDivision};
 use tau_robot::effects::CATALOGUE;
 use tau_robot::input_error::InputError;
-use tau_robot::measurements::{Division, Folder, Poses, Split};
+use tau_robot::measurements::{Division, Folder, PoseCounts, Poses, Split};
 use tau_robot::robot::{Arm, Robot, Variant};
 use tau_robot::robot_file::RobotFile;
 
@@ -65,7 +66,7 @@ pub use generic::UNNAMED;
 use linear_model::LinearModel;
 use misfit::misfits;
 use probes::Probes;
-use results::{Gap, Misfit};
+use results::{Gap, GrossRow, Misfit};
 use score::Yardstick;
 use search::Search;
 use structural::FullArm;
@@ -136,7 +137,16 @@ struct Input<'a> {
     file: &'a RobotFile,
     folder: &'a Folder,
     division: &'a Division,
+    /// Where no pose was measured: what was, with estimates of the poses, which are those of `folder`.
+    unknown: Option<&'a Unknown<'a>>,
     options: &'a Options,
+}
+
+/// A folder whose poses are unknown.
+struct Unknown<'a> {
+    poses: EstimatedPoses<'a>,
+    /// Values of the base, by name, at which they were estimated.
+    values: BTreeMap<String, f64>,
 }
 
 /// Result of a discovery, with the model as fitted.
@@ -150,8 +160,32 @@ pub struct Outcome {
     covariance: DMatrix<f64>,
     /// Half the sum of squared whitened residuals and priors.
     cost: f64,
-    /// Poses of set 1 that took part, without outliers: indices in the folder.
+    /// Poses of set 1 that took part, without outliers: indices in the folder, or in the estimated one.
     pub poses: Vec<usize>,
+    /// Where poses are unknown: the folder with their estimates.
+    pub estimated: Option<Estimated>,
+}
+
+/// A folder whose poses are unknown, with estimates of them.
+#[derive(Debug, Clone)]
+pub struct Estimated {
+    /// The folder, estimates for its poses: one for each reading of the drives.
+    pub folder: Folder,
+    /// Those that calibrate, and those that are held out.
+    pub division: Division,
+}
+
+impl Estimated {
+    /// Numbers of poses.
+    pub fn counts(&self) -> PoseCounts {
+        let total = self.folder.tcp_poses.len();
+        PoseCounts {
+            total,
+            in_range: total,
+            calibration: self.division.calibration.len(),
+            validation: self.division.validation.len(),
+        }
+    }
 }
 
 impl Outcome {
@@ -220,6 +254,7 @@ impl Outcome {
             file: &file.completed(&robot),
             folder,
             division: &division,
+            unknown: None,
             options: &Options::default(),
         };
         let variant = variant_of(&robot, DISCOVERED)?;
@@ -255,21 +290,21 @@ fn discovered(
 ) -> Result<Outcome, Error> {
     let started = Instant::now();
     let variant = variant_of(robot, base)?;
-    if folder.tcp_poses.is_empty() {
-        return Err(
-            InputError::whole(&folder.name, "discovery needs set 1, `tcp_poses.csv`").into(),
-        );
-    }
     if robot.variant(text::DISCOVERED).is_some() {
         let problem = format!("there is a variant `{}` already", text::DISCOVERED);
         return Err(InputError::whole(&robot.name, problem)
             .help("rename it in the description: what is found gets this name")
             .into());
     }
-    let Poses { division, .. } = Poses::select(robot, file, folder, options.split)?;
     let completed = file.completed(robot);
-    check_poses(robot, variant, &completed, folder, &division.calibration)?;
     let model = &language::check_text(&robot.description).map_err(|errors| not_sound(&errors))?;
+    if folder.tcp_poses.is_empty() {
+        progress("estimating the poses");
+        let described = (robot, model, base);
+        return of_unknown_poses(described, &completed, folder, options, started, progress);
+    }
+    let Poses { division, .. } = Poses::select(robot, file, folder, options.split)?;
+    check_poses(robot, variant, &completed, folder, &division.calibration)?;
     let input = Input {
         robot,
         model,
@@ -277,14 +312,89 @@ fn discovered(
         file: &completed,
         folder,
         division: &division,
+        unknown: None,
         options,
     };
+    searched(&input, started, progress)
+}
+
+/// The search in a folder without poses.
+fn of_unknown_poses(
+    (robot, model, base): (&Robot, &Model, &str),
+    file: &RobotFile,
+    folder: &Folder,
+    options: &Options,
+    started: Instant,
+    progress: &mut dyn FnMut(&str),
+) -> Result<Outcome, Error> {
+    let rows = RowDivision::of(folder, options.split);
+    let fitted = unknown_poses::calibrate(
+        robot,
+        variant_of(robot, base)?,
+        file,
+        folder,
+        &rows,
+        &calibration::Options::default(),
+    )?;
+    let poses = EstimatedPoses::of(&fitted, file, folder, &rows)?;
+    let machine = &fitted.calibration.machine;
+    let names = machine.variant.parameters.iter().map(|own| own.name.clone());
+    let unknown = Unknown {
+        values: names.zip(machine.values.iter().copied()).collect(),
+        poses,
+    };
+    let (estimated, division) = unknown.poses.folder();
+    let mut file = file.clone();
+    if !file.noise.position_m.is_finite() {
+        file.noise.position_m = fitted.usual_noise_m();
+    }
+    let input = Input {
+        robot,
+        model,
+        base,
+        file: &file,
+        folder: &estimated,
+        division: &division,
+        unknown: Some(&unknown),
+        options,
+    };
+    let mut outcome = searched(&input, started, progress)?;
+    outcome.estimated = Some(Estimated {
+        folder: estimated.clone(),
+        division: division.clone(),
+    });
+    let gross = fitted.gross.iter().map(|gross| gross.place);
+    outcome.discovery.gross_rows = gross
+        .map(|place| GrossRow {
+            file: place.file.to_owned(),
+            line: place.line,
+            pose: place.pose,
+            drive: place.drive.map(|link| robot.links[link].name.clone()),
+        })
+        .collect();
+    Ok(outcome)
+}
+
+/// The search from a base, or where its arm is reduced and a full one is significantly better, from that.
+fn searched(
+    input: &Input<'_>,
+    started: Instant,
+    progress: &mut dyn FnMut(&str),
+) -> Result<Outcome, Error> {
+    let Input {
+        robot,
+        model,
+        base,
+        options,
+        ..
+    } = *input;
+    let variant = variant_of(robot, base)?;
 
     let searched = |input: &Input<'_>, progress: &mut dyn FnMut(&str)| {
         structural::piecewise::search(input, started, progress)
     };
     if variant.arm == Arm::Full {
-        return searched(&input, progress);
+        return searched(input, progress);
     }
     progress("comparing the reduced arm with a full one");
     let ((fuller, model_of_fuller), name) = structural::with_full_arm((robot, model), base)?;
@@ -292,7 +402,7 @@ fn discovered(
         robot: &fuller,
         model: &model_of_fuller,
         base: &name,
-        ..input
+        ..*input
     };
     let full_arm = match fitted(&with_full_arm) {
         Ok((fit, samples)) => FullArm::of(&fit, &samples, &options.constants),
@@ -303,12 +413,12 @@ fn discovered(
         return searched(&input, progress);
     };
     if full_arm.is_significant() {
-        let reduced = shortfall(&input)?;
+        let reduced = shortfall(input)?;
         let mut outcome = searched(&with_full_arm, progress)?;
         full_arm.precede(base, reduced, &mut outcome.discovery);
         Ok(outcome)
     } else {
-        let mut outcome = searched(&input, progress)?;
+        let mut outcome = searched(input, progress)?;
         full_arm.dismissed(&mut outcome.discovery);
         Ok(outcome)
     }
@@ -333,9 +443,8 @@ fn fitted(input: &Input<'_>) -> Result<(Fit, Vec<Sample>), Error> {
 /// Misfit of the base, and its error at the tool.
 fn shortfall(input: &Input<'_>) -> Result<(Vec<Misfit>, Gap), Error> {
     let (fit, samples) = fitted(input)?;
-    let machine = fit.joint.machine.with_values(fit.joint.values(&fit.fitted));
-    let gap = evaluate(&machine, input.folder, &input.division.validation)?.position_um;
-    Ok((misfits(&fit, &samples, input.file.noise), gap.into()))
+    let gap = held_out::gap(input, &fit)?;
+    Ok((misfits(&fit, &samples, input.file.noise), gap))
 }
 
 /// The model with all that may be added to it, the index of the base, and the unnamed families.
@@ -390,13 +499,7 @@ fn begun<'a>(
     yardstick: Option<Yardstick>,
     progress: &mut dyn FnMut(&str),
 ) -> Result<(Search<'a>, Beforehand), Error> {
-    let Input {
-        robot,
-        file,
-        folder,
-        division,
-        ..
-    } = *input;
+    let Input { robot, file, .. } = *input;
     let (model, index, families) = model_of(input)?;
     let variant = variant_of(robot, input.base)?;
     progress("fitting the base to all sets");
@@ -405,11 +508,10 @@ fn begun<'a>(
         || probes::compiled(&model, index),
     );
     let (fit, samples) = fitted?;
-    let machine = fit.joint.machine.with_values(fit.joint.values(&fit.fitted));
     progress("looking at what could be seen");
     let own_effects = variant.effects.len();
     let (before_floor, probes) = parallel::both(
-        || floor::floor(&fit, &machine, folder, &division.validation, file.noise),
+        || held_out::floor(input, &fit),
         || {
             Probes::of(
                 &model,

@@ -1,5 +1,7 @@
 //! Misfit of model and measurement by place.
 
+use std::collections::BTreeMap;
+
 use nalgebra::{DMatrix, DVector};
 use tau_estimation::joint::Component;
 use tau_estimation::joint::fit::Fit;
@@ -12,10 +14,16 @@ use super::p_value::PValue;
 use super::results::{Micro, Misfit, NoiseScale};
 
 const MICRO: f64 = 1e6;
+/// Share of a row's noise that poses leave, below which the row is followed and not judged: exact drives leave 1e-6.
+const LEAST_FREE: f64 = 1e-3;
 
 /// Residuals of each link, and of each cart and coordinate, against the stated noise.
 pub(super) fn misfits(fit: &Fit, samples: &[Sample], noise: Noise) -> Vec<Misfit> {
-    let mut misfits = closures(fit);
+    let mut misfits = if fit.joint.eliminated.is_empty() {
+        closures(fit)
+    } else {
+        of_unknown_poses(fit)
+    };
     for (component, set, offset, what, sigma, unit) in [
         (
             Component::CartPosition,
@@ -155,6 +163,62 @@ fn closures(fit: &Fit) -> Vec<Misfit> {
                 unit: Micro::Metre,
                 degrees: poses,
                 p_value: PValue::of_chi2(chi2, poses),
+            }
+        })
+        .collect()
+}
+
+/// Sums over rows of one origin: squares over their expectation, squares, expectations (m²), and their number.
+type Sums = (f64, f64, f64, f64);
+
+/// Where poses are unknown: of each link's closures and each kind of measurement, as lengths, what is left once the
+/// plate stands where they fit best.
+fn of_unknown_poses(fit: &Fit) -> Vec<Misfit> {
+    let machine = &fit.joint.machine;
+    let scale = fit.scales[Component::Closure as usize];
+    let mut sums: BTreeMap<(Option<usize>, &str), Sums> = BTreeMap::new();
+    let mut first = 0;
+    for group in &fit.joint.eliminated {
+        let count = group.by_closure.nrows();
+        let rows = first..first + count;
+        first += count;
+        if rows.clone().any(|row| fit.factors[row] == 0.0) {
+            continue;
+        }
+        let left = &group.basis * fit.residuals.rows(rows.start, count);
+        let absorbed = &group.basis * fit.basis.q.rows(rows.start, count);
+        for (row, origin) in group.origins.iter().enumerate() {
+            let free = group.basis.row(row).norm_squared();
+            // Exact rows, which the plate follows, leave nothing to judge.
+            if origin.unit != "m" || free < LEAST_FREE {
+                continue;
+            }
+            let expected = (free - absorbed.row(row).norm_squared()).max(1e-3 * free);
+            let square = (left[row] * scale).powi(2);
+            let sum = sums.entry((origin.link, origin.file)).or_default();
+            sum.0 += square / expected;
+            sum.1 += square * origin.sigma.powi(2);
+            sum.2 += expected * origin.sigma.powi(2);
+            sum.3 += 1.0;
+        }
+    }
+    sums.into_iter()
+        .map(|((link, file), (chi2, squares, expected, count))| {
+            let (rms, expected) = ((squares / count).sqrt(), (expected / count).sqrt());
+            Misfit {
+                set: 1,
+                cart: None,
+                link: link.map(|link| machine.robot.links[link].name.clone()),
+                coordinate: match link {
+                    Some(_) => "length".into(),
+                    None => file.to_owned(),
+                },
+                rms: rms * MICRO,
+                expected_rms: expected * MICRO,
+                excess_rms: (rms * rms - expected * expected).max(0.0).sqrt() * MICRO,
+                unit: Micro::Metre,
+                degrees: count,
+                p_value: PValue::of_chi2(chi2, count),
             }
         })
         .collect()

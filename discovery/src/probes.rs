@@ -139,7 +139,12 @@ impl Probes {
         let machine = with_targets(compiled, base, fitted);
         let without_prior = |&value: &f64| Nominal::new(value, None);
         let nominal: Vec<Nominal> = machine.values.iter().map(without_prior).collect();
-        let joint = Joint::new(machine, &nominal, samples, noise)?;
+        let joint = if base.eliminated.is_empty() {
+            Joint::new(machine, &nominal, samples, noise)?
+        } else {
+            let groups = (&base.eliminated[..], &[][..]);
+            Joint::of_unknown_poses(machine, &nominal, samples, noise, groups)?
+        };
         let factors = vec![1.0; joint.rows.len()];
         let linear = joint.linearize(&joint.fitted(&joint.machine.values), &factors);
         let mut columns = Columns {

@@ -61,6 +61,9 @@ pub struct Discovery {
     pub outliers: Vec<u32>,
     /// The same with their sets.
     pub left_out: Vec<LeftOut>,
+    /// Single measurements that were left out, where poses are unknown.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub gross_rows: Vec<GrossRow>,
     /// The gap after each effect.
     pub steps: Vec<Step>,
     /// The complete description with what was found.
@@ -107,6 +110,45 @@ pub struct Validation {
     pub after: Gap,
     /// True if these poses took no part in the search; they do where the split has all poses on both sides.
     pub held_out: bool,
+    /// Kind of the errors.
+    pub of: ErrorOf,
+}
+
+/// Kind of the errors on poses that took no part.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ErrorOf {
+    /// Predicted less measured position of the TCP.
+    Position,
+    /// What is left of the measurements of a pose that is unknown, drives' readings among them, once the plate stands
+    /// where they fit best: root of the sum of squares.
+    Measurements,
+}
+
+impl ErrorOf {
+    /// The error as the subject of a sentence.
+    pub fn subject(self) -> &'static str {
+        match self {
+            Self::Position => "the position error at the tool",
+            Self::Measurements => "what the measurements of a pose leave",
+        }
+    }
+
+    /// The same once it is known.
+    pub fn short(self) -> &'static str {
+        match self {
+            Self::Position => "error at the tool",
+            Self::Measurements => "rest of a pose's measurements",
+        }
+    }
+
+    /// The same as a title.
+    pub fn title(self) -> &'static str {
+        match self {
+            Self::Position => "Position error",
+            Self::Measurements => "Rest of the measurements",
+        }
+    }
 }
 
 /// Position error on the validation poses (µm).
@@ -128,6 +170,20 @@ impl From<Summary> for Gap {
             rms_um: summary.rms,
         }
     }
+}
+
+/// A single measurement far off the others.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct GrossRow {
+    /// Name of the file.
+    pub file: String,
+    /// Line, from 1.
+    pub line: usize,
+    /// Number of the pose, of two the first.
+    pub pose: u32,
+    /// Name of the link, where it is the reading of its drive.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub drive: Option<String>,
 }
 
 /// Residuals of one kind against their noise.

@@ -19,11 +19,10 @@ use super::linear_model::LinearModel;
 use super::results::{Derived, Gap, Step, UsedEffect};
 use super::score::Yardstick;
 use super::serial;
-use super::{Error, Input, Rule};
+use super::{Error, Input, Rule, held_out};
 use moves::{Joining, Move, Without};
 pub(crate) use review::Found;
 use state::{Composition, Context, Member, State, start_of};
-use tau_estimation::evaluation::evaluate;
 use tau_estimation::joint::fit::Fit;
 use tau_estimation::numerics::projection::Subspace;
 
@@ -370,12 +369,9 @@ impl<'a> Search<'a> {
         Ok(())
     }
 
-    /// The position error on the validation poses.
+    /// The error on what took no part.
     fn gap(&self) -> Result<Gap, Error> {
-        let fit = &self.state.fit;
-        let machine = fit.joint.machine.with_values(fit.joint.values(&fit.fitted));
-        let evaluation = evaluate(&machine, self.input.folder, &self.input.division.validation)?;
-        Ok(Gap::from(evaluation.position_um))
+        held_out::gap(self.input, &self.state.fit)
     }
 
     fn step(&self, gap: Gap) -> Step {

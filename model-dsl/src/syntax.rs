@@ -114,6 +114,8 @@ pub(crate) struct Effect {
     pub(crate) docs: Vec<String>,
     pub(crate) name: Ident,
     /// `cart`, `link` or `tcp`.
+    /// The word `driven` before its subject.
+    pub(crate) driven: Option<Ident>,
     pub(crate) subject: Ident,
     /// `from source`.
     pub(crate) source: Option<Ident>,

@@ -88,7 +88,7 @@ fn discovered(screen: &mut Screen, found: &Discovery) {
         let label = discovery::at(&effect.name, &effect.place);
         let headline = findings::headline(&found.model, effect);
         screen.say_within("  ", &format!("{label}: {headline}"));
-        let more = findings::effect(&found.model, effect).into_iter();
+        let more = findings::effect(found, effect).into_iter();
         for sentence in more.chain(findings::rivals(effect)) {
             screen.say_within("    ", &sentence);
         }

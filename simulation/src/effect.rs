@@ -193,6 +193,7 @@ pub(crate) enum Subject {
     Cart,
     CartFromSource,
     Link,
+    DrivenLink,
     Tcp,
 }
 
@@ -354,6 +355,24 @@ pub(crate) const LISTED: &[Listed] = &[
         subject: Subject::Link,
         parameters: &[amplitude("strain", "1/N")],
         physics: |p| length(move |at| at.length_m * p[0] * at.tension_n),
+    },
+    Listed {
+        name: "length_offset",
+        subject: Subject::DrivenLink,
+        parameters: &[amplitude("offset", "m")],
+        physics: |p| length(move |_| p[0]),
+    },
+    Listed {
+        name: "length_scale",
+        subject: Subject::DrivenLink,
+        parameters: &[amplitude("scale", "1")],
+        physics: |p| length(move |at| at.length_m * p[0]),
+    },
+    Listed {
+        name: "anchor_compliance",
+        subject: Subject::DrivenLink,
+        parameters: &[amplitude("yielding", "m/N")],
+        physics: |p| length(move |at| p[0] * at.tension_n),
     },
     Listed {
         name: "link_thermal",

@@ -217,6 +217,16 @@ impl Text<'_> {
                 .error(part, message)
                 .help("choose an effect on a link or on `tcp`"));
         }
+        let is_driven = |link: &str| {
+            let mut links = robot.links.iter().filter(|own| link == "all" || own.name == link);
+            links.all(|own| own.actuated_by.is_some())
+        };
+        if listed.subject == Subject::DrivenLink && !is_driven(places[0].text) {
+            let message = format!("`{}` acts on links that a drive lengthens", listed.name);
+            return Err(self
+                .error(part, message)
+                .help("choose an effect on a link, or on a cart"));
+        }
         if listed.name == JOINT_PLACEMENT && robot.plate.is_point() {
             let message = "links that meet in a point have no plate joints to move";
             return Err(self
@@ -253,8 +263,8 @@ impl Text<'_> {
                     source: Some(source),
                 }
             }
-            (Subject::Link, "all") => Place::AllLinks,
-            (Subject::Link, name) => match links().position(|link| link == name) {
+            (Subject::Link | Subject::DrivenLink, "all") => Place::AllLinks,
+            (Subject::Link | Subject::DrivenLink, name) => match links().position(|link| link == name) {
                 Some(link) => Place::Link(link),
                 None => return Err(unknown(places[0], "link", links().collect())),
             },

@@ -9,6 +9,7 @@ use super::super::{Error, Input};
 use tau_estimation::calibration::Prepared;
 use tau_estimation::joint::Joint;
 use tau_estimation::joint::fit::Fit;
+use tau_estimation::joint::unknown::{self, Start};
 use tau_estimation::joint::variant::{free_turning, free_turning_from};
 use tau_estimation::numerics::projection::Subspace;
 use tau_robot::robot::Owner;
@@ -225,15 +226,9 @@ impl State {
                 nominal.tolerance = nominal.tolerance.map(|t| implausible * t);
             }
         }
-        let joint = Joint::new(
-            prepared.machine,
-            &prepared.nominal,
-            &bench.samples,
-            file.noise,
-        )?;
         let known = self.fit.joint.values(&self.fit.fitted);
         let old = &self.fit.joint.machine.variant;
-        let mut values = joint.machine.values.clone();
+        let mut values = prepared.machine.values.clone();
         let newest = (members.len().checked_sub(1)).map(|k| Owner::Effect(own_effects + k));
         let mut given = last.unwrap_or_default().iter();
         for (value, parameter) in values.iter_mut().zip(&variant.parameters) {
@@ -246,6 +241,21 @@ impl State {
                 *value = known[index];
             }
         }
+        if let Some(unknown) = input.unknown {
+            let start = Start {
+                machine: prepared.machine.with_values(values),
+                nominal: &prepared.nominal,
+                near: Some(&self.fit),
+            };
+            let fitted = unknown::fit(start, &unknown.poses, &bench.samples, file.noise);
+            return fitted.map(|(fit, _)| fit);
+        }
+        let joint = Joint::new(
+            prepared.machine,
+            &prepared.nominal,
+            &bench.samples,
+            file.noise,
+        )?;
         let start = joint.fitted(&values);
         Fit::near(
             joint,

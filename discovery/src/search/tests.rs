@@ -44,6 +44,7 @@ impl Case {
             file: &self.file,
             folder: &self.folder,
             division: &self.division,
+            unknown: None,
             options: &self.options,
         }
     }

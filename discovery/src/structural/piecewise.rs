@@ -25,7 +25,7 @@ use super::super::results::{
 use super::super::score::Yardstick;
 use super::super::search::Search;
 use super::super::significance::Null;
-use super::super::{Error, Input, Outcome, search_from};
+use super::super::{Error, Input, Outcome, held_out, search_from};
 use super::{Described, with_structure};
 use tau_codegen::language::Model;
 use tau_codegen::language::model::{Arm, Readable, TrackModel, TrackShape};
@@ -150,9 +150,14 @@ impl Found {
         tracks: Vec<TrackTest>,
         outcome: Outcome,
     ) -> Result<Self, Error> {
-        let fit = &search.state.fit;
-        let machine = fit.joint.machine.with_values(fit.joint.values(&fit.fitted));
-        let errors = evaluate(&machine, search.input.folder, &outcome.poses)?.errors;
+        // Where poses are unknown there are no errors at the tool, and tracks stay straight.
+        let errors = match search.input.unknown {
+            Some(_) => vec![],
+            None => {
+                let machine = held_out::machine(&search.state.fit);
+                evaluate(&machine, search.input.folder, &outcome.poses)?.errors
+            }
+        };
         let errors = errors
             .iter()
             .map(|error| (error.pose, error.length_um().powi(2)));

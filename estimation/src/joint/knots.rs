@@ -9,6 +9,7 @@ use tau_kinematics::{Path, track_axes};
 use tau_robot::robot::TrackShape;
 
 use crate::joint::Joint;
+use crate::problem::Eliminated;
 use crate::samples::Sample;
 use crate::samples::frames::joints_on;
 
@@ -27,6 +28,27 @@ pub fn columns(joint: &Joint, samples: &[Sample]) -> Option<DMatrix<f64>> {
 /// shapes that parameters leave open, orthonormal.
 pub fn columns_of_data(joint: &Joint, samples: &[Sample]) -> Option<DMatrix<f64>> {
     columns_of(joint, samples, |_| true, orthonormal_shapes)
+}
+
+/// Derivatives of all rows, of which those of groups come first, by the unknowns of targets, surfaces and balls.
+pub(super) fn columns_of_objects(groups: &[Eliminated], rows: usize) -> DMatrix<f64> {
+    let count = groups.first().map_or(0, |group| group.by_object.ncols());
+    let mut columns = DMatrix::zeros(rows, count);
+    let mut first = 0;
+    for group in groups {
+        let own = group.by_object.nrows();
+        columns.rows_mut(first, own).copy_from(&group.by_object);
+        first += own;
+    }
+    columns
+}
+
+/// Columns and others beside them.
+pub(super) fn beside(left: &DMatrix<f64>, right: &DMatrix<f64>) -> DMatrix<f64> {
+    let mut all = DMatrix::zeros(right.nrows(), left.ncols() + right.ncols());
+    all.columns_mut(0, left.ncols()).copy_from(left);
+    all.columns_mut(left.ncols(), right.ncols()).copy_from(right);
+    all
 }
 
 fn columns_of(

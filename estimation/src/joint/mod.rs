@@ -4,6 +4,7 @@ pub mod descent;
 pub mod fit;
 pub mod knots;
 mod start;
+pub mod unknown;
 pub mod variant;
 
 use nalgebra::{DMatrix, DVector};
@@ -11,7 +12,7 @@ use tau_kinematics::Machine;
 use tau_robot::robot_file::Noise;
 use tau_solver::Problem;
 
-pub use crate::problem::Component;
+pub use crate::problem::{Component, Eliminated, Origin};
 
 use crate::calibration::error::Error;
 use crate::calibration::nominal::Nominal;
@@ -54,6 +55,8 @@ pub struct Joint {
     pub(crate) groups: Groups,
     /// Sample, component and place within the sample of each row.
     pub rows: Vec<Row>,
+    /// The poses that are unknown, in the order of their rows; nothing where poses are known.
+    pub eliminated: Vec<Eliminated>,
 }
 
 /// Origin of a residual.
@@ -91,24 +94,63 @@ impl Joint {
         samples: &[Sample],
         noise: Noise,
     ) -> Result<Self, Error> {
+        Self::with(machine, nominal, samples, noise, Closures::Whitened)
+    }
+
+    /// The same where poses are unknown. Behind the parameters come the unknowns of targets, surfaces and balls, as
+    /// displacements from where groups are linearised; `objects` are their priors.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn of_unknown_poses(
+        machine: Machine,
+        nominal: &[Nominal],
+        samples: &[Sample],
+        noise: Noise,
+        (groups, objects): (&[Eliminated], &[Nominal]),
+    ) -> Result<Self, Error> {
+        // In the order of their rows: groups of as many samples and residuals follow each other.
+        let mut groups = groups.to_vec();
+        groups.sort_by_key(|group| (group.samples.len(), group.by_closure.nrows()));
+        let closures = Closures::Eliminated(&groups);
+        let mut joint = Self::with(machine, nominal, samples, noise, closures)?;
+        if !objects.is_empty() {
+            let of_paths = joint.knots.ncols();
+            let of_objects = knots::columns_of_objects(&groups, joint.rows.len());
+            joint.knots = knots::beside(&joint.knots, &of_objects);
+            let unknown = Nominal::new(0.0, None);
+            (joint.priors).extend(std::iter::repeat_n(unknown, of_paths));
+            joint.priors.extend_from_slice(objects);
+            joint.groups = joint.groups();
+        }
+        joint.eliminated = groups;
+        Ok(joint)
+    }
+
+    fn with(
+        machine: Machine,
+        nominal: &[Nominal],
+        samples: &[Sample],
+        noise: Noise,
+        closures: Closures<'_>,
+    ) -> Result<Self, Error> {
         let Residuals {
             used,
             priors,
             parts,
-        } = Residuals::new(&machine, nominal, samples, noise, Closures::Whitened)?;
+        } = Residuals::new(&machine, nominal, samples, noise, closures)?;
         let mut rows = Vec::new();
         let parts = parts
             .into_iter()
             .map(|part| {
                 let first = rows.len();
-                for &sample in &part.samples {
-                    let residuals = part.components.iter().enumerate();
-                    rows.extend(residuals.map(|(residual, &component)| Row {
-                        sample,
-                        component,
-                        residual,
-                    }));
-                }
+                let residuals = part.components.iter().enumerate().cycle();
+                let owners = part.owners().zip(residuals);
+                rows.extend(owners.map(|(sample, (residual, &component))| Row {
+                    sample,
+                    component,
+                    residual,
+                }));
                 let mut prepared = vec![0.0; part.samples.len() * part.family.shape().prepared];
                 part.family.prepare_all(&part.data, &mut prepared);
                 Rows {
@@ -126,6 +168,7 @@ impl Joint {
             knots: DMatrix::zeros(rows.len(), 0),
             groups: Groups::default(),
             rows,
+            eliminated: vec![],
         };
         joint.groups = joint.groups();
         if let Some(knots) = knots::columns(&joint, samples) {

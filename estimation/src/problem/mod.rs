@@ -7,6 +7,7 @@
 mod true_pose;
 mod whitened;
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use tau_kinematics::Machine;
@@ -22,6 +23,8 @@ use crate::calibration::nominal::Nominal;
 use crate::calibration::registration::MOUNTING_M;
 use crate::samples::Sample;
 use whitened::WhitenedPose;
+
+pub use whitened::{Eliminated, Origin};
 
 pub(crate) use true_pose::{CLOSURE_SHARE, POSE_UNKNOWNS, TruePose, left_jacobian};
 
@@ -58,12 +61,14 @@ impl Component {
 }
 
 /// Treatment of the measured poses' noise in the closures.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) enum Closures {
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum Closures<'a> {
     /// Each closure for itself, with the standard deviation that its pose's noise gives it.
     Apart,
     /// The closures of a pose whitened together: its noise is eliminated to first order.
     Whitened,
+    /// The unknowns of poses that are unknown eliminated.
+    Eliminated(&'a [Eliminated]),
     /// The closures at the true pose, which is unknown; there each holds to so much of a link's length (m).
     AtTruePose(f64),
 }
@@ -79,13 +84,15 @@ pub(crate) struct Part {
     /// Number of unknowns that each sample has of its own, behind those that all share.
     own: usize,
     pub(crate) data: Vec<f64>,
-    /// Index of each sample, and its number in the file.
+    /// Index of each sample, of several that belong together the first, and its number in the file.
     pub(crate) samples: Vec<usize>,
     pub(crate) numbers: Vec<u32>,
     /// Reciprocal stated noise: samples × residuals, row-major.
     pub(crate) weights: Vec<f64>,
     /// Noise group of each residual of a sample.
     pub(crate) components: Vec<Component>,
+    /// Index of the sample that each residual is of, where samples belong together; empty where each is for itself.
+    owners: Vec<usize>,
 }
 
 /// The residuals of a variant at samples.
@@ -108,7 +115,7 @@ impl Residuals {
         nominal: &[Nominal],
         samples: &[Sample],
         noise: Noise,
-        closures: Closures,
+        closures: Closures<'_>,
     ) -> Result<Self, Error> {
         let mut parts = match closures {
             Closures::Apart => {
@@ -118,6 +125,7 @@ impl Residuals {
                     .collect::<Result<Vec<_>, Error>>()?
             }
             Closures::Whitened => vec![Part::whitened(machine, samples, noise)?],
+            Closures::Eliminated(groups) => Part::eliminated(machine, samples, groups)?,
             Closures::AtTruePose(length_m) => {
                 vec![Part::at_true_poses(machine, samples, length_m)?]
             }
@@ -127,7 +135,7 @@ impl Residuals {
                 // A path interpolated through points of set 2 passes through them by itself, unless they are
                 // free to move.
                 let tracks = &machine.variant.tracks;
-                let passes_through = closures != Closures::Whitened
+                let passes_through = !matches!(closures, Closures::Whitened)
                     && tracks[instance.of].shape == TrackShape::Piecewise;
                 parts.extend(Part::cart(
                     machine,
@@ -211,7 +219,17 @@ impl Part {
             samples,
             weights: Vec::new(),
             components,
+            owners: Vec::new(),
         }
+    }
+
+    /// Index of the sample that each residual is of.
+    pub(crate) fn owners(&self) -> impl Iterator<Item = usize> {
+        let each = self.components.len();
+        let own = self.samples.iter();
+        let own = own.flat_map(move |&sample| std::iter::repeat_n(sample, each));
+        let stated = self.owners.iter().copied();
+        stated.chain(own.skip(self.owners.len()))
     }
 
     /// A closure, with the noise that it has from that of the pose.
@@ -279,6 +297,48 @@ impl Part {
         }
         part.weights = vec![1.0; part.samples.len() * closures.len()];
         Ok(part)
+    }
+
+    /// All closures, the poses eliminated: groups of as many samples and residuals are one part.
+    fn eliminated(
+        machine: &Machine,
+        samples: &[Sample],
+        groups: &[Eliminated],
+    ) -> Result<Vec<Self>, Error> {
+        let closures: Vec<Instance> = (machine.variant.instances_of(ResidualKind::Closure))
+            .cloned()
+            .collect();
+        let mut parts: BTreeMap<(usize, usize), Self> = BTreeMap::new();
+        for group in groups {
+            let (poses, rows) = (group.samples.len(), group.by_closure.nrows());
+            if rows == 0 {
+                continue;
+            }
+            let part = parts.entry((poses, rows)).or_insert_with(|| {
+                let all = closures.iter().cycle().take(poses * closures.len());
+                let family = WhitenedPose::eliminated(all.cloned().collect(), rows);
+                let parameters = family.parameters().to_vec();
+                Self::of(
+                    "closures".to_owned(),
+                    (Arc::new(family), parameters),
+                    (samples, vec![]),
+                    vec![Component::Closure; rows],
+                )
+            });
+            for &sample in &group.samples {
+                for closure in &closures {
+                    samples[sample].fill(machine, closure, &mut part.data)?;
+                }
+            }
+            part.data.extend(group.by_closure.transpose().iter());
+            part.data.extend(group.constants.iter());
+            let first = group.samples[0];
+            part.samples.push(first);
+            part.numbers.push(samples[first].number);
+            part.owners.extend(&group.owners);
+            part.weights.extend(std::iter::repeat_n(1.0, rows));
+        }
+        Ok(parts.into_values().collect())
     }
 
     /// All closures, at poses that are unknown themselves.

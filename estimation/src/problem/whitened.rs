@@ -2,16 +2,16 @@
 
 use std::collections::BTreeSet;
 
-use nalgebra::{Cholesky, DMatrix};
+use nalgebra::{Cholesky, DMatrix, DVector};
 use tau_kinematics::{LengthNoise, Machine, POSE_COLUMNS, Sample};
 use tau_robot::robot::Instance;
 use tau_robot::robot_file::Noise;
 use tau_runtime::{Pattern, ResidualFamily, Shape};
 
-/// All closures of a pose, multiplied by the inverse Cholesky factor of their covariance: they share
-/// the noise of one position and one rotation.
+/// Linear combinations of all closures of a pose: multiplied by the inverse Cholesky factor of their covariance, since
+/// they share the noise of one position and one rotation; or, where poses are unknown, what [`Eliminated`] leaves.
 ///
-/// A sample's data are those of each closure one after the other, then the factor by rows.
+/// A sample's data are those of each closure one after the other, then the factor by rows, then its constants.
 pub(crate) struct WhitenedPose {
     closures: Vec<Instance>,
     /// For each parameter of each closure, its column.
@@ -23,10 +23,66 @@ pub(crate) struct WhitenedPose {
     /// Of each row and column its place among the entries of the row.
     places: Vec<Vec<usize>>,
     shape: Shape,
+    /// Number of constants, one per row or none.
+    constants: usize,
+}
+
+/// Residuals of poses that are unknown and belong together, the unknowns of the poses eliminated to first order: linear
+/// combinations of the closures, whitened, that no motion of the plate changes, with those of what was measured there.
+#[derive(Debug, Clone)]
+pub struct Eliminated {
+    /// Index of the sample of each reading of the drives.
+    pub samples: Vec<usize>,
+    /// Share of each closure (m²) in each residual: residuals × (samples · closures).
+    pub by_closure: DMatrix<f64>,
+    /// Part that is none of the closures'.
+    pub constants: DVector<f64>,
+    /// Derivatives by the unknowns of targets, surfaces and balls.
+    pub by_object: DMatrix<f64>,
+    /// Share of each row of the poses, closures and what was measured, in each residual: rows × residuals, orthonormal.
+    pub basis: DMatrix<f64>,
+    /// Origin of each row.
+    pub origins: Vec<Origin>,
+    /// Index of the sample that each residual says most of.
+    pub owners: Vec<usize>,
+}
+
+/// Origin of a row of a pose that is unknown.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Origin {
+    /// Index of the sample.
+    pub sample: usize,
+    /// Index of the link, of closures.
+    pub link: Option<usize>,
+    /// Name of the file, or of the drives.
+    pub file: &'static str,
+    /// Noise that it is weighed by.
+    pub sigma: f64,
+    /// SI unit of the noise.
+    pub unit: &'static str,
 }
 
 impl WhitenedPose {
+    /// The closures of a pose of which the noise is known.
     pub(crate) fn new(closures: Vec<Instance>) -> Self {
+        let rows = closures.len();
+        // The factor is triangular: a row depends on what its own closure and those before it do.
+        Self::with(closures, rows, 0, |row| row + 1)
+    }
+
+    /// So many residuals of the closures of poses that are unknown.
+    pub(crate) fn eliminated(closures: Vec<Instance>, rows: usize) -> Self {
+        let count = closures.len();
+        Self::with(closures, rows, rows, |_| count)
+    }
+
+    /// `reach` tells how many of the closures a row depends on.
+    fn with(
+        closures: Vec<Instance>,
+        rows: usize,
+        constants: usize,
+        reach: impl Fn(usize) -> usize,
+    ) -> Self {
         let mut parameters: Vec<usize> = closures
             .iter()
             .flat_map(|closure| closure.parameters.iter().copied())
@@ -40,12 +96,9 @@ impl WhitenedPose {
                 closure.parameters.iter().map(column).collect()
             })
             .collect();
-        let rows = closures.len();
         let (mut row_starts, mut pattern, mut places) = (vec![0], Vec::new(), Vec::new());
-        // The factor is triangular: a row depends on what its own closure and those before it do.
-        let mut known = BTreeSet::new();
-        for of_closure in &columns {
-            known.extend(of_closure);
+        for row in 0..rows {
+            let known: BTreeSet<usize> = columns[..reach(row)].iter().flatten().copied().collect();
             let mut of_row = vec![0; parameters.len()];
             for (place, &column) in known.iter().enumerate() {
                 of_row[column] = place;
@@ -62,8 +115,8 @@ impl WhitenedPose {
         };
         Self {
             shape: Shape {
-                data: all(|shape| shape.data) + rows * rows,
-                prepared: all(|shape| shape.prepared) + rows * rows,
+                data: all(|shape| shape.data) + rows * closures.len() + constants,
+                prepared: all(|shape| shape.prepared) + rows * closures.len() + constants,
                 parameters: parameters.len(),
                 residuals: rows,
             },
@@ -73,6 +126,7 @@ impl WhitenedPose {
             closures,
             columns,
             parameters,
+            constants,
         }
     }
 
@@ -131,11 +185,29 @@ impl WhitenedPose {
         )
     }
 
-    /// The inverse factor of each sample, by rows.
-    fn factors<'a>(&self, prepared: &'a [f64]) -> impl Iterator<Item = &'a [f64]> {
-        let (rows, width) = (self.closures.len(), self.shape.prepared);
+    /// The factor of each sample, by rows, and its constants.
+    fn factors<'a>(&self, prepared: &'a [f64]) -> impl Iterator<Item = (&'a [f64], &'a [f64])> {
+        let width = self.shape.prepared;
+        let constants = self.constants;
+        let factor = self.shape.residuals * self.closures.len();
         let samples = prepared.chunks_exact(width);
-        samples.map(move |sample| &sample[width - rows * rows..])
+        samples.map(move |sample| sample[width - constants - factor..].split_at(factor))
+    }
+
+    /// First of the rows that a closure has a share in.
+    fn first_row(&self, closure: usize) -> usize {
+        if self.constants == 0 { closure } else { 0 }
+    }
+
+    /// Residuals without any closure.
+    fn begin(&self, prepared: &[f64], residuals: &mut [f64]) {
+        residuals.fill(0.0);
+        if self.constants > 0 {
+            let rows = residuals.chunks_exact_mut(self.shape.residuals);
+            for ((_, constants), residuals) in self.factors(prepared).zip(rows) {
+                residuals.copy_from_slice(constants);
+            }
+        }
     }
 }
 
@@ -208,20 +280,21 @@ impl ResidualFamily for WhitenedPose {
     }
 
     fn value_all(&self, prepared: &[f64], parameters: &[f64], residuals: &mut [f64]) {
-        let rows = self.closures.len();
+        let (rows, closures) = (self.shape.residuals, self.closures.len());
         let mut plain = vec![0.0; residuals.len() / rows];
         let mut start = 0;
-        residuals.fill(0.0);
+        self.begin(prepared, residuals);
         for (row, closure) in self.closures.iter().enumerate() {
             let (local, own) = self.of_closure(row, start, prepared, parameters);
             closure.family.value_all(&own, &local, &mut plain);
             start += closure.family.shape().prepared;
-            for ((factor, plain), residuals) in (self.factors(prepared))
+            for (((factor, _), plain), residuals) in (self.factors(prepared))
                 .zip(&plain)
                 .zip(residuals.chunks_exact_mut(rows))
             {
-                for (to, residual) in residuals.iter_mut().enumerate().skip(row) {
-                    *residual += factor[to * rows + row] * plain;
+                let first = self.first_row(row);
+                for (to, residual) in residuals.iter_mut().enumerate().skip(first) {
+                    *residual += factor[to * closures + row] * plain;
                 }
             }
         }
@@ -234,11 +307,11 @@ impl ResidualFamily for WhitenedPose {
         residuals: &mut [f64],
         jacobian: &mut [f64],
     ) {
-        let rows = self.closures.len();
+        let (rows, closures) = (self.shape.residuals, self.closures.len());
         let samples = residuals.len() / rows;
         let (mut plain, mut entries) = (vec![0.0; samples], Vec::new());
         let mut start = 0;
-        residuals.fill(0.0);
+        self.begin(prepared, residuals);
         jacobian.fill(0.0);
         for (row, closure) in self.closures.iter().enumerate() {
             let (local, own) = self.of_closure(row, start, prepared, parameters);
@@ -254,10 +327,11 @@ impl ResidualFamily for WhitenedPose {
                 .zip(residuals.chunks_exact_mut(rows))
                 .zip(jacobian.chunks_exact_mut(self.pattern.len()))
                 .enumerate();
-            for (sample, ((factor, residuals), jacobian)) in of_samples {
+            for (sample, (((factor, _), residuals), jacobian)) in of_samples {
                 let entries = &entries[sample * columns.len()..][..columns.len()];
-                for (to, residual) in residuals.iter_mut().enumerate().skip(row) {
-                    let weight = factor[to * rows + row];
+                let first = self.first_row(row);
+                for (to, residual) in residuals.iter_mut().enumerate().skip(first) {
+                    let weight = factor[to * closures + row];
                     *residual += weight * plain[sample];
                     let of_row = &mut jacobian[self.row_starts[to] as usize..];
                     let places = &self.places[to];

@@ -197,6 +197,11 @@ impl Sample {
             .unwrap_or(0)
     }
 
+    /// Side of approach of each command, NaN where it is not known; empty where none is.
+    pub(crate) fn directions(&self) -> &[f64] {
+        &self.directions
+    }
+
     /// Side of approach of a command, where known.
     pub fn direction(&self, command: usize) -> Option<f64> {
         let direction = self.directions.get(command).copied();

@@ -464,7 +464,7 @@ fn sights(robot: &Robot, file: &RobotFile, folder: &Folder, catalogue: &str) -> 
 fn lacks(effect: &Effect, model: &Model, file: &RobotFile, folder: &Folder) -> Vec<&'static str> {
     let mut lacks = BTreeSet::new();
     let poses = &folder.tcp_poses;
-    let is_on_cart = !matches!(effect.subject, Subject::Link | Subject::Tcp);
+    let is_on_cart = !effect.subject.is_link() && effect.subject != Subject::Tcp;
     if is_on_cart && model.guideways().next().is_none() {
         lacks.insert(NO_CART);
     }

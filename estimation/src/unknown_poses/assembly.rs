@@ -51,6 +51,11 @@ impl UnknownPose {
         )
     }
 
+    /// Samples of all its readings.
+    pub(super) fn samples(&self) -> impl Iterator<Item = Sample> {
+        self.readings.iter().map(|reading| self.sample(reading))
+    }
+
     /// Sample of its first reading.
     pub(super) fn first_sample(&self) -> Option<Sample> {
         self.readings.first().map(|reading| self.sample(reading))
@@ -79,6 +84,7 @@ impl Chosen<'_> {
 }
 
 /// The measurements of a folder, with what they are taken of, and the poses.
+#[derive(Clone)]
 pub(super) struct Assembly<'a> {
     pub(super) folder: &'a Folder,
     pub(super) file: &'a RobotFile,

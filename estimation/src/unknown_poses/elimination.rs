@@ -35,13 +35,56 @@ impl Reduced {
 }
 
 /// A row of a sample: block, index of the sample, residual.
-type RowIndex = (usize, usize, usize);
+pub(super) type RowIndex = (usize, usize, usize);
 
 /// Rows of poses that belong together.
 struct Cluster {
     /// Indices of the free unknowns of its poses.
     own: Vec<usize>,
     samples: Vec<(usize, usize)>,
+}
+
+/// Rows of a cluster with their dense derivatives.
+pub(super) struct Raw {
+    /// By the shared unknowns.
+    pub(super) by_shared: DMatrix<f64>,
+    /// By those of its poses.
+    pub(super) by_own: DMatrix<f64>,
+    pub(super) residuals: DVector<f64>,
+    /// Block, sample and residual of each.
+    pub(super) rows: Vec<RowIndex>,
+    /// Indices of the free unknowns of its poses.
+    own: Vec<usize>,
+}
+
+impl Raw {
+    /// Projection on what no motion of the poses changes.
+    pub(super) fn complement(&self) -> DMatrix<f64> {
+        let basis = orthonormal(self.by_own.clone());
+        let count = self.rows.len();
+        DMatrix::identity(count, count) - &basis * basis.transpose()
+    }
+
+    /// Number of rows beyond the motions of the poses that they follow.
+    pub(super) fn free_rows(&self) -> usize {
+        self.rows.len() - orthonormal(self.by_own.clone()).ncols()
+    }
+
+    /// Without rows that say nothing.
+    fn weighed(self, weight: impl Fn(RowIndex) -> f64) -> Self {
+        let rows = self.rows.iter().enumerate();
+        let kept: Vec<usize> = rows
+            .filter(|(_, row)| weight(**row) > 0.0)
+            .map(|(index, _)| index)
+            .collect();
+        Self {
+            by_shared: self.by_shared.select_rows(&kept),
+            by_own: self.by_own.select_rows(&kept),
+            residuals: self.residuals.select_rows(&kept),
+            rows: kept.iter().map(|&row| self.rows[row]).collect(),
+            own: self.own,
+        }
+    }
 }
 
 /// Dense derivatives of a cluster.
@@ -103,8 +146,54 @@ impl Elimination<'_> {
         clusters
     }
 
+    /// Rows of poses that belong together, without those that say nothing.
+    pub(super) fn raw_clusters(&self) -> Vec<Raw> {
+        let clusters = self.clusters().into_iter();
+        let raw = clusters.map(|cluster| self.raw(&cluster).weighed(|row| self.weight(row)));
+        raw.collect()
+    }
+
+    /// The least step of each of the poses' unknowns, the shared ones as they are, that takes the residuals down as far
+    /// as they go to first order.
+    pub(super) fn steps(&self) -> Vec<f64> {
+        let mut steps = vec![0.0; self.own.len()];
+        for raw in self.raw_clusters() {
+            let svd = raw.by_own.svd(true, true);
+            let least = svd.singular_values.max() * DEPENDENT;
+            let Ok(step) = svd.solve(&-raw.residuals, least) else {
+                continue;
+            };
+            for (&own, step) in raw.own.iter().zip(step.iter()) {
+                steps[own] = *step;
+            }
+        }
+        steps
+    }
+
     /// Derivatives of a cluster's rows, the poses' part projected out of those by the shared unknowns.
     fn dense(&self, cluster: &Cluster) -> Dense {
+        let Raw {
+            by_shared,
+            by_own,
+            residuals,
+            rows,
+            ..
+        } = self.raw(cluster);
+        let basis = orthonormal(by_own);
+        let mut shared = by_shared;
+        // Twice is enough (W. Kahan in B. N. Parlett, The Symmetric Eigenvalue Problem, 1980, section 6.9).
+        for _ in 0..2 {
+            shared -= &basis * basis.tr_mul(&shared);
+        }
+        Dense {
+            shared,
+            basis,
+            residuals,
+            rows,
+        }
+    }
+
+    fn raw(&self, cluster: &Cluster) -> Raw {
         let count: usize = (cluster.samples.iter())
             .map(|&(block, _)| self.blocks[block].kinds.len())
             .sum();
@@ -148,16 +237,12 @@ impl Elimination<'_> {
                 at += 1;
             }
         }
-        let basis = orthonormal(by_own);
-        // Twice is enough (W. Kahan in B. N. Parlett, The Symmetric Eigenvalue Problem, 1980, section 6.9).
-        for _ in 0..2 {
-            by_shared -= &basis * basis.tr_mul(&by_shared);
-        }
-        Dense {
-            shared: by_shared,
-            basis,
+        Raw {
+            by_shared,
+            by_own,
             residuals,
             rows,
+            own: cluster.own.clone(),
         }
     }
 

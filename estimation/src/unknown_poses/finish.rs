@@ -58,6 +58,7 @@ impl Fit<'_> {
         Ok(UnknownPoses {
             calibration,
             objects,
+            unknown_objects: self.assembly.objects.clone(),
             chi2: kinds.iter().map(|kind| kind.squares).sum(),
             dof: kinds.iter().map(|kind| kind.redundancy).sum(),
             kinds,

@@ -8,6 +8,7 @@
 mod assembly;
 mod coupled;
 mod elimination;
+mod estimated;
 mod exchanged;
 mod finish;
 mod fit;
@@ -38,6 +39,7 @@ use crate::weighing::Loss;
 use fit::Fit;
 use refusals::refuse_tracker_effects;
 
+pub use estimated::{EstimatedPoses, Placed, Side};
 pub use exchanged::mistakes;
 pub use gauge::Freedom;
 pub use heldout::{HeldOut, HeldOutKind};

@@ -7,6 +7,7 @@ use tau_robot::measurements::{Folder, Split};
 use super::ABSORBED;
 use super::gauge::Freedom;
 use super::heldout::HeldOut;
+use super::objects::Object;
 use super::rows::{Kind, RowPlace};
 use crate::calibration::Calibration;
 use crate::numerics::distribution::chi2_survival;
@@ -175,6 +176,8 @@ pub struct UnknownPoses {
     pub calibration: Calibration,
     /// Targets, surfaces and balls.
     pub objects: Vec<ObjectEstimate>,
+    /// The same as unknowns of a fit.
+    pub(super) unknown_objects: Vec<Object>,
     /// Kinds of residuals.
     pub kinds: Vec<KindFit>,
     /// Combinations that the measurements determine, and those they leave open.
@@ -203,6 +206,16 @@ impl UnknownPoses {
     /// √(chi2/dof).
     pub fn residual_over_noise(&self) -> f64 {
         (self.chi2 / self.dof.max(1e-9)).sqrt()
+    }
+
+    /// Root mean square of the noise of lengths that residuals are weighed by (m).
+    pub fn usual_noise_m(&self) -> f64 {
+        let lengths = self.kinds.iter().filter(|kind| kind.kind.unit == "m");
+        let (rows, squares) = lengths.fold((0.0, 0.0), |(rows, squares), kind| {
+            let own = kind.rows as f64;
+            (rows + own, squares + own * kind.kind.sigma.powi(2))
+        });
+        (squares / f64::max(rows, 1.0)).sqrt()
     }
 
     /// True if residuals are no larger than the stated noise lets expect.

@@ -72,6 +72,7 @@ pub(super) fn effect(
 fn subject(effect: &syntax::Effect, diagnostics: &mut Diagnostics) -> Option<Subject> {
     let word = effect.subject.to_string();
     let subject = match (word.as_str(), &effect.source) {
+        ("link", None) if effect.driven.is_some() => Some(Subject::DrivenLink),
         ("cart", None) => Some(Subject::Cart),
         ("cart", Some(_)) => Some(Subject::CartFromSource),
         ("link", _) => Some(Subject::Link),
@@ -90,6 +91,12 @@ fn subject(effect: &syntax::Effect, diagnostics: &mut Diagnostics) -> Option<Sub
             None
         }
     };
+    if let (Some(Subject::Cart | Subject::CartFromSource | Subject::Tcp), Some(driven)) =
+        (subject, &effect.driven)
+    {
+        let message = format!("only links are driven, found `on driven {word}`");
+        diagnostics.error(driven, message, "leave out `driven`, or write `on driven link`");
+    }
     if let (Some(Subject::Link | Subject::Tcp), Some(source)) = (subject, &effect.source) {
         let message = format!("only an effect on cart has a source, found `on {word} from source`");
         let help = "leave out `from source`; `q(track)` reads the command of a named track";

@@ -37,7 +37,7 @@ impl Context<'_> {
         let (wanted, example) = match subject {
             Subject::Cart => (1, "track"),
             Subject::CartFromSource => (2, "moved, source"),
-            Subject::Link => (1, "link"),
+            Subject::Link | Subject::DrivenLink => (1, "link"),
             Subject::Tcp => (1, "tcp"),
         };
         if used.places.len() != wanted {
@@ -78,7 +78,7 @@ impl Context<'_> {
                     source: Some(from),
                 }
             }
-            (Subject::Link, [place]) => self.links(place, &used.effect, checked, diagnostics)?,
+            (Subject::Link | Subject::DrivenLink, [place]) => self.links(place, &used.effect, checked, diagnostics)?,
             (_, [place, ..]) if *place != "tcp" => {
                 let help = format!("write `{}(tcp)`", used.effect);
                 let message = format!("`{}` acts on the tcp, found `{place}`", used.effect);
@@ -151,11 +151,20 @@ impl Context<'_> {
                 );
                 return None;
             };
+        if checked.subject == Some(Subject::DrivenLink)
+            && let Some(link) = on.iter().find(|link| link.actuated_by.is_none())
+        {
+            let message = format!(
+                "`{effect}` acts on links that a drive lengthens, but `{}` has a constant length",
+                link.name
+            );
+            let help = "name a link that is declared as `actuated`";
+            diagnostics.error(place, message, help);
+            return None;
+        }
         let on_base = on.iter().find(|link| {
-            self.geometry
-                .clusters
-                .get(link.cluster)
-                .is_some_and(|cluster| cluster.track.is_none())
+            let cluster = self.geometry.clusters.get(link.cluster);
+            link.actuated_by.is_none() && cluster.is_some_and(|cluster| cluster.track.is_none())
         });
         // A cluster on an unknown track has no cart either, but that has been reported.
         let places_known = self.robot.clusters.iter().all(|cluster| {

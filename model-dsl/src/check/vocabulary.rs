@@ -42,7 +42,7 @@ impl Target {
 pub(super) fn subject_word(subject: Subject) -> &'static str {
     match subject {
         Subject::Cart | Subject::CartFromSource => "cart",
-        Subject::Link => "link",
+        Subject::Link | Subject::DrivenLink => "link",
         Subject::Tcp => "tcp",
     }
 }

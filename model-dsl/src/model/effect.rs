@@ -52,6 +52,8 @@ pub enum Subject {
     CartFromSource,
     /// `on link`.
     Link,
+    /// `on driven link`: a link whose length a drive changes.
+    DrivenLink,
     /// `on tcp`.
     Tcp,
 }
@@ -69,6 +71,13 @@ pub struct Effect {
     pub parameters: Vec<EffectParameter>,
     /// Its terms, in order.
     pub terms: Vec<Term>,
+}
+
+impl Subject {
+    /// True if it is a link.
+    pub fn is_link(self) -> bool {
+        matches!(self, Self::Link | Self::DrivenLink)
+    }
 }
 
 impl Effect {

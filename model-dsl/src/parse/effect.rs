@@ -36,6 +36,7 @@ pub(super) fn effect(
         "on",
         "say what the effect acts on: `on cart`, `on link` or `on tcp`",
     )?;
+    let driven = (parser.at_word("driven")).then(|| parser.eat_any_word());
     let subject = parser.name("`cart`, `link` or `tcp`")?;
     let source = if parser.eat_word("from").is_some() {
         let help = "the other cart is called `source`: `on cart from source`";
@@ -50,6 +51,7 @@ pub(super) fn effect(
     let mut effect = Effect {
         docs,
         name,
+        driven: driven.flatten(),
         subject,
         source,
         parameters: Vec::new(),

@@ -64,16 +64,16 @@ pub(crate) fn gap(found: &Discovery) -> String {
     };
     let change = if is_base(found) {
         format!(
-            "{poses} the position error at the tool is {} µm in the mean, \
-             {} µm at most and {} µm rms.",
+            "{poses} {} is {} µm in the mean, {} µm at most and {} µm rms.",
+            found.validation.of.subject(),
             um(before.mean_um),
             um(before.max_um),
             um(before.rms_um)
         )
     } else {
         format!(
-            "{poses} the position error at the tool {} from {} to {} µm \
-             in the mean, from {} to {} µm at most, and from {} to {} µm rms.",
+            "{poses} {} {} from {} to {} µm in the mean, from {} to {} µm at most, and from {} to {} µm rms.",
+            found.validation.of.subject(),
             if after.mean_um < before.mean_um {
                 "falls"
             } else {
@@ -119,8 +119,9 @@ pub(crate) fn headline(model: &Model, effect: &FoundEffect) -> String {
 }
 
 /// Size, consequence and certainty of one effect, a sentence or two each.
-pub(crate) fn effect(model: &Model, effect: &FoundEffect) -> Vec<String> {
-    let mut sentences: Vec<String> = words::more(model, &effect.name).into_iter().collect();
+pub(crate) fn effect(found: &Discovery, effect: &FoundEffect) -> Vec<String> {
+    let more = words::more(&found.model, &effect.name);
+    let mut sentences: Vec<String> = more.into_iter().collect();
     sentences.extend(effect.waves.iter().map(words::wave));
     let sizes = words::parameters(&words::sizes(effect));
     if !sizes.is_empty() {
@@ -128,8 +129,9 @@ pub(crate) fn effect(model: &Model, effect: &FoundEffect) -> Vec<String> {
     }
     let change = effect.heldout_drop_um;
     sentences.push(format!(
-        "Added in the order of this list, it {} the mean error at the tool by {} µm.",
+        "Added in the order of this list, it {} the mean {} by {} µm.",
         if change < 0.0 { "raises" } else { "lowers" },
+        found.validation.of.short(),
         general(change.abs(), 2)
     ));
     sentences.push(format!(
@@ -242,8 +244,9 @@ pub(crate) fn remains(found: &Discovery) -> Vec<String> {
     let mut sentences = Vec::new();
     if !is_base(found) {
         sentences.push(format!(
-        "With what was found in the model, the error at the tool is {} µm in the mean, where the stated noise alone \
+        "With what was found in the model, the {} is {} µm in the mean, where the stated noise alone \
          shows {} µm. Any method could still remove {} µm rms.",
+        found.validation.of.short(),
         um(found.validation.after.mean_um),
         um(found.noise_floor_um),
         um(found.remaining_um),

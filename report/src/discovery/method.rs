@@ -53,8 +53,8 @@ pub(crate) fn obtained(found: &Discovery, setting: &Setting) -> Markup {
     html! {
         p {
             (findings::poses(setting.poses, setting.has_cart_poses, setting.architecture)) " " (findings::noise(setting.noise))
-            " Poses that calibrate take part in the search; those that validate take part in nothing and show the error \
-             at the tool."
+            " Poses that calibrate take part in the search; those that validate take part in nothing and show the "
+            (found.validation.of.short()) "."
         }
         ol.steps {
             li {

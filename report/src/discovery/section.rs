@@ -55,7 +55,7 @@ pub(crate) fn sentences(found: &Discovery) -> Markup {
                     li {
                         b { (findings::headline(&found.model, effect)) } " "
                         code { (at(&effect.name, &effect.place)) }
-                        @for sentence in findings::effect(&found.model, effect) { div { (sentence) } }
+                        @for sentence in findings::effect(found, effect) { div { (sentence) } }
                     }
                 }
                 @for structure in &unnamed { li { b { "Without a name" } div { (structure) } } }
@@ -134,8 +134,10 @@ fn gap(found: &Discovery, figures: &[Figure]) -> Markup {
             (table(&effects, "wide compact long"))
             p {
                 "χ² is the sum of the squared residuals of all sets, each over its noise as estimated when the effect \
-                 joined; p is the chance of such a fall from noise alone. The mean error at the tool falls by so much \
-                 when the effect joins the model, in the order of the table: another order divides the sum otherwise."
+                 joined; p is the chance of such a fall from noise alone. The mean "
+                (found.validation.of.short())
+                " falls by so much when the effect joins the model, in the order of the table: another order divides the \
+                 sum otherwise."
             }
         }
     }

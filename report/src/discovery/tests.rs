@@ -289,7 +289,7 @@ fn effects_of_a_user_are_told_in_words() {
         findings::headline(model, &effect),
         "Hum of the drive – cart two, from cart one"
     );
-    let told = findings::effect(model, &effect);
+    let told = findings::effect(&found, &effect);
     assert_eq!(
         told[..3],
         [

@@ -23,7 +23,7 @@ pub fn gap_by_step(found: &Discovery) -> Option<Figure> {
     if steps.is_empty() {
         return None;
     }
-    let title = "Position error by step";
+    let title = &format!("{} by step", found.validation.of.title());
     let subtitle = "Mean and largest error at the validation poses; the line marks the mean of the stated noise alone";
     let errors = steps.iter().map(|step| [step.gap.mean_um, step.gap.max_um]);
     let rows: Vec<_> = tables::labels(found).into_iter().zip(errors).collect();
@@ -33,7 +33,8 @@ pub fn gap_by_step(found: &Discovery) -> Option<Figure> {
         number: None,
         title: title.to_owned(),
         caption: format!(
-            "How the error at the tool shrinks as effects are added to the model, in this order, on {}.",
+            "How the {} shrinks as effects are added to the model, in this order, on {}.",
+            found.validation.of.short(),
             if found.validation.held_out {
                 "poses that took no part in the search"
             } else {

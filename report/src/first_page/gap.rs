@@ -2,6 +2,7 @@
 
 use maud::{Markup, html};
 use tau::discovery::Discovery;
+use tau::discovery::results::ErrorOf;
 use tau::study::results::Study;
 
 use crate::discovery::findings::is_base;
@@ -10,6 +11,8 @@ use crate::number::{fixed, general, largest, shared_decimals};
 
 /// Variants of a study that are shown, at most.
 const SHOWN: usize = 6;
+/// Title of errors where poses were measured.
+const AT_THE_TOOL: &str = "Position error at the tool";
 
 /// A row: its name, mean and largest error (µm), and its kind, by which it is coloured.
 struct Row {
@@ -45,7 +48,7 @@ pub(super) fn of_study(study: &Study) -> Markup {
             },
         })
         .collect();
-    bars(&rows, held_out(study.poses), study.poses.validation)
+    bars((AT_THE_TOOL, &rows), held_out(study.poses), study.poses.validation)
 }
 
 /// Before and after the search, and what the noise alone would leave.
@@ -72,10 +75,14 @@ pub(super) fn of_discovery(found: &Discovery, poses: usize) -> Markup {
         errors_um: [found.noise_floor_um, f64::NAN],
         kind: "noise",
     });
-    bars(&rows, found.validation.held_out, poses)
+    let title = match found.validation.of {
+        ErrorOf::Position => AT_THE_TOOL,
+        of => of.title(),
+    };
+    bars((title, &rows), found.validation.held_out, poses)
 }
 
-fn bars(rows: &[Row], held_out: bool, poses: usize) -> Markup {
+fn bars((title, rows): (&str, &[Row]), held_out: bool, poses: usize) -> Markup {
     let all = || rows.iter().flat_map(|row| row.errors_um);
     let (factor, unit) = if largest(all()) < 1e4 {
         (1.0, "µm")
@@ -96,7 +103,7 @@ fn bars(rows: &[Row], held_out: bool, poses: usize) -> Markup {
         @if !rows.is_empty() {
             table.gap {
                 caption {
-                    "Position error at the tool (" (unit) "), at "
+                    (title) " (" (unit) "), at "
                     @if poses > 0 { (poses) " " }
                     @if held_out { "poses that took no part" } @else { "poses that also took part" }
                 }

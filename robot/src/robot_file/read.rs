@@ -144,6 +144,11 @@ impl<'a> Document<'a> {
             position_m: f64::NAN,
             rotation_rad: f64::NAN,
         };
+        // Redundant drives may be all that measures.
+        let has_drives = root.contains_key("drives");
+        if has_drives && !root.contains_key("noise") {
+            return none;
+        }
         let Some(value) = self.required(root, "noise", &(0..0)) else {
             return none;
         };
@@ -157,7 +162,7 @@ impl<'a> Document<'a> {
             &[&["position_m", "rotation_rad"], &of_files[..]].concat(),
         );
         // Who states the noise of other files may have no tracker.
-        let is_optional = of_files.iter().any(|section| table.contains_key(*section));
+        let is_optional = has_drives || of_files.iter().any(|section| table.contains_key(*section));
         let mut deviation = |key: &str| {
             if is_optional && !table.contains_key(key) {
                 return f64::NAN;

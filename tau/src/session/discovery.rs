@@ -2,8 +2,9 @@
 
 use std::path::Path;
 
-use tau_discovery::{Options, Outcome, UNNAMED, reserved};
+use tau_discovery::{DISCOVERED, Options, Outcome, UNNAMED, reserved};
 use tau_estimation::calibration::Error;
+use tau_estimation::unknown_poses::{self, UnknownPoses};
 use tau_model_dsl::{self as language, Model};
 use tau_robot::effects::CATALOGUE;
 use tau_robot::input_error::{self, InputError, Source, both};
@@ -76,6 +77,23 @@ impl<R> Session<R> {
     pub fn state_found(&self, found: &Outcome) -> Result<Calibrated, Error> {
         let calibration = found.calibration(&found.robot(), &self.robot_file, &self.folder)?;
         Ok(Calibrated::<Described>::new(calibration))
+    }
+
+    /// The same of a folder whose poses are unknown.
+    ///
+    /// # Errors
+    /// As [`Self::calibrate_unknown_poses`].
+    pub fn state_found_of_unknown_poses(&self, found: &Outcome) -> Result<UnknownPoses, Error> {
+        let robot = found.robot();
+        let variant = robot.find(DISCOVERED, "what was found")?;
+        unknown_poses::calibrate(
+            &robot,
+            variant,
+            &self.robot_file,
+            &self.folder,
+            &self.row_division(),
+            &self.options(),
+        )
     }
 
     /// The effects of files, then those of the catalogue that ships; mistakes of all files are reported together.

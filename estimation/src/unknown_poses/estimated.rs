@@ -1,0 +1,429 @@
+//! Estimates of poses that are unknown, and the residuals that they leave: for what looks for effects, which depend on
+//! where the machine stands.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use nalgebra::{DMatrix, DVector, Vector3};
+use tau_kinematics::Machine;
+use tau_robot::measurements::{Division, Folder, PoseSigmas, TcpPose};
+use tau_robot::robot::ResidualKind;
+use tau_robot::robot_file::RobotFile;
+
+use super::assembly::{Assembly, Chosen};
+use super::elimination::{Elimination, Raw};
+use super::kinds::drive_sigmas;
+use super::outcome::{RowDivision, UnknownPoses};
+use super::rows::{RowPlace, Rows};
+use crate::calibration::error::Error;
+use crate::calibration::nominal::Nominal;
+use crate::problem::{Eliminated, Origin, POSE_UNKNOWNS, by_pose, gradient};
+use crate::samples::Sample;
+
+/// Rounds in which poses follow a machine; steps are those of Gauss and Newton, so that a handful is enough.
+const ROUNDS: usize = 12;
+/// Moves of a pose (m, rad) below which it has arrived: far below all noise.
+const ARRIVED: f64 = 1e-7;
+/// A direction that no reference has more than this share of can't be lined up with it.
+const ACROSS: f64 = 1e-6;
+
+/// The measurements of a folder whose poses are unknown, with estimates of the poses.
+#[derive(Clone)]
+pub struct EstimatedPoses<'a> {
+    calibration: Rowset<'a>,
+    held_out: Rowset<'a>,
+    left_out: BTreeSet<RowPlace>,
+    /// Estimates of the unknowns of targets, surfaces and balls.
+    objects: Vec<f64>,
+}
+
+/// Measurements that take part together.
+#[derive(Clone)]
+struct Rowset<'a> {
+    assembly: Assembly<'a>,
+    poses: BTreeSet<u32>,
+    distances: BTreeSet<usize>,
+}
+
+/// Measurements that calibrate, or that are held out.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Side {
+    /// Those that calibrate.
+    Calibration,
+    /// Those that are held out.
+    HeldOut,
+}
+
+/// Samples where a machine puts them, and their residuals.
+pub struct Placed {
+    /// The samples given, those of set 1 at poses that the measurements have there.
+    pub samples: Vec<Sample>,
+    /// The residuals.
+    pub groups: Vec<Eliminated>,
+}
+
+impl<'a> EstimatedPoses<'a> {
+    /// Those of a calibration; rows that it left out stay out.
+    ///
+    /// # Errors
+    /// A pose can't be found from the drives.
+    pub fn of(
+        found: &UnknownPoses,
+        file: &'a RobotFile,
+        folder: &'a Folder,
+        division: &RowDivision,
+    ) -> Result<Self, Error> {
+        let machine = &found.calibration.machine;
+        let left_out = found.gross.iter().filter(|gross| gross.weight == 0.0);
+        let left_out: BTreeSet<RowPlace> = left_out.map(|gross| gross.place).collect();
+        let calibrates = |pose: &u32| division.calibration.contains(pose);
+        let is_open = division.validation.iter().all(calibrates);
+        let new: BTreeSet<u32> = (division.validation.iter())
+            .filter(|pose| is_open || !calibrates(pose))
+            .copied()
+            .collect();
+        let rowset = |poses: &BTreeSet<u32>, distances: &BTreeSet<usize>| {
+            let nothing = BTreeSet::new();
+            let chosen = Chosen {
+                poses,
+                distances,
+                left_out: &nothing,
+            };
+            let mut assembly = Assembly::new(machine, file, folder, &chosen)?;
+            assembly.kinds = found.kinds.iter().map(|kind| kind.kind).collect();
+            assembly.objects.clone_from(&found.unknown_objects);
+            Ok::<_, Error>(Rowset {
+                assembly,
+                poses: poses.clone(),
+                distances: distances.clone(),
+            })
+        };
+        Ok(Self {
+            calibration: rowset(&division.calibration, &division.distances)?,
+            held_out: rowset(&new, &division.held_out_distances)?,
+            left_out,
+            objects: found.objects.iter().map(|object| object.value).collect(),
+        })
+    }
+
+    fn rowset(&self, side: Side) -> &Rowset<'a> {
+        match side {
+            Side::Calibration => &self.calibration,
+            Side::HeldOut => &self.held_out,
+        }
+    }
+
+    /// The folder with the estimates for its poses, one for each reading of the drives, and those that calibrate and are
+    /// held out.
+    pub fn folder(&self) -> (Folder, Division) {
+        let mut folder = self.calibration.assembly.folder.clone();
+        let of_rowset = |rowset: &Rowset<'_>| {
+            let samples = rowset.assembly.samples();
+            samples.map(pose_of).collect::<Vec<TcpPose>>()
+        };
+        folder.tcp_poses = of_rowset(&self.calibration);
+        let first = folder.tcp_poses.len();
+        folder.tcp_poses.extend(of_rowset(&self.held_out));
+        let division = Division {
+            calibration: (0..first).collect(),
+            validation: (first..folder.tcp_poses.len()).collect(),
+        };
+        (folder, division)
+    }
+
+    /// Priors of the unknowns of targets, surfaces and balls, as displacements from the estimates.
+    pub fn objects(&self) -> Vec<Nominal> {
+        let unknowns = self.calibration.assembly.object_unknowns();
+        let displaced = unknowns.zip(&self.objects).map(|(unknown, at)| {
+            let prior = unknown.prior;
+            Nominal::new(
+                prior.map_or(0.0, |(mean, _)| mean - at),
+                prior.map(|(_, sigma)| sigma),
+            )
+        });
+        displaced.collect()
+    }
+
+    /// The samples where a machine, with objects displaced from the estimates, has them, and their residuals;
+    /// directions of these are lined up with a reference, where there is one.
+    ///
+    /// # Errors
+    /// A pose lacks what its closures read.
+    pub fn placed(
+        &self,
+        side: Side,
+        machine: &Machine,
+        displaced: &[f64],
+        samples: &[Sample],
+        reference: &[Eliminated],
+    ) -> Result<Placed, Error> {
+        let mut rowset = self.rowset(side).clone();
+        let mut shared = machine.values.clone();
+        let objects = self.objects.iter().enumerate();
+        shared.extend(objects.map(|(k, at)| at + displaced.get(k).copied().unwrap_or(0.0)));
+        // Parameters keep the numbers that they have in the variant.
+        let used: Vec<usize> = (0..machine.values.len()).collect();
+        let chosen = Chosen {
+            poses: &rowset.poses,
+            distances: &rowset.distances,
+            left_out: &self.left_out,
+        };
+        let assembly = &mut rowset.assembly;
+        let own = vec![0.0; POSE_UNKNOWNS * assembly.poses.len()];
+        let mut blocks = assembly.rows(machine, &used, &chosen)?;
+        for _ in 0..ROUNDS {
+            let steps = elimination(&blocks, assembly, &shared, &own).steps();
+            let largest = steps
+                .iter()
+                .fold(0.0, |most: f64, step| most.max(step.abs()));
+            assembly.move_by(&steps);
+            blocks = assembly.rows(machine, &used, &chosen)?;
+            if largest < ARRIVED {
+                break;
+            }
+        }
+        let mut samples = samples.to_vec();
+        let index = placed_samples(assembly, machine, &mut samples);
+        let known: BTreeMap<&[usize], &Eliminated> = reference
+            .iter()
+            .map(|group| (group.samples.as_slice(), group))
+            .collect();
+        let elimination = elimination(&blocks, assembly, &shared, &own);
+        let mut groups = elimination
+            .raw_clusters()
+            .into_iter()
+            .map(|raw| {
+                let raw = Grouped {
+                    raw: &raw,
+                    blocks: &blocks,
+                    assembly,
+                    index: &index,
+                };
+                raw.eliminated(machine, &samples, (displaced, self.objects.len()), &known)
+            })
+            .collect::<Result<Vec<Eliminated>, Error>>()?;
+        groups.retain(|group| group.by_closure.nrows() > 0);
+        Ok(Placed { samples, groups })
+    }
+}
+
+fn elimination<'b>(
+    blocks: &'b [Rows],
+    assembly: &'b Assembly<'_>,
+    shared: &'b [f64],
+    own: &'b [f64],
+) -> Elimination<'b> {
+    Elimination {
+        blocks,
+        kinds: &assembly.kinds,
+        shared,
+        own,
+        free: assembly.free,
+    }
+}
+
+/// Puts samples of set 1 where their poses are; the index of the sample of each reading, in the order of the closures.
+fn placed_samples(
+    assembly: &Assembly<'_>,
+    machine: &Machine,
+    samples: &mut [Sample],
+) -> Vec<usize> {
+    let mut index = vec![];
+    for reading in assembly.samples() {
+        let same = |sample: &&mut Sample| {
+            sample.set == 1
+                && sample.number == reading.number
+                && sample.commands_m == reading.commands_m
+        };
+        let place = samples.iter_mut().enumerate();
+        let mut place = place.filter(|(_, sample)| same(&sample));
+        let Some((place, sample)) = place.next() else {
+            continue;
+        };
+        sample.pose = reading.pose;
+        sample.plate = Some(reading.pose);
+        if let Some(statics) = &machine.surroundings.statics {
+            sample.load(statics);
+        }
+        index.push(place);
+    }
+    index
+}
+
+fn pose_of(sample: Sample) -> TcpPose {
+    let directions = sample.directions();
+    TcpPose {
+        pose: sample.number,
+        position_m: sample.pose.position.into(),
+        angles_rad: sample.pose.angles_rad(),
+        conditions: sample.conditions,
+        directions: (!directions.is_empty()).then(|| directions.to_vec()),
+        sigmas: PoseSigmas::default(),
+        commands_m: sample.commands_m,
+    }
+}
+
+/// The rows of poses that belong together, with what they are rows of.
+struct Grouped<'b> {
+    raw: &'b Raw,
+    blocks: &'b [Rows],
+    assembly: &'b Assembly<'b>,
+    /// Index of the sample of each reading.
+    index: &'b [usize],
+}
+
+impl Grouped<'_> {
+    fn eliminated(
+        &self,
+        machine: &Machine,
+        samples: &[Sample],
+        (displaced, objects): (&[f64], usize),
+        known: &BTreeMap<&[usize], &Eliminated>,
+    ) -> Result<Eliminated, Error> {
+        let raw = self.raw;
+        let readings = raw.rows.iter().filter(|(block, _, _)| *block == 0);
+        let mut own: Vec<usize> = readings.map(|&(_, reading, _)| reading).collect();
+        own.dedup();
+        let of_samples: Vec<usize> = own.iter().map(|&reading| self.index[reading]).collect();
+        let outside = raw.complement();
+        let origins = self.origins(samples, &of_samples);
+        let reference = known.get(of_samples.as_slice());
+        let (basis, owners) = reference
+            .and_then(|known| Some((lined_up(&outside, &known.basis)?, known.owners.clone())))
+            .unwrap_or_else(|| {
+                let (basis, pivots) = pivoted(&outside, raw.free_rows());
+                let owners = pivots.iter().map(|&row| origins[row].sample);
+                (basis, owners.collect())
+            });
+        let shares = self.closure_shares(machine, samples, &own)?;
+        let is_closure = |row: usize| raw.rows[row].0 == 0;
+        let measured = DVector::from_fn(raw.rows.len(), |row, _| {
+            if is_closure(row) {
+                0.0
+            } else {
+                raw.residuals[row]
+            }
+        });
+        let width = raw.by_shared.ncols();
+        let by_object = basis.tr_mul(&raw.by_shared.columns(width - objects, objects));
+        let displaced = DVector::from_fn(objects, |k, _| displaced.get(k).copied().unwrap_or(0.0));
+        Ok(Eliminated {
+            by_closure: basis.tr_mul(&shares),
+            constants: basis.tr_mul(&measured) - &by_object * displaced,
+            by_object,
+            samples: of_samples,
+            basis,
+            origins,
+            owners,
+        })
+    }
+
+    fn origins(&self, samples: &[Sample], own: &[usize]) -> Vec<Origin> {
+        let rows = self.raw.rows.iter();
+        rows.map(|&(block, sample, residual)| {
+            let of = &self.blocks[block];
+            let kind = &self.assembly.kinds[of.kinds[residual]];
+            let weight = of.weights[sample * of.kinds.len() + residual];
+            let owner = if block == 0 {
+                self.index[sample]
+            } else {
+                let number = of.places[sample].pose;
+                let mut own = own.iter().copied();
+                own.find(|&own| samples[own].number == number)
+                    .unwrap_or_default()
+            };
+            Origin {
+                sample: owner,
+                link: (block == 0).then_some(residual),
+                file: kind.file,
+                sigma: kind.sigma / weight,
+                unit: kind.unit,
+            }
+        })
+        .collect()
+    }
+
+    /// Share of each closure (m²) of the readings in each row.
+    fn closure_shares(
+        &self,
+        machine: &Machine,
+        samples: &[Sample],
+        readings: &[usize],
+    ) -> Result<DMatrix<f64>, Error> {
+        let of = &self.blocks[0];
+        let (count, width) = (of.kinds.len(), of.family.shape().data);
+        let are_coupled = drive_sigmas(self.assembly.file, machine.robot.commands).is_some();
+        let are_lengths = self.assembly.file.noise_of_links().is_some();
+        let closures = machine.variant.instances_of(ResidualKind::Closure);
+        let closures: Vec<_> = closures
+            .filter_map(|closure| by_pose(machine, closure))
+            .collect();
+        let mut shares = DMatrix::zeros(self.raw.rows.len(), readings.len() * count);
+        for (row, &(block, reading, residual)) in self.raw.rows.iter().enumerate() {
+            if block > 0 {
+                continue;
+            }
+            let place = readings.binary_search(&reading).unwrap_or_default();
+            let sigma = self.assembly.kinds[of.kinds[residual]].sigma;
+            let weight = of.weights[reading * count + residual] / sigma;
+            if are_coupled {
+                let data = &of.data[..(reading + 1) * width];
+                let factor = &data[data.len() - count * count..][residual * count..];
+                for closure in 0..count {
+                    shares[(row, place * count + closure)] = weight * factor[closure];
+                }
+                continue;
+            }
+            let slope = if are_lengths {
+                let sample = &samples[self.index[reading]];
+                let [x, y, z, ..] = gradient(machine, closures[residual], sample)?;
+                (x * x + y * y + z * z).sqrt()
+            } else {
+                1.0
+            };
+            shares[(row, place * count + residual)] = weight / slope;
+        }
+        Ok(shares)
+    }
+}
+
+/// Orthonormal directions in the image of a projection, so many of them, each with the row that it says most of.
+fn pivoted(outside: &DMatrix<f64>, count: usize) -> (DMatrix<f64>, Vec<usize>) {
+    let mut left = outside.clone();
+    let mut basis = DMatrix::zeros(outside.nrows(), count);
+    let mut pivots = vec![];
+    for k in 0..count {
+        let (row, size) = left.diagonal().argmax();
+        let direction = left.column(row) / size.max(f64::MIN_POSITIVE).sqrt();
+        left -= &direction * direction.transpose();
+        basis.set_column(k, &direction);
+        pivots.push(row);
+    }
+    (basis, pivots)
+}
+
+/// The basis of the image of a projection that is nearest to another, `None` where it lacks one of its directions (N. J.
+/// Higham, 1986: the polar factor).
+fn lined_up(outside: &DMatrix<f64>, reference: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+    if reference.nrows() != outside.nrows() || reference.ncols() == 0 {
+        return None;
+    }
+    let svd = (outside * reference).svd(true, true);
+    let is_whole = svd.singular_values.min() > ACROSS;
+    let (u, v_t) = (svd.u?, svd.v_t?);
+    is_whole.then(|| u * v_t)
+}
+
+impl Assembly<'_> {
+    /// Readings of the drives as samples at the poses where they are taken to be, in the order of the closures.
+    pub(super) fn samples(&self) -> impl Iterator<Item = Sample> {
+        self.poses.iter().flat_map(|pose| pose.samples())
+    }
+
+    /// Moves the poses by steps of all their unknowns.
+    pub(super) fn move_by(&mut self, steps: &[f64]) {
+        for (pose, own) in self.poses.iter_mut().zip(steps.chunks_exact(POSE_UNKNOWNS)) {
+            let vector = |k: usize| Vector3::new(own[k], own[k + 1], own[k + 2]);
+            pose.base = pose.base.moved(vector(0), vector(3));
+        }
+    }
+}
