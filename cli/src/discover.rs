@@ -1,6 +1,6 @@
 //! `tau discover`.
 
-use tau::discovery::{Discovery, Estimated, Options, Outcome as Found};
+use tau::discovery::{Discovery, OfUnknownPoses, Options, Outcome as Found};
 use tau::input_error::InputError;
 use tau::kinematics::Layout;
 use tau::measurements::Split;
@@ -70,9 +70,9 @@ pub(super) fn run(
         || generated(compiled, discovery),
         || {
             let (calibrated, layout) = state(&session, &found, arguments.refit)?;
-            let estimated = found.estimated.as_ref();
-            let placed = estimated.map_or(folder, |estimated| &estimated.folder);
-            let counts = known.or(estimated.map(Estimated::counts));
+            let unknown = found.unknown.as_ref();
+            let placed = unknown.map_or(folder, |unknown| &unknown.folder);
+            let counts = known.or(unknown.map(OfUnknownPoses::counts));
             let setting = report::Setting {
                 poses: counts.map_or_else(|| session.poses().map(|poses| poses.counts), Ok)?,
                 has_cart_poses: !folder.cart_poses.is_empty(),
@@ -119,14 +119,17 @@ fn state(
     found: &Found,
     refit: Refit,
 ) -> Result<(RobotFile, Option<Layout>), Failure> {
-    if let Some(estimated) = &found.estimated {
+    if let Some(unknown) = &found.unknown {
         let session = match refit {
             Refit::Calibration => session.clone(),
             Refit::All => session.clone().split(Split::All),
         };
-        let fitted = session.state_found_of_unknown_poses(found)?;
+        let fitted = match refit {
+            Refit::Calibration => unknown.fitted.clone(),
+            Refit::All => session.refitted_of_unknown_poses(found)?,
+        };
         let file = session.file_of_unknown_poses(&fitted, &stamp());
-        let layout = study::layout(&fitted.calibration, &estimated.folder);
+        let layout = study::layout(&fitted.calibration, &unknown.folder);
         return Ok((file, layout));
     }
     let refitted;

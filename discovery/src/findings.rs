@@ -112,7 +112,7 @@ pub(super) fn finish(
         unnamed,
         outliers,
         left_out,
-        gross_rows: vec![],
+        gross_rows: held_out::gross_rows(input, fit)?,
         steps: search.steps.clone(),
         model_text,
         model,
@@ -142,7 +142,7 @@ impl Outcome {
             covariance: &b * b.transpose(),
             cost: 0.5 * fit.residuals.norm_squared(),
             poses,
-            estimated: None,
+            unknown: None,
         }
     }
 }

@@ -11,7 +11,7 @@ use tau_estimation::samples::frames::Frames;
 use tau_kinematics::Machine;
 
 use super::floor::{self, Floor};
-use super::results::Gap;
+use super::results::{Gap, GrossRow};
 use super::{Error, Input, Unknown};
 
 /// A machine at the values of a fit.
@@ -48,6 +48,24 @@ pub(super) fn floor(input: &Input<'_>, fit: &Fit) -> Result<Floor, Error> {
             / count,
         square_m2: found.expected_m2.iter().sum::<f64>() / count,
     })
+}
+
+/// Single measurements that are left out, where poses are unknown.
+pub(super) fn gross_rows(input: &Input<'_>, fit: &Fit) -> Result<Vec<GrossRow>, Error> {
+    let Some(unknown) = input.unknown else {
+        return Ok(vec![]);
+    };
+    let mut rows: Vec<_> = unknown.poses.left_out().iter().copied().collect();
+    rows.extend(of_unknown(input, unknown, fit)?.gross);
+    rows.sort_unstable();
+    let links = &input.robot.links;
+    let rows = rows.into_iter().map(|place| GrossRow {
+        file: place.file.to_owned(),
+        line: place.line,
+        pose: place.pose,
+        drive: place.drive.map(|link| links[link].name.clone()),
+    });
+    Ok(rows.collect())
 }
 
 fn of_unknown(input: &Input<'_>, unknown: &Unknown<'_>, fit: &Fit) -> Result<HeldOut, Error> {

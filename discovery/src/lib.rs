@@ -45,7 +45,7 @@ use tau_estimation::calibration::{self, Calibration, Prepared, Stated, check_pos
 use tau_estimation::joint::fit::Fit;
 use tau_estimation::numerics::parallel;
 use tau_estimation::samples::Sample;
-use tau_estimation::unknown_poses::{self, EstimatedPoses, RowDivision};
+use tau_estimation::unknown_poses::{self, EstimatedPoses, RowDivision, UnknownPoses};
 use tau_robot::effects::CATALOGUE;
 use tau_robot::input_error::InputError;
 use tau_robot::measurements::{Division, Folder, PoseCounts, Poses, Split};
@@ -66,7 +66,7 @@ pub use generic::UNNAMED;
 use linear_model::LinearModel;
 use misfit::misfits;
 use probes::Probes;
-use results::{Gap, GrossRow, Misfit};
+use results::{Gap, Misfit};
 use score::Yardstick;
 use search::Search;
 use structural::FullArm;
@@ -150,7 +150,7 @@ struct Unknown<'a> {
 }
 
 /// Result of a discovery, with the model as fitted.
-#[derive(Debug, Clone)]
+#[derive(Clone)]
 pub struct Outcome {
     /// The result.
     pub discovery: Discovery,
@@ -162,20 +162,22 @@ pub struct Outcome {
     cost: f64,
     /// Poses of set 1 that took part, without outliers: indices in the folder, or in the estimated one.
     pub poses: Vec<usize>,
-    /// Where poses are unknown: the folder with their estimates.
-    pub estimated: Option<Estimated>,
+    /// Where poses are unknown: their estimates, and the calibration of what was found.
+    pub unknown: Option<OfUnknownPoses>,
 }
 
-/// A folder whose poses are unknown, with estimates of them.
-#[derive(Debug, Clone)]
-pub struct Estimated {
+/// Result of a discovery in a folder whose poses are unknown.
+#[derive(Clone)]
+pub struct OfUnknownPoses {
     /// The folder, estimates for its poses: one for each reading of the drives.
     pub folder: Folder,
     /// Those that calibrate, and those that are held out.
     pub division: Division,
+    /// The calibration of the discovered variant.
+    pub fitted: UnknownPoses,
 }
 
-impl Estimated {
+impl OfUnknownPoses {
     /// Numbers of poses.
     pub fn counts(&self) -> PoseCounts {
         let total = self.folder.tcp_poses.len();
@@ -328,51 +330,51 @@ fn of_unknown_poses(
     progress: &mut dyn FnMut(&str),
 ) -> Result<Outcome, Error> {
     let rows = RowDivision::of(folder, options.split);
-    let fitted = unknown_poses::calibrate(
-        robot,
-        variant_of(robot, base)?,
-        file,
-        folder,
-        &rows,
-        &calibration::Options::default(),
-    )?;
-    let poses = EstimatedPoses::of(&fitted, file, folder, &rows)?;
+    let fit = calibration::Options::default();
+    let variant = variant_of(robot, base)?;
+    let fitted = unknown_poses::calibrate(robot, variant, file, folder, &rows, &fit)?;
     let machine = &fitted.calibration.machine;
     let names = machine.variant.parameters.iter().map(|own| own.name.clone());
-    let unknown = Unknown {
-        values: names.zip(machine.values.iter().copied()).collect(),
-        poses,
-    };
-    let (estimated, division) = unknown.poses.folder();
     let mut file = file.clone();
     if !file.noise.position_m.is_finite() {
         file.noise.position_m = fitted.usual_noise_m();
     }
-    let input = Input {
-        robot,
-        model,
-        base,
-        file: &file,
-        folder: &estimated,
-        division: &division,
-        unknown: Some(&unknown),
-        options,
+    let mut unknown = Unknown {
+        values: names.zip(machine.values.iter().copied()).collect(),
+        poses: EstimatedPoses::of(&fitted, &file, folder, &rows)?,
     };
-    let mut outcome = searched(&input, started, progress)?;
-    outcome.estimated = Some(Estimated {
-        folder: estimated.clone(),
-        division: division.clone(),
-    });
-    let gross = fitted.gross.iter().map(|gross| gross.place);
-    outcome.discovery.gross_rows = gross
-        .map(|place| GrossRow {
-            file: place.file.to_owned(),
-            line: place.line,
-            pose: place.pose,
-            drive: place.drive.map(|link| robot.links[link].name.clone()),
-        })
-        .collect();
-    Ok(outcome)
+    let (estimated, division) = unknown.poses.folder();
+    let mut is_last = false;
+    loop {
+        let input = Input {
+            robot,
+            model,
+            base,
+            file: &file,
+            folder: &estimated,
+            division: &division,
+            unknown: Some(&unknown),
+            options,
+        };
+        let mut outcome = searched(&input, started, progress)?;
+        progress("calibrating what was found");
+        let found = outcome.robot();
+        let variant = variant_of(&found, DISCOVERED)?;
+        let fitted = unknown_poses::calibrate(&found, variant, &file, folder, &rows, &fit)?;
+        // What a base lacks may look like gross measurements, and may hide some.
+        let gross = fitted.left_out();
+        if !is_last && gross != *unknown.poses.left_out() {
+            unknown.poses = unknown.poses.without(gross);
+            is_last = true;
+            continue;
+        }
+        outcome.unknown = Some(OfUnknownPoses {
+            folder: estimated,
+            division,
+            fitted,
+        });
+        return Ok(outcome);
+    }
 }
 
 /// The search from a base, or where its arm is reduced and a full one is significantly better, from that.

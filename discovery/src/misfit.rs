@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use nalgebra::{DMatrix, DVector};
 use tau_estimation::joint::Component;
 use tau_estimation::joint::fit::Fit;
+use tau_estimation::joint::unknown::LEAST_FREE;
 use tau_estimation::samples::Sample;
 use tau_robot::robot::Arm;
 use tau_robot::robot_file::Noise;
@@ -14,8 +15,6 @@ use super::p_value::PValue;
 use super::results::{Micro, Misfit, NoiseScale};
 
 const MICRO: f64 = 1e6;
-/// Share of a row's noise that poses leave, below which the row is followed and not judged: exact drives leave 1e-6.
-const LEAST_FREE: f64 = 1e-3;
 
 /// Residuals of each link, and of each cart and coordinate, against the stated noise.
 pub(super) fn misfits(fit: &Fit, samples: &[Sample], noise: Noise) -> Vec<Misfit> {
@@ -195,7 +194,7 @@ fn of_unknown_poses(fit: &Fit) -> Vec<Misfit> {
             }
             let expected = (free - absorbed.row(row).norm_squared()).max(1e-3 * free);
             let square = (left[row] * scale).powi(2);
-            let sum = sums.entry((origin.link, origin.file)).or_default();
+            let sum = sums.entry((origin.place.drive, origin.kind)).or_default();
             sum.0 += square / expected;
             sum.1 += square * origin.sigma.powi(2);
             sum.2 += expected * origin.sigma.powi(2);

@@ -6,6 +6,7 @@ use tau_codegen::language::model as language;
 use tau_codegen::language::model::{Model, Place, Subject, Target};
 use tau_estimation::calibration::{Error, Nominal};
 use tau_estimation::joint::Joint;
+use tau_estimation::joint::unknown;
 use tau_estimation::joint::variant::{add, additive, cart, free_turning};
 use tau_estimation::samples::Sample;
 use tau_kinematics::Machine;
@@ -34,7 +35,7 @@ pub(super) struct Probe {
     pub(super) rows: Vec<Moved>,
 }
 
-/// A row that a probe moves.
+/// A row that a probe moves; once for each sample that has a share in it.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Moved {
     pub(super) row: usize,
@@ -46,12 +47,21 @@ pub(super) struct Moved {
 impl Probe {
     /// `rows` are the sample and the derivative of every row.
     pub(super) fn new(samples: Vec<usize>, rows: impl Iterator<Item = (usize, f64)>) -> Self {
+        let rows = rows.enumerate();
+        Self::of_rows(
+            samples,
+            rows.map(|(row, (sample, derivative))| (row, sample, derivative)),
+        )
+    }
+
+    /// `rows` are derivatives of rows, in order, by what samples do.
+    fn of_rows(samples: Vec<usize>, rows: impl Iterator<Item = (usize, usize, f64)>) -> Self {
         let last = samples.iter().max().map_or(0, |last| last + 1);
         let mut places = vec![None; last];
         for (place, &sample) in samples.iter().enumerate() {
             places[sample] = Some(place);
         }
-        let moved = |(row, (sample, derivative)): (usize, (usize, f64))| {
+        let moved = |(row, sample, derivative): (usize, usize, f64)| {
             let place = places.get(sample).copied().flatten()?;
             (derivative != 0.0).then_some(Moved {
                 row,
@@ -60,7 +70,7 @@ impl Probe {
             })
         };
         Self {
-            rows: rows.enumerate().filter_map(moved).collect(),
+            rows: rows.filter_map(moved).collect(),
             samples,
         }
     }
@@ -147,7 +157,11 @@ impl Probes {
         };
         let factors = vec![1.0; joint.rows.len()];
         let linear = joint.linearize(&joint.fitted(&joint.machine.values), &factors);
+        let closures = (!joint.eliminated.is_empty())
+            .then(|| unknown::closure_derivatives(&joint.machine, samples))
+            .transpose()?;
         let mut columns = Columns {
+            closures,
             joint: &joint,
             jacobian: &linear.jacobian.dense(),
             samples,
@@ -219,6 +233,8 @@ fn with_targets(mut compiled: Variant, base: &Joint, fitted: &[f64]) -> Machine 
 
 /// Columns of a Jacobian that become probes.
 struct Columns<'a> {
+    /// Where poses are unknown: derivatives of the closures of each sample by the parameters of the variant.
+    closures: Option<Vec<DMatrix<f64>>>,
     joint: &'a Joint,
     jacobian: &'a DMatrix<f64>,
     samples: &'a [Sample],
@@ -241,6 +257,11 @@ impl Columns<'_> {
         let samples = (0..self.samples.len())
             .filter(|&s| acts_on(&self.samples[s]))
             .collect();
+        if let Some(closures) = &self.closures {
+            let moved = index.map_or_else(Vec::new, |index| self.of_eliminated(closures, index));
+            self.all.push(Probe::of_rows(samples, moved.into_iter()));
+            return self.all.len() - 1;
+        }
         let of_rows = self.joint.rows.iter().map(|row| row.sample);
         let rows = self.jacobian.nrows();
         let of_column =
@@ -248,6 +269,34 @@ impl Columns<'_> {
         let derivatives = column.map_or(&[][..], of_column).iter().copied();
         self.all.push(Probe::new(samples, of_rows.zip(derivatives)));
         self.all.len() - 1
+    }
+
+    /// Derivatives of rows by what a parameter (index in the variant) does to the closures of each sample.
+    fn of_eliminated(
+        &self,
+        closures: &[DMatrix<f64>],
+        parameter: usize,
+    ) -> Vec<(usize, usize, f64)> {
+        let (mut moved, mut first) = (Vec::new(), 0);
+        for group in &self.joint.eliminated {
+            let rows = group.by_closure.nrows();
+            for row in 0..rows {
+                for (place, &sample) in group.samples.iter().enumerate() {
+                    let own = closures[sample].column(parameter);
+                    let shares = group.by_closure.row(row);
+                    let shares = shares.columns(place * own.len(), own.len());
+                    moved.push((first + row, sample, shares.tr_dot(&own)));
+                }
+            }
+            first += rows;
+        }
+        // Behind them come the rows of carts.
+        if let Ok(column) = self.joint.used.binary_search(&parameter) {
+            let rest = (first..self.joint.rows.len())
+                .map(|row| (row, self.joint.rows[row].sample, self.jacobian[(row, column)]));
+            moved.extend(rest);
+        }
+        moved
     }
 
     /// Lengths and joints of the links, the first of which has the effect of an index; or lengths of the clusters where

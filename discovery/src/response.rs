@@ -48,6 +48,10 @@ struct Product {
 impl Products {
     /// `squares` are those of the factor of each row.
     fn of(a: &Probe, b: &Probe, squares: &[f64]) -> Self {
+        let has_shares = |probe: &Probe| probe.rows.windows(2).any(|two| two[0].row == two[1].row);
+        if has_shares(a) || has_shares(b) {
+            return Self::of_shared_rows(a, b, squares);
+        }
         let mut sums = vec![0.0; a.samples.len()];
         let mut right = vec![None; a.samples.len()];
         let mut of_b = b.rows.iter().peekable();
@@ -67,6 +71,29 @@ impl Products {
             Some(Product { sum, left, right })
         });
         Self::Scattered(products.collect())
+    }
+}
+
+impl Products {
+    /// The same where several samples have shares in a row.
+    fn of_shared_rows(a: &Probe, b: &Probe, squares: &[f64]) -> Self {
+        let mut sums: BTreeMap<(usize, usize), f64> = BTreeMap::new();
+        let mut of_b = b.rows.as_slice();
+        for of_a in a.rows.chunk_by(|one, next| one.row == next.row) {
+            let row = of_a[0].row;
+            of_b = &of_b[of_b.partition_point(|moved| moved.row < row)..];
+            let shares = &of_b[..of_b.partition_point(|moved| moved.row == row)];
+            for (left, right) in of_a.iter().flat_map(|left| shares.iter().map(move |right| (left, right))) {
+                *sums.entry((left.place, right.place)).or_default() +=
+                    left.derivative * right.derivative * squares[row];
+            }
+        }
+        let products = sums.into_iter();
+        Self::Scattered(
+            products
+                .map(|((left, right), sum)| Product { sum, left, right })
+                .collect(),
+        )
     }
 }
 

@@ -10,7 +10,7 @@ use tau_robot::robot_file::Noise;
 use super::candidate_set::CandidateSet;
 use super::candidates::Scope;
 use super::linear_model::LinearModel;
-use super::probes::TARGETS_OF_CART;
+use super::probes::{Moved, TARGETS_OF_CART};
 use super::results::{Motion, Place, Quantity, Unnamed};
 
 /// A displacement that carries less than this share of what its family explains is not reported.
@@ -125,9 +125,14 @@ fn found(
 impl CandidateSet {
     /// Sum of squares of what a displacement does to the residuals.
     fn signal(&self, view: &LinearModel, probe: usize, values: &[f64]) -> f64 {
-        let rows = self.probes.all[probe].rows.iter();
-        rows.map(|moved| (moved.derivative * view.factors[moved.row] * values[moved.place]).powi(2))
-            .sum()
+        let rows = self.probes.all[probe].rows.chunk_by(|a, b| a.row == b.row);
+        let shares = |row: &[Moved]| -> f64 {
+            let shares = row.iter();
+            shares
+                .map(|moved| moved.derivative * view.factors[moved.row] * values[moved.place])
+                .sum()
+        };
+        rows.map(|row| shares(row).powi(2)).sum()
     }
 
     /// Cart, link, cluster or TCP that a probe displaces, and its direction.

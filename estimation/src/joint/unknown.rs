@@ -1,13 +1,15 @@
 //! The fit where poses are unknown: they follow the parameters from round to round.
 
-use nalgebra::DVector;
+use nalgebra::{DMatrix, DVector};
 use tau_kinematics::Machine;
+use tau_robot::robot::ResidualKind;
 use tau_robot::robot_file::Noise;
 
-use super::Joint;
 use super::fit::Fit;
+use super::{Component, Joint, Origin, RowPlace};
 use crate::calibration::error::Error;
 use crate::calibration::nominal::Nominal;
+use crate::numerics::distribution::chi2_survival;
 use crate::samples::Sample;
 use crate::unknown_poses::{EstimatedPoses, Placed, Side};
 
@@ -16,6 +18,8 @@ const ROUNDS: usize = 8;
 /// Moves of a pose (m, rad) below which a round is the last: over links of a metre, what is of second order in them is
 /// a hundredth of a micrometre.
 const SAME_POSE: f64 = 1e-4;
+/// Share of a row's noise that poses leave, below which the row is followed and not judged: exact drives leave 1e-6.
+pub const LEAST_FREE: f64 = 1e-3;
 
 /// Start of a fit.
 pub struct Start<'a> {
@@ -88,6 +92,43 @@ pub fn fit(
     }
 }
 
+/// Derivatives of the closures (m²) of each sample of set 1 by the parameters of a variant: closures × parameters, nothing
+/// for other samples.
+///
+/// # Errors
+/// A sample lacks what its closures read.
+pub fn closure_derivatives(
+    machine: &Machine,
+    samples: &[Sample],
+) -> Result<Vec<DMatrix<f64>>, Error> {
+    let closures: Vec<_> = (machine.variant)
+        .instances_of(ResidualKind::Closure)
+        .collect();
+    let of_sample = |sample: &Sample| {
+        let mut by_parameter = DMatrix::zeros(closures.len(), machine.values.len());
+        if sample.set != 1 {
+            return Ok(by_parameter);
+        }
+        for (row, closure) in closures.iter().enumerate() {
+            let (family, shape) = (&closure.family, closure.family.shape());
+            let mut data = Vec::new();
+            sample.fill(machine, closure, &mut data)?;
+            let mut prepared = vec![0.0; shape.prepared];
+            family.prepare(&data, &mut prepared);
+            let local: Vec<f64> = (closure.parameters.iter())
+                .map(|&parameter| machine.values[parameter])
+                .collect();
+            let (mut residual, mut entries) = ([0.0], vec![0.0; family.pattern().len()]);
+            family.linearize(&prepared, &local, &mut residual, &mut entries);
+            for (&column, entry) in family.pattern().columns.iter().zip(&entries) {
+                by_parameter[(row, closure.parameters[column as usize])] = *entry;
+            }
+        }
+        Ok(by_parameter)
+    };
+    samples.iter().map(of_sample).collect()
+}
+
 /// Largest move of a pose of the plate (m, rad).
 fn moved(before: &[Sample], after: &[Sample]) -> f64 {
     let pairs = before.iter().zip(after).filter(|(before, _)| before.set == 1);
@@ -98,17 +139,21 @@ fn moved(before: &[Sample], after: &[Sample]) -> f64 {
     moves.fold(0.0, f64::max)
 }
 
-/// Residuals of measurements that are held out.
+/// Errors of measurements that are held out: of each pose what is left of them once the plate stands where they fit best.
+#[derive(Default)]
 pub struct HeldOut {
-    /// Number of the pose of each error.
-    pub poses: Vec<u32>,
-    /// Errors (m): of each pose what is left of its measurements once the plate stands where they fit best.
+    /// Root of the sum of squares of each pose (m).
     pub errors_m: Vec<f64>,
-    /// The same as noise and what it leaves of the parameters let expect, squared (m²).
+    /// Mean square that noise, and what it leaves of the parameters, let expect (m²).
     pub expected_m2: Vec<f64>,
     /// Share by which the mean of such an error is less than its root mean square.
     pub narrower: Vec<f64>,
+    /// Measurements far off all others, which are left out.
+    pub gross: Vec<RowPlace>,
 }
+
+/// Chance that one of all held-out measurements is taken for a gross one though none is.
+const LEVEL: f64 = 0.01;
 
 impl Fit {
     /// Displacements of targets, surfaces and balls from where they were estimated.
@@ -117,7 +162,7 @@ impl Fit {
         &self.fitted[self.fitted.len() - count..]
     }
 
-    /// Residuals of what poses that took no part leave of their measurements; `samples` are those of their readings.
+    /// Errors of measurements that took no part; `samples` are those of their readings.
     ///
     /// # Errors
     /// As [`Joint::new`].
@@ -127,6 +172,39 @@ impl Fit {
         samples: &[Sample],
         noise: Noise,
     ) -> Result<HeldOut, Error> {
+        let mut poses = poses.clone();
+        let mut gross: Vec<RowPlace> = vec![];
+        loop {
+            let groups = self.groups_held_out(&poses, samples, noise)?;
+            // A pose's gross measurement makes its others look as bad, so that the worst goes first.
+            let judged = groups.iter().flat_map(Judged::deviations);
+            let worst = judged.max_by(|a, b| a.1.total_cmp(&b.1));
+            let count: usize = groups.iter().map(|group| group.origins.len()).sum();
+            let chance = |square: f64| count as f64 * chi2_survival(square, 1.0);
+            let scale = self.scales[Component::Closure as usize].max(1.0);
+            match worst {
+                Some((place, square)) if chance(square / scale.powi(2)) < LEVEL => {
+                    gross.push(place);
+                    poses.leave_out(place);
+                }
+                _ => {
+                    let mut found = HeldOut {
+                        gross,
+                        ..HeldOut::default()
+                    };
+                    groups.iter().for_each(|group| group.add_to(&mut found));
+                    return Ok(found);
+                }
+            }
+        }
+    }
+
+    fn groups_held_out(
+        &self,
+        poses: &EstimatedPoses<'_>,
+        samples: &[Sample],
+        noise: Noise,
+    ) -> Result<Vec<Judged>, Error> {
         let machine = (self.joint.machine).with_values(self.joint.values(&self.fitted));
         let displaced = self.objects();
         let placed = poses.placed(Side::HeldOut, &machine, displaced, samples, &[])?;
@@ -147,57 +225,71 @@ impl Fit {
         let jacobian = linear.jacobian.dense();
         // Of what both fits have: parameters by index, then objects.
         let root = self.deviations_at_stated_noise();
-        let of_parameters = joint.used.iter().map(|index| self.joint.used.binary_search(index).ok());
+        let place = |index: &usize| self.joint.used.binary_search(index).ok();
         let last = root.nrows() - displaced.len();
-        let columns: Vec<Option<usize>> = of_parameters
+        let columns: Vec<Option<usize>> = (joint.used.iter().map(place))
             .chain((last..root.nrows()).map(Some))
             .collect();
-        let mut found = HeldOut {
-            poses: vec![],
-            errors_m: vec![],
-            expected_m2: vec![],
-            narrower: vec![],
-        };
         let mut row = 0;
-        for group in &joint.eliminated {
+        let groups = joint.eliminated.into_iter().map(|group| {
             let rows = group.by_closure.nrows();
             let own = jacobian.rows(row, rows);
-            let residuals = DVector::from(linear.residuals.rows(row, rows).into_owned());
-            row += rows;
-            let mut spread = nalgebra::DMatrix::zeros(rows, root.ncols());
+            let mut spread = DMatrix::zeros(rows, root.ncols());
             for (column, place) in columns.iter().enumerate() {
                 if let Some(place) = place {
                     spread += own.column(column) * root.row(*place);
                 }
             }
-            let covariance = nalgebra::DMatrix::identity(rows, rows) + &spread * spread.transpose();
-            let left = &group.basis * residuals;
-            for &sample in &group.samples {
-                let is_own = |row: &usize| {
-                    let origin = &group.origins[*row];
-                    origin.sample == sample && origin.unit == "m"
-                };
-                let own: Vec<usize> = (0..group.origins.len()).filter(is_own).collect();
-                let sigmas = DVector::from_iterator(
-                    own.len(),
-                    own.iter().map(|&row| group.origins[row].sigma),
-                );
-                let mut basis = group.basis.select_rows(&own);
-                for (mut row, sigma) in basis.row_iter_mut().zip(sigmas.iter()) {
-                    row *= *sigma;
-                }
-                let expected = &basis * &covariance * basis.transpose();
-                let trace = expected.trace();
-                let errors = own.iter().zip(sigmas.iter());
-                let square: f64 = errors.map(|(&row, sigma)| (left[row] * sigma).powi(2)).sum();
-                found.poses.push(placed.samples[sample].number);
-                found.errors_m.push(square.sqrt());
-                found.expected_m2.push(trace);
-                // Mean length of a normal vector, to second order in how uneven its covariance is.
-                let uneven = (&expected * &expected).trace() / trace.powi(2).max(f64::MIN_POSITIVE);
-                found.narrower.push(0.25 * uneven);
+            let left = &group.basis * linear.residuals.rows(row, rows);
+            row += rows;
+            let covariance = DMatrix::identity(rows, rows) + &spread * spread.transpose();
+            Judged {
+                covariance: &group.basis * covariance * group.basis.transpose(),
+                left,
+                samples: group.samples,
+                origins: group.origins,
             }
+        });
+        Ok(groups.collect())
+    }
+}
+
+/// Rows of poses that belong together, held out.
+struct Judged {
+    samples: Vec<usize>,
+    origins: Vec<Origin>,
+    /// What is left of each over its noise, and the covariance that noise lets expect.
+    left: DVector<f64>,
+    covariance: DMatrix<f64>,
+}
+
+impl Judged {
+    /// Square of each row over its variance; rows that poses follow have none.
+    fn deviations(&self) -> impl Iterator<Item = (RowPlace, f64)> {
+        self.origins.iter().enumerate().filter_map(|(row, origin)| {
+            let variance = self.covariance[(row, row)];
+            (variance > LEAST_FREE).then(|| (origin.place, self.left[row].powi(2) / variance))
+        })
+    }
+
+    fn add_to(&self, found: &mut HeldOut) {
+        for &sample in &self.samples {
+            let is_own = |row: &usize| {
+                let origin = &self.origins[*row];
+                origin.sample == sample && origin.unit == "m"
+            };
+            let own: Vec<usize> = (0..self.origins.len()).filter(is_own).collect();
+            let sigma = |k: usize| self.origins[own[k]].sigma;
+            let expected = DMatrix::from_fn(own.len(), own.len(), |i, j| {
+                sigma(i) * self.covariance[(own[i], own[j])] * sigma(j)
+            });
+            let errors = (0..own.len()).map(|k| (self.left[own[k]] * sigma(k)).powi(2));
+            let trace = expected.trace();
+            // Mean length of a normal vector, to second order in how uneven its covariance is.
+            let uneven = (&expected * &expected).trace() / trace.powi(2).max(f64::MIN_POSITIVE);
+            found.errors_m.push(errors.sum::<f64>().sqrt());
+            found.expected_m2.push(trace);
+            found.narrower.push(0.25 * uneven);
         }
-        Ok(found)
     }
 }

@@ -24,7 +24,7 @@ use crate::calibration::registration::MOUNTING_M;
 use crate::samples::Sample;
 use whitened::WhitenedPose;
 
-pub use whitened::{Eliminated, Origin};
+pub use whitened::{Eliminated, Origin, RowPlace};
 
 pub(crate) use true_pose::{CLOSURE_SHARE, POSE_UNKNOWNS, TruePose, left_jacobian};
 

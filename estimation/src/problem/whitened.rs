@@ -47,15 +47,28 @@ pub struct Eliminated {
     pub owners: Vec<usize>,
 }
 
+/// Place of a row.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub struct RowPlace {
+    /// Name of the file.
+    pub file: &'static str,
+    /// Line, from 1.
+    pub line: usize,
+    /// Number of the pose, of two the first.
+    pub pose: u32,
+    /// Index of the link, where the row is the reading of its drive.
+    pub drive: Option<usize>,
+}
+
 /// Origin of a row of a pose that is unknown.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Origin {
     /// Index of the sample.
     pub sample: usize,
-    /// Index of the link, of closures.
-    pub link: Option<usize>,
-    /// Name of the file, or of the drives.
-    pub file: &'static str,
+    /// Its place; of closures with the index of the link.
+    pub place: RowPlace,
+    /// Name of its kind: of the file, or of the drives.
+    pub kind: &'static str,
     /// Noise that it is weighed by.
     pub sigma: f64,
     /// SI unit of the noise.

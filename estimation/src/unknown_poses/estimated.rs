@@ -73,8 +73,6 @@ impl<'a> EstimatedPoses<'a> {
         division: &RowDivision,
     ) -> Result<Self, Error> {
         let machine = &found.calibration.machine;
-        let left_out = found.gross.iter().filter(|gross| gross.weight == 0.0);
-        let left_out: BTreeSet<RowPlace> = left_out.map(|gross| gross.place).collect();
         let calibrates = |pose: &u32| division.calibration.contains(pose);
         let is_open = division.validation.iter().all(calibrates);
         let new: BTreeSet<u32> = (division.validation.iter())
@@ -100,9 +98,28 @@ impl<'a> EstimatedPoses<'a> {
         Ok(Self {
             calibration: rowset(&division.calibration, &division.distances)?,
             held_out: rowset(&new, &division.held_out_distances)?,
-            left_out,
+            left_out: found.left_out(),
             objects: found.objects.iter().map(|object| object.value).collect(),
         })
+    }
+
+    /// Leaves a measurement out.
+    pub fn leave_out(&mut self, place: RowPlace) {
+        self.left_out.insert(place);
+    }
+
+    /// The same without some measurements, and with all others.
+    #[must_use]
+    pub fn without(&self, left_out: BTreeSet<RowPlace>) -> Self {
+        Self {
+            left_out,
+            ..self.clone()
+        }
+    }
+
+    /// Measurements that are left out.
+    pub fn left_out(&self) -> &BTreeSet<RowPlace> {
+        &self.left_out
     }
 
     fn rowset(&self, side: Side) -> &Rowset<'a> {
@@ -333,8 +350,11 @@ impl Grouped<'_> {
             };
             Origin {
                 sample: owner,
-                link: (block == 0).then_some(residual),
-                file: kind.file,
+                place: RowPlace {
+                    drive: (block == 0).then_some(residual),
+                    ..of.places[sample]
+                },
+                kind: kind.file,
                 sigma: kind.sigma / weight,
                 unit: kind.unit,
             }

@@ -208,6 +208,12 @@ impl UnknownPoses {
         (self.chi2 / self.dof.max(1e-9)).sqrt()
     }
 
+    /// Places of the rows that were left out.
+    pub fn left_out(&self) -> BTreeSet<RowPlace> {
+        let left_out = self.gross.iter().filter(|gross| gross.weight == 0.0);
+        left_out.map(|gross| gross.place).collect()
+    }
+
     /// Root mean square of the noise of lengths that residuals are weighed by (m).
     pub fn usual_noise_m(&self) -> f64 {
         let lengths = self.kinds.iter().filter(|kind| kind.kind.unit == "m");

@@ -8,6 +8,8 @@ use tau_solver::{Block, Loss};
 
 use crate::problem::POSE_UNKNOWNS;
 
+pub use crate::problem::RowPlace;
+
 /// Name under which the residuals of links are told.
 pub(super) const DRIVES: &str = "drives";
 /// Name under which they are told where links have noise of their own.
@@ -33,19 +35,6 @@ impl Kind {
     pub fn is_estimated(&self) -> bool {
         self.stated == Some(StatedNoise::Estimate)
     }
-}
-
-/// Place of a row.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub struct RowPlace {
-    /// Name of the file.
-    pub file: &'static str,
-    /// Line, from 1.
-    pub line: usize,
-    /// Number of the pose, of two the first.
-    pub pose: u32,
-    /// Index of the link, where the row is the reading of its drive.
-    pub drive: Option<usize>,
 }
 
 /// A family with its samples.

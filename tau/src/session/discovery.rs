@@ -79,21 +79,16 @@ impl<R> Session<R> {
         Ok(Calibrated::<Described>::new(calibration))
     }
 
-    /// The same of a folder whose poses are unknown.
+    /// The variant that was found fitted to all rows of a folder whose poses are unknown that the session's split has
+    /// calibrate.
     ///
     /// # Errors
     /// As [`Self::calibrate_unknown_poses`].
-    pub fn state_found_of_unknown_poses(&self, found: &Outcome) -> Result<UnknownPoses, Error> {
-        let robot = found.robot();
+    pub fn refitted_of_unknown_poses(&self, found: &Outcome) -> Result<UnknownPoses, Error> {
+        let (robot, division) = (found.robot(), self.row_division());
         let variant = robot.find(DISCOVERED, "what was found")?;
-        unknown_poses::calibrate(
-            &robot,
-            variant,
-            &self.robot_file,
-            &self.folder,
-            &self.row_division(),
-            &self.options(),
-        )
+        let (file, folder, options) = (&self.robot_file, &self.folder, self.options());
+        unknown_poses::calibrate(&robot, variant, file, folder, &division, &options)
     }
 
     /// The effects of files, then those of the catalogue that ships; mistakes of all files are reported together.
