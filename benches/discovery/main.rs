@@ -6,6 +6,7 @@
 
 mod answer;
 mod hidden;
+mod machines;
 mod noncentrality;
 mod plan;
 mod random;
@@ -51,6 +52,9 @@ struct Arguments {
     /// Writes each trial as a line of JSON
     #[arg(long)]
     json: Option<PathBuf>,
+    /// Other robots and measurements in place of the sections: those whose name holds a text
+    #[arg(long, num_args = 0..=1, default_missing_value = "")]
+    machines: Option<String>,
     /// Runs nothing and prints the tables of trials that were written before, by one run or several
     #[arg(long, num_args = 1..)]
     read: Vec<PathBuf>,
@@ -73,6 +77,22 @@ fn main() -> io::Result<()> {
         if let Some(constant) = method.constants.by_name(&name) {
             *constant *= factor;
         }
+    }
+    if let Some(wanted) = &arguments.machines {
+        let mut json = arguments.json.map(File::create).transpose()?;
+        let table = machines::run(
+            arguments.seed,
+            arguments.trials,
+            wanted,
+            &method,
+            |line| {
+                if let Some(file) = &mut json {
+                    let _ = writeln!(file, "{line}");
+                }
+            },
+        );
+        print!("{table}");
+        return Ok(());
     }
     let laboratory = Laboratory::new(arguments.seed, method);
     let plan = Plan {

@@ -40,7 +40,7 @@ const FIRST_TRY: f64 = 0.1;
 const NEAR: f64 = 0.01;
 const TRIES: usize = 12;
 /// Drawings of effects at random places until they are visible.
-const DRAWINGS: usize = 20;
+pub(crate) const DRAWINGS: usize = 20;
 /// Displacement of poses from the grid, as a share of its step.
 const JITTER: f64 = 0.5;
 
@@ -74,10 +74,10 @@ pub(crate) struct Laboratory {
 }
 
 /// Size found for a hidden effect.
-struct Sized {
-    effect: Effect,
-    tolerances: f64,
-    noncentrality: f64,
+pub(crate) struct Sized {
+    pub(crate) effect: Effect,
+    pub(crate) tolerances: f64,
+    pub(crate) noncentrality: f64,
 }
 
 impl Laboratory {
@@ -374,7 +374,7 @@ impl Laboratory {
 
 /// The size at which an effect has a λ, which is nearly proportional to its square; `None` where no
 /// plausible size has it.
-fn sized(
+pub(crate) fn sized(
     hidden: &Hidden,
     target: f64,
     noncentrality_of: impl Fn(&Effect) -> Option<f64>,
@@ -399,7 +399,7 @@ fn sized(
 }
 
 /// The text of an effect in a catalogue, with its documentation.
-fn item<'a>(catalogue: &'a str, name: &str) -> &'a str {
+pub(crate) fn item<'a>(catalogue: &'a str, name: &str) -> &'a str {
     let effect = catalogue
         .find(&format!("effect {name} "))
         .expect("an effect of the catalogue");
@@ -409,7 +409,7 @@ fn item<'a>(catalogue: &'a str, name: &str) -> &'a str {
 }
 
 impl Found {
-    fn of(discovery: &Discovery) -> Self {
+    pub(crate) fn of(discovery: &Discovery) -> Self {
         let status = serde_json::to_value(discovery.status);
         let text = status
             .ok()
