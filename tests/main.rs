@@ -2,6 +2,7 @@
 
 mod assembly;
 mod bad_input;
+mod belts;
 mod blocks;
 mod browser;
 mod calibration;

@@ -14,8 +14,8 @@ use super::candidate_set::CandidateSet;
 use super::evidence::{self, whiteness::Series};
 use super::linear_model::LinearModel;
 use super::results::{
-    Considered, Discovery, ErrorOf, Estimate, FoundEffect, Gap, LeftOut, Place, Rival, SerialCorrelation,
-    Status, Unseen, Validation, Verdict, Whiteness,
+    Considered, Discovery, ErrorOf, Estimate, FoundEffect, Gap, LeftOut, Place, Rival,
+    SerialCorrelation, Status, Unseen, Validation, Verdict, Whiteness,
 };
 use super::search::{Found, Search};
 use super::waves::waves;

@@ -34,6 +34,7 @@ mod significance;
 mod structural;
 mod structure;
 mod text;
+mod unknown_poses;
 mod waves;
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -41,14 +42,13 @@ use std::time::Instant;
 
 use nalgebra::DMatrix;
 use tau_codegen::language::{self, Model, effects_from_text};
-use tau_estimation::calibration::{self, Calibration, Prepared, Stated, check_poses};
+use tau_estimation::calibration::{Calibration, Prepared, Stated, check_poses};
 use tau_estimation::joint::fit::Fit;
 use tau_estimation::numerics::parallel;
 use tau_estimation::samples::Sample;
-use tau_estimation::unknown_poses::{self, EstimatedPoses, RowDivision, UnknownPoses};
 use tau_robot::effects::CATALOGUE;
 use tau_robot::input_error::InputError;
-use tau_robot::measurements::{Division, Folder, PoseCounts, Poses, Split};
+use tau_robot::measurements::{Division, Folder, Poses, Split};
 use tau_robot::robot::{Arm, Robot, Variant};
 use tau_robot::robot_file::RobotFile;
 
@@ -57,6 +57,7 @@ pub use p_value::PValue;
 pub use results::{Discovery, Status};
 pub use tau_estimation::calibration::Error;
 pub use text::DISCOVERED;
+pub use unknown_poses::OfUnknownPoses;
 
 use base::base_fit;
 use candidate_set::CandidateSet;
@@ -71,6 +72,7 @@ use score::Yardstick;
 use search::Search;
 use structural::FullArm;
 use structural::piecewise::Found;
+use unknown_poses::Unknown;
 
 /// Options of a search.
 #[derive(Debug, Clone)]
@@ -142,15 +144,8 @@ struct Input<'a> {
     options: &'a Options,
 }
 
-/// A folder whose poses are unknown.
-struct Unknown<'a> {
-    poses: EstimatedPoses<'a>,
-    /// Values of the base, by name, at which they were estimated.
-    values: BTreeMap<String, f64>,
-}
-
 /// Result of a discovery, with the model as fitted.
-#[derive(Clone)]
+#[derive(Debug, Clone)]
 pub struct Outcome {
     /// The result.
     pub discovery: Discovery,
@@ -164,30 +159,6 @@ pub struct Outcome {
     pub poses: Vec<usize>,
     /// Where poses are unknown: their estimates, and the calibration of what was found.
     pub unknown: Option<OfUnknownPoses>,
-}
-
-/// Result of a discovery in a folder whose poses are unknown.
-#[derive(Clone)]
-pub struct OfUnknownPoses {
-    /// The folder, estimates for its poses: one for each reading of the drives.
-    pub folder: Folder,
-    /// Those that calibrate, and those that are held out.
-    pub division: Division,
-    /// The calibration of the discovered variant.
-    pub fitted: UnknownPoses,
-}
-
-impl OfUnknownPoses {
-    /// Numbers of poses.
-    pub fn counts(&self) -> PoseCounts {
-        let total = self.folder.tcp_poses.len();
-        PoseCounts {
-            total,
-            in_range: total,
-            calibration: self.division.calibration.len(),
-            validation: self.division.validation.len(),
-        }
-    }
 }
 
 impl Outcome {
@@ -303,7 +274,7 @@ fn discovered(
     if folder.tcp_poses.is_empty() {
         progress("estimating the poses");
         let described = (robot, model, base);
-        return of_unknown_poses(described, &completed, folder, options, started, progress);
+        return unknown_poses::search(described, &completed, folder, options, started, progress);
     }
     let Poses { division, .. } = Poses::select(robot, file, folder, options.split)?;
     check_poses(robot, variant, &completed, folder, &division.calibration)?;
@@ -318,63 +289,6 @@ fn discovered(
         options,
     };
     searched(&input, started, progress)
-}
-
-/// The search in a folder without poses.
-fn of_unknown_poses(
-    (robot, model, base): (&Robot, &Model, &str),
-    file: &RobotFile,
-    folder: &Folder,
-    options: &Options,
-    started: Instant,
-    progress: &mut dyn FnMut(&str),
-) -> Result<Outcome, Error> {
-    let rows = RowDivision::of(folder, options.split);
-    let fit = calibration::Options::default();
-    let variant = variant_of(robot, base)?;
-    let fitted = unknown_poses::calibrate(robot, variant, file, folder, &rows, &fit)?;
-    let machine = &fitted.calibration.machine;
-    let names = machine.variant.parameters.iter().map(|own| own.name.clone());
-    let mut file = file.clone();
-    if !file.noise.position_m.is_finite() {
-        file.noise.position_m = fitted.usual_noise_m();
-    }
-    let mut unknown = Unknown {
-        values: names.zip(machine.values.iter().copied()).collect(),
-        poses: EstimatedPoses::of(&fitted, &file, folder, &rows)?,
-    };
-    let (estimated, division) = unknown.poses.folder();
-    let mut is_last = false;
-    loop {
-        let input = Input {
-            robot,
-            model,
-            base,
-            file: &file,
-            folder: &estimated,
-            division: &division,
-            unknown: Some(&unknown),
-            options,
-        };
-        let mut outcome = searched(&input, started, progress)?;
-        progress("calibrating what was found");
-        let found = outcome.robot();
-        let variant = variant_of(&found, DISCOVERED)?;
-        let fitted = unknown_poses::calibrate(&found, variant, &file, folder, &rows, &fit)?;
-        // What a base lacks may look like gross measurements, and may hide some.
-        let gross = fitted.left_out();
-        if !is_last && gross != *unknown.poses.left_out() {
-            unknown.poses = unknown.poses.without(gross);
-            is_last = true;
-            continue;
-        }
-        outcome.unknown = Some(OfUnknownPoses {
-            folder: estimated,
-            division,
-            fitted,
-        });
-        return Ok(outcome);
-    }
 }
 
 /// The search from a base, or where its arm is reduced and a full one is significantly better, from that.

@@ -292,8 +292,13 @@ impl Columns<'_> {
         }
         // Behind them come the rows of carts.
         if let Ok(column) = self.joint.used.binary_search(&parameter) {
-            let rest = (first..self.joint.rows.len())
-                .map(|row| (row, self.joint.rows[row].sample, self.jacobian[(row, column)]));
+            let rest = (first..self.joint.rows.len()).map(|row| {
+                (
+                    row,
+                    self.joint.rows[row].sample,
+                    self.jacobian[(row, column)],
+                )
+            });
             moved.extend(rest);
         }
         moved

@@ -83,7 +83,10 @@ impl Products {
             let row = of_a[0].row;
             of_b = &of_b[of_b.partition_point(|moved| moved.row < row)..];
             let shares = &of_b[..of_b.partition_point(|moved| moved.row == row)];
-            for (left, right) in of_a.iter().flat_map(|left| shares.iter().map(move |right| (left, right))) {
+            for (left, right) in of_a
+                .iter()
+                .flat_map(|left| shares.iter().map(move |right| (left, right)))
+            {
                 *sums.entry((left.place, right.place)).or_default() +=
                     left.derivative * right.derivative * squares[row];
             }

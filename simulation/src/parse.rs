@@ -218,7 +218,10 @@ impl Text<'_> {
                 .help("choose an effect on a link or on `tcp`"));
         }
         let is_driven = |link: &str| {
-            let mut links = robot.links.iter().filter(|own| link == "all" || own.name == link);
+            let mut links = robot
+                .links
+                .iter()
+                .filter(|own| link == "all" || own.name == link);
             links.all(|own| own.actuated_by.is_some())
         };
         if listed.subject == Subject::DrivenLink && !is_driven(places[0].text) {
@@ -264,10 +267,12 @@ impl Text<'_> {
                 }
             }
             (Subject::Link | Subject::DrivenLink, "all") => Place::AllLinks,
-            (Subject::Link | Subject::DrivenLink, name) => match links().position(|link| link == name) {
-                Some(link) => Place::Link(link),
-                None => return Err(unknown(places[0], "link", links().collect())),
-            },
+            (Subject::Link | Subject::DrivenLink, name) => {
+                match links().position(|link| link == name) {
+                    Some(link) => Place::Link(link),
+                    None => return Err(unknown(places[0], "link", links().collect())),
+                }
+            }
             (Subject::Tcp, "tcp") => Place::Tcp,
             (Subject::Tcp, _) => {
                 let message = format!("`{}` acts on the tracker's target", listed.name);

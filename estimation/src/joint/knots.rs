@@ -47,7 +47,8 @@ pub(super) fn columns_of_objects(groups: &[Eliminated], rows: usize) -> DMatrix<
 pub(super) fn beside(left: &DMatrix<f64>, right: &DMatrix<f64>) -> DMatrix<f64> {
     let mut all = DMatrix::zeros(right.nrows(), left.ncols() + right.ncols());
     all.columns_mut(0, left.ncols()).copy_from(left);
-    all.columns_mut(left.ncols(), right.ncols()).copy_from(right);
+    all.columns_mut(left.ncols(), right.ncols())
+        .copy_from(right);
     all
 }
 

@@ -54,13 +54,7 @@ pub fn fit(
     let reference = near.map_or(&[][..], |near| &near.joint.eliminated);
     let mut scales = near.map_or([1.0; 4], |near| near.scales);
     let mut weights = near.map_or_else(|| vec![1.0; samples.len()], |near| near.weights.clone());
-    let mut placed = poses.placed(
-        Side::Calibration,
-        &machine,
-        &displaced,
-        samples,
-        reference,
-    )?;
+    let mut placed = poses.placed(Side::Calibration, &machine, &displaced, samples, reference)?;
     let mut rounds = 0;
     loop {
         let Placed { samples, groups } = placed;
@@ -131,7 +125,10 @@ pub fn closure_derivatives(
 
 /// Largest move of a pose of the plate (m, rad).
 fn moved(before: &[Sample], after: &[Sample]) -> f64 {
-    let pairs = before.iter().zip(after).filter(|(before, _)| before.set == 1);
+    let pairs = before
+        .iter()
+        .zip(after)
+        .filter(|(before, _)| before.set == 1);
     let moves = pairs.map(|(before, after)| {
         let shift = (before.pose.position - after.pose.position).norm();
         shift.max(before.pose.rotation.angle_to(&after.pose.rotation))

@@ -95,7 +95,11 @@ fn subject(effect: &syntax::Effect, diagnostics: &mut Diagnostics) -> Option<Sub
         (subject, &effect.driven)
     {
         let message = format!("only links are driven, found `on driven {word}`");
-        diagnostics.error(driven, message, "leave out `driven`, or write `on driven link`");
+        diagnostics.error(
+            driven,
+            message,
+            "leave out `driven`, or write `on driven link`",
+        );
     }
     if let (Some(Subject::Link | Subject::Tcp), Some(source)) = (subject, &effect.source) {
         let message = format!("only an effect on cart has a source, found `on {word} from source`");

@@ -78,7 +78,9 @@ impl Context<'_> {
                     source: Some(from),
                 }
             }
-            (Subject::Link | Subject::DrivenLink, [place]) => self.links(place, &used.effect, checked, diagnostics)?,
+            (Subject::Link | Subject::DrivenLink, [place]) => {
+                self.links(place, &used.effect, checked, diagnostics)?
+            }
             (_, [place, ..]) if *place != "tcp" => {
                 let help = format!("write `{}(tcp)`", used.effect);
                 let message = format!("`{}` acts on the tcp, found `{place}`", used.effect);

@@ -86,7 +86,10 @@ pub(crate) fn steps(found: &Discovery) -> Table {
         title: "Error at the validation poses, step by step".to_owned(),
         columns: columns(&[
             ("", &["Model"]),
-            (&format!("{} (µm)", found.validation.of.title()), &["mean", "largest", "rms"]),
+            (
+                &format!("{} (µm)", found.validation.of.title()),
+                &["mean", "largest", "rms"],
+            ),
         ]),
         rows,
     }

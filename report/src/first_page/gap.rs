@@ -48,7 +48,11 @@ pub(super) fn of_study(study: &Study) -> Markup {
             },
         })
         .collect();
-    bars((AT_THE_TOOL, &rows), held_out(study.poses), study.poses.validation)
+    bars(
+        (AT_THE_TOOL, &rows),
+        held_out(study.poses),
+        study.poses.validation,
+    )
 }
 
 /// Before and after the search, and what the noise alone would leave.
