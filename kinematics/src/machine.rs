@@ -4,7 +4,7 @@ use nalgebra::{DMatrix, DVector};
 use tau_robot::robot::{Arm, Instance, ResidualKind, Robot, Variant};
 
 use super::inputs::{Sample, Surroundings};
-use super::{Error, Pose};
+use super::Error;
 
 /// Columns of [`Closures::jacobian`] that belong to the pose: translation, then rotation vector.
 pub const POSE_COLUMNS: usize = 6;
@@ -31,6 +31,8 @@ pub struct Closures {
     /// Derivatives by translation (m), rotation vector in the measurement frame (rad) and commands
     /// (m): one row per closure, `6 + commands` columns.
     pub jacobian: DMatrix<f64>,
+    /// What each was divided by (m), 1 where the closure does not depend on the position.
+    pub slopes: DVector<f64>,
 }
 
 impl Machine {
@@ -99,33 +101,41 @@ impl Machine {
             });
         }
         let count = self.closure_count();
-        let mut residuals = DVector::zeros(count);
-        let mut jacobian = DMatrix::zeros(count, POSE_COLUMNS + commands);
-        let mut scratch = Scratch::default();
+        let mut closures = Closures {
+            residuals: DVector::zeros(count),
+            jacobian: DMatrix::zeros(count, POSE_COLUMNS + commands),
+            slopes: DVector::zeros(count),
+        };
+        let mut scratch = Scratch::at(sample);
         for (row, instance) in self.closure_instances().enumerate() {
-            let residual = scratch.linearize(self, instance, sample)?;
+            let residual = scratch.linearize(self, instance)?;
             let pattern = instance.family.pattern();
-            let gradient: f64 = pattern
-                .columns
-                .iter()
-                .zip(&scratch.jacobian)
-                .filter(|&(&column, _)| column < 3)
-                .map(|(_, entry)| entry * entry)
-                .sum();
-            let scale = if gradient > 0.0 {
-                gradient.sqrt().recip()
-            } else {
-                1.0
-            };
-            residuals[row] = residual * scale;
-            for (&column, entry) in pattern.columns.iter().zip(&scratch.jacobian) {
-                jacobian[(row, column as usize)] = entry * scale;
+            let entries = || pattern.columns.iter().zip(&scratch.jacobian);
+            let by_position = entries().filter(|&(&column, _)| column < 3);
+            let square: f64 = by_position.map(|(_, entry)| entry * entry).sum();
+            let slope = if square > 0.0 { square.sqrt() } else { 1.0 };
+            let scale = slope.recip();
+            closures.residuals[row] = residual * scale;
+            closures.slopes[row] = slope;
+            for (&column, entry) in entries() {
+                closures.jacobian[(row, column as usize)] = entry * scale;
             }
         }
-        Ok(Closures {
-            residuals,
-            jacobian,
-        })
+        Ok(closures)
+    }
+
+    /// Gradients of all closures by position (3) and rotation vector (3), in order of link or cluster.
+    ///
+    /// # Errors
+    /// As [`Self::closure_by_pose`].
+    pub fn gradients(&self, sample: &Sample<'_>) -> Result<Vec<[f64; POSE_COLUMNS]>, Error> {
+        let mut scratch = Scratch::at(sample);
+        self.closure_instances()
+            .map(|instance| {
+                scratch.linearize(self, instance)?;
+                Ok(scratch.gradient(instance))
+            })
+            .collect()
     }
 
     /// An error at a sample, with the effects that are at fault where a number is not finite.
@@ -179,8 +189,8 @@ impl Machine {
         sample: &Sample<'_>,
         command: usize,
     ) -> Result<(f64, f64), Error> {
-        let mut scratch = Scratch::default();
-        let residual = scratch.linearize(self, instance, sample)?;
+        let mut scratch = Scratch::at(sample);
+        let residual = scratch.linearize(self, instance)?;
         let columns = instance.family.pattern().columns;
         let wanted = POSE_COLUMNS + command;
         let found = columns.iter().position(|&column| column as usize == wanted);
@@ -196,47 +206,43 @@ impl Machine {
         instance: &Instance,
         sample: &Sample<'_>,
     ) -> Result<(f64, [f64; POSE_COLUMNS]), Error> {
-        let mut scratch = Scratch::default();
-        let residual = scratch.linearize(self, instance, sample)?;
-        let mut gradient = [0.0; POSE_COLUMNS];
-        for (&column, entry) in instance
-            .family
-            .pattern()
-            .columns
-            .iter()
-            .zip(&scratch.jacobian)
-        {
-            if let Some(place) = gradient.get_mut(column as usize) {
-                *place = *entry;
-            }
-        }
-        Ok((residual, gradient))
+        let mut scratch = Scratch::at(sample);
+        let residual = scratch.linearize(self, instance)?;
+        Ok((residual, scratch.gradient(instance)))
     }
 }
 
-/// Buffers for calling families.
-#[derive(Default)]
-struct Scratch {
+/// Buffers for calling families at a sample.
+struct Scratch<'a> {
+    sample: &'a Sample<'a>,
     data: Vec<f64>,
     prepared: Vec<f64>,
+    /// Pose and commands, which all closures share, then a closure's own parameters.
     parameters: Vec<f64>,
     jacobian: Vec<f64>,
 }
 
-impl Scratch {
-    fn linearize(
-        &mut self,
-        machine: &Machine,
-        instance: &Instance,
-        sample: &Sample<'_>,
-    ) -> Result<f64, Error> {
+impl<'a> Scratch<'a> {
+    fn at(sample: &'a Sample<'a>) -> Self {
+        let pose = &sample.pose;
+        let shared = [pose.position_m(), pose.angles_rad()].into_iter().flatten();
+        Self {
+            parameters: shared.chain(sample.commands_m.iter().copied()).collect(),
+            sample,
+            data: Vec::new(),
+            prepared: Vec::new(),
+            jacobian: Vec::new(),
+        }
+    }
+
+    /// Residual of a closure; its derivatives are left in the buffer.
+    fn linearize(&mut self, machine: &Machine, instance: &Instance) -> Result<f64, Error> {
         let family = &instance.family;
         let shape = family.shape();
         self.data.clear();
-        machine.fill(instance, sample, &mut self.data)?;
-        self.parameters.clear();
-        self.parameters.extend(pose_parameters(&sample.pose));
-        self.parameters.extend(sample.commands_m);
+        machine.fill(instance, self.sample, &mut self.data)?;
+        self.parameters
+            .truncate(POSE_COLUMNS + self.sample.commands_m.len());
         self.parameters.extend(
             instance
                 .parameters
@@ -262,8 +268,15 @@ impl Scratch {
         }
         Ok(residual[0])
     }
-}
 
-fn pose_parameters(pose: &Pose) -> impl Iterator<Item = f64> {
-    pose.position_m().into_iter().chain(pose.angles_rad())
+    /// Derivatives of the closure that was linearised last by position and rotation vector.
+    fn gradient(&self, instance: &Instance) -> [f64; POSE_COLUMNS] {
+        let mut gradient = [0.0; POSE_COLUMNS];
+        for (&column, entry) in (instance.family.pattern().columns.iter()).zip(&self.jacobian) {
+            if let Some(place) = gradient.get_mut(column as usize) {
+                *place = *entry;
+            }
+        }
+        gradient
+    }
 }

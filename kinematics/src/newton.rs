@@ -1,10 +1,10 @@
 //! Damped Newton iteration on the closures, in the pose, the commands, or parts of both.
 
-use nalgebra::{DMatrix, DVector, Vector3};
+use nalgebra::{DMatrix, DVector, Matrix6, Vector3};
 
 use super::inputs::Sample;
 use super::least_norm::least_norm;
-use super::machine::{Machine, POSE_COLUMNS};
+use super::machine::{Closures, Machine, POSE_COLUMNS};
 use super::{Error, Pose};
 
 const MAX_ITERATIONS: usize = 60;
@@ -22,6 +22,8 @@ pub(crate) struct Settled {
     pub(crate) commands_m: Vec<f64>,
     /// Root of the sum of squared mismatches (m); zero up to rounding unless overdetermined.
     pub(crate) mismatch_m: f64,
+    /// The closures there.
+    pub(crate) closures: Closures,
 }
 
 /// Solves the closures in the columns of [`Closures::jacobian`](super::machine::Closures) that are
@@ -47,16 +49,16 @@ pub(crate) fn solve(
             iterations: iteration,
             mismatch_m: mismatch,
         };
-        let reduced = closures.jacobian.select_columns(unknowns);
-        let square = reduced.is_square();
+        let square = closures.jacobian.nrows() == unknowns.len();
         if square && mismatch < ROUNDING_M {
             return Ok(Settled {
                 pose,
                 commands_m: commands,
                 mismatch_m: mismatch,
+                closures,
             });
         }
-        let step = newton_step(&reduced, &closures.residuals).ok_or(not_converged.clone())?;
+        let step = newton_step(&closures, unknowns).ok_or(not_converged.clone())?;
         let longest = step.amax();
         if !longest.is_finite() {
             return Err(not_converged);
@@ -90,6 +92,7 @@ pub(crate) fn solve(
                     pose,
                     commands_m: commands,
                     mismatch_m: mismatch,
+                    closures,
                 })
             } else {
                 Err(not_converged)
@@ -102,9 +105,18 @@ pub(crate) fn solve(
     })
 }
 
-fn newton_step(jacobian: &DMatrix<f64>, residuals: &DVector<f64>) -> Option<DVector<f64>> {
+fn newton_step(closures: &Closures, unknowns: &[usize]) -> Option<DVector<f64>> {
+    let (jacobian, residuals) = (&closures.jacobian, &closures.residuals);
+    // A whole pose of as many links, as of most machines, is found without a trip to the heap.
+    if jacobian.nrows() == POSE_COLUMNS && unknowns.iter().copied().eq(0..POSE_COLUMNS) {
+        let square: Matrix6<f64> = jacobian.fixed_view::<POSE_COLUMNS, POSE_COLUMNS>(0, 0).into();
+        let step = square.lu().solve(&residuals.fixed_rows::<POSE_COLUMNS>(0));
+        if let Some(step) = step.filter(|step| step.iter().all(|value| value.is_finite())) {
+            return Some(DVector::from_column_slice((-step).as_slice()));
+        }
+    }
     let right = DMatrix::from_column_slice(residuals.len(), 1, residuals.as_slice());
-    let step = least_norm(jacobian, &right)?;
+    let step = least_norm(&jacobian.select_columns(unknowns), &right)?;
     Some(-step.column(0))
 }
 

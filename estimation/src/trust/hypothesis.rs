@@ -10,6 +10,8 @@ use tau_robot::robot_file::{LinkValues, RobotFile, Value};
 use crate::calibration::Error;
 use crate::calibration::Prepared;
 use crate::numerics::spread::spread;
+use crate::samples::Sample;
+use crate::samples::frames::Frames;
 
 /// Measurements and parameters, as given or mended.
 #[derive(Clone)]
@@ -68,6 +70,12 @@ impl Case<'_> {
             folder,
             &poses,
         )?)
+    }
+
+    /// Its poses.
+    pub(crate) fn samples(&self) -> Vec<Sample> {
+        let poses: Vec<usize> = (0..self.folder.tcp_poses.len()).collect();
+        Sample::all(self.robot, &self.folder, &poses, &Frames::default())
     }
 
     /// Mean nominal length of the links (m): as stated, or where formulas say it at the first pose; zero where nothing

@@ -164,10 +164,10 @@ impl Judged {
                 continue;
             };
             let plain = &inverse * residuals.rows(index * count, count);
-            for (k, instance) in machine.closure_instances().enumerate() {
-                let Ok((_, gradient)) = machine.closure_by_pose(instance, &sample.view()) else {
-                    continue;
-                };
+            let Ok(gradients) = machine.gradients(&sample.view()) else {
+                continue;
+            };
+            for (k, gradient) in gradients.iter().enumerate() {
                 let slope: f64 = gradient[..3].iter().map(|d| d * d).sum();
                 if slope > 0.0 {
                     found += plain[k].powi(2) / slope;

@@ -8,6 +8,7 @@
 //! chance allows of so many.
 
 mod check;
+mod first_look;
 mod hypothesis;
 mod judged;
 mod mistake;

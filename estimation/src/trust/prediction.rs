@@ -34,13 +34,13 @@ pub fn of_prediction(
     let (robot, variant) = (&machine.robot, &machine.variant);
     let of = |poses: &[usize]| case(robot, variant, file, folder, poses).thinned(MOST_POSES);
     let all = of(&division.validation);
-    let samples = recognise::samples(&all);
+    let samples = all.samples();
     let noise = all.file.noise;
     let known = if stated_sigmas(file) == 0 {
         None
     } else {
         let before = of(&division.calibration);
-        let (prepared, samples) = (before.prepared()?, recognise::samples(&before));
+        let (prepared, samples) = (before.prepared()?, before.samples());
         let inflation = if Sample::units(&samples) < samples.len() {
             weigh(&prepared, &machine.values, &samples, noise, treatment)?.inflation
         } else {
@@ -128,7 +128,7 @@ pub fn outliers_of_validation(
     let at = |poses: &[usize]| -> Result<(Judged, Vec<Sample>), Error> {
         let case = case(robot, variant, file, folder, poses).thinned(MOST_POSES);
         let judged = recognise::judged(&case, &case.prepared()?, &machine.values, 0)?;
-        Ok((judged, recognise::samples(&case)))
+        Ok((judged, case.samples()))
     };
     let weighing = &calibration.weighing;
     let (known, _) = at(&weighing

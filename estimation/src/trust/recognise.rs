@@ -12,8 +12,7 @@ use crate::calibration::{Error, Prepared};
 use crate::numerics::distribution::chi2_survival;
 use crate::numerics::parallel;
 use crate::problem::{Closures, Residuals};
-use crate::samples::Sample;
-use crate::samples::frames::Frames;
+use crate::trust::first_look::FirstLook;
 use crate::trust::hypothesis::{self, Case, Hypothesis, THOUSAND};
 use crate::trust::judged::{Deviation, Judged, Misfit};
 use crate::trust::mistake::Mistake;
@@ -26,9 +25,7 @@ const ODDS: f64 = 1e3;
 /// Poses for a first look at all hypotheses, and for a closer one at the best of them.
 const FEW_POSES: usize = 12;
 const POSES: usize = 60;
-/// Iterations of the first look, which only ranks, and of a second: enough for places of tracks that are known to
-/// centimetres.
-const FIRST_ITERATIONS: usize = 1;
+/// Iterations of the closer look at a few poses: enough for places of tracks that are known to centimetres.
 const FEW_ITERATIONS: usize = 4;
 /// Iterations of a whole descent.
 pub(crate) const ITERATIONS: usize = 40;
@@ -139,7 +136,7 @@ pub(crate) fn mistakes(case: &Case<'_>) -> Result<Vec<Mistake>, Error> {
         .as_ref()
         .filter(|given| is_beyond_noise(&given.misfit))
     {
-        let (prepared, samples) = (thinned.prepared()?, samples(&thinned));
+        let (prepared, samples) = (thinned.prepared()?, thinned.samples());
         let noise = thinned.file.noise;
         let weighed = weigh(
             &prepared,
@@ -223,11 +220,7 @@ fn candidates(case: &Case<'_>) -> Vec<Hypothesis> {
     all.extend(hypothesis::axes());
     all.extend(hypothesis::angles());
     all.push(Hypothesis::Millimetres);
-    let mut ranked = closer(&few, &all, FIRST_ITERATIONS);
-    ranked.sort_by(|a, b| a.total.total_cmp(&b.total));
-    let best: Vec<Hypothesis> = (ranked.into_iter().take(CLOSER))
-        .filter_map(|tried| tried.hypothesis)
-        .collect();
+    let best = first(&few, all);
     let as_given = tried(&few, None, FEW_ITERATIONS).map_or(f64::INFINITY, |given| given.total);
     let better = closer(&few, &best, FEW_ITERATIONS).into_iter();
     // Room for tolerances is paid for by evidence, which few poses don't settle.
@@ -235,6 +228,24 @@ fn candidates(case: &Case<'_>) -> Vec<Hypothesis> {
         .filter(|tried| tried.total < as_given)
         .filter_map(|tried| tried.hypothesis)
         .chain(hypothesis::small_tolerances())
+        .collect()
+}
+
+/// The best hypotheses at a first look, of those that leave less there than the case as given does.
+fn first(case: &Case<'_>, hypotheses: Vec<Hypothesis>) -> Vec<Hypothesis> {
+    let Some(look) = FirstLook::new(case) else {
+        return hypotheses;
+    };
+    let as_given = look.total_as_given();
+    let totals = look.totals(&hypotheses);
+    let mut ranked: Vec<(f64, Hypothesis)> = (totals.into_iter().zip(hypotheses))
+        .filter(|(total, _)| *total < as_given)
+        .collect();
+    ranked.sort_by(|a, b| a.0.total_cmp(&b.0));
+    ranked.truncate(CLOSER);
+    ranked
+        .into_iter()
+        .map(|(_, hypothesis)| hypothesis)
         .collect()
 }
 
@@ -288,7 +299,7 @@ pub(crate) fn judged(
     start: &[f64],
     iterations: usize,
 ) -> Result<Judged, Error> {
-    let samples = samples(case);
+    let samples = case.samples();
     let even = vec![1.0; samples.len()];
     Judged::new(
         prepared,
@@ -297,12 +308,6 @@ pub(crate) fn judged(
         case.file.noise,
         (&even, iterations),
     )
-}
-
-/// The poses of a case as samples.
-pub(crate) fn samples(case: &Case<'_>) -> Vec<Sample> {
-    let poses: Vec<usize> = (0..case.folder.tcp_poses.len()).collect();
-    Sample::all(case.robot, &case.folder, &poses, &Frames::default())
 }
 
 /// Columns of commands exchanged, the best few: each closure follows one command, so the misfit of each with every
@@ -323,7 +328,7 @@ fn commands(case: &Case<'_>) -> Vec<Hypothesis> {
         .collect();
     // By column, then by the command that it would hold.
     let mut misfits = vec![vec![0.0; count]; count];
-    for sample in samples(case) {
+    for sample in case.samples() {
         for (&command_m, own) in sample.commands_m.iter().zip(&mut misfits) {
             let commands_m = vec![command_m; count];
             let view = tau_kinematics::Sample {
@@ -433,7 +438,7 @@ fn dimensions(case: &Case<'_>, given: Option<&Tried>) -> Vec<Tried> {
 /// three residuals a pose give it, and its minima are found wherever they are.
 fn far_off(case: &Case<'_>) -> Option<Vec<(usize, f64)>> {
     let prepared = case.prepared().ok()?;
-    let samples = samples(case);
+    let samples = case.samples();
     let (machine, nominal) = (&prepared.machine, &prepared.nominal);
     let noise = case.file.noise;
     let residuals = Residuals::new(machine, nominal, &samples, noise, Closures::Apart).ok()?;

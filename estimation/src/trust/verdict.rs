@@ -303,7 +303,7 @@ pub fn of_calibration_knowing(
     let judged = Judged::new(
         &prepared,
         &machine.values,
-        &recognise::samples(&case),
+        &case.samples(),
         case.file.noise,
         (&inflation, ITERATIONS),
     )?;
@@ -355,7 +355,7 @@ pub(super) fn shorten(pulls: &mut Vec<Pull>) {
 
 /// The figures of a fit, before they are judged.
 pub(super) fn measured(case: &Case<'_>, judged: &Judged, pulls: Vec<Pull>) -> Verdict {
-    let samples = recognise::samples(case);
+    let samples = case.samples();
     let misfit = judged.misfit();
     let (rms, expected_rms) = judged.closure_rms_m(&samples);
     let mut worst: Vec<PoseFit> = (judged.by_sample(samples.len()).into_iter())
