@@ -3,8 +3,8 @@
 use nalgebra::{DMatrix, DVector};
 use tau_robot::robot::{Arm, Instance, ResidualKind, Robot, Variant};
 
-use super::inputs::{Sample, Surroundings};
 use super::Error;
+use super::inputs::{Sample, Surroundings};
 
 /// Columns of [`Closures::jacobian`] that belong to the pose: translation, then rotation vector.
 pub const POSE_COLUMNS: usize = 6;

@@ -109,7 +109,9 @@ fn newton_step(closures: &Closures, unknowns: &[usize]) -> Option<DVector<f64>> 
     let (jacobian, residuals) = (&closures.jacobian, &closures.residuals);
     // A whole pose of as many links, as of most machines, is found without a trip to the heap.
     if jacobian.nrows() == POSE_COLUMNS && unknowns.iter().copied().eq(0..POSE_COLUMNS) {
-        let square: Matrix6<f64> = jacobian.fixed_view::<POSE_COLUMNS, POSE_COLUMNS>(0, 0).into();
+        let square: Matrix6<f64> = jacobian
+            .fixed_view::<POSE_COLUMNS, POSE_COLUMNS>(0, 0)
+            .into();
         let step = square.lu().solve(&residuals.fixed_rows::<POSE_COLUMNS>(0));
         if let Some(step) = step.filter(|step| step.iter().all(|value| value.is_finite())) {
             return Some(DVector::from_column_slice((-step).as_slice()));

@@ -5,7 +5,7 @@
 //! by so many times the noise that what closures share does not matter.
 
 use nalgebra::{Cholesky, DMatrix, DVector};
-use tau_robot::robot::{Arm, ResidualKind, TrackShape};
+use tau_robot::robot::{Arm, Instance, ResidualKind, TrackShape};
 
 use crate::calibration::Prepared;
 use crate::numerics::parallel;
@@ -62,19 +62,30 @@ impl<'a> FirstLook<'a> {
         .then(|| mended.prepared());
         let own = own.transpose().ok()?;
         let prepared = own.as_ref().unwrap_or(&self.prepared);
+        let machine = &prepared.machine;
+        let closures: Vec<&Instance> = variant.instances_of(ResidualKind::Closure).collect();
+        let mut data = vec![Vec::new(); closures.len()];
         let samples = mended.samples();
-        let closures = variant.instances_of(ResidualKind::Closure);
-        let (mut data, mut prepared_data) = (Vec::new(), Vec::new());
-        let mut total = 0.0;
-        for (closure, weights) in closures.zip(&self.weights) {
-            let (family, machine) = (&closure.family, &prepared.machine);
-            data.clear();
-            for sample in &samples {
-                sample.fill(machine, closure, &mut data).ok()?;
+        let poses = samples.len();
+        let mut of_sample = Vec::new();
+        for sample in &samples {
+            let inputs = closures.iter().map(|closure| closure.inputs.as_slice());
+            of_sample.clear();
+            let filled = (machine.surroundings).fill_all(inputs, &sample.view(), &mut of_sample);
+            filled.ok()?;
+            let mut rest = of_sample.as_slice();
+            for (data, closure) in data.iter_mut().zip(&closures) {
+                let (own, others) = rest.split_at(closure.inputs.len());
+                data.extend_from_slice(own);
+                rest = others;
             }
-            let poses = samples.len();
+        }
+        let mut prepared_data = Vec::new();
+        let mut total = 0.0;
+        for ((closure, data), weights) in closures.into_iter().zip(&data).zip(&self.weights) {
+            let family = &closure.family;
             prepared_data.resize(poses * family.shape().prepared, 0.0);
-            family.prepare_all(&data, &mut prepared_data);
+            family.prepare_all(data, &mut prepared_data);
             let own = closure.parameters.iter();
             let values: Vec<f64> = own.map(|&index| machine.values[index]).collect();
             let columns = family.pattern().columns;
@@ -101,6 +112,6 @@ impl<'a> FirstLook<'a> {
             factor.l_dirty().solve_lower_triangular_mut(&mut residuals);
             total += residuals.norm_squared();
         }
-        Some(total)
+        Some(total).filter(|total| total.is_finite())
     }
 }

@@ -10,7 +10,7 @@
 mod check;
 mod first_look;
 mod hypothesis;
-mod judged;
+pub(crate) mod judged;
 mod mistake;
 pub(crate) mod numbering;
 mod prediction;
