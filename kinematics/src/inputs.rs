@@ -145,6 +145,10 @@ impl Surroundings {
         sample: &Sample<'_>,
         data: &mut Vec<f64>,
     ) -> Result<(), Missing> {
+        // Closures by pose of most variants take nothing.
+        if inputs.is_empty() {
+            return Ok(());
+        }
         self.fill_all([inputs], sample, data)
     }
 

@@ -35,6 +35,61 @@ pub struct Closures {
     pub slopes: DVector<f64>,
 }
 
+impl Default for Closures {
+    /// None.
+    fn default() -> Self {
+        Self {
+            residuals: DVector::zeros(0),
+            jacobian: DMatrix::zeros(0, 0),
+            slopes: DVector::zeros(0),
+        }
+    }
+}
+
+impl Closures {
+    /// Those of a machine at a sample, in the place of others.
+    ///
+    /// # Errors
+    /// As [`Machine::closures`].
+    pub(crate) fn fill(
+        &mut self,
+        machine: &Machine,
+        sample: &Sample<'_>,
+        scratch: &mut Scratch,
+    ) -> Result<(), Error> {
+        let commands = machine.robot.commands;
+        if sample.commands_m.len() != commands {
+            return Err(Error::Commands {
+                found: sample.commands_m.len(),
+                expected: commands,
+            });
+        }
+        let count = machine.closure_count();
+        if self.jacobian.shape() != (count, POSE_COLUMNS + commands) {
+            self.residuals = DVector::zeros(count);
+            self.slopes = DVector::zeros(count);
+            self.jacobian = DMatrix::zeros(count, POSE_COLUMNS + commands);
+        }
+        scratch.place(sample);
+        for (row, instance) in machine.closure_instances().enumerate() {
+            let residual = scratch.linearize(machine, instance, sample)?;
+            let pattern = instance.family.pattern();
+            let entries = || pattern.columns.iter().zip(&scratch.jacobian);
+            let by_position = entries().filter(|&(&column, _)| column < 3);
+            let square: f64 = by_position.map(|(_, entry)| entry * entry).sum();
+            let slope = if square > 0.0 { square.sqrt() } else { 1.0 };
+            let scale = slope.recip();
+            self.residuals[row] = residual * scale;
+            self.slopes[row] = slope;
+            // Other places stay zero: the pattern of a closure is always the same.
+            for (&column, entry) in entries() {
+                self.jacobian[(row, column as usize)] = entry * scale;
+            }
+        }
+        Ok(())
+    }
+}
+
 impl Machine {
     /// Closures by pose, in order of link or cluster.
     pub fn closure_instances(&self) -> impl Iterator<Item = &Instance> {
@@ -93,34 +148,8 @@ impl Machine {
     /// # Errors
     /// Data that the sample lacks; a wrong number of commands; a number that is not finite.
     pub fn closures(&self, sample: &Sample<'_>) -> Result<Closures, Error> {
-        let commands = self.robot.commands;
-        if sample.commands_m.len() != commands {
-            return Err(Error::Commands {
-                found: sample.commands_m.len(),
-                expected: commands,
-            });
-        }
-        let count = self.closure_count();
-        let mut closures = Closures {
-            residuals: DVector::zeros(count),
-            jacobian: DMatrix::zeros(count, POSE_COLUMNS + commands),
-            slopes: DVector::zeros(count),
-        };
-        let mut scratch = Scratch::at(sample);
-        for (row, instance) in self.closure_instances().enumerate() {
-            let residual = scratch.linearize(self, instance)?;
-            let pattern = instance.family.pattern();
-            let entries = || pattern.columns.iter().zip(&scratch.jacobian);
-            let by_position = entries().filter(|&(&column, _)| column < 3);
-            let square: f64 = by_position.map(|(_, entry)| entry * entry).sum();
-            let slope = if square > 0.0 { square.sqrt() } else { 1.0 };
-            let scale = slope.recip();
-            closures.residuals[row] = residual * scale;
-            closures.slopes[row] = slope;
-            for (&column, entry) in entries() {
-                closures.jacobian[(row, column as usize)] = entry * scale;
-            }
-        }
+        let mut closures = Closures::default();
+        closures.fill(self, sample, &mut Scratch::default())?;
         Ok(closures)
     }
 
@@ -129,10 +158,11 @@ impl Machine {
     /// # Errors
     /// As [`Self::closure_by_pose`].
     pub fn gradients(&self, sample: &Sample<'_>) -> Result<Vec<[f64; POSE_COLUMNS]>, Error> {
-        let mut scratch = Scratch::at(sample);
+        let mut scratch = Scratch::default();
+        scratch.place(sample);
         self.closure_instances()
             .map(|instance| {
-                scratch.linearize(self, instance)?;
+                scratch.linearize(self, instance, sample)?;
                 Ok(scratch.gradient(instance))
             })
             .collect()
@@ -189,8 +219,9 @@ impl Machine {
         sample: &Sample<'_>,
         command: usize,
     ) -> Result<(f64, f64), Error> {
-        let mut scratch = Scratch::at(sample);
-        let residual = scratch.linearize(self, instance)?;
+        let mut scratch = Scratch::default();
+        scratch.place(sample);
+        let residual = scratch.linearize(self, instance, sample)?;
         let columns = instance.family.pattern().columns;
         let wanted = POSE_COLUMNS + command;
         let found = columns.iter().position(|&column| column as usize == wanted);
@@ -206,43 +237,48 @@ impl Machine {
         instance: &Instance,
         sample: &Sample<'_>,
     ) -> Result<(f64, [f64; POSE_COLUMNS]), Error> {
-        let mut scratch = Scratch::at(sample);
-        let residual = scratch.linearize(self, instance)?;
+        let mut scratch = Scratch::default();
+        scratch.place(sample);
+        let residual = scratch.linearize(self, instance, sample)?;
         Ok((residual, scratch.gradient(instance)))
     }
 }
 
-/// Buffers for calling families at a sample.
-struct Scratch<'a> {
-    sample: &'a Sample<'a>,
+/// Buffers for calling families.
+#[derive(Default)]
+pub(crate) struct Scratch {
     data: Vec<f64>,
     prepared: Vec<f64>,
     /// Pose and commands, which all closures share, then a closure's own parameters.
     parameters: Vec<f64>,
+    /// Number of those that closures share.
+    shared: usize,
     jacobian: Vec<f64>,
 }
 
-impl<'a> Scratch<'a> {
-    fn at(sample: &'a Sample<'a>) -> Self {
+impl Scratch {
+    /// Begins with a sample.
+    fn place(&mut self, sample: &Sample<'_>) {
         let pose = &sample.pose;
-        let shared = [pose.position_m(), pose.angles_rad()].into_iter().flatten();
-        Self {
-            parameters: shared.chain(sample.commands_m.iter().copied()).collect(),
-            sample,
-            data: Vec::new(),
-            prepared: Vec::new(),
-            jacobian: Vec::new(),
-        }
+        self.parameters.clear();
+        self.parameters.extend(pose.position_m());
+        self.parameters.extend(pose.angles_rad());
+        self.parameters.extend(sample.commands_m);
+        self.shared = self.parameters.len();
     }
 
-    /// Residual of a closure; its derivatives are left in the buffer.
-    fn linearize(&mut self, machine: &Machine, instance: &Instance) -> Result<f64, Error> {
+    /// Residual of a closure at the sample; its derivatives are left in the buffer.
+    fn linearize(
+        &mut self,
+        machine: &Machine,
+        instance: &Instance,
+        sample: &Sample<'_>,
+    ) -> Result<f64, Error> {
         let family = &instance.family;
         let shape = family.shape();
         self.data.clear();
-        machine.fill(instance, self.sample, &mut self.data)?;
-        self.parameters
-            .truncate(POSE_COLUMNS + self.sample.commands_m.len());
+        machine.fill(instance, sample, &mut self.data)?;
+        self.parameters.truncate(self.shared);
         self.parameters.extend(
             instance
                 .parameters

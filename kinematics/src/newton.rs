@@ -4,7 +4,7 @@ use nalgebra::{DMatrix, DVector, Matrix6, Vector3};
 
 use super::inputs::Sample;
 use super::least_norm::least_norm;
-use super::machine::{Closures, Machine, POSE_COLUMNS};
+use super::machine::{Closures, Machine, POSE_COLUMNS, Scratch};
 use super::{Error, Pose};
 
 const MAX_ITERATIONS: usize = 60;
@@ -36,13 +36,16 @@ pub(crate) fn solve(
 ) -> Result<Settled, Error> {
     let mut pose = start.pose;
     let mut commands = start.commands_m.to_vec();
-    let at = |pose: Pose, commands: &[f64]| {
-        machine.closures(&Sample {
+    let mut scratch = Scratch::default();
+    let mut at = |closures: &mut Closures, pose: Pose, commands: &[f64]| {
+        let sample = Sample {
             commands_m: commands,
             ..start.at(pose)
-        })
+        };
+        closures.fill(machine, &sample, &mut scratch)
     };
-    let mut closures = at(pose, &commands)?;
+    let (mut closures, mut next) = (Closures::default(), Closures::default());
+    at(&mut closures, pose, &commands)?;
     let mut mismatch = closures.residuals.norm();
     for iteration in 0..MAX_ITERATIONS {
         let not_converged = Error::NotConverged {
@@ -66,12 +69,13 @@ pub(crate) fn solve(
         let mut share = (LONGEST_STEP / longest).min(1.0);
         let moved = loop {
             let (next_pose, next_commands) = advance(&pose, &commands, unknowns, &step, share);
-            match at(next_pose, &next_commands) {
-                Ok(next) => {
+            match at(&mut next, next_pose, &next_commands) {
+                Ok(()) => {
                     let norm = next.residuals.norm();
                     if norm < mismatch * (1.0 - 1e-4 * share) || norm < ROUNDING_M {
                         (pose, commands) = (next_pose, next_commands);
-                        (closures, mismatch) = (next, norm);
+                        std::mem::swap(&mut closures, &mut next);
+                        mismatch = norm;
                         break true;
                     }
                 }
