@@ -22,6 +22,9 @@ struct Arguments {
     /// Clean folders of each robot.
     #[arg(long, default_value_t = 100)]
     clean: u64,
+    /// All that is said of mistakes, not only where none is named rightly.
+    #[arg(long)]
+    texts: bool,
     /// An argument that `cargo bench` adds.
     #[arg(long, hide = true)]
     bench: bool,
@@ -178,7 +181,7 @@ fn main() {
             let is_right = |seed: &u64| {
                 let folder = simulated(&robot, &file, 7000 + seed);
                 let (is_named, said) = is_named(&robot, (&folder, &file), wrong);
-                if !is_named {
+                if arguments.texts || !is_named {
                     eprintln!("{name}, {}, {seed}: {said}", wrong.0);
                 }
                 is_named

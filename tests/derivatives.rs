@@ -214,7 +214,7 @@ fn check_variant_in_blocks(robot: &Robot, variant: &Variant, seed: u64) {
 }
 
 pub(crate) fn check_robot(robot: &Robot, model: &Model, seeds: std::ops::Range<u64>) {
-    for variant in &robot.variants {
+    for variant in robot.variants.iter() {
         for seed in seeds.clone() {
             let point = random_point(robot, variant, seed);
             for instance in &variant.instances {
@@ -255,7 +255,7 @@ fn interpreter_agrees_with_generated_code_bit_for_bit() {
 
 /// Two robots of one description give the same numbers.
 pub(crate) fn check_bit_for_bit(generated: &Robot, interpreted: &Robot) {
-    for (a, b) in generated.variants.iter().zip(&interpreted.variants) {
+    for (a, b) in generated.variants.iter().zip(interpreted.variants.iter()) {
         assert_eq!(a.parameters, b.parameters);
         for seed in 0..8 {
             let point = random_point(generated, a, seed);

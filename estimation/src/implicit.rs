@@ -4,7 +4,7 @@
 //! unknowns are some of the pose X and the commands q. Where closures are more than unknowns, it is the solution of
 //! least squares that follows, to first order in their mismatch.
 
-use nalgebra::{DMatrix, Vector3};
+use nalgebra::DMatrix;
 use tau_kinematics::{self as kinematics, Machine, Sample, least_norm};
 use tau_robot::robot::ResidualKind;
 
@@ -23,15 +23,15 @@ impl Linearized {
     /// # Errors
     /// Data that the sample lacks; a derivative that is not finite.
     pub(crate) fn new(machine: &Machine, sample: &Sample<'_>) -> Result<Self, kinematics::Error> {
-        let by_pose = machine.closures(sample)?.jacobian;
-        let scales = machine.closure_instances().map(|instance| {
-            let (_, [x, y, z, ..]) = machine.closure_by_pose(instance, sample)?;
-            Ok(Vector3::new(x, y, z).norm().recip())
-        });
-        let scales = scales.collect::<Result<Vec<f64>, kinematics::Error>>()?;
+        let kinematics::Closures {
+            jacobian: by_pose,
+            slopes,
+            ..
+        } = machine.closures(sample)?;
         let (mut data, mut prepared, mut jacobian) = (Vec::new(), Vec::new(), Vec::new());
         let closures = machine.variant.instances_of(ResidualKind::Closure);
-        let by_parameters = closures.zip(scales).map(|(closure, scale)| {
+        let by_parameters = closures.zip(&slopes).map(|(closure, slope)| {
+            let scale = slope.recip();
             let shape = closure.family.shape();
             data.clear();
             machine.fill(closure, sample, &mut data)?;

@@ -201,17 +201,20 @@ impl Uncertainty {
         unknowns: &[usize],
     ) -> Result<DMatrix<f64>, Error> {
         let closures = Linearized::new(machine, sample)?;
-        let mut by_factor = DMatrix::zeros(closures.by_parameters.len(), self.columns);
-        for (row, entries) in closures.by_parameters.iter().enumerate() {
+        let count = closures.by_parameters.len();
+        let mut by_factor = vec![0.0; count * self.columns];
+        let rows = by_factor.chunks_exact_mut(self.columns.max(1));
+        for (sums, entries) in rows.zip(&closures.by_parameters) {
             for &(parameter, entry) in entries {
                 let Some(own) = self.rows.get(parameter).copied().flatten() else {
                     continue;
                 };
-                for (column, value) in self.factor[own].iter().enumerate() {
-                    by_factor[(row, column)] += entry * value;
+                for (sum, value) in sums.iter_mut().zip(&self.factor[own]) {
+                    *sum += entry * value;
                 }
             }
         }
+        let by_factor = DMatrix::from_row_slice(count, self.columns, &by_factor);
         let response = closures.response(unknowns);
         let not_finite = || Error::NotFinite {
             closure: machine.variant.name.clone(),

@@ -1,6 +1,6 @@
 //! Forward kinematics: from commands to the pose of the plate.
 
-use nalgebra::{Rotation3, SymmetricEigen, Unit, Vector3};
+use nalgebra::{Cholesky, DMatrix, Rotation3, SymmetricEigen, Unit, Vector3};
 use tau_robot::robot::Plate;
 
 use super::inputs::Sample;
@@ -47,11 +47,17 @@ impl Machine {
     /// # Errors
     /// No solution from there; a singular pose; data missing.
     pub fn forward_fitted(&self, start: &Sample<'_>) -> Result<Reached, Error> {
-        let result = newton::solve(self, start, self.pose_unknowns());
-        // Where there is no solution, a start at a singular pose is the likely cause: then say so.
-        let pose = result.as_ref().map_or(start.pose, |settled| settled.pose);
-        self.check_regular(&self.closures(&start.at(pose))?)?;
-        Ok(self.reached(result?))
+        match newton::solve(self, start, self.pose_unknowns()) {
+            Ok(settled) => {
+                self.check_regular(&settled.closures)?;
+                Ok(self.reached(settled))
+            }
+            Err(error) => {
+                // A start at a singular pose is the likely cause: then say so.
+                self.check_regular(&self.closures(start)?)?;
+                Err(error)
+            }
+        }
     }
 
     /// Forward kinematics without the check for singular poses, for many small steps.
@@ -197,6 +203,18 @@ impl Machine {
     /// scaled by the plate's lever arms, so that all entries are lengths per length.
     pub(crate) fn weakest_motion(&self, closures: &Closures) -> (f64, [f64; POSE_COLUMNS]) {
         let unknowns = self.pose_unknowns();
+        let eigen = SymmetricEigen::new(self.stiffness(closures));
+        let weakest = eigen.eigenvalues.imin();
+        let mut motion = [0.0; POSE_COLUMNS];
+        for (&unknown, entry) in unknowns.iter().zip(&eigen.eigenvectors.column(weakest)) {
+            motion[unknown] = *entry;
+        }
+        (eigen.eigenvalues[weakest].max(0.0).sqrt(), motion)
+    }
+
+    /// Products of the pose columns with each other, as lengths per length.
+    fn stiffness(&self, closures: &Closures) -> DMatrix<f64> {
+        let unknowns = self.pose_unknowns();
         let mut jacobian = closures.jacobian.select_columns(unknowns);
         let rows = jacobian.nrows() as f64;
         let turning = self.turning_unknowns().len();
@@ -206,16 +224,18 @@ impl Machine {
         for column in shifts..unknowns.len() {
             jacobian.column_mut(column).scale_mut(lever.recip());
         }
-        let eigen = SymmetricEigen::new(jacobian.tr_mul(&jacobian));
-        let weakest = eigen.eigenvalues.imin();
-        let mut motion = [0.0; POSE_COLUMNS];
-        for (&unknown, entry) in unknowns.iter().zip(&eigen.eigenvectors.column(weakest)) {
-            motion[unknown] = *entry;
-        }
-        (eigen.eigenvalues[weakest].max(0.0).sqrt(), motion)
+        jacobian.tr_mul(&jacobian)
     }
 
     fn check_regular(&self, closures: &Closures) -> Result<(), Error> {
+        // No eigenvalue is below that bound by which all can be lowered without one becoming negative.
+        let mut lowered = self.stiffness(closures);
+        for k in 0..lowered.nrows() {
+            lowered[(k, k)] -= SINGULAR.powi(2);
+        }
+        if Cholesky::new(lowered).is_some() {
+            return Ok(());
+        }
         let (smallest, motion) = self.weakest_motion(closures);
         if smallest >= SINGULAR || self.closure_count() < self.pose_unknowns().len() {
             return Ok(());

@@ -145,6 +145,23 @@ impl Surroundings {
         sample: &Sample<'_>,
         data: &mut Vec<f64>,
     ) -> Result<(), Missing> {
+        // Closures by pose of most variants take nothing.
+        if inputs.is_empty() {
+            return Ok(());
+        }
+        self.fill_all([inputs], sample, data)
+    }
+
+    /// The same for several families one after the other, for which angles and forces are computed once.
+    ///
+    /// # Errors
+    /// As [`Self::fill`].
+    pub fn fill_all<'a>(
+        &self,
+        inputs: impl IntoIterator<Item = &'a [Input]>,
+        sample: &Sample<'_>,
+        data: &mut Vec<f64>,
+    ) -> Result<(), Missing> {
         let angles = LazyCell::new(|| sample.pose.angles_rad());
         let computed = LazyCell::new(|| {
             let (statics, plate) = self.statics.as_ref().zip(sample.plate)?;
@@ -162,7 +179,7 @@ impl Surroundings {
                 .map(|(path, &command_m)| path.segment(command_m))
                 .ok_or(Missing::Path)
         };
-        for &input in inputs {
+        for &input in inputs.into_iter().flatten() {
             data.push(match input {
                 Input::Command(k) => *sample.commands_m.get(k).ok_or(Missing::Command)?,
                 Input::Position(k) => sample.pose.position[k],

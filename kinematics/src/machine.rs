@@ -3,8 +3,8 @@
 use nalgebra::{DMatrix, DVector};
 use tau_robot::robot::{Arm, Instance, ResidualKind, Robot, Variant};
 
+use super::Error;
 use super::inputs::{Sample, Surroundings};
-use super::{Error, Pose};
 
 /// Columns of [`Closures::jacobian`] that belong to the pose: translation, then rotation vector.
 pub const POSE_COLUMNS: usize = 6;
@@ -31,6 +31,63 @@ pub struct Closures {
     /// Derivatives by translation (m), rotation vector in the measurement frame (rad) and commands
     /// (m): one row per closure, `6 + commands` columns.
     pub jacobian: DMatrix<f64>,
+    /// What each was divided by (m), 1 where the closure does not depend on the position.
+    pub slopes: DVector<f64>,
+}
+
+impl Default for Closures {
+    /// None.
+    fn default() -> Self {
+        Self {
+            residuals: DVector::zeros(0),
+            jacobian: DMatrix::zeros(0, 0),
+            slopes: DVector::zeros(0),
+        }
+    }
+}
+
+impl Closures {
+    /// Those of a machine at a sample, in the place of others.
+    ///
+    /// # Errors
+    /// As [`Machine::closures`].
+    pub(crate) fn fill(
+        &mut self,
+        machine: &Machine,
+        sample: &Sample<'_>,
+        scratch: &mut Scratch,
+    ) -> Result<(), Error> {
+        let commands = machine.robot.commands;
+        if sample.commands_m.len() != commands {
+            return Err(Error::Commands {
+                found: sample.commands_m.len(),
+                expected: commands,
+            });
+        }
+        let count = machine.closure_count();
+        if self.jacobian.shape() != (count, POSE_COLUMNS + commands) {
+            self.residuals = DVector::zeros(count);
+            self.slopes = DVector::zeros(count);
+            self.jacobian = DMatrix::zeros(count, POSE_COLUMNS + commands);
+        }
+        scratch.place(sample);
+        for (row, instance) in machine.closure_instances().enumerate() {
+            let residual = scratch.linearize(machine, instance, sample)?;
+            let pattern = instance.family.pattern();
+            let entries = || pattern.columns.iter().zip(&scratch.jacobian);
+            let by_position = entries().filter(|&(&column, _)| column < 3);
+            let square: f64 = by_position.map(|(_, entry)| entry * entry).sum();
+            let slope = if square > 0.0 { square.sqrt() } else { 1.0 };
+            let scale = slope.recip();
+            self.residuals[row] = residual * scale;
+            self.slopes[row] = slope;
+            // Other places stay zero: the pattern of a closure is always the same.
+            for (&column, entry) in entries() {
+                self.jacobian[(row, column as usize)] = entry * scale;
+            }
+        }
+        Ok(())
+    }
 }
 
 impl Machine {
@@ -91,41 +148,24 @@ impl Machine {
     /// # Errors
     /// Data that the sample lacks; a wrong number of commands; a number that is not finite.
     pub fn closures(&self, sample: &Sample<'_>) -> Result<Closures, Error> {
-        let commands = self.robot.commands;
-        if sample.commands_m.len() != commands {
-            return Err(Error::Commands {
-                found: sample.commands_m.len(),
-                expected: commands,
-            });
-        }
-        let count = self.closure_count();
-        let mut residuals = DVector::zeros(count);
-        let mut jacobian = DMatrix::zeros(count, POSE_COLUMNS + commands);
+        let mut closures = Closures::default();
+        closures.fill(self, sample, &mut Scratch::default())?;
+        Ok(closures)
+    }
+
+    /// Gradients of all closures by position (3) and rotation vector (3), in order of link or cluster.
+    ///
+    /// # Errors
+    /// As [`Self::closure_by_pose`].
+    pub fn gradients(&self, sample: &Sample<'_>) -> Result<Vec<[f64; POSE_COLUMNS]>, Error> {
         let mut scratch = Scratch::default();
-        for (row, instance) in self.closure_instances().enumerate() {
-            let residual = scratch.linearize(self, instance, sample)?;
-            let pattern = instance.family.pattern();
-            let gradient: f64 = pattern
-                .columns
-                .iter()
-                .zip(&scratch.jacobian)
-                .filter(|&(&column, _)| column < 3)
-                .map(|(_, entry)| entry * entry)
-                .sum();
-            let scale = if gradient > 0.0 {
-                gradient.sqrt().recip()
-            } else {
-                1.0
-            };
-            residuals[row] = residual * scale;
-            for (&column, entry) in pattern.columns.iter().zip(&scratch.jacobian) {
-                jacobian[(row, column as usize)] = entry * scale;
-            }
-        }
-        Ok(Closures {
-            residuals,
-            jacobian,
-        })
+        scratch.place(sample);
+        self.closure_instances()
+            .map(|instance| {
+                scratch.linearize(self, instance, sample)?;
+                Ok(scratch.gradient(instance))
+            })
+            .collect()
     }
 
     /// An error at a sample, with the effects that are at fault where a number is not finite.
@@ -180,6 +220,7 @@ impl Machine {
         command: usize,
     ) -> Result<(f64, f64), Error> {
         let mut scratch = Scratch::default();
+        scratch.place(sample);
         let residual = scratch.linearize(self, instance, sample)?;
         let columns = instance.family.pattern().columns;
         let wanted = POSE_COLUMNS + command;
@@ -197,33 +238,36 @@ impl Machine {
         sample: &Sample<'_>,
     ) -> Result<(f64, [f64; POSE_COLUMNS]), Error> {
         let mut scratch = Scratch::default();
+        scratch.place(sample);
         let residual = scratch.linearize(self, instance, sample)?;
-        let mut gradient = [0.0; POSE_COLUMNS];
-        for (&column, entry) in instance
-            .family
-            .pattern()
-            .columns
-            .iter()
-            .zip(&scratch.jacobian)
-        {
-            if let Some(place) = gradient.get_mut(column as usize) {
-                *place = *entry;
-            }
-        }
-        Ok((residual, gradient))
+        Ok((residual, scratch.gradient(instance)))
     }
 }
 
 /// Buffers for calling families.
 #[derive(Default)]
-struct Scratch {
+pub(crate) struct Scratch {
     data: Vec<f64>,
     prepared: Vec<f64>,
+    /// Pose and commands, which all closures share, then a closure's own parameters.
     parameters: Vec<f64>,
+    /// Number of those that closures share.
+    shared: usize,
     jacobian: Vec<f64>,
 }
 
 impl Scratch {
+    /// Begins with a sample.
+    fn place(&mut self, sample: &Sample<'_>) {
+        let pose = &sample.pose;
+        self.parameters.clear();
+        self.parameters.extend(pose.position_m());
+        self.parameters.extend(pose.angles_rad());
+        self.parameters.extend(sample.commands_m);
+        self.shared = self.parameters.len();
+    }
+
+    /// Residual of a closure at the sample; its derivatives are left in the buffer.
     fn linearize(
         &mut self,
         machine: &Machine,
@@ -234,9 +278,7 @@ impl Scratch {
         let shape = family.shape();
         self.data.clear();
         machine.fill(instance, sample, &mut self.data)?;
-        self.parameters.clear();
-        self.parameters.extend(pose_parameters(&sample.pose));
-        self.parameters.extend(sample.commands_m);
+        self.parameters.truncate(self.shared);
         self.parameters.extend(
             instance
                 .parameters
@@ -262,8 +304,15 @@ impl Scratch {
         }
         Ok(residual[0])
     }
-}
 
-fn pose_parameters(pose: &Pose) -> impl Iterator<Item = f64> {
-    pose.position_m().into_iter().chain(pose.angles_rad())
+    /// Derivatives of the closure that was linearised last by position and rotation vector.
+    fn gradient(&self, instance: &Instance) -> [f64; POSE_COLUMNS] {
+        let mut gradient = [0.0; POSE_COLUMNS];
+        for (&column, entry) in (instance.family.pattern().columns.iter()).zip(&self.jacobian) {
+            if let Some(place) = gradient.get_mut(column as usize) {
+                *place = *entry;
+            }
+        }
+        gradient
+    }
 }

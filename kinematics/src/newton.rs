@@ -1,10 +1,10 @@
 //! Damped Newton iteration on the closures, in the pose, the commands, or parts of both.
 
-use nalgebra::{DMatrix, DVector, Vector3};
+use nalgebra::{DMatrix, DVector, Matrix6, Vector3};
 
 use super::inputs::Sample;
 use super::least_norm::least_norm;
-use super::machine::{Machine, POSE_COLUMNS};
+use super::machine::{Closures, Machine, POSE_COLUMNS, Scratch};
 use super::{Error, Pose};
 
 const MAX_ITERATIONS: usize = 60;
@@ -22,6 +22,8 @@ pub(crate) struct Settled {
     pub(crate) commands_m: Vec<f64>,
     /// Root of the sum of squared mismatches (m); zero up to rounding unless overdetermined.
     pub(crate) mismatch_m: f64,
+    /// The closures there.
+    pub(crate) closures: Closures,
 }
 
 /// Solves the closures in the columns of [`Closures::jacobian`](super::machine::Closures) that are
@@ -34,29 +36,32 @@ pub(crate) fn solve(
 ) -> Result<Settled, Error> {
     let mut pose = start.pose;
     let mut commands = start.commands_m.to_vec();
-    let at = |pose: Pose, commands: &[f64]| {
-        machine.closures(&Sample {
+    let mut scratch = Scratch::default();
+    let mut at = |closures: &mut Closures, pose: Pose, commands: &[f64]| {
+        let sample = Sample {
             commands_m: commands,
             ..start.at(pose)
-        })
+        };
+        closures.fill(machine, &sample, &mut scratch)
     };
-    let mut closures = at(pose, &commands)?;
+    let (mut closures, mut next) = (Closures::default(), Closures::default());
+    at(&mut closures, pose, &commands)?;
     let mut mismatch = closures.residuals.norm();
     for iteration in 0..MAX_ITERATIONS {
         let not_converged = Error::NotConverged {
             iterations: iteration,
             mismatch_m: mismatch,
         };
-        let reduced = closures.jacobian.select_columns(unknowns);
-        let square = reduced.is_square();
+        let square = closures.jacobian.nrows() == unknowns.len();
         if square && mismatch < ROUNDING_M {
             return Ok(Settled {
                 pose,
                 commands_m: commands,
                 mismatch_m: mismatch,
+                closures,
             });
         }
-        let step = newton_step(&reduced, &closures.residuals).ok_or(not_converged.clone())?;
+        let step = newton_step(&closures, unknowns).ok_or(not_converged.clone())?;
         let longest = step.amax();
         if !longest.is_finite() {
             return Err(not_converged);
@@ -64,12 +69,13 @@ pub(crate) fn solve(
         let mut share = (LONGEST_STEP / longest).min(1.0);
         let moved = loop {
             let (next_pose, next_commands) = advance(&pose, &commands, unknowns, &step, share);
-            match at(next_pose, &next_commands) {
-                Ok(next) => {
+            match at(&mut next, next_pose, &next_commands) {
+                Ok(()) => {
                     let norm = next.residuals.norm();
                     if norm < mismatch * (1.0 - 1e-4 * share) || norm < ROUNDING_M {
                         (pose, commands) = (next_pose, next_commands);
-                        (closures, mismatch) = (next, norm);
+                        std::mem::swap(&mut closures, &mut next);
+                        mismatch = norm;
                         break true;
                     }
                 }
@@ -90,6 +96,7 @@ pub(crate) fn solve(
                     pose,
                     commands_m: commands,
                     mismatch_m: mismatch,
+                    closures,
                 })
             } else {
                 Err(not_converged)
@@ -102,9 +109,20 @@ pub(crate) fn solve(
     })
 }
 
-fn newton_step(jacobian: &DMatrix<f64>, residuals: &DVector<f64>) -> Option<DVector<f64>> {
+fn newton_step(closures: &Closures, unknowns: &[usize]) -> Option<DVector<f64>> {
+    let (jacobian, residuals) = (&closures.jacobian, &closures.residuals);
+    // A whole pose of as many links, as of most machines, is found without a trip to the heap.
+    if jacobian.nrows() == POSE_COLUMNS && unknowns.iter().copied().eq(0..POSE_COLUMNS) {
+        let square: Matrix6<f64> = jacobian
+            .fixed_view::<POSE_COLUMNS, POSE_COLUMNS>(0, 0)
+            .into();
+        let step = square.lu().solve(&residuals.fixed_rows::<POSE_COLUMNS>(0));
+        if let Some(step) = step.filter(|step| step.iter().all(|value| value.is_finite())) {
+            return Some(DVector::from_column_slice((-step).as_slice()));
+        }
+    }
     let right = DMatrix::from_column_slice(residuals.len(), 1, residuals.as_slice());
-    let step = least_norm(jacobian, &right)?;
+    let step = least_norm(&jacobian.select_columns(unknowns), &right)?;
     Some(-step.column(0))
 }
 

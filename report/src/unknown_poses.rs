@@ -1,7 +1,8 @@
 //! Calibrations from poses that are unknown, in words and as JSON.
 
 use serde_json::{Value, json};
-use tau::unknown_poses::{GrossRow, Rank, RowDivision, UnknownPoses};
+use tau::Robot;
+use tau::unknown_poses::{GrossRow, Kind, Rank, RowDivision, UnknownPoses};
 
 use crate::gauge::{gauge_json, open};
 use crate::number::general;
@@ -25,12 +26,13 @@ pub fn terminal(found: &UnknownPoses, width: usize) -> String {
         "measurements", "kind", "rows", "noise", "residual/noise"
     ));
     for fit in &found.kinds {
+        let unit = unit_of(&found.calibration.machine.robot, &fit.kind);
         let noise = match fit.kind.stated {
             None => "exact".to_owned(),
             Some(_) if fit.kind.is_estimated() => {
-                format!("{} (found)", length(fit.kind.sigma, fit.kind.unit))
+                format!("{} (found)", length(fit.kind.sigma, unit))
             }
-            Some(_) => length(fit.kind.sigma, fit.kind.unit),
+            Some(_) => length(fit.kind.sigma, unit),
         };
         let ratio = fit
             .residual_over_noise()
@@ -119,6 +121,16 @@ fn link(found: &UnknownPoses, row: &GrossRow) -> Option<String> {
     let machine = &found.calibration.machine;
     let closure = machine.closure_instances().nth(row.place.drive?)?;
     Some(machine.closure_name(closure).to_owned())
+}
+
+/// Unit of the noise of a kind of measurement: that of drives is theirs, rad where all of them turn.
+fn unit_of(robot: &Robot, kind: &Kind) -> &'static str {
+    let turn = (0..robot.commands).all(|command| robot.is_angle(command));
+    if kind.quantity == "closure" && turn {
+        "rad"
+    } else {
+        kind.unit
+    }
 }
 
 fn length(value: f64, unit: &str) -> String {

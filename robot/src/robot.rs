@@ -39,7 +39,7 @@ pub struct Robot {
     /// Number of commands.
     pub commands: usize,
     /// Variants in order of declaration.
-    pub variants: Vec<Variant>,
+    pub variants: Arc<[Variant]>,
 }
 
 /// Links between one cart (or the fixed base) and the plate.

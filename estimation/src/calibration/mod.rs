@@ -11,6 +11,8 @@ pub mod searched;
 mod shared_noise;
 mod stated;
 
+use std::sync::Arc;
+
 use tau_kinematics::Machine;
 use tau_robot::input_error::InputError;
 use tau_robot::measurements::{Folder, TcpPose};
@@ -24,6 +26,7 @@ use crate::numerics::triangle;
 use crate::problem::{self, Closures, Residuals};
 use crate::samples::Sample;
 use crate::samples::frames::Frames;
+use crate::trust::judged::Judged;
 use crate::weighing::{self, Treatment, Weighing};
 
 pub use cost::closure_cost;
@@ -96,6 +99,16 @@ pub struct Calibration {
     pub iterations: usize,
     /// Why the solver stopped, in words.
     pub termination: String,
+    /// The fit that judges it, where weighing the poses came by it, and the values that it started from.
+    pub(crate) known: Option<Arc<(Vec<f64>, Judged)>>,
+}
+
+impl Calibration {
+    /// The fit to its poses under the priors by which it is judged, if it is known already.
+    pub(crate) fn judged(&self) -> Option<&Judged> {
+        let (values, judged) = self.known.as_deref()?;
+        (*values == self.machine.values).then_some(judged)
+    }
 }
 
 /// A variant with the values of a robot file: nominal ones or those of an earlier calibration.
@@ -184,8 +197,8 @@ pub fn calibrate(
     let mut iterations = total_iterations(&solution);
 
     let values = problem::values(machine, used, &solution.parameters);
-    let mut weighing =
-        weighing::weigh(&prepared, &values, &samples, file.noise, options.treatment)?;
+    let (mut weighing, judged) =
+        weighing::weighed(&prepared, &values, &samples, file.noise, options.treatment)?;
     let left: Vec<usize> = weighing.taking_part(poses).collect();
     if let Err(error) = check_poses(robot, variant, file, folder, &left) {
         weighing = weighing.keeping_outliers(format!("Outliers are kept: without them, {error}."));
@@ -234,6 +247,7 @@ pub fn calibrate(
     let calibration = finish(&prepared, file, &measured, fitted)?;
     Ok(Calibration {
         weighing,
+        known: judged.map(|judged| Arc::new((values, judged))),
         ..calibration
     })
 }
@@ -319,6 +333,7 @@ pub(crate) fn finish(
         termination: fitted.termination,
         registration: prepared.registration,
         machine,
+        known: None,
     })
 }
 

@@ -85,6 +85,7 @@ impl Basis {
 }
 
 /// The normal equations of a Jacobian: enough for a step, at a fraction of what a basis costs.
+#[derive(Clone)]
 pub struct Normal {
     jacobian: Grouped,
     /// `JᵀJ` of columns scaled to unit length, and the scales.
@@ -139,6 +140,11 @@ impl Normal {
             gram,
             scale,
         })
+    }
+
+    /// The Jacobian.
+    pub(crate) fn jacobian(&self) -> &Grouped {
+        &self.jacobian
     }
 
     /// `B` of `(JᵀJ)⁻¹ = B·Bᵀ`; `None` where columns are dependent.

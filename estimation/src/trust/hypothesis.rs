@@ -3,13 +3,15 @@
 use nalgebra::{Matrix3, Rotation3, Unit, Vector3};
 use tau_kinematics::{Pose, nearest_rotation};
 use tau_robot::measurements::Folder;
-use tau_robot::robot::{Robot, Variant};
+use tau_robot::robot::{Owner, Parameter, Robot, Variant};
 use tau_robot::robot_file::keys::WIDE;
 use tau_robot::robot_file::{LinkValues, RobotFile, Value};
 
 use crate::calibration::Error;
 use crate::calibration::Prepared;
 use crate::numerics::spread::spread;
+use crate::samples::Sample;
+use crate::samples::frames::Frames;
 
 /// Measurements and parameters, as given or mended.
 #[derive(Clone)]
@@ -68,6 +70,12 @@ impl Case<'_> {
             folder,
             &poses,
         )?)
+    }
+
+    /// Its poses.
+    pub(crate) fn samples(&self) -> Vec<Sample> {
+        let poses: Vec<usize> = (0..self.folder.tcp_poses.len()).collect();
+        Sample::all(self.robot, &self.folder, &poses, &Frames::default())
     }
 
     /// Mean nominal length of the links (m): as stated, or where formulas say it at the first pose; zero where nothing
@@ -239,9 +247,38 @@ impl Tolerances for RobotFile {
     }
 }
 
+impl Hypothesis {
+    /// Tolerance of a parameter that has one as given.
+    pub(crate) fn tolerance(&self, parameter: &Parameter, given: f64) -> f64 {
+        let Self::Tolerances {
+            factor,
+            lengths_only,
+        } = self
+        else {
+            return given;
+        };
+        let is_of_links = matches!(
+            parameter.owner,
+            Owner::Link(_) | Owner::Cluster(_) | Owner::Track(_)
+        );
+        let is_length = !matches!(
+            parameter.quantity.as_str(),
+            "track_direction" | "track_rotation"
+        );
+        if is_of_links && (is_length || !lengths_only) && given < NONE {
+            factor * given
+        } else {
+            given
+        }
+    }
+}
+
+/// A tolerance from which on it stands for none.
+const NONE: f64 = 0.5 * WIDE;
+
 /// A tolerance so wide that it stands for none.
 pub(crate) fn is_none(value: &Value) -> bool {
-    value.tol >= 0.5 * WIDE
+    value.tol >= NONE
 }
 
 /// Largest tolerance of a length (m).

@@ -1,11 +1,13 @@
 //! A variant at set 1 under its priors: the fit by which measurements, robot file and hypotheses about both are judged.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{Cholesky, DMatrix, DVector};
 use tau_robot::robot_file::Noise;
 
-use crate::calibration::{Error, Prepared};
+use crate::calibration::error::Error;
+use crate::calibration::prepared::Prepared;
 use crate::joint::descent::{Descent, not_converged};
 use crate::joint::{Component, Joint};
+use crate::numerics::projection::inverse_factor;
 use crate::samples::Sample;
 
 /// The closures of poses, those of a pose whitened together, at the minimum that descent from some values reaches.
@@ -78,6 +80,41 @@ impl Judged {
         Ok(Self { descent, factor })
     }
 
+    /// Of a descent that has arrived, with `B` of the covariance `B·Bᵀ` there.
+    pub(crate) fn of(descent: Descent, factor: DMatrix<f64>) -> Self {
+        Self { descent, factor }
+    }
+
+    /// The same once more.
+    pub(crate) fn copied(&self) -> Self {
+        Self::copy_of(&self.descent, &self.factor)
+    }
+
+    /// As [`Self::of`], of a descent that goes on.
+    pub(crate) fn copy_of(descent: &Descent, factor: &DMatrix<f64>) -> Self {
+        let Descent {
+            joint,
+            fitted,
+            scales,
+            weights,
+            factors,
+            residuals,
+            normal,
+            is_settled,
+        } = descent;
+        let descent = Descent {
+            joint: joint.clone(),
+            fitted: fitted.clone(),
+            scales: *scales,
+            weights: weights.clone(),
+            factors: factors.clone(),
+            residuals: residuals.clone(),
+            normal: normal.clone(),
+            is_settled: *is_settled,
+        };
+        Self::of(descent, factor.clone())
+    }
+
     /// Values of the variant at the minimum.
     pub(crate) fn values(&self) -> Vec<f64> {
         self.descent.joint.values(&self.descent.fitted)
@@ -124,6 +161,51 @@ impl Judged {
         2.0 * (of_priors - of_noise - left)
     }
 
+    /// Fall of −2 ln of the evidence, where squares count by the misfit that is left, if tolerances were others: to first
+    /// order about the minimum, without another fit. `tolerance` gives that of a parameter of the variant from the present
+    /// one. `None` where nothing would determine a parameter.
+    pub(crate) fn gain_under(&self, tolerance: impl Fn(usize, f64) -> f64) -> Option<f64> {
+        let joint = &self.descent.joint;
+        let columns = self.descent.fitted.len();
+        let mut information = self.descent.normal.jacobian().gram();
+        let before = log_determinant(&information)?;
+        let mut gradient = self.descent.normal.gradient(&self.descent.residuals);
+        let (mut total, mut volumes) = (self.total(), 0.0);
+        let mut priors = vec![0.0; columns];
+        for (column, prior) in joint.priors.iter().enumerate() {
+            let Some(old) = prior.tolerance.filter(|&tolerance| tolerance > 0.0) else {
+                continue;
+            };
+            // Points of measured paths are behind the parameters.
+            let new = (joint.used.get(column)).map_or(old, |&index| tolerance(index, old));
+            let off = self.descent.fitted[column] - prior.value;
+            let change = new.powi(-2) - old.powi(-2);
+            priors[column] = new.powi(-2);
+            information[(column, column)] += change;
+            gradient[column] += change * off;
+            total += change * off * off;
+            volumes += 2.0 * (new / old).ln();
+        }
+        volumes += log_determinant(&information)? - before;
+        let factor = inverse_factor(information)?;
+        let step = -(&factor * factor.tr_mul(&gradient));
+        total += gradient.dot(&step);
+        let (mut of_priors, mut held) = (0.0, 0.0);
+        for (column, weight) in priors
+            .iter()
+            .enumerate()
+            .filter(|(_, weight)| **weight > 0.0)
+        {
+            let off = self.descent.fitted[column] + step[column] - joint.priors[column].value;
+            of_priors += weight * off * off;
+            held += weight * factor.row(column).norm_squared();
+        }
+        let dof = (joint.rows.len() as f64 - (columns as f64 - held)).max(1.0);
+        let misfit = (total - of_priors) / dof;
+        let scale = misfit.min(self.misfit().ratio().powi(2)).max(1.0);
+        Some((self.total() - total) / scale - volumes)
+    }
+
     /// Each parameter that has a prior.
     pub(crate) fn deviations(&self) -> Vec<Deviation> {
         let joint = &self.descent.joint;
@@ -164,10 +246,10 @@ impl Judged {
                 continue;
             };
             let plain = &inverse * residuals.rows(index * count, count);
-            for (k, instance) in machine.closure_instances().enumerate() {
-                let Ok((_, gradient)) = machine.closure_by_pose(instance, &sample.view()) else {
-                    continue;
-                };
+            let Ok(gradients) = machine.gradients(&sample.view()) else {
+                continue;
+            };
+            for (k, gradient) in gradients.iter().enumerate() {
                 let slope: f64 = gradient[..3].iter().map(|d| d * d).sum();
                 if slope > 0.0 {
                     found += plain[k].powi(2) / slope;
@@ -185,24 +267,41 @@ impl Judged {
     /// open of them, and their numbers: `rᵀ(1 + J·C·Jᵀ)⁻¹r`.
     pub(crate) fn sums_under(&self, known: &Self, samples: usize) -> Vec<(f64, f64)> {
         let joint = &self.descent.joint;
-        let each = joint.rows.len() / samples.max(1);
-        let factors = vec![1.0; joint.rows.len()];
-        let linear = joint.linearize(&self.descent.fitted, &factors);
-        let spread = linear.jacobian.times(&known.factor);
-        let of_sample = |sample: usize| {
-            let own = linear.residuals.rows(sample * each, each).into_owned();
-            let spread = spread.rows(sample * each, each);
-            let covariance = DMatrix::identity(each, each) + spread * spread.transpose();
-            let sum = covariance
-                .cholesky()
-                .map_or_else(|| own.norm_squared(), |c| own.dot(&c.solve(&own)));
-            (sum, each as f64)
-        };
-        (0..samples).map(of_sample).collect()
+        sums_of(joint, &self.descent.fitted, known, samples)
     }
 
     /// The residuals and their derivatives, priors last.
     pub(crate) fn into_descent(self) -> Descent {
         self.descent
     }
+}
+
+/// ln of the determinant of a positive definite matrix.
+fn log_determinant(matrix: &DMatrix<f64>) -> Option<f64> {
+    let factor = Cholesky::new(matrix.clone())?;
+    let diagonal = factor.l_dirty().diagonal();
+    Some(2.0 * diagonal.iter().map(|entry| entry.ln()).sum::<f64>())
+}
+
+/// The same of samples that need no fit of their own, at values of theirs.
+pub(crate) fn sums_of(
+    joint: &Joint,
+    fitted: &[f64],
+    known: &Judged,
+    samples: usize,
+) -> Vec<(f64, f64)> {
+    let each = joint.rows.len() / samples.max(1);
+    let factors = vec![1.0; joint.rows.len()];
+    let linear = joint.linearize(fitted, &factors);
+    let spread = linear.jacobian.times(&known.factor);
+    let of_sample = |sample: usize| {
+        let own = linear.residuals.rows(sample * each, each).into_owned();
+        let spread = spread.rows(sample * each, each);
+        let covariance = DMatrix::identity(each, each) + spread * spread.transpose();
+        let sum = covariance
+            .cholesky()
+            .map_or_else(|| own.norm_squared(), |c| own.dot(&c.solve(&own)));
+        (sum, each as f64)
+    };
+    (0..samples).map(of_sample).collect()
 }

@@ -8,8 +8,9 @@
 //! chance allows of so many.
 
 mod check;
+mod first_look;
 mod hypothesis;
-mod judged;
+pub(crate) mod judged;
 mod mistake;
 pub(crate) mod numbering;
 mod prediction;

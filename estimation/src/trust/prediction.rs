@@ -6,11 +6,12 @@ use tau_robot::measurements::{Division, Folder};
 use tau_robot::robot_file::RobotFile;
 
 use crate::calibration::{Calibration, Error};
+use crate::joint::Joint;
 use crate::joint::descent::Descent;
 use crate::numerics::projection::inverse_factor;
 use crate::numerics::spread::spread;
 use crate::samples::Sample;
-use crate::trust::judged::{Judged, Misfit};
+use crate::trust::judged::{Judged, Misfit, sums_of};
 use crate::trust::recognise::{self, ITERATIONS};
 use crate::trust::verdict::{Pull, Status, Verdict, case, measured, mistakes, shorten};
 use crate::weighing::MOST_POSES;
@@ -34,13 +35,13 @@ pub fn of_prediction(
     let (robot, variant) = (&machine.robot, &machine.variant);
     let of = |poses: &[usize]| case(robot, variant, file, folder, poses).thinned(MOST_POSES);
     let all = of(&division.validation);
-    let samples = recognise::samples(&all);
+    let samples = all.samples();
     let noise = all.file.noise;
     let known = if stated_sigmas(file) == 0 {
         None
     } else {
         let before = of(&division.calibration);
-        let (prepared, samples) = (before.prepared()?, recognise::samples(&before));
+        let (prepared, samples) = (before.prepared()?, before.samples());
         let inflation = if Sample::units(&samples) < samples.len() {
             weigh(&prepared, &machine.values, &samples, noise, treatment)?.inflation
         } else {
@@ -125,17 +126,25 @@ pub fn outliers_of_validation(
     }
     let machine = &calibration.machine;
     let (robot, variant) = (&machine.robot, &machine.variant);
-    let at = |poses: &[usize]| -> Result<(Judged, Vec<Sample>), Error> {
-        let case = case(robot, variant, file, folder, poses).thinned(MOST_POSES);
-        let judged = recognise::judged(&case, &case.prepared()?, &machine.values, 0)?;
-        Ok((judged, recognise::samples(&case)))
-    };
-    let weighing = &calibration.weighing;
-    let (known, _) = at(&weighing
+    let case = |poses: &[usize]| case(robot, variant, file, folder, poses).thinned(MOST_POSES);
+    let calibrating: Vec<usize> = (calibration.weighing)
         .taking_part(&division.calibration)
-        .collect::<Vec<_>>())?;
-    let (judged, samples) = at(&division.validation)?;
-    let sums = judged.sums_under(&known, samples.len());
+        .collect();
+    let own;
+    let known = match calibration.judged() {
+        Some(known) => known,
+        None => {
+            let case = case(&calibrating);
+            own = recognise::judged(&case, &case.prepared()?, &machine.values, 0)?;
+            &own
+        }
+    };
+    let validating = case(&division.validation);
+    let (prepared, samples) = (validating.prepared()?, validating.samples());
+    let noise = validating.file.noise;
+    let joint = Joint::new(prepared.machine, &prepared.nominal, &samples, noise)?;
+    let joint = joint.with_path_noise(&samples, noise.position_m);
+    let sums = sums_of(&joint, &joint.fitted(&machine.values), known, samples.len());
     Ok(Weighing::of_predicted(&sums, &samples, Treatment::default()).outliers)
 }
 

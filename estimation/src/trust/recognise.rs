@@ -12,13 +12,12 @@ use crate::calibration::{Error, Prepared};
 use crate::numerics::distribution::chi2_survival;
 use crate::numerics::parallel;
 use crate::problem::{Closures, Residuals};
-use crate::samples::Sample;
-use crate::samples::frames::Frames;
+use crate::trust::first_look::FirstLook;
 use crate::trust::hypothesis::{self, Case, Hypothesis, THOUSAND};
 use crate::trust::judged::{Deviation, Judged, Misfit};
 use crate::trust::mistake::Mistake;
 use crate::trust::{ABSURD_TOLERANCES, LEVEL, roots, words};
-use crate::weighing::{Treatment, weigh};
+use crate::weighing::weigh_fitted;
 
 /// Odds in favour of a hypothesis from which on it is believed: a thousand to one, which also is what mistakes are to
 /// folders without.
@@ -26,9 +25,7 @@ const ODDS: f64 = 1e3;
 /// Poses for a first look at all hypotheses, and for a closer one at the best of them.
 const FEW_POSES: usize = 12;
 const POSES: usize = 60;
-/// Iterations of the first look, which only ranks, and of a second: enough for places of tracks that are known to
-/// centimetres.
-const FIRST_ITERATIONS: usize = 1;
+/// Iterations of the closer look at a few poses: enough for places of tracks that are known to centimetres.
 const FEW_ITERATIONS: usize = 4;
 /// Iterations of a whole descent.
 pub(crate) const ITERATIONS: usize = 40;
@@ -133,29 +130,24 @@ pub(crate) fn mistakes(case: &Case<'_>) -> Result<Vec<Mistake>, Error> {
         return Ok(vec![]);
     }
     let mut thinned = case.thinned(POSES);
-    let mut given = tried(&thinned, None, ITERATIONS);
+    let mut fit = fitted(&thinned, None, ITERATIONS);
     // A few poses far off are outliers and no mistake: what is left without them is judged.
-    if let Some(fit) = given
+    if let Some((_, judged)) = fit
         .as_ref()
-        .filter(|given| is_beyond_noise(&given.misfit))
+        .filter(|(given, _)| is_beyond_noise(&given.misfit))
     {
-        let (prepared, samples) = (thinned.prepared()?, samples(&thinned));
+        let (prepared, samples) = (thinned.prepared()?, thinned.samples());
         let noise = thinned.file.noise;
-        let weighed = weigh(
-            &prepared,
-            &fit.values,
-            &samples,
-            noise,
-            Treatment::default(),
-        );
+        let weighed = weigh_fitted(judged.copied(), &prepared, &samples, noise);
         if let Ok(weighing) = weighed.as_ref().map(|weighing| &weighing.judged)
             && weighing.contains(&false)
         {
             let kept: Vec<usize> = (0..samples.len()).filter(|&pose| weighing[pose]).collect();
             thinned = thinned.of_poses(&kept);
-            given = tried(&thinned, None, ITERATIONS);
+            fit = fitted(&thinned, None, ITERATIONS);
         }
     }
+    let (given, judged) = fit.unzip();
     if given.is_none() {
         // Where the case as given has no fit, the error says so unless a hypothesis has one.
         thinned.prepared()?;
@@ -170,7 +162,7 @@ pub(crate) fn mistakes(case: &Case<'_>) -> Result<Vec<Mistake>, Error> {
         let noise = given.and_then(|given| noise(&thinned, &given));
         return Ok(noise.into_iter().collect());
     }
-    let mut all = closer(&thinned, &candidates(&thinned), ITERATIONS);
+    let mut all = closer(&thinned, &candidates(&thinned, judged.as_ref()), ITERATIONS);
     all.extend(dimensions(&thinned, given.as_ref()));
     let scale = |all: &[Tried]| {
         let ratios = all.iter().chain(&given).map(|t| t.misfit.ratio().powi(2));
@@ -215,26 +207,52 @@ fn prior(case: &Case<'_>, hypothesis: Option<&Hypothesis>) -> f64 {
     2.0 * (count.max(1) as f64).ln()
 }
 
-/// The best of all hypotheses at a few poses, as far as they fit those better than the case as given does.
-fn candidates(case: &Case<'_>) -> Vec<Hypothesis> {
+/// The best of all hypotheses at a few poses, as far as they fit those better than the case as given does, and wider
+/// tolerances where the fit of the case as given lets hope for something.
+fn candidates(case: &Case<'_>, given: Option<&Judged>) -> Vec<Hypothesis> {
     let few = case.thinned(FEW_POSES);
     let mut all = commands(&few);
     all.extend((0..case.robot.commands).map(Hypothesis::Sign));
     all.extend(hypothesis::axes());
     all.extend(hypothesis::angles());
     all.push(Hypothesis::Millimetres);
-    let mut ranked = closer(&few, &all, FIRST_ITERATIONS);
-    ranked.sort_by(|a, b| a.total.total_cmp(&b.total));
-    let best: Vec<Hypothesis> = (ranked.into_iter().take(CLOSER))
-        .filter_map(|tried| tried.hypothesis)
-        .collect();
+    let best = first(&few, all);
+    let mut found = hypothesis::small_tolerances();
+    // Room for tolerances is paid for by evidence, which few poses don't settle.
+    found.retain(|hypothesis| {
+        let parameters = &case.variant.parameters;
+        let tolerance = |index: usize, given| hypothesis.tolerance(&parameters[index], given);
+        given
+            .and_then(|given| given.gain_under(tolerance))
+            .is_none_or(|gain| gain > 0.0)
+    });
+    if best.is_empty() {
+        return found;
+    }
     let as_given = tried(&few, None, FEW_ITERATIONS).map_or(f64::INFINITY, |given| given.total);
     let better = closer(&few, &best, FEW_ITERATIONS).into_iter();
-    // Room for tolerances is paid for by evidence, which few poses don't settle.
     better
         .filter(|tried| tried.total < as_given)
         .filter_map(|tried| tried.hypothesis)
-        .chain(hypothesis::small_tolerances())
+        .chain(found)
+        .collect()
+}
+
+/// The best hypotheses at a first look, of those that leave less there than the case as given does.
+fn first(case: &Case<'_>, hypotheses: Vec<Hypothesis>) -> Vec<Hypothesis> {
+    let Some(look) = FirstLook::new(case) else {
+        return hypotheses;
+    };
+    let as_given = look.total_as_given();
+    let totals = look.totals(&hypotheses);
+    let mut ranked: Vec<(f64, Hypothesis)> = (totals.into_iter().zip(hypotheses))
+        .filter(|(total, _)| *total < as_given)
+        .collect();
+    ranked.sort_by(|a, b| a.0.total_cmp(&b.0));
+    ranked.truncate(CLOSER);
+    ranked
+        .into_iter()
+        .map(|(_, hypothesis)| hypothesis)
         .collect()
 }
 
@@ -250,6 +268,15 @@ fn closer(case: &Case<'_>, hypotheses: &[Hypothesis], iterations: usize) -> Vec<
 
 /// A fit under a hypothesis; `None` where there is none.
 fn tried(case: &Case<'_>, hypothesis: Option<&Hypothesis>, iterations: usize) -> Option<Tried> {
+    Some(fitted(case, hypothesis, iterations)?.0)
+}
+
+/// The same, with all that is known of it.
+fn fitted(
+    case: &Case<'_>,
+    hypothesis: Option<&Hypothesis>,
+    iterations: usize,
+) -> Option<(Tried, Judged)> {
     let mended = hypothesis.map(|hypothesis| case.mended(hypothesis));
     let case = mended.as_ref().unwrap_or(case);
     let mut prepared = case.prepared().ok()?;
@@ -271,14 +298,15 @@ fn tried(case: &Case<'_>, hypothesis: Option<&Hypothesis>, iterations: usize) ->
         start[parameter] = at;
     }
     let judged = judged(case, &prepared, &start, iterations).ok()?;
-    Some(Tried {
+    let tried = Tried {
         hypothesis: hypothesis.cloned(),
         total: judged.total(),
         volumes: judged.volumes(),
         misfit: judged.misfit(),
         deviations: judged.deviations(),
         values: judged.values(),
-    })
+    };
+    Some((tried, judged))
 }
 
 /// The fit of a case from some values.
@@ -288,7 +316,7 @@ pub(crate) fn judged(
     start: &[f64],
     iterations: usize,
 ) -> Result<Judged, Error> {
-    let samples = samples(case);
+    let samples = case.samples();
     let even = vec![1.0; samples.len()];
     Judged::new(
         prepared,
@@ -297,12 +325,6 @@ pub(crate) fn judged(
         case.file.noise,
         (&even, iterations),
     )
-}
-
-/// The poses of a case as samples.
-pub(crate) fn samples(case: &Case<'_>) -> Vec<Sample> {
-    let poses: Vec<usize> = (0..case.folder.tcp_poses.len()).collect();
-    Sample::all(case.robot, &case.folder, &poses, &Frames::default())
 }
 
 /// Columns of commands exchanged, the best few: each closure follows one command, so the misfit of each with every
@@ -323,7 +345,7 @@ fn commands(case: &Case<'_>) -> Vec<Hypothesis> {
         .collect();
     // By column, then by the command that it would hold.
     let mut misfits = vec![vec![0.0; count]; count];
-    for sample in samples(case) {
+    for sample in case.samples() {
         for (&command_m, own) in sample.commands_m.iter().zip(&mut misfits) {
             let commands_m = vec![command_m; count];
             let view = tau_kinematics::Sample {
@@ -433,7 +455,7 @@ fn dimensions(case: &Case<'_>, given: Option<&Tried>) -> Vec<Tried> {
 /// three residuals a pose give it, and its minima are found wherever they are.
 fn far_off(case: &Case<'_>) -> Option<Vec<(usize, f64)>> {
     let prepared = case.prepared().ok()?;
-    let samples = samples(case);
+    let samples = case.samples();
     let (machine, nominal) = (&prepared.machine, &prepared.nominal);
     let noise = case.file.noise;
     let residuals = Residuals::new(machine, nominal, &samples, noise, Closures::Apart).ok()?;

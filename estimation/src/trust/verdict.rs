@@ -296,17 +296,23 @@ pub fn of_calibration_knowing(
     let poses = kept.as_slice();
     let spread = spread(poses.len(), MOST_POSES);
     let case = case(robot, &machine.variant, file, folder, poses).of_poses(&spread);
-    let prepared = case.prepared()?;
-    let inflation: Vec<f64> = (spread.iter())
-        .map(|&k| weighing.inflation.get(counted[k]).copied().unwrap_or(1.0))
-        .collect();
-    let judged = Judged::new(
-        &prepared,
-        &machine.values,
-        &recognise::samples(&case),
-        case.file.noise,
-        (&inflation, ITERATIONS),
-    )?;
+    let own;
+    let judged = match calibration.judged() {
+        Some(known) => known,
+        None => {
+            let inflation: Vec<f64> = (spread.iter())
+                .map(|&k| weighing.inflation.get(counted[k]).copied().unwrap_or(1.0))
+                .collect();
+            own = Judged::new(
+                &case.prepared()?,
+                &machine.values,
+                &case.samples(),
+                case.file.noise,
+                (&inflation, ITERATIONS),
+            )?;
+            &own
+        }
+    };
     let mut pulls: Vec<Pull> = (calibration.parameters.iter())
         .filter_map(|parameter| {
             Some(Pull {
@@ -318,7 +324,7 @@ pub fn of_calibration_knowing(
         .collect();
     shorten(&mut pulls);
     let deviations = judged.deviations();
-    let mut verdict = measured(&case, &judged, pulls);
+    let mut verdict = measured(&case, judged, pulls);
     verdict.know(weighing);
     let beyond = recognise::beyond_tolerance(&deviations, verdict.residual_over_noise);
     verdict.judge(&machine.variant, beyond);
@@ -355,7 +361,7 @@ pub(super) fn shorten(pulls: &mut Vec<Pull>) {
 
 /// The figures of a fit, before they are judged.
 pub(super) fn measured(case: &Case<'_>, judged: &Judged, pulls: Vec<Pull>) -> Verdict {
-    let samples = recognise::samples(case);
+    let samples = case.samples();
     let misfit = judged.misfit();
     let (rms, expected_rms) = judged.closure_rms_m(&samples);
     let mut worst: Vec<PoseFit> = (judged.by_sample(samples.len()).into_iter())

@@ -19,6 +19,7 @@ use crate::joint::{Component, Joint};
 use crate::numerics::parallel;
 use crate::samples::Sample;
 use crate::samples::outliers;
+use crate::trust::judged::Judged;
 use repeats::ByVisit;
 
 pub use loss::Loss;
@@ -177,18 +178,73 @@ pub(crate) fn weigh(
     noise: Noise,
     treatment: Treatment,
 ) -> Result<Weighing, Error> {
+    Ok(weighed(prepared, values, samples, noise, treatment)?.0)
+}
+
+/// The same, with the fit of all poses where each of them counts as it is.
+///
+/// # Errors
+/// As [`weigh`].
+pub(crate) fn weighed(
+    prepared: &Prepared,
+    values: &[f64],
+    samples: &[Sample],
+    noise: Noise,
+    treatment: Treatment,
+) -> Result<(Weighing, Option<Judged>), Error> {
     let few = few(samples);
     let of_few: Vec<Sample> = few.iter().map(|&index| samples[index].clone()).collect();
     let joint = Joint::new(prepared.machine.clone(), &prepared.nominal, &of_few, noise)?;
     let joint = joint.with_path_noise(&of_few, noise.position_m);
     let start = joint.fitted(values);
     let even = vec![1.0; of_few.len()];
-    let descent = Descent::from(joint, start, [1.0; 4], even)?.converged()?;
-    let mut fit = Robust::of(descent, samples)?;
+    let descent = Descent::from(joint, start, [1.0; 4], even)?;
+    weighed_from(
+        descent,
+        (prepared, noise),
+        samples,
+        (&few, &of_few),
+        treatment,
+    )
+}
+
+/// The same from a fit to all of the poses, which are no more than [`MOST_POSES`].
+///
+/// # Errors
+/// As [`weigh`].
+pub(crate) fn weigh_fitted(
+    fit: Judged,
+    prepared: &Prepared,
+    samples: &[Sample],
+    noise: Noise,
+) -> Result<Weighing, Error> {
+    let all: Vec<usize> = (0..samples.len()).collect();
+    let (descent, treatment) = (fit.into_descent(), Treatment::default());
+    Ok(weighed_from(
+        descent,
+        (prepared, noise),
+        samples,
+        (&all, samples),
+        treatment,
+    )?
+    .0)
+}
+
+/// From a start of the fit to some of the poses, given by index and as samples.
+fn weighed_from(
+    descent: Descent,
+    (prepared, noise): (&Prepared, Noise),
+    samples: &[Sample],
+    (few, of_few): (&[usize], &[Sample]),
+    treatment: Treatment,
+) -> Result<(Weighing, Option<Judged>), Error> {
+    let mut fit = Robust::of(descent.converged()?, samples)?;
+    let mut even = None;
     if fit.is_any_beyond() || treatment.loss.is_some() {
+        even = (few.len() == samples.len()).then(|| Judged::copy_of(&fit.descent, &fit.factor));
         fit = fit.with_outliers_held_back()?;
         if treatment.loss.is_none() {
-            fit = fit.without_outliers(&of_few)?;
+            fit = fit.without_outliers(of_few)?;
         }
     }
     let tuned = treatment.loss.map(|loss| loss.tuned(fit.residuals));
@@ -221,7 +277,7 @@ pub(crate) fn weigh(
         let norms: Vec<f64> = (fit.norms().iter())
             .map(|norm| norm / fit.far.variance.sqrt())
             .collect();
-        let variance = tuned.variance(&norms, fit.absorbed()?);
+        let variance = tuned.variance(&norms, fit.absorbed());
         weighing.information.fill(variance.recip());
     }
     for (index, &is_outlier) in is_outlier.iter().enumerate() {
@@ -234,20 +290,25 @@ pub(crate) fn weigh(
     }
     weighing.list(&all, &is_outlier, samples);
     let kept: Vec<bool> = few.iter().map(|&index| weighing.judged[index]).collect();
-    if let Some((repeats, inflate)) = fit.repeats(&of_few, &kept)? {
-        let mut readings = vec![0.0; Sample::units(samples)];
-        for (sample, _) in samples.iter().zip(&weighing.judged).filter(|(_, is)| **is) {
-            readings[sample.unit] += 1.0;
-        }
-        for (index, sample) in samples.iter().enumerate() {
-            let inflation = inflate(f64::max(readings[sample.unit], 1.0));
-            weighing.inflation[index] = inflation;
-            weighing.fit[index] /= inflation;
-            weighing.information[index] /= inflation;
-        }
-        weighing.repeats = Some(repeats);
+    if !ByVisit::of(of_few, &fit.plain_residuals(), &kept).has_repeats() {
+        let is_of_all = few.len() == samples.len();
+        let judged = even.or_else(|| is_of_all.then(|| Judged::of(fit.descent, fit.factor)));
+        let judged = judged.filter(|_| weighing.is_even());
+        return Ok((weighing, judged));
     }
-    Ok(weighing)
+    let (repeats, inflate) = fit.repeats(of_few, &kept)?;
+    let mut readings = vec![0.0; Sample::units(samples)];
+    for (sample, _) in samples.iter().zip(&weighing.judged).filter(|(_, is)| **is) {
+        readings[sample.unit] += 1.0;
+    }
+    for (index, sample) in samples.iter().enumerate() {
+        let inflation = inflate(f64::max(readings[sample.unit], 1.0));
+        weighing.inflation[index] = inflation;
+        weighing.fit[index] /= inflation;
+        weighing.information[index] /= inflation;
+    }
+    weighing.repeats = Some(repeats);
+    Ok((weighing, None))
 }
 
 /// Indices of samples by which all are weighed: whole visits, evenly spread.
@@ -336,6 +397,8 @@ impl Far {
 /// A fit to poses, with how far each lies from a fit to the others.
 struct Robust {
     descent: Descent,
+    /// `B` of the covariance `B·Bᵀ` of its unknowns.
+    factor: DMatrix<f64>,
     /// Number of residuals of a pose.
     residuals: usize,
     /// Of each pose, against a fit to the others.
@@ -348,9 +411,11 @@ impl Robust {
     fn of(descent: Descent, all: &[Sample]) -> Result<Self, Error> {
         let poses = descent.weights.len();
         let residuals = descent.joint.rows.len() / poses.max(1);
-        let sums = deleted(&descent, residuals)?;
+        let factor = inverse_factor(&descent)?;
+        let sums = deleted(&descent, &factor, residuals);
         Ok(Self {
             far: Far::of(&sums, all),
+            factor,
             sums,
             residuals,
             descent,
@@ -359,7 +424,8 @@ impl Robust {
 
     fn with(mut self, weights: Vec<f64>) -> Result<Self, Error> {
         self.descent = self.descent.refactored([1.0; 4], weights)?.converged()?;
-        self.sums = deleted(&self.descent, self.residuals)?;
+        self.factor = inverse_factor(&self.descent)?;
+        self.sums = deleted(&self.descent, &self.factor, self.residuals);
         self.far.variance = outliers::variance(&self.sums).max(1.0);
         Ok(self)
     }
@@ -436,33 +502,25 @@ impl Robust {
     }
 
     /// Number of residuals that the fit absorbs.
-    fn absorbed(&self) -> Result<f64, Error> {
-        let factor = self.descent.normal.inverse_factor();
-        let factor = factor.ok_or_else(|| not_finite(&self.descent))?;
-        let absorbed: [f64; Component::ALL.len()] = self.descent.normal.absorbed(&factor);
-        Ok(absorbed[Component::Closure as usize])
+    fn absorbed(&self) -> f64 {
+        let absorbed: [f64; Component::ALL.len()] = self.descent.normal.absorbed(&self.factor);
+        absorbed[Component::Closure as usize]
     }
 
-    /// Repeated readings among the kept poses, and the variance of a reading of a visit with so many, over the stated one;
-    /// none without any.
+    /// Repeated readings among the kept poses, and the variance of a reading of a visit with so many, over the stated one.
     fn repeats(
         mut self,
         samples: &[Sample],
         kept: &[bool],
-    ) -> Result<Option<(Repeats, impl Fn(f64) -> f64)>, Error> {
+    ) -> Result<(Repeats, impl Fn(f64) -> f64), Error> {
         let plain = ByVisit::of(samples, &self.plain_residuals(), kept);
-        if !plain.has_repeats() {
-            return Ok(None);
-        }
-        let degrees = |fit: &Self, visits: &ByVisit| -> Result<f64, Error> {
-            Ok((visits.rows() - fit.absorbed()?).max(1.0))
-        };
+        let degrees = |fit: &Self, visits: &ByVisit| (visits.rows() - fit.absorbed()).max(1.0);
         let mut readings = vec![0.0; Sample::units(samples)];
         for (sample, _) in samples.iter().zip(kept).filter(|(_, kept)| **kept) {
             readings[sample.unit] += 1.0;
         }
         let weights = self.descent.weights.clone();
-        let plain_degrees = degrees(&self, &plain)?;
+        let plain_degrees = degrees(&self, &plain);
         let mut visits = ByVisit::of(samples, &self.plain_residuals(), kept);
         let mut shared = visits.shared(plain_degrees);
         for _ in 0..ROUNDS {
@@ -476,7 +534,7 @@ impl Robust {
             self = self.with(weighed.collect())?;
             visits = ByVisit::of(samples, &self.plain_residuals(), kept);
             let before = shared;
-            shared = visits.shared(degrees(&self, &visits)?);
+            shared = visits.shared(degrees(&self, &visits));
             if (shared - before).abs() <= SAME * before {
                 break;
             }
@@ -484,15 +542,16 @@ impl Robust {
         let found = visits.found(
             &plain,
             shared,
-            (degrees(&self, &visits)?, plain_degrees),
+            (degrees(&self, &visits), plain_degrees),
             repeats::repeatability(samples, kept),
         );
-        Ok(Some((found, move |count| visits.inflation(shared, count))))
+        Ok((found, move |count| visits.inflation(shared, count)))
     }
 }
 
-fn not_finite(descent: &Descent) -> Error {
-    not_converged(&descent.joint, "the derivatives are not finite")
+fn inverse_factor(descent: &Descent) -> Result<DMatrix<f64>, Error> {
+    let factor = descent.normal.inverse_factor();
+    factor.ok_or_else(|| not_converged(&descent.joint, "the derivatives are not finite"))
 }
 
 /// Sum of squares of each pose's residuals against a fit to all others, in units of the noise and of what that fit leaves
@@ -501,19 +560,21 @@ fn not_finite(descent: &Descent) -> Error {
 /// With P what the fit leaves open of a pose's residuals r, and f the factor with which they take part in it, a fit to the
 /// others misses them by e = (1 − f²P)⁻¹r, which have the covariance 1 + P(1 − f²P)⁻¹ (R. D. Cook and S. Weisberg,
 /// *Residuals and Influence in Regression*, 1982, section 2.2).
-fn deleted(descent: &Descent, residuals: usize) -> Result<Vec<(f64, f64)>, Error> {
-    let factor = descent.normal.inverse_factor();
-    let factor = factor.ok_or_else(|| not_finite(descent))?;
+fn deleted(descent: &Descent, factor: &DMatrix<f64>, residuals: usize) -> Vec<(f64, f64)> {
     let joint = &descent.joint;
-    let ones = joint.factors(&[1.0; 4], &vec![1.0; descent.weights.len()]);
-    let linear = joint.linearize(&descent.fitted, &ones);
-    let spread = linear.jacobian.times(&factor);
+    let plain;
+    // Where all poses count wholly, the descent's own residuals and derivatives are those in question.
+    let (all, jacobian) = if descent.factors.iter().all(|&factor| factor == 1.0) {
+        (&descent.residuals, descent.normal.jacobian())
+    } else {
+        let ones = joint.factors(&[1.0; 4], &vec![1.0; descent.weights.len()]);
+        plain = joint.linearize(&descent.fitted, &ones);
+        (&plain.residuals, &plain.jacobian)
+    };
+    let spread = jacobian.times(factor);
     let one = DMatrix::identity(residuals, residuals);
     let of_pose = |(pose, weight): (usize, &f64)| {
-        let own = linear
-            .residuals
-            .rows(pose * residuals, residuals)
-            .into_owned();
+        let own = all.rows(pose * residuals, residuals).into_owned();
         let spread = spread.rows(pose * residuals, residuals);
         let open = spread * spread.transpose();
         let missed = (&one - &open * weight.powi(2))
@@ -526,5 +587,5 @@ fn deleted(descent: &Descent, residuals: usize) -> Result<Vec<(f64, f64)>, Error
         let sum = missed.unwrap_or_else(|| own.norm_squared());
         (sum, residuals as f64)
     };
-    Ok(descent.weights.iter().enumerate().map(of_pose).collect())
+    descent.weights.iter().enumerate().map(of_pose).collect()
 }

@@ -38,8 +38,8 @@ impl RobotFile {
 
 /// Values that the description itself gives, by link.
 pub(crate) fn described_links(robot: &Robot) -> Vec<LinkValues> {
-    // Without a text, as for a robot made by hand, nothing is described.
-    let links = language::check_text(&robot.description).map_or_else(|_| vec![], |m| m.links);
+    // Nothing is described of a robot made by hand.
+    let links = robot.model.iter().flat_map(|model| &model.links);
     let value = |value: Option<&[f64]>, tolerance: Option<f64>| {
         let value = value?.to_vec();
         let size = value.iter().fold(1.0, |size: f64, v| size.max(v.abs()));
@@ -66,7 +66,7 @@ pub(crate) fn described_links(robot: &Robot) -> Vec<LinkValues> {
             track_rotation: None,
         }
     };
-    links.iter().map(of_link).collect()
+    links.map(of_link).collect()
 }
 
 /// A value of a crank that is a parameter.
@@ -127,11 +127,11 @@ pub(crate) fn machine_parameters(robot: &Robot) -> Vec<language::model::RobotPar
 
 /// Reference of the description.
 pub fn described_reference(robot: &Robot) -> Option<Reference> {
-    let model = language::check_text(&robot.description).ok()?;
-    let has_angles = model.drives().iter().any(|drive| drive.is_angle);
-    model.reference.map(|reference| Reference {
-        has_angles,
-        commands_m: reference.commands,
+    let model = robot.model.as_ref()?;
+    let reference = model.reference.as_ref()?;
+    Some(Reference {
+        has_angles: model.drives().iter().any(|drive| drive.is_angle),
+        commands_m: reference.commands.clone(),
         position_m: reference.position,
         orientation_rad: reference.orientation,
     })

@@ -1,0 +1,117 @@
+//! A first look at what measurements may mean, which only ranks: each closure for itself, to first order.
+//!
+//! A closure that shares no noise and no parameter with others is a small linear least-squares problem, of as many rows as
+//! poses. Together they are a thousandth of the work of a fit of all closures, and a wrong reading of measurements is off
+//! by so many times the noise that what closures share does not matter.
+
+use nalgebra::{Cholesky, DMatrix, DVector};
+use tau_robot::robot::{Arm, Instance, ResidualKind, TrackShape};
+
+use crate::calibration::Prepared;
+use crate::numerics::parallel;
+use crate::problem::{Closures, Residuals};
+use crate::trust::hypothesis::{Case, Hypothesis};
+
+/// Norm of the scaled derivatives by a parameter beyond which its prior says nothing: a wider one, or none, is taken for
+/// one of this size, so that squares keep four digits of what is left.
+const FREE: f64 = 1e6;
+
+/// The closures of a case.
+pub(crate) struct FirstLook<'a> {
+    case: &'a Case<'a>,
+    prepared: Prepared,
+    /// Of each closure its reciprocal noise at each pose, as measurements are given.
+    weights: Vec<Vec<f64>>,
+}
+
+impl<'a> FirstLook<'a> {
+    /// `None` where the case lacks what closures take.
+    pub(crate) fn new(case: &'a Case<'a>) -> Option<Self> {
+        let prepared = case.prepared().ok()?;
+        let (machine, nominal) = (&prepared.machine, &prepared.nominal);
+        let noise = case.file.noise;
+        let samples = case.samples();
+        let residuals = Residuals::new(machine, nominal, &samples, noise, Closures::Apart).ok()?;
+        let weights = residuals.parts.into_iter().map(|part| part.weights);
+        Some(Self {
+            case,
+            weights: weights.collect(),
+            prepared,
+        })
+    }
+
+    /// The sum of squares and priors that measurements leave, by hypothesis; infinite where a hypothesis has none.
+    pub(crate) fn totals(&self, hypotheses: &[Hypothesis]) -> Vec<f64> {
+        parallel::map(hypotheses, |hypothesis| {
+            let total = self.total(&self.case.mended(hypothesis));
+            total.unwrap_or(f64::INFINITY)
+        })
+    }
+
+    /// The same of the case as given.
+    pub(crate) fn total_as_given(&self) -> f64 {
+        self.total(self.case).unwrap_or(f64::INFINITY)
+    }
+
+    fn total(&self, mended: &Case<'_>) -> Option<f64> {
+        let variant = mended.variant;
+        let is_piecewise = |shape| shape == TrackShape::Piecewise;
+        // Dimensions of reduced arms and the frames of measured paths are told by the measured poses.
+        let own = (variant.arm == Arm::Reduced
+            || variant.tracks.iter().any(|track| is_piecewise(track.shape)))
+        .then(|| mended.prepared());
+        let own = own.transpose().ok()?;
+        let prepared = own.as_ref().unwrap_or(&self.prepared);
+        let machine = &prepared.machine;
+        let closures: Vec<&Instance> = variant.instances_of(ResidualKind::Closure).collect();
+        let mut data = vec![Vec::new(); closures.len()];
+        let samples = mended.samples();
+        let poses = samples.len();
+        let mut of_sample = Vec::new();
+        for sample in &samples {
+            let inputs = closures.iter().map(|closure| closure.inputs.as_slice());
+            of_sample.clear();
+            let filled = (machine.surroundings).fill_all(inputs, &sample.view(), &mut of_sample);
+            filled.ok()?;
+            let mut rest = of_sample.as_slice();
+            for (data, closure) in data.iter_mut().zip(&closures) {
+                let (own, others) = rest.split_at(closure.inputs.len());
+                data.extend_from_slice(own);
+                rest = others;
+            }
+        }
+        let mut prepared_data = Vec::new();
+        let mut total = 0.0;
+        for ((closure, data), weights) in closures.into_iter().zip(&data).zip(&self.weights) {
+            let family = &closure.family;
+            prepared_data.resize(poses * family.shape().prepared, 0.0);
+            family.prepare_all(data, &mut prepared_data);
+            let own = closure.parameters.iter();
+            let values: Vec<f64> = own.map(|&index| machine.values[index]).collect();
+            let columns = family.pattern().columns;
+            let mut residuals = DVector::zeros(poses);
+            let mut entries = vec![0.0; poses * columns.len()];
+            let plain = residuals.as_mut_slice();
+            family.linearize_all(&prepared_data, &values, plain, &mut entries);
+            residuals.component_mul_assign(&DVector::from_column_slice(weights));
+            // What priors and noise let residuals scatter by; the sum of squares in that is least.
+            let mut covariance = DMatrix::identity(poses, poses);
+            for (place, &column) in columns.iter().enumerate() {
+                let of_poses = entries.iter().skip(place).step_by(columns.len());
+                let weighted = of_poses.zip(weights).map(|(entry, weight)| entry * weight);
+                let mut slopes = DVector::from_iterator(poses, weighted);
+                let tolerance = prepared.nominal[closure.parameters[column as usize]].tolerance;
+                let norm = slopes.norm();
+                if norm > 0.0 {
+                    let free = FREE / norm;
+                    slopes *= tolerance.map_or(free, |tolerance| tolerance.min(free));
+                }
+                covariance.syger(1.0, &slopes, &slopes, 1.0);
+            }
+            let factor = Cholesky::new(covariance)?;
+            factor.l_dirty().solve_lower_triangular_mut(&mut residuals);
+            total += residuals.norm_squared();
+        }
+        Some(total).filter(|total| total.is_finite())
+    }
+}
