@@ -45,9 +45,10 @@ fn convert(trial: &str, work: &Path) {
             }
         }
         let is_pulled = (robot["pulled"].as_array().unwrap().iter()).any(|own| own == name);
-        let pull = match is_pulled {
-            true => format!("pulled = {} N;", number(&robot["pull_N"])),
-            false => String::new(),
+        let pull = if is_pulled {
+            format!("pulled = {} N;", number(&robot["pull_N"]))
+        } else {
+            String::new()
         };
         let height = number(&robot["anchor_height_m"][belt]);
         let _ = writeln!(

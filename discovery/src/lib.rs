@@ -326,7 +326,7 @@ fn searched(
         Err(error) => return Err(error),
     };
     let Some(full_arm) = full_arm else {
-        return searched(&input, progress);
+        return searched(input, progress);
     };
     if full_arm.is_significant() {
         let reduced = shortfall(input)?;

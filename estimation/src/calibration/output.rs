@@ -110,14 +110,14 @@ pub(super) fn covariance(
 fn rounded(value: f64) -> f64 {
     // A value so near to halfway between two of them is left to the text, which is exact.
     const HALFWAY: f64 = 1e-3;
+    const LEAST: f64 = 10_u64.pow(DIGITS as u32 - 1) as f64;
     let places = DIGITS as f64 - 1.0 - value.abs().log10().floor();
     // Powers of ten are exact so far, so that the quotient of whole numbers is the number next to its decimals.
     if (0.0..=22.0).contains(&places) {
         let power = 10_f64.powi(places as i32);
         let scaled = value * power;
         let whole = scaled.round();
-        let has_digits =
-            (10_f64.powi(DIGITS as i32 - 1)..10_f64.powi(DIGITS as i32)).contains(&whole.abs());
+        let has_digits = (LEAST..10.0 * LEAST).contains(&whole.abs());
         if has_digits && ((scaled - whole).abs() - 0.5).abs() > HALFWAY {
             return whole / power;
         }

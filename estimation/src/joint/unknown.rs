@@ -189,7 +189,9 @@ impl Fit {
                         gross,
                         ..HeldOut::default()
                     };
-                    groups.iter().for_each(|group| group.add_to(&mut found));
+                    for group in &groups {
+                        group.add_to(&mut found);
+                    }
                     return Ok(found);
                 }
             }

@@ -11,6 +11,7 @@ use crate::numerics::projection::inverse_factor;
 use crate::samples::Sample;
 
 /// The closures of poses, those of a pose whitened together, at the minimum that descent from some values reaches.
+#[derive(Clone)]
 pub(crate) struct Judged {
     descent: Descent,
     /// `B` of the covariance `B·Bᵀ` of the unknowns under stated noise and priors.
@@ -83,36 +84,6 @@ impl Judged {
     /// Of a descent that has arrived, with `B` of the covariance `B·Bᵀ` there.
     pub(crate) fn of(descent: Descent, factor: DMatrix<f64>) -> Self {
         Self { descent, factor }
-    }
-
-    /// The same once more.
-    pub(crate) fn copied(&self) -> Self {
-        Self::copy_of(&self.descent, &self.factor)
-    }
-
-    /// As [`Self::of`], of a descent that goes on.
-    pub(crate) fn copy_of(descent: &Descent, factor: &DMatrix<f64>) -> Self {
-        let Descent {
-            joint,
-            fitted,
-            scales,
-            weights,
-            factors,
-            residuals,
-            normal,
-            is_settled,
-        } = descent;
-        let descent = Descent {
-            joint: joint.clone(),
-            fitted: fitted.clone(),
-            scales: *scales,
-            weights: weights.clone(),
-            factors: factors.clone(),
-            residuals: residuals.clone(),
-            normal: normal.clone(),
-            is_settled: *is_settled,
-        };
-        Self::of(descent, factor.clone())
     }
 
     /// Values of the variant at the minimum.

@@ -138,7 +138,7 @@ pub(crate) fn mistakes(case: &Case<'_>) -> Result<Vec<Mistake>, Error> {
     {
         let (prepared, samples) = (thinned.prepared()?, thinned.samples());
         let noise = thinned.file.noise;
-        let weighed = weigh_fitted(judged.copied(), &prepared, &samples, noise);
+        let weighed = weigh_fitted(judged.clone(), &prepared, &samples, noise);
         if let Ok(weighing) = weighed.as_ref().map(|weighing| &weighing.judged)
             && weighing.contains(&false)
         {

@@ -252,7 +252,7 @@ fn placed_samples(
                 && sample.commands_m == reading.commands_m
         };
         let place = samples.iter_mut().enumerate();
-        let mut place = place.filter(|(_, sample)| same(&sample));
+        let mut place = place.filter(|(_, sample)| same(sample));
         let Some((place, sample)) = place.next() else {
             continue;
         };
@@ -436,7 +436,9 @@ fn lined_up(outside: &DMatrix<f64>, reference: &DMatrix<f64>) -> Option<DMatrix<
 impl Assembly<'_> {
     /// Readings of the drives as samples at the poses where they are taken to be, in the order of the closures.
     pub(super) fn samples(&self) -> impl Iterator<Item = Sample> {
-        self.poses.iter().flat_map(|pose| pose.samples())
+        self.poses
+            .iter()
+            .flat_map(super::assembly::UnknownPose::samples)
     }
 
     /// Moves the poses by steps of all their unknowns.

@@ -241,7 +241,8 @@ fn weighed_from(
     let mut fit = Robust::of(descent.converged()?, samples)?;
     let mut even = None;
     if fit.is_any_beyond() || treatment.loss.is_some() {
-        even = (few.len() == samples.len()).then(|| Judged::copy_of(&fit.descent, &fit.factor));
+        even = (few.len() == samples.len())
+            .then(|| Judged::of(fit.descent.clone(), fit.factor.clone()));
         fit = fit.with_outliers_held_back()?;
         if treatment.loss.is_none() {
             fit = fit.without_outliers(of_few)?;

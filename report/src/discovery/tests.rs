@@ -1,10 +1,10 @@
 use roxmltree::Document;
 use tau::discovery::PValue;
 use tau::discovery::results::{
-    Ambiguous, Bin, Derived, Dimension, Discovery, Estimate, Evidence, FoundEffect, Gap, LeftOut,
-    Micro, Motion, NoiseScale, Pattern, PiecewiseTrack, Place, Quantity, Readable, Reason, Rival,
-    Separation, SerialCorrelation, Spectrum, Status, Step, Target, Treatment, Unnamed, Unseen,
-    UsedEffect, Validation, Wave, Whiteness,
+    Ambiguous, Bin, Derived, Dimension, Discovery, ErrorOf, Estimate, Evidence, FoundEffect, Gap,
+    LeftOut, Micro, Motion, NoiseScale, Pattern, PiecewiseTrack, Place, Quantity, Readable, Reason,
+    Rival, Separation, SerialCorrelation, Spectrum, Status, Step, Target, Treatment, Unnamed,
+    Unseen, UsedEffect, Validation, Wave, Whiteness,
 };
 use tau::measurements::PoseCounts;
 use tau::robot::Architecture;
@@ -119,7 +119,9 @@ fn found() -> Discovery {
             before: gap(100.0),
             after: gap(25.0),
             held_out: true,
+            of: ErrorOf::Position,
         },
+        gross_rows: vec![],
         misfit: vec![],
         noise: vec![],
         effects: vec![FoundEffect {

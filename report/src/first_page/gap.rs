@@ -81,7 +81,7 @@ pub(super) fn of_discovery(found: &Discovery, poses: usize) -> Markup {
     });
     let title = match found.validation.of {
         ErrorOf::Position => AT_THE_TOOL,
-        of => of.title(),
+        of @ ErrorOf::Measurements => of.title(),
     };
     bars((title, &rows), found.validation.held_out, poses)
 }
