@@ -2,9 +2,11 @@
 //! once in a thousand runs.
 
 use rayon::prelude::*;
+use tau::Robot;
 use tau::discovery::{Discovery, Options, Status, discover};
+use tau::measurements::PlateKind;
 use tau::robot_file::RobotFile;
-use tau::simulation::{Approach, Build, Effect, Poses, Simulation, Temperature, simulate};
+use tau::simulation::{Approach, Build, Effect, Measure, Poses, Simulation, Temperature, simulate};
 
 use crate::support::{Random, gantry_tau, prototype};
 
@@ -128,4 +130,65 @@ fn clear_effects_have_their_names() {
         })
         .collect();
     assert!(wrong.len() <= bound(24, 0.05), "{wrong:?}");
+}
+
+/// A linear delta of which heights over a bed and distances between holes are measured, no pose, and the names that
+/// discovery gives.
+fn named_by_heights_and_distances(seed: u64, effects: &[&str]) -> Vec<(String, String)> {
+    let robot = Robot::from(&tau_generated::linear_delta::ROBOT);
+    let text = "robot = \"LinearDelta\"
+        [noise]
+        heights = { height_m = 1e-5 }
+        distances = { distance_m = 2e-5 }";
+    let file = RobotFile::parse_for(text, "robot.toml", &robot).unwrap();
+    let simulation = Simulation {
+        effects: (effects.iter())
+            .map(|effect| Effect::parse(effect, &robot, "effect").unwrap())
+            .collect(),
+        poses: Poses::Random { count: 160 },
+        measures: vec![Measure::Rows(PlateKind::Height), Measure::Distances],
+        approach: Approach::Random,
+        seed,
+        ..Simulation::new(robot.clone(), file.completed(&robot))
+    };
+    let measured = simulate(&simulation).unwrap();
+    assert!(measured.folder.tcp_poses.is_empty() && measured.folder.cart_poses.is_empty());
+    let (file, folder) = (&measured.file, &measured.folder);
+    let options = Options::default();
+    let found = discover(&robot, "Full", file, folder, &options, &mut |_| {}).unwrap();
+    let effects = found.discovery.effects.into_iter();
+    effects
+        .map(|effect| (effect.name, effect.place.to_string()))
+        .collect()
+}
+
+#[test]
+fn without_poses_false_names_are_as_rare_as_the_level() {
+    let seeds: Vec<u64> = (400..416).collect();
+    let false_names = seeds
+        .par_iter()
+        .filter(|&&seed| !named_by_heights_and_distances(seed, &[]).is_empty())
+        .count();
+    assert!(false_names <= bound(16, 0.05), "{false_names} of 16");
+}
+
+#[test]
+fn without_poses_clear_effects_have_their_names() {
+    let hidden = [
+        ("backlash(a): gap=2e-4", "backlash", "a"),
+        (
+            "positioning_error(b): degree2=4e-4, degree3=-3e-4",
+            "positioning_error",
+            "b",
+        ),
+    ];
+    let seeds: Vec<u64> = (500..512).collect();
+    let wrong: Vec<(u64, Vec<(String, String)>)> = (seeds.par_iter())
+        .filter_map(|&seed| {
+            let (effect, name, place) = hidden[seed as usize % hidden.len()];
+            let names = named_by_heights_and_distances(seed, &[effect]);
+            (names != [(name.to_owned(), place.to_owned())]).then_some((seed, names))
+        })
+        .collect();
+    assert!(wrong.len() <= bound(12, 0.05), "{wrong:?}");
 }

@@ -17,8 +17,8 @@ pub(super) struct Floor {
     pub(super) square_m2: f64,
 }
 
-/// By propagating the stated noise of the measured position and what it leaves of the calibrated parameters
-/// through the forward kinematics. The noise is the stated one even where a model leaves more: what is more is
+/// By propagating the stated noise of the measured position, of drives and of links, and what it leaves of the calibrated
+/// parameters through the forward kinematics. The noise is the stated one even where a model leaves more: what is more is
 /// what a better model could remove.
 pub(super) fn floor(
     fit: &Fit,
@@ -41,13 +41,16 @@ pub(super) fn floor(
         let mut by_pose = DMatrix::zeros(closures.len(), unknowns.len());
         let mut by_parameter = DMatrix::zeros(closures.len(), deviations.nrows());
         let mut by_path = DMatrix::zeros(closures.len(), 3 * machine.variant.tracks.len());
+        let lengths = machine
+            .length_scatter(&sample)
+            .map_err(|error| Error::at_pose(measured.pose, error))?;
+        let mut by_length = DMatrix::zeros(closures.len(), lengths.ncols());
         for (row, closure) in closures.iter().enumerate() {
-            let Some(pair) = machine
-                .closure_instances()
-                .find(|pair| pair.of == closure.of)
-            else {
+            let mut pairs = machine.closure_instances().enumerate();
+            let Some((place, pair)) = pairs.find(|(_, pair)| pair.of == closure.of) else {
                 continue;
             };
+            by_length.set_row(row, &lengths.row(place));
             let (_, gradient) = machine
                 .closure_by_pose(pair, &sample)
                 .map_err(|error| Error::at_pose(measured.pose, error))?;
@@ -82,11 +85,13 @@ pub(super) fn floor(
             }
         }
         let of_parameters = by_parameter * &deviations;
-        let width = of_parameters.ncols();
-        let mut spread = of_parameters.resize_horizontally(width + by_path.ncols(), 0.0);
-        spread
-            .columns_mut(width, by_path.ncols())
-            .copy_from(&by_path);
+        let parts = [of_parameters, by_path, by_length];
+        let columns = parts.iter().flat_map(DMatrix::column_iter);
+        let width = parts.iter().map(DMatrix::ncols).sum();
+        let mut spread = DMatrix::zeros(closures.len(), width);
+        for (mut to, from) in spread.column_iter_mut().zip(columns) {
+            to.copy_from(&from);
+        }
         let Some(moved) = least_norm(&by_pose, &spread) else {
             continue;
         };

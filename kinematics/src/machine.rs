@@ -168,6 +168,34 @@ impl Machine {
             .collect()
     }
 
+    /// Scatter of the closures (m²) from the noise of drives and links: closures × independent deviations, so that the
+    /// product with its transpose is their covariance. No columns where nothing scatters. By a length a closure changes as
+    /// by the distance of its joints, whose derivative is that by the plate's position.
+    ///
+    /// # Errors
+    /// As [`Self::closures`].
+    pub fn length_scatter(&self, sample: &Sample<'_>) -> Result<DMatrix<f64>, Error> {
+        let noise = &self.surroundings.length_noise;
+        if !noise.is_any() {
+            return Ok(DMatrix::zeros(self.closure_count(), 0));
+        }
+        let Closures {
+            jacobian, slopes, ..
+        } = self.closures(sample)?;
+        let (rows, commands) = (slopes.len(), noise.commands.len());
+        Ok(DMatrix::from_fn(rows, commands + rows, |row, column| {
+            // Derivatives come divided by that by the distance.
+            let by_length = if column < commands {
+                jacobian[(row, POSE_COLUMNS + column)] * noise.commands[column]
+            } else if column - commands == row {
+                noise.links_m
+            } else {
+                0.0
+            };
+            slopes[row] * by_length
+        }))
+    }
+
     /// An error at a sample, with the effects that are at fault where a number is not finite.
     #[must_use]
     pub fn explained(&self, error: Error, sample: &Sample<'_>) -> Error {

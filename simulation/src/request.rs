@@ -197,6 +197,19 @@ impl Request {
         errors.finish()?;
         file.noise.position_m = self.noise_position_m.unwrap_or(file.noise.position_m);
         file.noise.rotation_rad = self.noise_rotation_rad.unwrap_or(file.noise.rotation_rad);
+        let noise = [
+            ("position_m", "--noise-position", file.noise.position_m),
+            ("rotation_rad", "--noise-rotation", file.noise.rotation_rad),
+        ];
+        if measures.contains(&Measure::Poses)
+            && let Some((key, option, _)) = noise.iter().find(|(_, _, sigma)| !sigma.is_finite())
+        {
+            let message = format!("`[noise]` of the robot file has no `{key}`");
+            let help = format!(
+                "state it there or with {option}, or say with --measure what is measured in place of poses"
+            );
+            return Err(InputError::whole(*option, message).help(help));
+        }
         if let Some(mass_kg) = self.payload_mass_kg {
             file.payload = Some(match file.payload {
                 Some(payload) => Payload { mass_kg, ..payload },

@@ -152,7 +152,10 @@ impl<'a> Session<'a> {
             return Err(InputError::whole("poses", message)
                 .help("take a grid of smaller steps, or smaller effects"));
         }
-        let has_carts = self.nominal.guideways().next().is_some();
+        // Without a tracker's noise there is no tracker that could measure carts.
+        let noise = simulation.file.noise;
+        let has_tracker = noise.position_m.is_finite() && noise.rotation_rad.is_finite();
+        let has_carts = has_tracker && self.nominal.guideways().next().is_some();
         let mut random = Random::new(seed, "random poses");
         let set3 = planner.random_poses(
             if has_carts {

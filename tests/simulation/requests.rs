@@ -341,3 +341,38 @@ fn an_effect_of_forces_needs_a_payload() {
         );
     }
 }
+
+/// Heights need the noise of heights alone; poses, and carts beside them, a tracker.
+#[test]
+fn what_has_no_noise_is_not_measured() {
+    let parent = tempfile::tempdir().unwrap();
+    let robot = tau::Robot::from(&tau_generated::linear_delta::ROBOT);
+    let file = parent.path().join("delta.toml");
+    let text = "robot = \"LinearDelta\"\n[noise]\nheights = { height_m = 1e-5 }\n";
+    std::fs::write(&file, text).unwrap();
+    let of_heights = Request {
+        robot: Some(file),
+        measures: vec!["heights".to_owned()],
+        poses: Some(20),
+        random: true,
+        ..Request::default()
+    };
+    let folder = parent.path().join("measured");
+    of_heights.run(&robot, &folder).unwrap();
+    let read = tau::measurements::Folder::read(&folder, &(&robot).into()).unwrap();
+    let rows = [
+        read.plate_rows.len(),
+        read.tcp_poses.len(),
+        read.cart_poses.len(),
+    ];
+    assert_eq!(rows, [20, 0, 0]);
+    let of_poses = Request {
+        measures: vec!["heights".to_owned(), "poses".to_owned()],
+        ..of_heights
+    };
+    let error = of_poses.simulation(&robot).unwrap_err().to_string();
+    assert!(
+        error.contains("--noise-position") && error.contains("has no `position_m`"),
+        "{error}"
+    );
+}

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 
 use nalgebra::{Cholesky, DMatrix, DVector};
-use tau_kinematics::{LengthNoise, Machine, POSE_COLUMNS, Sample};
+use tau_kinematics::{Machine, Sample};
 use tau_robot::robot::Instance;
 use tau_robot::robot_file::Noise;
 use tau_runtime::{Pattern, ResidualFamily, Shape};
@@ -164,10 +164,8 @@ impl WhitenedPose {
             gradients[row][column] * sigma
         });
         let mut covariance = &scaled * scaled.transpose();
-        let lengths = &machine.surroundings.length_noise;
-        if lengths.is_any() {
-            covariance += of_lengths(machine, sample, &gradients, lengths)?;
-        }
+        let lengths = machine.length_scatter(sample).ok()?;
+        covariance += &lengths * lengths.transpose();
         for row in 0..rows {
             // More closures than the six motions of a plate have a singular covariance: a hundredth of
             // the noise is allowed for what is not the plate's motion.
@@ -222,31 +220,6 @@ impl WhitenedPose {
             }
         }
     }
-}
-
-/// Covariance of closures from the noise of drives and links: by a length a closure changes as by the distance of its
-/// joints, whose derivative is that by the plate's position.
-fn of_lengths(
-    machine: &Machine,
-    sample: &Sample<'_>,
-    gradients: &[[f64; POSE_COLUMNS]],
-    noise: &LengthNoise,
-) -> Option<DMatrix<f64>> {
-    // These come divided by the derivative by the distance.
-    let scaled = machine.closures(sample).ok()?.jacobian;
-    let by_distance = |row: usize| {
-        let [x, y, z, ..] = gradients[row];
-        (x * x + y * y + z * z).sqrt()
-    };
-    let commands = noise.commands.len();
-    let by_commands = DMatrix::from_fn(gradients.len(), commands, |row, command| {
-        scaled[(row, POSE_COLUMNS + command)] * by_distance(row) * noise.commands[command]
-    });
-    let mut covariance = &by_commands * by_commands.transpose();
-    for row in 0..gradients.len() {
-        covariance[(row, row)] += (by_distance(row) * noise.links_m).powi(2);
-    }
-    Some(covariance)
 }
 
 fn number(n: usize) -> u32 {

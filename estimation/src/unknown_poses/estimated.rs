@@ -449,3 +449,52 @@ impl Assembly<'_> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::DMatrix;
+
+    use super::{lined_up, pivoted};
+    use crate::numerics::distribution::Random;
+
+    fn random(rows: usize, columns: usize, seed: u64) -> DMatrix<f64> {
+        let mut random = Random(seed);
+        DMatrix::from_fn(rows, columns, |_, _| {
+            random.below(1 << 30) as f64 / f64::from(1 << 29) - 1.0
+        })
+    }
+
+    /// The projection off the columns of a matrix.
+    fn outside(columns: &DMatrix<f64>) -> DMatrix<f64> {
+        let q = columns.clone().qr().q();
+        DMatrix::identity(columns.nrows(), columns.nrows()) - &q * q.transpose()
+    }
+
+    #[test]
+    fn pivots_give_an_orthonormal_basis_of_what_is_left() {
+        let columns = random(9, 4, 1);
+        let (basis, pivots) = pivoted(&outside(&columns), 5);
+        assert!((basis.tr_mul(&basis) - DMatrix::identity(5, 5)).norm() < 1e-12);
+        assert!(columns.tr_mul(&basis).norm() < 1e-12);
+        let mut rows = pivots.clone();
+        rows.sort_unstable();
+        rows.dedup();
+        assert_eq!(rows.len(), 5, "{pivots:?}");
+    }
+
+    #[test]
+    fn a_basis_turns_as_little_as_it_can() {
+        let columns = random(9, 4, 2);
+        let (reference, _) = pivoted(&outside(&columns), 5);
+        let nearby = outside(&(columns + 1e-3 * random(9, 4, 3)));
+        let basis = lined_up(&nearby, &reference).unwrap();
+        assert!((basis.tr_mul(&basis) - DMatrix::identity(5, 5)).norm() < 1e-12);
+        assert!((&nearby * &basis - &basis).norm() < 1e-12);
+        let off = (&basis - &reference).norm();
+        for seed in 4..20 {
+            let turned = &basis * random(5, 5, seed).qr().q();
+            assert!(off < (turned - &reference).norm());
+        }
+        assert!(lined_up(&outside(&random(9, 5, 4)), &reference).is_none());
+    }
+}

@@ -1,16 +1,28 @@
 //! Elimination against the dense normal equations of everything at once.
 
-use tau_robot::measurements::{Distance, Folder, PlateKind, PlateRow, Split};
+use nalgebra::DVector;
+use tau_kinematics::{Machine, Pose};
+use tau_robot::measurements::{Distance, Folder, PlateKind, PlateRow, Split, TcpPose};
 use tau_robot::prototype;
 use tau_robot::robot::Robot;
 
-use super::RowDivision;
 use super::fit::Fit;
+use super::{EstimatedPoses, RowDivision, Side, calibrate};
+use crate::calibration::{Options, machine_from_file};
+use crate::joint::unknown::closure_derivatives;
+use crate::problem::Eliminated;
+use crate::samples::Sample;
+use crate::samples::frames::Frames;
 
 /// Positions, heights and distances at some of the prototype's poses.
 fn folder() -> Folder {
     let mut folder = prototype::folder().unwrap();
     let poses = std::mem::take(&mut folder.tcp_poses);
+    of_poses(folder, &poses)
+}
+
+/// A folder with positions, heights and distances of some of these poses.
+fn of_poses(mut folder: Folder, poses: &[TcpPose]) -> Folder {
     for pose in poses.iter().step_by(9) {
         let kinds = [PlateKind::Position, PlateKind::Height];
         for kind in kinds {
@@ -81,4 +93,82 @@ fn elimination_gives_the_covariance_of_the_dense_normal_equations() {
         (absorbed - 120.0 - known).abs() < 1e-6,
         "{absorbed} {known}"
     );
+}
+
+/// Where poses follow the machine, residuals change as the derivatives by its parameters say, with no part of the poses.
+#[test]
+fn residuals_without_poses_have_the_derivatives_of_their_closures() {
+    let robot = Robot::from(&tau_generated::gantry_tau::ROBOT);
+    let variant = robot.variant("Full").unwrap();
+    let mut file = prototype::robot_file().unwrap();
+    file.measuring.drives = vec![tau_robot::robot_file::StatedNoise::Known(2e-6)];
+    let file = file.completed(&robot);
+    // Measurements that nominal values explain, so that residuals are zero there.
+    let mut folder = prototype::folder().unwrap();
+    let mut poses = std::mem::take(&mut folder.tcp_poses);
+    let machine = machine_from_file(&robot, variant, &file, None, &[]).unwrap();
+    for pose in &mut poses {
+        let measured = Pose::from_zyz(pose.position_m, pose.angles_rad);
+        let at = tau_kinematics::Sample::new(measured, &pose.commands_m);
+        let settled = machine.forward(&at).unwrap();
+        pose.position_m = settled.position.into();
+        pose.angles_rad = settled.angles_rad();
+    }
+    let folder = of_poses(folder, &poses);
+    let division = RowDivision::of(&folder, Split::All);
+    let options = Options::default();
+    let found = calibrate(&robot, variant, &file, &folder, &division, &options).unwrap();
+    let machine = &found.calibration.machine;
+    let estimated = EstimatedPoses::of(&found, &file, &folder, &division).unwrap();
+    let (with_poses, division) = estimated.folder();
+    let frames = Frames::default();
+    let samples = Sample::all(&robot, &with_poses, &division.calibration, &frames);
+
+    let placed = |machine: &Machine, reference: &[Eliminated]| {
+        let side = Side::Calibration;
+        let placed = estimated.placed(side, machine, &[], &samples, reference);
+        placed.unwrap()
+    };
+    let residuals = |machine: &Machine, reference: &[Eliminated]| {
+        let placed = placed(machine, reference);
+        let of_group = |group: &Eliminated| {
+            let closures = group.samples.iter().flat_map(|&sample| {
+                let at = machine.closures(&placed.samples[sample].view()).unwrap();
+                let plain = at.residuals.component_mul(&at.slopes);
+                plain.as_slice().to_vec()
+            });
+            let closures = DVector::from_iterator(group.by_closure.ncols(), closures);
+            &group.by_closure * closures + &group.constants
+        };
+        let all: Vec<DVector<f64>> = placed.groups.iter().map(of_group).collect();
+        let all: Vec<f64> = all.iter().flat_map(|own| own.iter().copied()).collect();
+        DVector::from_vec(all)
+    };
+    let start = placed(machine, &[]);
+    let before = residuals(machine, &start.groups);
+    let mut random = crate::numerics::distribution::Random(3);
+    let step = DVector::from_fn(machine.values.len(), |_, _| 1e-4 * random.sign());
+    let moved = |times: f64| {
+        let mut machine = machine.clone();
+        for (value, step) in machine.values.iter_mut().zip(&step) {
+            *value += times * step;
+        }
+        residuals(&machine, &start.groups) - &before
+    };
+    let by_parameter = closure_derivatives(machine, &start.samples).unwrap();
+    let of_group = |group: &Eliminated| {
+        let own = group.samples.iter();
+        let moved = own.flat_map(|&sample| (&by_parameter[sample] * &step).data.as_vec().clone());
+        let moved = DVector::from_iterator(group.by_closure.ncols(), moved);
+        (&group.by_closure * moved).data.as_vec().clone()
+    };
+    let predicted = DVector::from_vec(start.groups.iter().flat_map(of_group).collect());
+    assert_eq!(predicted.len(), 20 * 2 + 20 + 6);
+    let off = |times: f64| (moved(times) - &predicted * times).norm();
+    assert!(before.norm() < 1e-3, "{}", before.norm());
+    assert!(predicted.norm() > 10.0, "{}", predicted.norm());
+    // What is left is of second order.
+    let [once, twice] = [1.0, 2.0].map(off);
+    assert!(once < 1e-2 * predicted.norm(), "{once}");
+    assert!((3.0..5.0).contains(&(twice / once)), "{once} {twice}");
 }

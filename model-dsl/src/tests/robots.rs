@@ -261,6 +261,22 @@ fn effects_of_every_subject() {
 }
 
 #[test]
+fn effects_of_driven_links_read_their_own_commands() {
+    let model = model(
+        "effect slip on driven link { param p: ratio; length += p * q * direction; }
+        robot Hybrid {
+            cluster legs on base { link a, b actuated length; link strut; }
+            track one;
+            cluster arm on one { link c, d, e; }
+            variant Full { arm full; tracks linear; }
+            variant Slips = Full + slip(b);
+        }",
+    );
+    assert_eq!(model.effects[0].subject, Subject::DrivenLink);
+    assert_eq!(model.variants[1].effects[0].place, Place::Link(1));
+}
+
+#[test]
 fn variants_inherit_in_any_order() {
     let model = model(
         "effect a on cart { param p: length; along += p; }
