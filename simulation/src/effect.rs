@@ -19,6 +19,8 @@ pub struct Conditions {
     pub time_s: f64,
     /// Temperature (°C).
     pub temperature_c: f64,
+    /// Deviation of the length of each link, as its noise has drawn it (m); empty for none.
+    pub lengths_m: Vec<f64>,
 }
 
 impl Conditions {

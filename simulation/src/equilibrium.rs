@@ -185,7 +185,8 @@ impl Machine {
                 temperature_c: conditions.temperature_c,
                 tcp_m: state.pose.position_m.into(),
             };
-            state.lengths_m[k] = straight.lengths_m[k];
+            let drawn = conditions.lengths_m.get(k).copied().unwrap_or(0.0);
+            state.lengths_m[k] = straight.lengths_m[k] + drawn;
             state.plate_joints_m[k] = straight.plate_joints_m[k];
             for effect in self.effects.iter().filter_map(|effect| effect.on_link(k)) {
                 let error = effect(&reading);

@@ -339,6 +339,7 @@ impl Planner<'_> {
                 directions,
                 time_s,
                 temperature_c,
+                lengths_m: vec![],
             };
             last.clone_from(&commanded.commands_m);
             before = Some(conditions.clone());

@@ -154,7 +154,7 @@ impl Gauges<'_> {
     }
 
     fn rows(&self, kind: PlateKind, stops: &[Stop], states: &[State], measured: &mut Measured) {
-        let sigma = self.sigma_m(kind.file());
+        let sigmas = self.sigmas_m(kind);
         let mut random = Random::new(self.seed, kind.file());
         let objects = &self.objects;
         let names: Vec<&String> = match kind {
@@ -195,7 +195,7 @@ impl Gauges<'_> {
                         PlateKind::Reading => vec![],
                     };
                     let mut values = [None; 3];
-                    for (value, true_m) in values.iter_mut().zip(true_m) {
+                    for ((value, true_m), sigma) in values.iter_mut().zip(true_m).zip(sigmas) {
                         *value = Some(true_m + sigma * self.deviate(&mut random));
                     }
                     measured.rows.push(PlateRow {
@@ -217,7 +217,7 @@ impl Gauges<'_> {
         }
         let rows = &mut measured.rows[first..];
         for index in self.gross(rows.len(), &mut random) {
-            let off = sigma * self.noise.outlier_size * random.sign();
+            let off = sigmas[0] * self.noise.outlier_size * random.sign();
             rows[index].values[0] = rows[index].values[0].map(|value| value + off);
             measured.gross.push((kind.file(), rows[index].line));
         }
@@ -251,10 +251,23 @@ impl Gauges<'_> {
         }
     }
 
-    /// True noise (m) of the lengths in a file: the stated one times the scale of set 1; of one that is to be
-    /// estimated, that of positions.
+    /// True noise (m) of the lengths in a file.
     fn sigma_m(&self, file: &'static str) -> f64 {
-        let stated = match self.file.noise_of(file) {
+        self.true_m(self.file.noise_of(file))
+    }
+
+    /// True noise (m) of each number of a row.
+    fn sigmas_m(&self, kind: PlateKind) -> [f64; 3] {
+        let axes = self.file.noise_of_axes();
+        match axes.filter(|_| kind == PlateKind::Position) {
+            Some(axes) => axes.map(|axis| self.true_m(axis)),
+            None => [self.sigma_m(kind.file()); 3],
+        }
+    }
+
+    /// The stated noise times the scale of set 1; of one that is to be estimated, that of positions.
+    fn true_m(&self, stated: Option<StatedNoise>) -> f64 {
+        let stated = match stated {
             Some(StatedNoise::Known(sigma)) => sigma,
             Some(StatedNoise::Estimate) | None => usual(self.file.noise.position_m),
         };
@@ -302,6 +315,26 @@ pub(super) fn drive_errors(
         .collect();
     (0..stops)
         .map(|_| sigmas.iter().map(|sigma| sigma * random.normal()).collect())
+        .collect()
+}
+
+/// Deviations of the links' lengths at each stop (m); none where links are rigid. Noise that is to be estimated is that of
+/// positions.
+pub(super) fn length_errors(
+    file: &RobotFile,
+    links: usize,
+    scale: f64,
+    stops: usize,
+    seed: u64,
+) -> Vec<Vec<f64>> {
+    let sigma_m = match file.noise_of_links() {
+        None => return vec![vec![]; stops],
+        Some(StatedNoise::Known(sigma)) => scale * sigma,
+        Some(StatedNoise::Estimate) => scale * usual(file.noise.position_m),
+    };
+    let mut random = Random::new(seed, "links");
+    (0..stops)
+        .map(|_| (0..links).map(|_| sigma_m * random.normal()).collect())
         .collect()
 }
 

@@ -115,7 +115,7 @@ impl<'a> Session<'a> {
             approach: simulation.approach,
             temperature: simulation.temperature,
         };
-        let set1 = planner.tcp_poses(&simulation.poses, &mut Random::new(seed, "poses"));
+        let mut set1 = planner.tcp_poses(&simulation.poses, &mut Random::new(seed, "poses"));
         // Carts are measured where the poses need them.
         if let (None, false) = (simulation.file.range_m, is_random)
             && let Some(range_m) = self.range_of(&set1)
@@ -129,6 +129,16 @@ impl<'a> Session<'a> {
             set1.stops.len(),
             seed,
         );
+        let lengths = plate::length_errors(
+            &simulation.file,
+            self.machine.rods.len(),
+            simulation.noise.scale[0],
+            set1.stops.len(),
+            seed,
+        );
+        for (stop, lengths_m) in set1.stops.iter_mut().zip(lengths) {
+            stop.conditions.lengths_m = lengths_m;
+        }
         let (visited, true_states) = self.reached_by_drives(set1, errors);
         let objects = plate::Objects::draw(
             &simulation.file,

@@ -144,6 +144,7 @@ impl<'a> Trackers<'a> {
                     directions: vec![direction; commands.len()],
                     time_s: SECONDS[1] * index as f64,
                     temperature_c: self.simulation.temperature.start_c,
+                    lengths_m: vec![],
                 };
                 match self.machine.solve(&commands, &conditions, pose) {
                     Some(state) => {

@@ -185,8 +185,8 @@ fn generated_residuals_vanish_at_the_truth() {
         let state = |commands: &[f64], direction: f64| {
             let conditions = Conditions {
                 directions: vec![direction; 3],
-                time_s: 0.0,
                 temperature_c: 20.0,
+                ..Conditions::default()
             };
             simulated
                 .truth

@@ -1,10 +1,10 @@
 //! Noise, order, conditions and files.
 
 use nalgebra::{Rotation3, Vector3};
-use tau::measurements::Folder;
+use tau::measurements::{Folder, PlateKind};
 use tau::robot_file::RobotFile;
 use tau::simulation::{
-    Approach, Noise, Poses, SimulatedFolder, Simulation, Tails, Temperature, TrackPoints,
+    Approach, Measure, Noise, Poses, SimulatedFolder, Simulation, Tails, Temperature, TrackPoints,
 };
 
 use super::{LISTED, drawings, run, silent, with_effects};
@@ -425,4 +425,42 @@ fn points_lie_where_they_are_asked_for() {
         // Drawings and machine differ only by what makes the carts rigid.
         assert!((Vector3::from(pose.position_m) - Vector3::from(*at)).norm() < 5e-3);
     }
+}
+
+/// Lengths of links and axes of positions scatter as the robot file says.
+#[test]
+fn links_and_axes_have_noise_of_their_own() {
+    let robot = tau::Robot::from(&tau_generated::hexapod::ROBOT);
+    let text = "robot = \"Hexapod\"
+        [noise]
+        links = { length_m = 1e-4 }
+        tcp_positions = { x_m = 1e-5, y_m = 2e-5, z_m = 4e-5 }";
+    let file = RobotFile::parse_for(text, "robot.toml", &robot).unwrap();
+    let simulated = run(&Simulation {
+        poses: Poses::Random { count: 500 },
+        measures: vec![Measure::Rows(PlateKind::Position)],
+        approach: Approach::Random,
+        ..Simulation::new(robot.clone(), file.completed(&robot))
+    });
+    let rows = &simulated.folder.plate_rows;
+    let states = &simulated.truth.tcp_poses;
+    assert_eq!((rows.len(), states.len()), (500, 500));
+    let pairs = || rows.iter().zip(states);
+    for (axis, sigma) in [1e-5, 2e-5, 4e-5].into_iter().enumerate() {
+        let squares = pairs().map(|(row, state)| {
+            let off = row.values[axis].unwrap() - state.pose.position_m[axis];
+            (off / sigma).powi(2)
+        });
+        let ratio = mean(squares);
+        assert!((ratio - 1.0).abs() < 0.3, "{axis}: {ratio}");
+    }
+    let squares = pairs().flat_map(|(row, state)| {
+        let rods = simulated.truth.machine.rods.iter().zip(&state.lengths_m);
+        rods.map(|(rod, length_m)| {
+            let counted = rod.length_m + row.commands_m[rod.actuated_by.unwrap()];
+            ((length_m - counted) / 1e-4).powi(2)
+        })
+    });
+    let ratio = mean(squares);
+    assert!((ratio - 1.0).abs() < 0.12, "{ratio}");
 }

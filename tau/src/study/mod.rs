@@ -31,11 +31,11 @@ pub struct Progress<'a> {
 /// Runs the study: assumptions, calibration and evaluation of every variant without effects, and the
 /// sensitivity of the last of them with a full arm. [`search`] adds what the one of [`base`] lacks.
 ///
-/// Variants with piecewise tracks are left out, with a remark, where the folder has no set 2.
+/// Variants with piecewise tracks are left out, with a remark, where the folder has no set 2; so are those that can't be
+/// calibrated or can't predict poses.
 ///
 /// # Errors
-/// [`Error::Input`] for measurements that can't be used; otherwise the first calibration or prediction
-/// that fails.
+/// [`Error::Input`] for measurements that can't be used; otherwise the first failure, where all variants fail.
 pub fn run<R>(
     session: &Session<R>,
     progress: &mut dyn FnMut(Progress<'_>),
@@ -65,28 +65,36 @@ pub fn run<R>(
     let assumptions = assumptions::check(robot, file, folder);
     let mut results = Vec::new();
     let mut layouts = Vec::new();
-    let mut full = None;
+    let (mut full, mut failure) = (None, None);
     for variant in variants {
         next(&format!("calibrating {}", variant.name));
-        let options = session.options();
-        let calibration = calibrate(
-            robot,
-            variant,
-            file,
-            folder,
-            &division.calibration,
-            &options,
-        )?;
-        let mut found = result(&calibration, folder, &division.validation)?;
-        let poses = &division.calibration;
-        let fit = of_calibration_knowing(&calibration, file, folder, poses, &mut mistakes)?;
-        found.fit = Some(fit);
-        found.validation_outliers = session.validation_outliers(&calibration)?;
-        results.push(found);
-        layouts.extend(layout(&calibration, folder));
-        if variant.arm == Arm::Full {
-            full = Some(calibration);
+        let mut of_variant = || {
+            let poses = &division.calibration;
+            let options = session.options();
+            let calibration = calibrate(robot, variant, file, folder, poses, &options)?;
+            let mut found = result(&calibration, folder, &division.validation)?;
+            let fit = of_calibration_knowing(&calibration, file, folder, poses, &mut mistakes)?;
+            found.fit = Some(fit);
+            found.validation_outliers = session.validation_outliers(&calibration)?;
+            Ok((calibration, found))
+        };
+        match of_variant() {
+            Ok((calibration, found)) => {
+                results.push(found);
+                layouts.extend(layout(&calibration, folder));
+                if variant.arm == Arm::Full {
+                    full = Some(calibration);
+                }
+            }
+            Err(error @ Error::Input(_)) => return Err(error),
+            Err(error) => {
+                remarks.push(format!("left out: `{}`: {error}", variant.name));
+                failure.get_or_insert(error);
+            }
         }
+    }
+    if let (true, Some(error)) = (results.is_empty(), failure) {
+        return Err(error);
     }
     next("computing sensitivities");
     let sensitivity = full

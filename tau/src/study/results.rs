@@ -4,7 +4,7 @@ use tau_discovery::Discovery;
 use tau_estimation::assumptions::Assumptions;
 use tau_estimation::evaluation::VariantResult;
 use tau_estimation::sensitivity::Sensitivity;
-use tau_estimation::trust::{Check, Status, Verdict};
+use tau_estimation::trust::{Check, Verdict};
 use tau_kinematics::Layout;
 use tau_robot::measurements::PoseCounts;
 use tau_robot::robot::Architecture;
@@ -39,19 +39,11 @@ pub struct Study {
 }
 
 impl Study {
-    /// The verdict on the variant whose residuals come nearest to the noise, or on the first that is absurd.
+    /// The verdict on the variant whose residuals come nearest to the noise. Mistakes of the input are on every variant;
+    /// what one alone misses, such as a value that it holds, is the variant's own.
     pub fn fit(&self) -> Option<(&VariantResult, &Verdict)> {
         let judged = self.variants.iter();
         let judged = judged.filter_map(|variant| Some((variant, variant.fit.as_ref()?)));
-        let key = |verdict: &Verdict| {
-            (
-                verdict.status != Status::Absurd,
-                verdict.residual_over_noise,
-            )
-        };
-        judged.min_by(|a, b| {
-            let (a, b) = (key(a.1), key(b.1));
-            a.0.cmp(&b.0).then(a.1.total_cmp(&b.1))
-        })
+        judged.min_by(|a, b| a.1.residual_over_noise.total_cmp(&b.1.residual_over_noise))
     }
 }
