@@ -9,6 +9,7 @@ use std::sync::{Arc, OnceLock};
 
 use nalgebra::DMatrix;
 use tau_codegen::language::Model;
+use tau_codegen::language::model::Subject;
 use tau_estimation::joint::fit::Fit;
 use tau_estimation::numerics::parallel;
 use tau_estimation::numerics::projection::{Subspace, orthonormal};
@@ -138,6 +139,10 @@ impl CandidateSet {
             let candidate = &candidates[index];
             if candidate.amplitudes().is_empty() {
                 return Err("it has no amplitude to fit");
+            }
+            let is_of_tracker = model.effects[candidate.effect].subject == Subject::Tcp;
+            if is_of_tracker && candidate.is_named() && !fit.joint.eliminated.is_empty() {
+                return Err("no tracker has measured the poses");
             }
             if candidate.search.is_some() && !candidate.is_named() {
                 return Ok(Columns::Later);
