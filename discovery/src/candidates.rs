@@ -175,7 +175,7 @@ impl Candidate {
     /// An unnamed family at all its places at once.
     fn of_all(index: usize, effect: &Effect, places: &[Place], family: &Family) -> Self {
         let at = match effect.subject {
-            Subject::Link | Subject::DrivenLink => results::Place::AllLinks,
+            subject if subject.is_link() => results::Place::AllLinks,
             _ => results::Place::AllCarts,
         };
         let first = Self::new(index, effect, places[0], at, Some(family.clone()));
