@@ -4,7 +4,7 @@ mod scope;
 
 use nalgebra::DMatrix;
 use tau_codegen::equations;
-use tau_codegen::language::model::{Effect, EffectUse, Formula, Model, Place, Subject, Target};
+use tau_codegen::language::model::{Effect, EffectUse, Formula, Model, Place, Target};
 use tau_codegen::language::units::Dimension;
 use tau_estimation::samples::{NOT_FINITE, Sample};
 use tau_kinematics::Surroundings;
@@ -294,7 +294,7 @@ impl Candidate {
             let terms = effect.terms.iter().enumerate();
             let terms = terms.filter(|(_, term)| formulas.concern(term));
             for (index, term, action) in terms.flat_map(|(index, term)| {
-                let actions = actions(place, model, term, probes);
+                let actions = actions((place, effect.subject), model, term, probes);
                 actions.into_iter().map(move |action| (index, term, action))
             }) {
                 let Some(at) = action.probes.first().map(|&p| &probes.all[p].samples) else {

@@ -217,15 +217,14 @@ impl Text<'_> {
                 .error(part, message)
                 .help("choose an effect on a link or on `tcp`"));
         }
-        let is_driven = |link: &str| {
-            let mut links = robot
-                .links
-                .iter()
-                .filter(|own| link == "all" || own.name == link);
-            links.all(|own| own.actuated_by.is_some())
-        };
-        if listed.subject == Subject::DrivenLink && !is_driven(places[0].text) {
-            let message = format!("`{}` acts on links that a drive lengthens", listed.name);
+        let is_admitted = |own: &usize| acts_on(listed.subject, robot, *own);
+        let mut named = (0..robot.links.len())
+            .filter(|&own| ["all", &robot.links[own].name].contains(&places[0].text));
+        if let Some(links) = listed.subject.links()
+            && named.clone().next().is_some()
+            && !named.any(|own| is_admitted(&own))
+        {
+            let message = format!("`{}` acts on {links}", listed.name);
             return Err(self
                 .error(part, message)
                 .help("choose an effect on a link, or on a cart"));
@@ -266,18 +265,16 @@ impl Text<'_> {
                     source: Some(source),
                 }
             }
-            (Subject::Link | Subject::DrivenLink, "all") => Place::AllLinks,
-            (Subject::Link | Subject::DrivenLink, name) => {
-                match links().position(|link| link == name) {
-                    Some(link) => Place::Link(link),
-                    None => return Err(unknown(places[0], "link", links().collect())),
-                }
-            }
             (Subject::Tcp, "tcp") => Place::Tcp,
             (Subject::Tcp, _) => {
                 let message = format!("`{}` acts on the tracker's target", listed.name);
                 return Err(self.error(places[0], message).help("its place is `tcp`"));
             }
+            (_, "all") => Place::AllLinks,
+            (_, name) => match links().position(|link| link == name) {
+                Some(link) => Place::Link(link),
+                None => return Err(unknown(places[0], "link", links().collect())),
+            },
         })
     }
 
@@ -370,3 +367,20 @@ fn in_units(parameter: &Parameter) -> String {
         (_, unit) => format!("`{name}=(…, …, …)` in {unit}"),
     }
 }
+/// True if an effect on such a subject acts on a link of an index.
+fn acts_on(subject: Subject, robot: &Robot, link: usize) -> bool {
+    let drive = robot.links[link].actuated_by;
+    let is_pulled = || {
+        let model = robot.model.as_ref();
+        model.is_some_and(|model| model.links[link].pull.is_some())
+    };
+    match subject {
+        Subject::Link => true,
+        Subject::DrivenLink => drive.is_some(),
+        Subject::LinkByLength => drive.is_some_and(|drive| !robot.is_angle(drive)),
+        Subject::LinkByAngle => drive.is_some_and(|drive| robot.is_angle(drive)),
+        Subject::PulledLink => is_pulled(),
+        Subject::Cart | Subject::CartFromSource | Subject::Tcp => false,
+    }
+}
+
