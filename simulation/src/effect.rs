@@ -125,6 +125,8 @@ pub struct Effect {
     pub name: String,
     /// Its place.
     pub place: Place,
+    /// Links on which it acts where its place is all that it can act on; `None` where that is every link.
+    pub links: Option<Vec<usize>>,
     /// True if the catalogue has it.
     pub listed: bool,
     /// Parameters, SI, in the order of the catalogue; empty for one that is not listed.
@@ -149,6 +151,7 @@ impl Effect {
         Self {
             name: name.to_owned(),
             place,
+            links: None,
             listed: false,
             parameters: Vec::new(),
             physics,
@@ -174,7 +177,10 @@ impl Effect {
     /// Its function of a link, where it acts there.
     pub(crate) fn on_link(&self, link: usize) -> Option<&LinkFunction> {
         match (&self.physics, self.place) {
-            (Physics::Link(error), Place::AllLinks) => Some(error.as_ref()),
+            (Physics::Link(error), Place::AllLinks) => {
+                let is_meant = self.links.as_ref().is_none_or(|own| own.contains(&link));
+                is_meant.then_some(error.as_ref())
+            }
             (Physics::Link(error), Place::Link(place)) if place == link => Some(error.as_ref()),
             _ => None,
         }

@@ -171,6 +171,10 @@ impl Text<'_> {
         Ok(Effect {
             name: listed.name.to_owned(),
             place,
+            links: listed.subject.links().map(|_| {
+                let links = 0..robot.links.len();
+                links.filter(|&own| acts_on(listed.subject, robot, own)).collect()
+            }),
             listed: true,
             parameters,
             physics: (listed.physics)(flat),
