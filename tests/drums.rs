@@ -66,15 +66,21 @@ fn build_up_is_that_of_the_description() {
         "/../generated/models/four_lines.tau"
     ))
     .unwrap();
-    let without = model.replace("build_up: m/rad^2 = 14 um/rad^2", "build_up: m/rad^2 = 0 um/rad^2");
+    let without = model.replace(
+        "build_up: m/rad^2 = 14 um/rad^2",
+        "build_up: m/rad^2 = 0 um/rad^2",
+    );
     assert_ne!(model, without);
     fs::write(work.path().join("without.tau"), without).unwrap();
     // The robot file states the build-up as well.
     let file = work.path().join("measured/robot.toml");
     let text = fs::read_to_string(&file).unwrap();
-    let kept: Vec<&str> = (text.lines()).filter(|line| !line.starts_with("build_up")).collect();
+    let kept: Vec<&str> = (text.lines())
+        .filter(|line| !line.starts_with("build_up"))
+        .collect();
     fs::write(&file, kept.join("\n")).unwrap();
-    let line = "tau discover DIR/measured --model DIR/without.tau --base Anchors --out DIR/out --json -";
+    let line =
+        "tau discover DIR/measured --model DIR/without.tau --base Anchors --out DIR/out --json -";
     let found = tau_in(work.path(), line).json();
     assert_eq!(effects(&found), ["line_buildup(all)"]);
     let growth = 14e-6 / (2.0 * 0.075 * 12.75);
@@ -93,12 +99,22 @@ fn stretch_at_a_constant_pull_has_rivals() {
         assert_eq!(named.len(), 1, "{seed}: {named:?}");
         let rivals = named[0]["rivals"].as_array().unwrap().iter();
         let mut set: Vec<String> = (rivals.chain(named))
-            .map(|one| format!("{}({})", one["name"].as_str().unwrap(), one["place"].as_str().unwrap()))
+            .map(|one| {
+                format!(
+                    "{}({})",
+                    one["name"].as_str().unwrap(),
+                    one["place"].as_str().unwrap()
+                )
+            })
             .filter(|one| !one.starts_with("unnamed_"))
             .collect();
         set.sort_unstable();
         let expected = ["length_scale", "link_compliance", "pull_strain"];
-        assert_eq!(set, expected.map(|name| format!("{name}(bottom_left)")), "{seed}");
+        assert_eq!(
+            set,
+            expected.map(|name| format!("{name}(bottom_left)")),
+            "{seed}"
+        );
     }
 }
 
@@ -167,7 +183,10 @@ fn stretch_is_told_from_measured_forces() {
     let again = tau_in(work.path(), line).json();
     assert_eq!(again["fit"]["status"], "consistent");
     let cut: Vec<&str> = fs::read_to_string(&path).unwrap().leak().lines().collect();
-    let cut: Vec<&str> = cut.iter().map(|line| line.rsplitn(5, ',').last().unwrap()).collect();
+    let cut: Vec<&str> = cut
+        .iter()
+        .map(|line| line.rsplitn(5, ',').last().unwrap())
+        .collect();
     fs::write(&path, cut.join("\n")).unwrap();
     let refused = tau_in(work.path(), line);
     assert_eq!(refused.code, 2, "{}", refused.err);

@@ -173,7 +173,9 @@ impl Text<'_> {
             place,
             links: listed.subject.links().map(|_| {
                 let links = 0..robot.links.len();
-                links.filter(|&own| acts_on(listed.subject, robot, own)).collect()
+                links
+                    .filter(|&own| acts_on(listed.subject, robot, own))
+                    .collect()
             }),
             listed: true,
             parameters,
@@ -387,4 +389,3 @@ fn acts_on(subject: Subject, robot: &Robot, link: usize) -> bool {
         Subject::Cart | Subject::CartFromSource | Subject::Tcp => false,
     }
 }
-

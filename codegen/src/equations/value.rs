@@ -26,7 +26,10 @@ impl<'a> Context<'a> {
             return self.g.constant(0.0);
         };
         let there = self.scope_of(owner);
-        let at_zero = Scope { at_zero: true, ..there };
+        let at_zero = Scope {
+            at_zero: true,
+            ..there
+        };
         let [length, at_zero] = [there, at_zero].map(|scope| self.formula(formula, scope)[0]);
         self.g.subtract(length, at_zero)
     }

@@ -225,7 +225,8 @@ pub(super) fn named(
         available(name, quantity.subjects, scope, diagnostics)?;
         let is_wound = scope.subject() == Some(Subject::LinkByAngle);
         if quantity.readable == Readable::PaidOut && !is_wound && scope.subject().is_some() {
-            let message = "only a drum pays out: `paid_out` is read by effects on links that it winds up";
+            let message =
+                "only a drum pays out: `paid_out` is read by effects on links that it winds up";
             diagnostics.error(name, message, "write `on link actuated angle`");
             return None;
         }

@@ -102,10 +102,7 @@ impl Subject {
         match self {
             Self::Link => Some(["links", "link"]),
             Self::DrivenLink => Some(["links that a drive lengthens", "actuated"]),
-            Self::LinkByLength => Some([
-                "links whose drive counts a length",
-                "actuated length",
-            ]),
+            Self::LinkByLength => Some(["links whose drive counts a length", "actuated length"]),
             Self::LinkByAngle => Some(["links that a drum winds up", "actuated angle"]),
             Self::PulledLink => Some(["links that are pulled", "pulled"]),
             Self::Cart | Self::CartFromSource | Self::Tcp => None,

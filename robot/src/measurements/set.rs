@@ -135,9 +135,13 @@ impl ForceColumns {
 
     /// Tension of each link (N) in a row, NaN where it was not measured; `None` where none was.
     pub fn at(&self, row: usize) -> Option<Vec<f64>> {
-        let of_link = |column: &Option<Column>| column.as_ref().map_or(f64::NAN, |own| own.values[row]);
+        let of_link =
+            |column: &Option<Column>| column.as_ref().map_or(f64::NAN, |own| own.values[row]);
         let tensions_n: Vec<f64> = self.links.iter().map(of_link).collect();
-        tensions_n.iter().any(|tension| !tension.is_nan()).then_some(tensions_n)
+        tensions_n
+            .iter()
+            .any(|tension| !tension.is_nan())
+            .then_some(tensions_n)
     }
 }
 
