@@ -6,6 +6,7 @@ use std::path::Path;
 
 use serde_json::Value;
 
+use crate::discovery_folders::effects;
 use crate::support::{number, tau_in};
 
 const FIXTURES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/hangprinter");
@@ -189,4 +190,38 @@ fn three_runs_side_by_side() {
         off[off.len() / 2] < 3.0 && off[off.len() - 1] < 8.0,
         "{off:?}"
     );
+}
+
+/// From anchors alone: the radius of drums and build-up of line on them, and no stretch, though forces were measured and
+/// a line of plastic may stretch a hundred times as much as a rod of steel.
+#[test]
+fn drums_and_what_they_wind_are_named() {
+    let work = tempfile::tempdir().unwrap();
+    let stretch = "effect link_compliance on link { param strain: 1/N tol 1e-4 1/N; length += length * strain * tension; }";
+    fs::write(work.path().join("stretch.tau"), stretch).unwrap();
+    let line = format!(
+        "tau discover {FIXTURES}/2022-04-12 --model {FIXTURES}/hangprinter.tau --base Anchors --effects DIR/stretch.tau \
+         --out DIR/out --json -"
+    );
+    let found = tau_in(work.path(), &line).json();
+    assert_eq!(found["status"], "explained");
+    let named = effects(&found);
+    for name in ["drum_radius(all)", "line_buildup(all)"] {
+        assert!(named.iter().any(|own| own == name), "{named:?}");
+    }
+    // Radius and build-up of single drums may differ from those of all.
+    let is_of_drums = |name: &String| {
+        let effects = ["drum_radius(", "line_buildup("];
+        effects.iter().any(|effect| name.starts_with(effect))
+    };
+    assert!(named.iter().all(is_of_drums), "{named:?}");
+    // A stretch by the measured forces was in sight.
+    let detectable = found["detectable"].as_array().unwrap();
+    assert!(
+        detectable
+            .iter()
+            .any(|own| own["name"] == "link_compliance")
+    );
+    let rms = |when: &str| number(&found["validation"][when]["rms_um"]);
+    assert!(rms("before") > 3.0 * rms("after"));
 }

@@ -16,6 +16,7 @@ mod discovery_folders;
 mod discovery_robots;
 mod discovery_tracks;
 mod docs;
+mod drums;
 mod effects;
 mod errors_in_variables;
 mod evidence;

@@ -80,6 +80,7 @@ struct Scope {
     source: Option<usize>,
     link: Option<usize>,
     length_of: Option<Owner>,
+    at_zero: bool,
     set_one: bool,
 }
 
@@ -157,6 +158,7 @@ impl Reference<'_> {
             source: None,
             link,
             length_of: Some(owner),
+            at_zero: false,
             set_one: true,
         }
     }
@@ -265,6 +267,7 @@ impl Reference<'_> {
                 source,
                 link: None,
                 length_of: None,
+                at_zero: false,
                 set_one,
             };
             for term in &self.model.effects[used.effect].terms {
@@ -307,7 +310,17 @@ impl Reference<'_> {
             let applies = match used.place {
                 Place::Link(link) if full => link == of,
                 Place::Link(link) => self.model.links[link].cluster == of,
-                Place::AllLinks | Place::Tcp => true,
+                Place::AllLinks => {
+                    let subject = self.model.effects[used.effect].subject;
+                    let links = self.model.links.iter().enumerate();
+                    let mut own = links.filter(
+                        |(link, own)| {
+                            if full { *link == of } else { own.cluster == of }
+                        },
+                    );
+                    own.any(|(_, own)| subject.admits(own))
+                }
+                Place::Tcp => true,
                 _ => false,
             };
             if !applies {
@@ -324,6 +337,7 @@ impl Reference<'_> {
                     self.model.links_of_cluster(of).first().copied()
                 },
                 length_of: Some(owner),
+                at_zero: false,
                 set_one: true,
             };
             for term in &self.model.effects[used.effect].terms {
@@ -513,6 +527,7 @@ impl Reference<'_> {
                 }
             }
             Formula::Read(readable) => match *readable {
+                Readable::Command if scope.at_zero => Dual64::from(0.0),
                 Readable::Command => self.datum(Input::Command(scope.command.unwrap())),
                 Readable::CommandOf(track) => self.datum(Input::Command(track)),
                 Readable::SourceCommand => self.datum(Input::Command(scope.source.unwrap())),
@@ -533,6 +548,15 @@ impl Reference<'_> {
                 }),
                 Readable::Tension => self.datum(Input::Tension(scope.link.unwrap())),
                 Readable::Length => self.length(scope.length_of.unwrap()),
+                Readable::PaidOut => {
+                    let owner = scope.length_of.unwrap();
+                    let at_zero = Scope {
+                        at_zero: true,
+                        ..self.of_link(owner)
+                    };
+                    let formula = self.derived(owner, model::Value::Length).unwrap();
+                    self.length(owner) - self.formula(formula, at_zero)
+                }
                 Readable::Position(i) if scope.set_one => self.datum(Input::Position(i)),
                 Readable::Position(i) => self.datum(Input::TcpPosition(i)),
             },

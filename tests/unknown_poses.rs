@@ -86,6 +86,7 @@ fn hexapod(poses: usize, noise_m: f64) -> (Robot, RobotFile, Folder, Vec<f64>) {
             angles_rad: seen.angles_rad(),
             conditions: Conditions::default(),
             directions: None,
+            tensions_n: None,
             sigmas: tau::measurements::PoseSigmas::default(),
         }
     });

@@ -40,7 +40,7 @@ pub(super) fn run(
         base(&session, arguments.base.as_deref()),
         session.catalogues(&arguments.effects),
     )?;
-    let session = session.comparing_poses()?;
+    let session = session.placing_poses()?;
     let known = if session.folder().tcp_poses.is_empty() {
         None
     } else {

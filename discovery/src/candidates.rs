@@ -4,7 +4,7 @@ mod scope;
 
 use nalgebra::DMatrix;
 use tau_codegen::equations;
-use tau_codegen::language::model::{Effect, EffectUse, Formula, Model, Place, Subject, Target};
+use tau_codegen::language::model::{Effect, EffectUse, Formula, Model, Place, Target};
 use tau_codegen::language::units::Dimension;
 use tau_estimation::samples::{NOT_FINITE, Sample};
 use tau_kinematics::Surroundings;
@@ -175,7 +175,7 @@ impl Candidate {
     /// An unnamed family at all its places at once.
     fn of_all(index: usize, effect: &Effect, places: &[Place], family: &Family) -> Self {
         let at = match effect.subject {
-            Subject::Link | Subject::DrivenLink => results::Place::AllLinks,
+            subject if subject.is_link() => results::Place::AllLinks,
             _ => results::Place::AllCarts,
         };
         let first = Self::new(index, effect, places[0], at, Some(family.clone()));
@@ -294,7 +294,7 @@ impl Candidate {
             let terms = effect.terms.iter().enumerate();
             let terms = terms.filter(|(_, term)| formulas.concern(term));
             for (index, term, action) in terms.flat_map(|(index, term)| {
-                let actions = actions(place, model, term, probes);
+                let actions = actions((place, effect.subject), model, term, probes);
                 actions.into_iter().map(move |action| (index, term, action))
             }) {
                 let Some(at) = action.probes.first().map(|&p| &probes.all[p].samples) else {

@@ -45,6 +45,8 @@ const POSITION: [Axis; 3] = [
 /// Periods of what repeats along a track (m): racks, pinions, rails on a cart; joints and cables on a link.
 const PERIODS: [(Target, (f64, f64)); 2] =
     [(Target::Along, (4e-3, 1.0)), (Target::Length, (50e-3, 1.0))];
+/// The same of links that drums wind up (rad): from a turn of the motor to one of a drum behind a gear of thirty.
+const PERIODS_OF_DRUMS: (f64, f64) = (std::f64::consts::TAU, 30.0 * std::f64::consts::TAU);
 /// Number of triangles that follow a track piece by piece.
 const TRIANGLES: usize = 9;
 
@@ -178,8 +180,10 @@ pub(super) fn families(model: &Model, (low_m, high_m): (f64, f64)) -> (Vec<Effec
         families.add(single, &POSITION, covariate);
     }
     families.scale();
+    let has_drums = model.links.iter().any(|link| link.is_driven_by_angle);
     for (target, range) in PERIODS {
-        families.periodic(target, range);
+        let is_of_drums = target == Target::Length && has_drums;
+        families.periodic(target, if is_of_drums { PERIODS_OF_DRUMS } else { range });
     }
     for covariate in [&temperature, &tension] {
         families.add(Placement::Shared, &LENGTH, covariate);

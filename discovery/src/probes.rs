@@ -85,6 +85,8 @@ pub(super) struct ClosureProbe {
     pub(super) command: Option<usize>,
     /// At each sample.
     pub(super) lengths_m: Vec<f64>,
+    /// At command zero.
+    pub(super) length_at_zero_m: f64,
     pub(super) length: usize,
     /// `None` where the arm is reduced, or links meet in a point.
     pub(super) joint: Option<[usize; 3]>,
@@ -327,6 +329,9 @@ impl Columns<'_> {
                     .track
                     .or(link.and_then(|link| model.links[link].actuated_by)),
                 lengths_m: self.samples.iter().map(length).collect(),
+                length_at_zero_m: own.map_or(f64::NAN, |own| {
+                    machine.length_m(own, &vec![0.0; machine.robot.commands])
+                }),
                 length: self.add((owner, Target::Length.name(), None), &is_of_set_1),
                 joint: link
                     .filter(|_| has_joints)

@@ -7,7 +7,8 @@ use std::time::Instant;
 use tau_codegen::language::Model;
 use tau_estimation::calibration;
 use tau_estimation::unknown_poses::{self, EstimatedPoses, RowDivision, UnknownPoses};
-use tau_robot::measurements::{Division, Folder, PoseCounts};
+use tau_kinematics::Statics;
+use tau_robot::measurements::{Division, Folder, PlateRow, PoseCounts};
 use tau_robot::robot::Robot;
 use tau_robot::robot_file::{RobotFile, Value};
 use tau_runtime::Owner;
@@ -54,6 +55,13 @@ pub(super) struct Unknown<'a> {
     pub(super) values: BTreeMap<String, f64>,
 }
 
+/// Searches, each with the noise and without the gross measurements that the machine found before shows; two are
+/// usual.
+const ROUNDS: usize = 3;
+/// Change of an estimated standard deviation, as a share, from which the search is worth repeating: scores, which go with
+/// its square, change by a tenth.
+const OTHER_NOISE: f64 = 0.05;
+
 /// The search in a folder without poses.
 pub(super) fn search(
     (robot, model, base): (&Robot, &Model, &str),
@@ -63,27 +71,40 @@ pub(super) fn search(
     started: Instant,
     progress: &mut dyn FnMut(&str),
 ) -> Result<Outcome, Error> {
+    let (folder, remark) = with_known_tensions(folder, file, robot);
+    let folder = &folder;
     let rows = RowDivision::of(folder, options.split);
     let fit = calibration::Options::default();
     let variant = variant_of(robot, base)?;
-    let fitted = unknown_poses::calibrate(robot, variant, file, folder, &rows, &fit)?;
-    let machine = &fitted.calibration.machine;
+    let of_base = unknown_poses::calibrate(robot, variant, file, folder, &rows, &fit)?;
+    let machine = &of_base.calibration.machine;
     let names = machine
         .variant
         .parameters
         .iter()
         .map(|own| own.name.clone());
-    let mut file = file.clone();
-    if !file.noise.position_m.is_finite() {
-        file.noise.position_m = fitted.usual_noise_m();
-    }
-    let mut unknown = Unknown {
-        values: names.zip(machine.values.iter().copied()).collect(),
-        poses: EstimatedPoses::of(&fitted, &file, folder, &rows)?,
-    };
-    let (estimated, division) = unknown.poses.folder();
-    let mut is_last = false;
+    let values: BTreeMap<String, f64> = names.zip(machine.values.iter().copied()).collect();
+    let mut known: Option<UnknownPoses> = None;
+    let mut round = 0;
     loop {
+        round += 1;
+        let mut file = file.clone();
+        if !file.noise.position_m.is_finite() {
+            file.noise.position_m = known.as_ref().unwrap_or(&of_base).usual_noise_m();
+        }
+        // A point does not turn.
+        if !file.noise.rotation_rad.is_finite() && robot.plate.is_point() {
+            file.noise.rotation_rad = 0.0;
+        }
+        let mut poses = EstimatedPoses::of(&of_base, &file, folder, &rows)?;
+        if let Some(known) = &known {
+            poses = poses.without(known.left_out()).with_noise_of(known);
+        }
+        let unknown = Unknown {
+            values: values.clone(),
+            poses,
+        };
+        let (estimated, division) = unknown.poses.folder();
         let input = Input {
             robot,
             model,
@@ -104,13 +125,14 @@ pub(super) fn search(
             &rows,
             &options.constants,
         )?;
-        // What a base lacks may look like gross measurements, and may hide some.
-        let gross = fitted.left_out();
-        if !is_last && gross != *unknown.poses.left_out() {
-            unknown.poses = unknown.poses.without(gross);
-            is_last = true;
+        // What a base lacks may look like gross measurements or like noise, and may hide some.
+        let is_other = fitted.left_out() != *unknown.poses.left_out()
+            || unknown.poses.change_of_noise(&fitted) > OTHER_NOISE;
+        if is_other && round < ROUNDS {
+            known = Some(fitted);
             continue;
         }
+        outcome.discovery.remarks.extend(remark);
         outcome.unknown = Some(OfUnknownPoses {
             folder: estimated,
             division,
@@ -118,6 +140,40 @@ pub(super) fn search(
         });
         return Ok(outcome);
     }
+}
+
+/// The folder without rows that lack a tension which others have, where statics can't stand in for it; with a remark on
+/// what was left out.
+fn with_known_tensions(
+    folder: &Folder,
+    file: &RobotFile,
+    robot: &Robot,
+) -> (Folder, Option<String>) {
+    let mut folder = folder.clone();
+    if !folder.has_measured_tensions() || Statics::new(robot, file).is_some() {
+        return (folder, None);
+    }
+    let is_known = |row: &PlateRow, link: usize| {
+        let tensions_n = row.tensions_n.as_ref();
+        tensions_n.is_some_and(|all| all.get(link).is_some_and(|tension| !tension.is_nan()))
+    };
+    let measured: Vec<usize> = (0..robot.links.len())
+        .filter(|&link| folder.plate_rows.iter().any(|row| is_known(row, link)))
+        .collect();
+    let count = folder.plate_rows.len();
+    folder
+        .plate_rows
+        .retain(|row| measured.iter().all(|&link| is_known(row, link)));
+    let poses: BTreeSet<u32> = folder.plate_rows.iter().map(|row| row.pose).collect();
+    (folder.distances).retain(|row| row.poses.iter().all(|pose| poses.contains(pose)));
+    let left = count - folder.plate_rows.len();
+    let remark = (left > 0).then(|| {
+        format!(
+            "{left} of {count} rows have no measured forces, and took no part: effects that follow tensions could not \
+             be told apart there"
+        )
+    });
+    (folder, remark)
 }
 
 /// The calibration of what was found where poses are unknown, under the priors of the search: those of effects keep

@@ -53,6 +53,8 @@ pub struct Sample<'a> {
     pub plate: Option<Pose>,
     /// Forces of the arm; `None` where they follow from statics at the plate's pose.
     pub forces: Option<&'a Forces>,
+    /// Measured tension of each link (N), which goes before computed ones; NaN where it was not measured.
+    pub tensions_n: Option<&'a [f64]>,
     /// Side of approach of each command, ±1, NaN where it is not known.
     pub directions: Option<&'a [f64]>,
     /// Time and temperature, where known.
@@ -67,6 +69,7 @@ impl<'a> Sample<'a> {
             pose,
             plate: Some(pose),
             forces: None,
+            tensions_n: None,
             directions: None,
             conditions: Conditions::default(),
         }
@@ -88,6 +91,7 @@ impl<'a> From<&'a TcpPose> for Sample<'a> {
         let pose = Pose::from_zyz(measured.position_m, measured.angles_rad);
         Self {
             directions: measured.directions.as_deref(),
+            tensions_n: measured.tensions_n.as_deref(),
             conditions: measured.conditions,
             ..Self::new(pose, &measured.commands_m)
         }
@@ -127,7 +131,9 @@ impl fmt::Display for Missing {
             Self::Direction => "the columns `dir1`, `dir2`, …",
             Self::Time => "the column `time_s`",
             Self::Temperature => "the column `temperature_c`",
-            Self::Forces => "`[payload]` and all dimensions of the links in the robot file",
+            Self::Forces => {
+                "measured forces (`force1_N`, …), or `[payload]` and all dimensions of the links in the robot file"
+            }
             Self::Held => "the value of a parameter that the variant holds",
             Self::Path => "the path of the cart (set 2, `cart_poses.csv`)",
         })
@@ -196,7 +202,13 @@ impl Surroundings {
                 Input::Load { track, component } => {
                     forces()?.loads_n.get(track).ok_or(Missing::Forces)?[component]
                 }
-                Input::Tension(link) => *forces()?.tensions_n.get(link).ok_or(Missing::Forces)?,
+                Input::Tension(link) => {
+                    let measured = sample.tensions_n.and_then(|all| all.get(link));
+                    match measured.filter(|tension| !tension.is_nan()) {
+                        Some(tension) => *tension,
+                        None => *forces()?.tensions_n.get(link).ok_or(Missing::Forces)?,
+                    }
+                }
                 Input::SegmentStart { track, component } => segment(track)?.ends[0][component],
                 Input::SegmentEnd { track, component } => segment(track)?.ends[1][component],
                 Input::SegmentStartCommand(track) => segment(track)?.commands[0],

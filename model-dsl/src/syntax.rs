@@ -113,10 +113,12 @@ pub(crate) struct UnitFactor {
 pub(crate) struct Effect {
     pub(crate) docs: Vec<String>,
     pub(crate) name: Ident,
+    /// The word `driven` or `pulled` before its subject.
+    pub(crate) kind: Option<Ident>,
     /// `cart`, `link` or `tcp`.
-    /// The word `driven` before its subject.
-    pub(crate) driven: Option<Ident>,
     pub(crate) subject: Ident,
+    /// `actuated length` or `actuated angle`: the word `actuated`, and true for an angle.
+    pub(crate) actuated: Option<(Ident, bool)>,
     /// `from source`.
     pub(crate) source: Option<Ident>,
     pub(crate) parameters: Vec<Parameters>,

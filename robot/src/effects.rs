@@ -33,15 +33,15 @@ pub fn places(model: &Model, effect: &Effect) -> Vec<Place> {
                 source: Some(source),
             })
             .collect(),
-        Subject::Link | Subject::DrivenLink => {
+        Subject::Tcp => vec![Place::Tcp],
+        subject => {
             let links = 0..model.links.len();
-            let is_driven = |link: &usize| model.links[*link].actuated_by.is_some();
-            let is_meant = |link: &usize| effect.subject == Subject::Link || is_driven(link);
-            let meant: Vec<usize> = links.filter(is_meant).collect();
-            let all = meant.len() > 1 && meant.len() == model.links.len();
+            let meant: Vec<usize> = links
+                .filter(|&link| subject.admits(&model.links[link]))
+                .collect();
+            let all = meant.len() > 1;
             let each = meant.into_iter().map(Place::Link);
             each.chain(all.then_some(Place::AllLinks)).collect()
         }
-        Subject::Tcp => vec![Place::Tcp],
     }
 }

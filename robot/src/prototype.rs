@@ -107,6 +107,7 @@ mod tests {
                 temperature_c: Some(20.002_979_0),
             },
             directions: Some(vec![1.0, 1.0, 1.0]),
+            tensions_n: None,
             sigmas: crate::measurements::PoseSigmas::default(),
         };
         assert_eq!(folder.tcp_poses[0], expected);

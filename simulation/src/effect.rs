@@ -68,8 +68,10 @@ pub struct LinkReading {
     pub length_m: f64,
     /// Tension (N).
     pub tension_n: f64,
-    /// Command of its cart, or of its own length (m).
+    /// Command of its cart, or of its own length (m, rad of a drum).
     pub q_m: f64,
+    /// Line that its drum has paid out since command zero (m); zero without a drum.
+    pub paid_out_m: f64,
     /// Side of approach of that command, ±1.
     pub direction: f64,
     /// Time (s).
@@ -125,6 +127,8 @@ pub struct Effect {
     pub name: String,
     /// Its place.
     pub place: Place,
+    /// Links on which it acts where its place is all that it can act on; `None` where that is every link.
+    pub links: Option<Vec<usize>>,
     /// True if the catalogue has it.
     pub listed: bool,
     /// Parameters, SI, in the order of the catalogue; empty for one that is not listed.
@@ -149,6 +153,7 @@ impl Effect {
         Self {
             name: name.to_owned(),
             place,
+            links: None,
             listed: false,
             parameters: Vec::new(),
             physics,
@@ -174,7 +179,10 @@ impl Effect {
     /// Its function of a link, where it acts there.
     pub(crate) fn on_link(&self, link: usize) -> Option<&LinkFunction> {
         match (&self.physics, self.place) {
-            (Physics::Link(error), Place::AllLinks) => Some(error.as_ref()),
+            (Physics::Link(error), Place::AllLinks) => {
+                let is_meant = self.links.as_ref().is_none_or(|own| own.contains(&link));
+                is_meant.then_some(error.as_ref())
+            }
             (Physics::Link(error), Place::Link(place)) if place == link => Some(error.as_ref()),
             _ => None,
         }
@@ -196,7 +204,24 @@ pub(crate) enum Subject {
     CartFromSource,
     Link,
     DrivenLink,
+    LinkByLength,
+    LinkByAngle,
+    PulledLink,
     Tcp,
+}
+
+impl Subject {
+    /// The links that it acts on, in words; `None` where it acts on none.
+    pub(crate) fn links(self) -> Option<&'static str> {
+        match self {
+            Self::Link => Some("links"),
+            Self::DrivenLink => Some("links that a drive lengthens"),
+            Self::LinkByLength => Some("links whose drive counts a length"),
+            Self::LinkByAngle => Some("links that a drum winds up"),
+            Self::PulledLink => Some("links that are pulled"),
+            Self::Cart | Self::CartFromSource | Self::Tcp => None,
+        }
+    }
 }
 
 /// A parameter of a listed effect.
@@ -366,9 +391,34 @@ pub(crate) const LISTED: &[Listed] = &[
     },
     Listed {
         name: "length_scale",
-        subject: Subject::DrivenLink,
+        subject: Subject::LinkByLength,
         parameters: &[amplitude("scale", "1")],
         physics: |p| length(move |at| at.length_m * p[0]),
+    },
+    Listed {
+        name: "drum_radius",
+        subject: Subject::LinkByAngle,
+        parameters: &[amplitude("error", "1")],
+        // A turn pays out a larger circumference.
+        physics: |p| length(move |at| (1.0 + p[0]) * at.paid_out_m - at.paid_out_m),
+    },
+    Listed {
+        name: "line_buildup",
+        subject: Subject::LinkByAngle,
+        parameters: &[amplitude("growth", "1/rad")],
+        // The mean radius on the way to the command, over that at command zero.
+        physics: |p| {
+            length(move |at| {
+                let radius = |q: f64| 1.0 - p[0] * q;
+                at.paid_out_m * (f64::midpoint(radius(0.0), radius(at.q_m)) - 1.0)
+            })
+        },
+    },
+    Listed {
+        name: "pull_strain",
+        subject: Subject::PulledLink,
+        parameters: &[amplitude("strain", "1")],
+        physics: |p| length(move |at| p[0] * at.length_m),
     },
     Listed {
         name: "anchor_compliance",

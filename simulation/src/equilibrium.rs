@@ -180,6 +180,10 @@ impl Machine {
                 length_m: rod.undisturbed_m(rod.actuated_by.map_or(0.0, command)),
                 tension_n: state.tensions_n[k],
                 q_m: own.map_or(0.0, command),
+                paid_out_m: match (&rod.transmission, rod.actuated_by) {
+                    (Some(_), Some(k)) => rod.length_at(command(k)) - rod.length_at(0.0),
+                    _ => 0.0,
+                },
                 direction: own.map_or(1.0, direction),
                 time_s: conditions.time_s,
                 temperature_c: conditions.temperature_c,

@@ -171,6 +171,12 @@ impl Text<'_> {
         Ok(Effect {
             name: listed.name.to_owned(),
             place,
+            links: listed.subject.links().map(|_| {
+                let links = 0..robot.links.len();
+                links
+                    .filter(|&own| acts_on(listed.subject, robot, own))
+                    .collect()
+            }),
             listed: true,
             parameters,
             physics: (listed.physics)(flat),
@@ -217,15 +223,14 @@ impl Text<'_> {
                 .error(part, message)
                 .help("choose an effect on a link or on `tcp`"));
         }
-        let is_driven = |link: &str| {
-            let mut links = robot
-                .links
-                .iter()
-                .filter(|own| link == "all" || own.name == link);
-            links.all(|own| own.actuated_by.is_some())
-        };
-        if listed.subject == Subject::DrivenLink && !is_driven(places[0].text) {
-            let message = format!("`{}` acts on links that a drive lengthens", listed.name);
+        let is_admitted = |own: &usize| acts_on(listed.subject, robot, *own);
+        let mut named = (0..robot.links.len())
+            .filter(|&own| ["all", &robot.links[own].name].contains(&places[0].text));
+        if let Some(links) = listed.subject.links()
+            && named.clone().next().is_some()
+            && !named.any(|own| is_admitted(&own))
+        {
+            let message = format!("`{}` acts on {links}", listed.name);
             return Err(self
                 .error(part, message)
                 .help("choose an effect on a link, or on a cart"));
@@ -266,18 +271,16 @@ impl Text<'_> {
                     source: Some(source),
                 }
             }
-            (Subject::Link | Subject::DrivenLink, "all") => Place::AllLinks,
-            (Subject::Link | Subject::DrivenLink, name) => {
-                match links().position(|link| link == name) {
-                    Some(link) => Place::Link(link),
-                    None => return Err(unknown(places[0], "link", links().collect())),
-                }
-            }
             (Subject::Tcp, "tcp") => Place::Tcp,
             (Subject::Tcp, _) => {
                 let message = format!("`{}` acts on the tracker's target", listed.name);
                 return Err(self.error(places[0], message).help("its place is `tcp`"));
             }
+            (_, "all") => Place::AllLinks,
+            (_, name) => match links().position(|link| link == name) {
+                Some(link) => Place::Link(link),
+                None => return Err(unknown(places[0], "link", links().collect())),
+            },
         })
     }
 
@@ -368,5 +371,21 @@ fn in_units(parameter: &Parameter) -> String {
         (1, "1") => format!("`{name}=…` as a number"),
         (1, unit) => format!("`{name}=…` in {unit}"),
         (_, unit) => format!("`{name}=(…, …, …)` in {unit}"),
+    }
+}
+/// True if an effect on such a subject acts on a link of an index.
+fn acts_on(subject: Subject, robot: &Robot, link: usize) -> bool {
+    let drive = robot.links[link].actuated_by;
+    let is_pulled = || {
+        let model = robot.model.as_ref();
+        model.is_some_and(|model| model.links[link].pull.is_some())
+    };
+    match subject {
+        Subject::Link => true,
+        Subject::DrivenLink => drive.is_some(),
+        Subject::LinkByLength => drive.is_some_and(|drive| !robot.is_angle(drive)),
+        Subject::LinkByAngle => drive.is_some_and(|drive| robot.is_angle(drive)),
+        Subject::PulledLink => is_pulled(),
+        Subject::Cart | Subject::CartFromSource | Subject::Tcp => false,
     }
 }

@@ -205,6 +205,7 @@ impl Gauges<'_> {
                         commands_m: stop.commanded.commands_m.clone(),
                         conditions: stop.conditions.recorded(),
                         directions: Some(stop.conditions.directions.clone()),
+                        tensions_n: None,
                         values,
                         sigmas: [None; 3],
                         of: Some((*name).clone()).filter(|name| !name.is_empty()),

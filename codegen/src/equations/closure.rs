@@ -167,7 +167,11 @@ fn residual(context: &mut Context<'_>, of: usize, turn: Option<Vector>) -> Expr 
     };
     for (index, used) in context.variant.effects.clone().iter().enumerate() {
         let applies = match used.place {
-            Place::Tcp | Place::AllLinks => true,
+            Place::Tcp => true,
+            Place::AllLinks => {
+                let subject = context.model.effects[used.effect].subject;
+                (links.iter()).any(|&link| subject.admits(&context.model.links[link]))
+            }
             Place::Link(link) => links.contains(&link),
             Place::Cart { .. } | Place::AllCarts => false,
         };
@@ -182,6 +186,7 @@ fn residual(context: &mut Context<'_>, of: usize, turn: Option<Vector>) -> Expr 
             // The checker admits a tension in a reduced arm only where the cluster is one link.
             link: links.first().copied(),
             length_of: Some(owner),
+            at_zero: false,
             at_tcp: true,
         };
         for (target, value) in context.terms(used, scope) {

@@ -21,6 +21,8 @@ pub(super) struct Scope {
     pub(super) link: Option<usize>,
     /// Owner of `length`.
     pub(super) length_of: Option<Owner>,
+    /// True if that command is taken as zero.
+    pub(super) at_zero: bool,
     /// True if `x`, `y`, `z` are the measured position of this residual (set 1), or the TCP's elsewhere.
     pub(super) at_tcp: bool,
 }
@@ -35,6 +37,7 @@ impl Scope {
             source: None,
             link: None,
             length_of: None,
+            at_zero: false,
             at_tcp: false,
         }
     }
@@ -139,6 +142,7 @@ impl Context<'_> {
     fn read(&mut self, readable: Readable, scope: Scope) -> Expr {
         let known = "the checker admits this quantity only where it exists";
         match readable {
+            Readable::Command if scope.at_zero => self.g.constant(0.0),
             Readable::Command => self.datum(Input::Command(scope.command.expect(known))),
             Readable::CommandOf(track) => self.datum(Input::Command(track)),
             Readable::SourceCommand => self.datum(Input::Command(scope.source.expect(known))),
@@ -150,6 +154,7 @@ impl Context<'_> {
             Readable::LoadVertical => self.load(scope, 2),
             Readable::Tension => self.datum(Input::Tension(scope.link.expect(known))),
             Readable::Length => self.length(scope.length_of.expect(known)),
+            Readable::PaidOut => self.paid_out(scope.length_of.expect(known)),
             Readable::Position(component) if scope.at_tcp => self.datum(Input::Position(component)),
             Readable::Position(component) => self.datum(Input::TcpPosition(component)),
         }

@@ -210,6 +210,7 @@ impl Context<'_> {
                 source,
                 link: None,
                 length_of: None,
+                at_zero: false,
                 at_tcp,
             };
             for (target, value) in self.terms(used, scope) {

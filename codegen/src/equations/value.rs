@@ -20,6 +20,20 @@ impl<'a> Context<'a> {
         }
     }
 
+    /// What the length of a link is more than at command zero; nothing where no formula says how it follows from it.
+    pub(super) fn paid_out(&mut self, owner: Owner) -> Expr {
+        let Some(formula) = self.formula_of(owner, Value::Length) else {
+            return self.g.constant(0.0);
+        };
+        let there = self.scope_of(owner);
+        let at_zero = Scope {
+            at_zero: true,
+            ..there
+        };
+        let [length, at_zero] = [there, at_zero].map(|scope| self.formula(formula, scope)[0]);
+        self.g.subtract(length, at_zero)
+    }
+
     /// A vector of a link or cluster.
     pub(super) fn vector_value(&mut self, owner: Owner, value: Value) -> Vector {
         match self.formula_of(owner, value) {

@@ -1,6 +1,6 @@
 //! Actions of an effect's terms at a place, and the meaning of the words of their formulas there.
 
-use tau_codegen::language::model::{Model, Place, Readable, Target, Term};
+use tau_codegen::language::model::{Model, Place, Readable, Subject, Target, Term};
 use tau_estimation::samples::Sample;
 use tau_kinematics::Surroundings;
 use tau_robot::robot::Input;
@@ -26,7 +26,12 @@ pub(crate) struct Scope {
 }
 
 /// Actions of a term of an effect at a place.
-pub(super) fn actions(place: Place, model: &Model, term: &Term, probes: &Probes) -> Vec<Action> {
+pub(super) fn actions(
+    (place, subject): (Place, Subject),
+    model: &Model,
+    term: &Term,
+    probes: &Probes,
+) -> Vec<Action> {
     let axis = TARGETS_OF_CART.iter().position(|own| *own == term.target);
     let on_cart = |track: usize, source: Option<usize>| {
         let scope = Scope::of_cart(track, source);
@@ -57,7 +62,19 @@ pub(super) fn actions(place: Place, model: &Model, term: &Term, probes: &Probes)
             });
             closure.and_then(on_closure).into_iter().collect()
         }
-        Place::AllLinks => (0..probes.closures.len()).filter_map(on_closure).collect(),
+        Place::AllLinks => {
+            let is_meant = |closure: &usize| {
+                let ClosureProbe { cluster, link, .. } = probes.closures[*closure];
+                let mut links = model.links.iter().enumerate();
+                links.any(|(index, own)| {
+                    own.cluster == cluster
+                        && link.is_none_or(|link| link == index)
+                        && subject.admits(own)
+                })
+            };
+            let closures = (0..probes.closures.len()).filter(is_meant);
+            closures.filter_map(on_closure).collect()
+        }
         Place::Tcp => vec![Action {
             probes: probes.tcp.to_vec(),
             scope: Scope::NOWHERE,
@@ -121,9 +138,14 @@ impl Scope {
     ) -> Result<Vec<f64>, &'static str> {
         const NO_CART: &str = "it needs a cart, and the link has none";
         const FULL_ARM: &str = "it needs a full arm";
-        if let Readable::Length = readable {
-            let lengths_m = &closures[self.length.ok_or(FULL_ARM)?].lengths_m;
-            return Ok(at.iter().map(|&sample| lengths_m[sample]).collect());
+        if let Readable::Length | Readable::PaidOut = readable {
+            let own = &closures[self.length.ok_or(FULL_ARM)?];
+            let zero_m = match readable {
+                Readable::PaidOut => own.length_at_zero_m,
+                _ => 0.0,
+            };
+            let lengths_m = at.iter().map(|&sample| own.lengths_m[sample] - zero_m);
+            return Ok(lengths_m.collect());
         }
         let load = |component| {
             self.track
@@ -142,7 +164,7 @@ impl Scope {
             Readable::LoadVertical => load(2)?,
             Readable::Tension => Input::Tension(self.link.ok_or(FULL_ARM)?),
             Readable::Position(k) => Input::TcpPosition(k),
-            Readable::Length => return Err(FULL_ARM),
+            Readable::Length | Readable::PaidOut => return Err(FULL_ARM),
         };
         at.iter()
             .map(|&sample| samples[sample].input(input, surroundings))

@@ -113,7 +113,7 @@ fn covariate(
     group: &[&Entry],
     mut read: Vec<Readable>,
 ) -> Option<Readable> {
-    read.retain(|readable| *readable != Readable::Length);
+    read.retain(|readable| !matches!(readable, Readable::Length | Readable::PaidOut));
     if read.is_empty() {
         // A constant depends on nothing: its cart's command, or else the place, shows that.
         let has_cart = group.iter().all(|entry| entry.scope.has_command());

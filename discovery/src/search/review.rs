@@ -10,10 +10,14 @@ use super::super::results::Separation;
 use super::super::separation::{Signal, separate_by};
 use super::Search;
 use super::moves::Without;
-use super::state::Unnamed;
+use super::state::{Member, State, Unnamed};
+use tau_estimation::joint::fit::Fit;
 use tau_estimation::numerics::parallel;
 use tau_estimation::numerics::projection::Subspace;
 
+/// Square of the cosine from which a rival's signal is the effect's own, and only a refit tells whether it explains as
+/// much: the derivatives of both bend by more than noise where an effect is strong.
+const ALIKE: f64 = 0.99;
 /// Harmonics of a found period that are looked at.
 const HARMONICS: std::ops::RangeInclusive<u32> = 2..=4;
 
@@ -92,6 +96,7 @@ impl Search<'_> {
         let saved = self.cost_of(removed);
         let as_good = self.input.options.constants.as_good;
         let (now, total) = (view.total(), without.view.total());
+        let statistic = own.statistic(&without.view.residuals);
         let mut rivals: Vec<Vec<(usize, Option<f64>)>> = Vec::new();
         let mut cosines = Vec::new();
         for score in &without.table.scores {
@@ -103,13 +108,19 @@ impl Search<'_> {
                     .any(|m| m.candidate == score.candidate)
                 && !self.state.unnamed.iter().any(|u| u.0 == score.candidate);
             let change = self.change(now, total - score.statistic) + self.cost(score) - saved;
-            if !is_other || change >= as_good {
+            if !is_other || (change >= as_good && score.statistic < ALIKE * statistic) {
                 continue;
             }
             let subspace = (self.bench).subspace(&without.view, score.candidate, score.searched);
-            if let Some((_, subspace)) = subspace {
+            let Some((_, subspace)) = subspace else {
+                continue;
+            };
+            let cosine = cosine(&without.view, own, &[subspace]);
+            let is_rival = change < as_good
+                || (cosine.powi(2) > ALIKE && self.fits_as_well(member, score.candidate));
+            if is_rival {
                 rivals.push(vec![(score.candidate, score.searched)]);
-                cosines.push(cosine(&without.view, own, &[subspace]));
+                cosines.push(cosine);
             }
         }
         // One effect at several places may be meant as well.
@@ -151,6 +162,27 @@ impl Search<'_> {
                 cosine,
             })
             .collect()
+    }
+
+    /// True if a model with another named effect in the place of one, fitted anew, has a score that is as good.
+    fn fits_as_well(&self, member: usize, candidate: usize) -> bool {
+        let described = &self.bench.candidates[candidate];
+        if !described.is_named() || described.search.is_some() {
+            return false;
+        }
+        let mut members = self.state.members.clone();
+        members.remove(member);
+        members.push(Member::plain(candidate));
+        let refitted = self.state.refitted(&self.context(), &members, None);
+        let Ok(fit) = refitted.and_then(Fit::settled) else {
+            return false;
+        };
+        let other = State {
+            fit,
+            members,
+            unnamed: self.state.unnamed.clone(),
+        };
+        self.score_of_state(&other) - self.score < self.input.options.constants.as_good
     }
 
     /// True if a score is significant among all candidates.

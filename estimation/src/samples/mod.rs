@@ -36,6 +36,8 @@ pub struct Sample {
     pub plate: Option<Pose>,
     /// Forces of the arm, where they are known.
     forces: Option<Forces>,
+    /// Measured tension of each link (N), NaN where it was not; empty where none was.
+    tensions_n: Vec<f64>,
 }
 
 /// That something is missing, whichever set it is missing in.
@@ -46,7 +48,9 @@ fn in_words(missing: Missing) -> &'static str {
         Missing::Direction => "the column of the side of approach (`dir`) is missing",
         Missing::Time => "the column `time_s` is missing",
         Missing::Temperature => "the column `temperature_c` is missing",
-        Missing::Forces => "`[payload]` or dimensions of the links are missing in the robot file",
+        Missing::Forces => {
+            "neither measured (`force1_N`, …) nor computable: `[payload]` or dimensions of the links are missing in the robot file"
+        }
         Missing::Path => "set 2 (`cart_poses.csv`) is missing",
     }
 }
@@ -68,6 +72,7 @@ impl Sample {
             pose,
             plate: Some(pose),
             forces: None,
+            tensions_n: measured.tensions_n.clone().unwrap_or_default(),
         }
     }
 
@@ -75,7 +80,7 @@ impl Sample {
     pub(crate) fn of_drives(
         number: u32,
         commands_m: &[f64],
-        directions: Option<&[f64]>,
+        [directions, tensions_n]: [Option<&[f64]>; 2],
         conditions: Conditions,
         pose: Pose,
     ) -> Self {
@@ -90,6 +95,7 @@ impl Sample {
             pose,
             plate: Some(pose),
             forces: None,
+            tensions_n: tensions_n.unwrap_or_default().to_vec(),
         }
     }
 
@@ -137,6 +143,7 @@ impl Sample {
                     pose,
                     plate: None,
                     forces: Some(unloaded.clone()),
+                    tensions_n: vec![],
                 });
                 unit += 1;
             }
@@ -159,6 +166,7 @@ impl Sample {
                     pose: frame.carry(measured.position_m, None),
                     plate: None,
                     forces: None,
+                    tensions_n: vec![],
                 });
             }
         }
@@ -208,6 +216,11 @@ impl Sample {
         direction.filter(|direction| !direction.is_nan())
     }
 
+    /// Measured tension of each link (N), NaN where it was not; empty where none was.
+    pub(crate) fn tensions_n(&self) -> &[f64] {
+        &self.tensions_n
+    }
+
     /// Computes the forces of the arm, where the plate's pose is known.
     pub fn load(&mut self, statics: &Statics) {
         if let Some(plate) = &self.plate {
@@ -222,6 +235,7 @@ impl Sample {
             pose: self.pose,
             plate: self.plate,
             forces: self.forces.as_ref(),
+            tensions_n: Some(&self.tensions_n),
             directions: Some(&self.directions),
             conditions: self.conditions,
         }
@@ -274,6 +288,9 @@ impl Sample {
         match treatment {
             Treatment::Same => {}
             Treatment::Load(factor) => {
+                for tension in &mut other.tensions_n {
+                    *tension *= factor;
+                }
                 if let Some(forces) = &mut other.forces {
                     for tension in &mut forces.tensions_n {
                         *tension *= factor;

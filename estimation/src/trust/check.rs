@@ -26,6 +26,8 @@ use crate::unknown_poses::{self, Rank, RowDivision};
 
 /// Lacked by effects of carts where there are none: nothing that could be measured would bring them into sight.
 const NO_CART: &str = "a cart: the machine has none";
+/// The same of an effect on links of a kind.
+const NO_LINK: &str = "links of the kind that it acts on: the machine has none";
 /// The same of an effect on plate joints.
 const NO_JOINTS: &str = "plate joints: links meet in a point";
 
@@ -471,8 +473,12 @@ fn lacks(effect: &Effect, model: &Model, file: &RobotFile, folder: &Folder) -> V
     if effect.lacks_plate_joints(model.plate).is_some() {
         lacks.insert(NO_JOINTS);
     }
+    if effect.subject.is_link() && !model.links.iter().any(|link| effect.subject.admits(link)) {
+        lacks.insert(NO_LINK);
+    }
     let pulls = model.links.iter().any(|link| link.pull.is_some());
     let is_unloaded = file.payload.is_none() && !pulls;
+    let has_forces = folder.has_measured_tensions();
     for quantity in effect.quantities() {
         let missing = match quantity {
             Readable::Direction => poses
@@ -490,7 +496,11 @@ fn lacks(effect: &Effect, model: &Model, file: &RobotFile, folder: &Folder) -> V
             Readable::LoadAlong
             | Readable::LoadHorizontal
             | Readable::LoadVertical
-            | Readable::Tension => is_unloaded.then_some("[payload] in robot.toml"),
+            | Readable::Tension
+                if is_unloaded && (quantity != Readable::Tension || !has_forces) =>
+            {
+                Some("[payload] in robot.toml")
+            }
             _ => None,
         };
         lacks.extend(missing);
@@ -539,7 +549,7 @@ fn missing(robot: &Robot, folder: &Folder, effects: &[Sight]) -> Vec<Gap> {
     let within_reach = || {
         let effects = effects.iter();
         effects.filter(|effect| {
-            ![NO_CART, NO_JOINTS]
+            ![NO_CART, NO_JOINTS, NO_LINK]
                 .iter()
                 .any(|none| effect.lacks.contains(none))
         })

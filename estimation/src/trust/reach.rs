@@ -185,6 +185,7 @@ mod tests {
                     angles_rad: [0.0; 3],
                     conditions: tau_robot::measurements::Conditions::default(),
                     directions: None,
+                    tensions_n: None,
                     sigmas: tau_robot::measurements::PoseSigmas::default(),
                 }
             })

@@ -26,6 +26,7 @@ use crate::samples::Sample;
 struct DriveReading {
     commands_m: Vec<f64>,
     directions: Option<Vec<f64>>,
+    tensions_n: Option<Vec<f64>>,
     conditions: Conditions,
     place: RowPlace,
 }
@@ -45,7 +46,7 @@ impl UnknownPose {
         Sample::of_drives(
             self.number,
             &reading.commands_m,
-            reading.directions.as_deref(),
+            [&reading.directions, &reading.tensions_n].map(Option::as_deref),
             reading.conditions,
             self.base,
         )
@@ -163,6 +164,7 @@ impl<'a> Assembly<'a> {
                 let reading = DriveReading {
                     commands_m: pose.commands_m.clone(),
                     directions: pose.directions.clone(),
+                    tensions_n: pose.tensions_n.clone(),
                     conditions: pose.conditions,
                     place: RowPlace {
                         file: TCP_POSES,
@@ -179,6 +181,7 @@ impl<'a> Assembly<'a> {
                 let reading = DriveReading {
                     commands_m: row.commands_m.clone(),
                     directions: row.directions.clone(),
+                    tensions_n: row.tensions_n.clone(),
                     conditions: row.conditions,
                     place: place_of(row),
                 };

@@ -117,6 +117,26 @@ impl<'a> EstimatedPoses<'a> {
         }
     }
 
+    /// The same with the noise that another calibration of the same measurements found.
+    #[must_use]
+    pub fn with_noise_of(mut self, found: &UnknownPoses) -> Self {
+        for rowset in [&mut self.calibration, &mut self.held_out] {
+            rowset.assembly.kinds = found.kinds.iter().map(|kind| kind.kind).collect();
+        }
+        self
+    }
+
+    /// Largest change of an estimated standard deviation to that which another calibration of the same measurements
+    /// found, as a share.
+    pub fn change_of_noise(&self, found: &UnknownPoses) -> f64 {
+        let kinds = self.calibration.assembly.kinds.iter();
+        let pairs = kinds.zip(found.kinds.iter().map(|kind| kind.kind));
+        let changes = pairs
+            .filter(|(kind, _)| kind.is_estimated())
+            .map(|(before, after)| (after.sigma / before.sigma - 1.0).abs());
+        changes.fold(0.0, f64::max)
+    }
+
     /// Measurements that are left out.
     pub fn left_out(&self) -> &BTreeSet<RowPlace> {
         &self.left_out
@@ -267,13 +287,14 @@ fn placed_samples(
 }
 
 fn pose_of(sample: Sample) -> TcpPose {
-    let directions = sample.directions();
+    let (directions, tensions_n) = (sample.directions(), sample.tensions_n());
     TcpPose {
         pose: sample.number,
         position_m: sample.pose.position.into(),
         angles_rad: sample.pose.angles_rad(),
         conditions: sample.conditions,
         directions: (!directions.is_empty()).then(|| directions.to_vec()),
+        tensions_n: (!tensions_n.is_empty()).then(|| tensions_n.to_vec()),
         sigmas: PoseSigmas::default(),
         commands_m: sample.commands_m,
     }

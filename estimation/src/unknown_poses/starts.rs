@@ -164,6 +164,7 @@ mod tests {
                 commands_m: ANCHORS.map(&mut read).to_vec(),
                 conditions: Conditions::default(),
                 directions: None,
+                tensions_n: None,
                 values: [None; 3],
                 sigmas: [None; 3],
                 of: None,

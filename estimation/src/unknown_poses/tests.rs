@@ -33,6 +33,7 @@ fn of_poses(mut folder: Folder, poses: &[TcpPose]) -> Folder {
                 commands_m: pose.commands_m.clone(),
                 conditions: pose.conditions,
                 directions: None,
+                tensions_n: None,
                 values: if kind == PlateKind::Position {
                     // One coordinate is not measured.
                     [Some(pose.position_m[0]), None, Some(pose.position_m[2])]

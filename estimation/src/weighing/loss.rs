@@ -49,9 +49,10 @@ impl Loss {
             residuals: residuals.max(1) as f64,
         };
         let (mut low, mut high) = (0.1, 10.0 * (residuals.max(1) as f64).sqrt());
+        let noise = normal_noise(residuals.max(1) as f64);
         for _ in 0..50 {
             let middle = f64::midpoint(low, high);
-            if of(middle).variance_at_normal_noise() > EFFICIENCY.recip() {
+            if of(middle).variance_at(&noise) > EFFICIENCY.recip() {
                 low = middle;
             } else {
                 high = middle;
@@ -94,33 +95,23 @@ impl Tuned {
 
     /// Variance of estimates over that of least squares where noise is normal: E\[w²d²\]/m over E\[w + w′d/m\]².
     fn variance_at_normal_noise(&self) -> f64 {
-        let (square, slope) = self.means_at_normal_noise();
+        self.variance_at(&normal_noise(self.residuals))
+    }
+
+    fn variance_at(&self, noise: &[(f64, f64)]) -> f64 {
+        let (square, slope) = self.means_at(noise);
         square / (slope * slope)
     }
 
     /// Mean of the squares of weighted residuals where noise is normal, of variance one: E\[w²d²\]/m.
     pub(crate) fn square_at_normal_noise(&self) -> f64 {
-        self.means_at_normal_noise().0
+        self.means_at(&normal_noise(self.residuals)).0
     }
 
-    /// E\[w²d²\]/m and E\[w + w′d/m\] at normal noise.
-    fn means_at_normal_noise(&self) -> (f64, f64) {
-        /// Steps of the midpoint rule over normal deviates: the kinks of a loss leave an error of some 1e-5, while thresholds
-        /// matter to a percent.
-        const STEPS: usize = 2000;
-        #[allow(
-            clippy::cast_possible_truncation,
-            clippy::cast_sign_loss,
-            reason = "a small count"
-        )]
-        let Ok(chi) = Chi::new(self.residuals as u64) else {
-            return (1.0, 1.0);
-        };
-        let last = self.residuals.sqrt() + 10.0;
+    /// E\[w²d²\]/m and E\[w + w′d/m\] over norms of noise, each with its probability.
+    fn means_at(&self, noise: &[(f64, f64)]) -> (f64, f64) {
         let (mut square, mut slope) = (0.0, 0.0);
-        for step in 0..STEPS {
-            let d = last * (step as f64 + 0.5) / STEPS as f64;
-            let share = chi.pdf(d) * last / STEPS as f64;
+        for &(d, share) in noise {
             square += share * (self.weight(d) * d).powi(2) / self.residuals;
             slope += share * self.slope(d);
         }
@@ -146,6 +137,23 @@ impl Tuned {
             least
         }
     }
+}
+
+/// Norms of so many normal deviates, evenly spaced, with the probability of each; nothing for none.
+fn normal_noise(residuals: f64) -> Vec<(f64, f64)> {
+    /// Steps of the midpoint rule: the kinks of a loss leave an error of some 1e-5, while thresholds matter to a percent.
+    const STEPS: usize = 2000;
+    #[allow(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "a small count"
+    )]
+    let Ok(chi) = Chi::new(residuals as u64) else {
+        return vec![];
+    };
+    let step = (residuals.sqrt() + 10.0) / STEPS as f64;
+    let middles = (0..STEPS).map(|k| step * (k as f64 + 0.5));
+    middles.map(|d| (d, chi.pdf(d) * step)).collect()
 }
 
 #[cfg(test)]

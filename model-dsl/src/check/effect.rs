@@ -72,7 +72,13 @@ pub(super) fn effect(
 fn subject(effect: &syntax::Effect, diagnostics: &mut Diagnostics) -> Option<Subject> {
     let word = effect.subject.to_string();
     let subject = match (word.as_str(), &effect.source) {
-        ("link", None) if effect.driven.is_some() => Some(Subject::DrivenLink),
+        ("link", None) => Some(match (&effect.actuated, &effect.kind) {
+            (Some((_, true)), _) => Subject::LinkByAngle,
+            (Some((_, false)), _) => Subject::LinkByLength,
+            (None, Some(kind)) if kind == "pulled" => Subject::PulledLink,
+            (None, Some(_)) => Subject::DrivenLink,
+            (None, None) => Subject::Link,
+        }),
         ("cart", None) => Some(Subject::Cart),
         ("cart", Some(_)) => Some(Subject::CartFromSource),
         ("link", _) => Some(Subject::Link),
@@ -91,15 +97,18 @@ fn subject(effect: &syntax::Effect, diagnostics: &mut Diagnostics) -> Option<Sub
             None
         }
     };
-    if let (Some(Subject::Cart | Subject::CartFromSource | Subject::Tcp), Some(driven)) =
-        (subject, &effect.driven)
+    let actuated = effect.actuated.as_ref().map(|(actuated, _)| actuated);
+    if let (Some(Subject::Cart | Subject::CartFromSource | Subject::Tcp), Some(kind)) =
+        (subject, effect.kind.as_ref().or(actuated))
     {
-        let message = format!("only links are driven, found `on driven {word}`");
-        diagnostics.error(
-            driven,
-            message,
-            "leave out `driven`, or write `on driven link`",
-        );
+        let message = format!("only links are {kind}, found an effect on {word}");
+        let help = format!("leave out `{kind}`, or let the effect act on `link`");
+        diagnostics.error(kind, message, help);
+    }
+    if let (Some(kind), Some(actuated)) = (&effect.kind, actuated) {
+        let message = format!("the link is {kind} and {actuated}, expected one of the two");
+        let help = "write `on driven link`, `on pulled link`, `on link actuated length` or `on link actuated angle`";
+        diagnostics.error(actuated, message, help);
     }
     if let (Some(Subject::Link | Subject::Tcp), Some(source)) = (subject, &effect.source) {
         let message = format!("only an effect on cart has a source, found `on {word} from source`");

@@ -37,8 +37,8 @@ impl Context<'_> {
         let (wanted, example) = match subject {
             Subject::Cart => (1, "track"),
             Subject::CartFromSource => (2, "moved, source"),
-            Subject::Link | Subject::DrivenLink => (1, "link"),
             Subject::Tcp => (1, "tcp"),
+            _ => (1, "link"),
         };
         if used.places.len() != wanted {
             let plural = if wanted == 1 { "" } else { "s" };
@@ -78,8 +78,8 @@ impl Context<'_> {
                     source: Some(from),
                 }
             }
-            (Subject::Link | Subject::DrivenLink, [place]) => {
-                self.links(place, &used.effect, checked, diagnostics)?
+            (subject, [place]) if subject.is_link() => {
+                self.links(place, &used.effect, (checked, subject), diagnostics)?
             }
             (_, [place, ..]) if *place != "tcp" => {
                 let help = format!("write `{}(tcp)`", used.effect);
@@ -132,16 +132,16 @@ impl Context<'_> {
         &self,
         place: &Ident,
         effect: &Ident,
-        checked: &CheckedEffect,
+        (checked, subject): (&CheckedEffect, Subject),
         diagnostics: &mut Diagnostics,
     ) -> Option<Place> {
         let links = &self.geometry.links;
         let found = links.iter().position(|link| *place == link.name);
         let (on, found) =
             if *place == "all" {
-                (links.as_slice(), Place::AllLinks)
+                (links.iter().collect::<Vec<_>>(), Place::AllLinks)
             } else if let Some(index) = found {
-                (links.get(index..=index)?, Place::Link(index))
+                (vec![links.get(index)?], Place::Link(index))
             } else {
                 let names = links.iter().map(|link| link.name.as_str());
                 diagnostics.push(
@@ -153,14 +153,15 @@ impl Context<'_> {
                 );
                 return None;
             };
-        if checked.subject == Some(Subject::DrivenLink)
-            && let Some(link) = on.iter().find(|link| link.actuated_by.is_none())
+        let on: Vec<&Link> = on.into_iter().filter(|link| subject.admits(link)).collect();
+        if on.is_empty()
+            && let Some([acts_on, declared]) = subject.described()
         {
-            let message = format!(
-                "`{effect}` acts on links that a drive lengthens, but `{}` has a constant length",
-                link.name
-            );
-            let help = "name a link that is declared as `actuated`";
+            let message = match found {
+                Place::Link(_) => format!("`{effect}` acts on {acts_on}, but `{place}` is none"),
+                _ => format!("`{effect}` acts on {acts_on}, and the robot has none"),
+            };
+            let help = format!("name a link that is declared as `{declared}`");
             diagnostics.error(place, message, help);
             return None;
         }
@@ -186,7 +187,7 @@ impl Context<'_> {
             diagnostics.error(place, message, help);
             return None;
         }
-        let turns = |link: &&Link| {
+        let turns = |link: &&&Link| {
             let cluster = self.geometry.clusters.get(link.cluster);
             let track = cluster.and_then(|cluster| self.geometry.tracks.get(cluster.track?));
             track.is_some_and(|track| track.crank.is_some())
@@ -203,6 +204,18 @@ impl Context<'_> {
                 message,
                 "use it at links whose cluster is on a track",
             );
+            return None;
+        }
+        if checked.effect.reads(Readable::Command)
+            && subject != Subject::LinkByAngle
+            && let Some(link) = on.iter().find(|link| link.is_driven_by_angle)
+        {
+            let message = format!(
+                "`{effect}` reads `q` as a length, but `{}` is driven by an angle",
+                link.name
+            );
+            let help = "declare the effect `on link actuated angle`, where `q` is one";
+            diagnostics.error(place, message, help);
             return None;
         }
         Some(found)

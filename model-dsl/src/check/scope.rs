@@ -223,10 +223,18 @@ pub(super) fn named(
     }
     if let Some(quantity) = find_quantity(&text) {
         available(name, quantity.subjects, scope, diagnostics)?;
-        return Some(Checked::scalar(
-            Formula::Read(quantity.readable),
-            quantity.dimension,
-        ));
+        let is_wound = scope.subject() == Some(Subject::LinkByAngle);
+        if quantity.readable == Readable::PaidOut && !is_wound && scope.subject().is_some() {
+            let message =
+                "only a drum pays out: `paid_out` is read by effects on links that it winds up";
+            diagnostics.error(name, message, "write `on link actuated angle`");
+            return None;
+        }
+        let dimension = match quantity.readable {
+            Readable::Command if is_wound => Dimension::ANGLE,
+            _ => quantity.dimension,
+        };
+        return Some(Checked::scalar(Formula::Read(quantity.readable), dimension));
     }
     if let Some(unit) = find_unit(&text) {
         return Some(Checked::scalar(

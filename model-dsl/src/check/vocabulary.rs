@@ -42,7 +42,11 @@ impl Target {
 pub(super) fn subject_word(subject: Subject) -> &'static str {
     match subject {
         Subject::Cart | Subject::CartFromSource => "cart",
-        Subject::Link | Subject::DrivenLink => "link",
+        Subject::Link
+        | Subject::DrivenLink
+        | Subject::LinkByLength
+        | Subject::LinkByAngle
+        | Subject::PulledLink => "link",
         Subject::Tcp => "tcp",
     }
 }
@@ -87,7 +91,7 @@ const fn quantity(
 const EVERYWHERE: &[&str] = &["cart", "link", "tcp"];
 
 /// The quantities that formulas read by a bare name.
-pub(super) const QUANTITIES: [Quantity; 12] = [
+pub(super) const QUANTITIES: [Quantity; 13] = [
     quantity("q", Readable::Command, Dimension::LENGTH, &["cart", "link"]),
     quantity(
         "direction",
@@ -122,6 +126,7 @@ pub(super) const QUANTITIES: [Quantity; 12] = [
     ),
     quantity("tension", Readable::Tension, Dimension::FORCE, &["link"]),
     quantity("length", Readable::Length, Dimension::LENGTH, &["link"]),
+    quantity("paid_out", Readable::PaidOut, Dimension::LENGTH, &["link"]),
     quantity("x", Readable::Position(0), Dimension::LENGTH, EVERYWHERE),
     quantity("y", Readable::Position(1), Dimension::LENGTH, EVERYWHERE),
     quantity("z", Readable::Position(2), Dimension::LENGTH, EVERYWHERE),

@@ -37,7 +37,7 @@ pub enum Place {
     AllCarts,
     /// One link.
     Link(usize),
-    /// All links, with one common set of parameters.
+    /// All links on which the effect can act, with one common set of parameters.
     AllLinks,
     /// The measured TCP.
     Tcp,
@@ -54,6 +54,12 @@ pub enum Subject {
     Link,
     /// `on driven link`: a link whose length a drive changes.
     DrivenLink,
+    /// `on link actuated length`: one whose drive counts its length.
+    LinkByLength,
+    /// `on link actuated angle`: one that a drum winds up.
+    LinkByAngle,
+    /// `on pulled link`: one whose drive is controlled to a tension.
+    PulledLink,
     /// `on tcp`.
     Tcp,
 }
@@ -76,7 +82,31 @@ pub struct Effect {
 impl Subject {
     /// True if it is a link.
     pub fn is_link(self) -> bool {
-        matches!(self, Self::Link | Self::DrivenLink)
+        self.described().is_some()
+    }
+
+    /// True if it acts on such a link.
+    pub fn admits(self, link: &Link) -> bool {
+        match self {
+            Self::Link => true,
+            Self::DrivenLink => link.actuated_by.is_some(),
+            Self::LinkByLength => link.actuated_by.is_some() && !link.is_driven_by_angle,
+            Self::LinkByAngle => link.is_driven_by_angle,
+            Self::PulledLink => link.pull.is_some(),
+            Self::Cart | Self::CartFromSource | Self::Tcp => false,
+        }
+    }
+
+    /// The links that it acts on, in words, and how such a link is declared; `None` where it acts on none.
+    pub fn described(self) -> Option<[&'static str; 2]> {
+        match self {
+            Self::Link => Some(["links", "link"]),
+            Self::DrivenLink => Some(["links that a drive lengthens", "actuated"]),
+            Self::LinkByLength => Some(["links whose drive counts a length", "actuated length"]),
+            Self::LinkByAngle => Some(["links that a drum winds up", "actuated angle"]),
+            Self::PulledLink => Some(["links that are pulled", "pulled"]),
+            Self::Cart | Self::CartFromSource | Self::Tcp => None,
+        }
     }
 }
 

@@ -178,7 +178,7 @@ impl Function {
 /// A quantity that a formula may read, SI.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Readable {
-    /// `q`: command of the cart it acts on, or of the cart of the link it acts on (m).
+    /// `q`: command of the cart it acts on, or of the cart or drive of the link it acts on (m, rad of drums).
     Command,
     /// `q(track)`: command of a named track (m).
     CommandOf(usize),
@@ -200,6 +200,8 @@ pub enum Readable {
     Tension,
     /// `length`: calibrated length of the link (m), without effects.
     Length,
+    /// `paid_out`: what that is more than at command zero (m).
+    PaidOut,
     /// `x`, `y` or `z` of the measured TCP (m).
     Position(usize),
 }

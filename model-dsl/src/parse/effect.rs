@@ -36,8 +36,17 @@ pub(super) fn effect(
         "on",
         "say what the effect acts on: `on cart`, `on link` or `on tcp`",
     )?;
-    let driven = (parser.at_word("driven")).then(|| parser.eat_any_word());
+    let kind = (parser.at_any(&["driven", "pulled"])).then(|| parser.eat_any_word());
     let subject = parser.name("`cart`, `link` or `tcp`")?;
+    let actuated = match parser.at_word("actuated").then(|| parser.eat_any_word()) {
+        Some(Some(word)) if parser.eat_word("angle").is_some() => Some((word, true)),
+        Some(Some(word)) if parser.eat_word("length").is_some() => Some((word, false)),
+        Some(_) => {
+            let help = "links are driven by a length or, through a drum, by an angle";
+            return Err(parser.expected("`length` or `angle`").help(help));
+        }
+        None => None,
+    };
     let source = if parser.eat_word("from").is_some() {
         let help = "the other cart is called `source`: `on cart from source`";
         if !parser.at_word("source") {
@@ -51,8 +60,9 @@ pub(super) fn effect(
     let mut effect = Effect {
         docs,
         name,
-        driven: driven.flatten(),
+        kind: kind.flatten(),
         subject,
+        actuated,
         source,
         parameters: Vec::new(),
         terms: Vec::new(),

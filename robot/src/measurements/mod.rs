@@ -64,6 +64,8 @@ pub struct TcpPose {
     pub conditions: Conditions,
     /// Sign of the last move, one per command (±1), where the file has the columns.
     pub directions: Option<Vec<f64>>,
+    /// Measured tension of each link (N), NaN where it was not; `None` where none was.
+    pub tensions_n: Option<Vec<f64>>,
     /// Noise of this row, where the file states it.
     pub sigmas: PoseSigmas,
 }

@@ -1,6 +1,6 @@
 //! Measurements of the plate that tell less than its whole pose.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 use tau_model_dsl::model::Plate;
 
@@ -69,6 +69,8 @@ pub struct PlateRow {
     pub conditions: Conditions,
     /// Sign of the last move, one per command (±1), where the file has the columns.
     pub directions: Option<Vec<f64>>,
+    /// Measured tension of each link (N), NaN where it was not; `None` where none was.
+    pub tensions_n: Option<Vec<f64>>,
     /// Measured values (m) in the order of [`PlateKind::columns`]; `None` where not measured.
     pub values: [Option<f64>; 3],
     /// Standard deviations of the values (m), where the row states them.
@@ -117,6 +119,7 @@ impl Folder {
                 angles_rad: [0.0; 3],
                 conditions: row.conditions,
                 directions: row.directions.clone(),
+                tensions_n: row.tensions_n.clone(),
                 sigmas: PoseSigmas {
                     position_m: row.sigmas,
                     rotation_rad: None,
@@ -130,6 +133,47 @@ impl Folder {
             .filter(|pose| known.insert(pose.pose))
             .collect();
         !self.tcp_poses.is_empty()
+    }
+
+    /// True if the tension of a link was measured anywhere.
+    pub fn has_measured_tensions(&self) -> bool {
+        let of_poses = self.tcp_poses.iter().map(|pose| &pose.tensions_n);
+        let mut all = of_poses.chain(self.plate_rows.iter().map(|row| &row.tensions_n));
+        all.any(Option::is_some)
+    }
+
+    /// Gives rows that lack tensions those of another row of the same pose at the same commands.
+    pub(super) fn share_tensions(&mut self) {
+        let mut known: BTreeMap<u32, Vec<(Vec<f64>, Vec<f64>)>> = BTreeMap::new();
+        let of_poses =
+            (self.tcp_poses.iter()).map(|row| (row.pose, &row.commands_m, &row.tensions_n));
+        let of_rows =
+            (self.plate_rows.iter()).map(|row| (row.pose, &row.commands_m, &row.tensions_n));
+        for (pose, commands_m, tensions_n) in of_poses.chain(of_rows) {
+            if let Some(tensions_n) = tensions_n {
+                let own = known.entry(pose).or_default();
+                own.push((commands_m.clone(), tensions_n.clone()));
+            }
+        }
+        let shared = |pose: u32, commands_m: &[f64]| {
+            let mut own = known.get(&pose)?.iter();
+            own.find(|(at, _)| at == commands_m)
+                .map(|(_, tensions_n)| tensions_n.clone())
+        };
+        for row in self
+            .plate_rows
+            .iter_mut()
+            .filter(|row| row.tensions_n.is_none())
+        {
+            row.tensions_n = shared(row.pose, &row.commands_m);
+        }
+        for row in self
+            .tcp_poses
+            .iter_mut()
+            .filter(|row| row.tensions_n.is_none())
+        {
+            row.tensions_n = shared(row.pose, &row.commands_m);
+        }
     }
 
     /// Rows of each kind, as many as there are.

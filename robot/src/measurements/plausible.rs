@@ -17,6 +17,8 @@ const WIDEST_M: f64 = 20.0;
 pub(crate) const FARTHEST_M: f64 = 100.0;
 /// A command, a link or a track longer than this (m) has been given in millimetres.
 pub(crate) const LONGEST_M: f64 = 50.0;
+/// No link of a machine in a hall is loaded by a hundred tonnes (N).
+const LARGEST_FORCE_N: f64 = 1e6;
 /// Angles may be unwrapped once, and rounded.
 pub const LARGEST_ANGLE_RAD: f64 = 1.01 * TAU;
 /// Room temperature is 293 in kelvin, 68 in degrees Fahrenheit.
@@ -103,6 +105,20 @@ pub(crate) fn deviations(table: &Table<'_>, column: &Column, mistakes: &mut Mist
             let help =
                 (*value > LARGEST_NOISE).then(|| "are these millimetres, or degrees".to_owned());
             mistakes.add(table.place(row, column.index), message, help);
+        }
+    }
+}
+
+/// Forces are newtons.
+pub(crate) fn forces(table: &Table<'_>, column: &Column, mistakes: &mut Mistakes<'_>) {
+    for (row, value) in column.values.iter().enumerate() {
+        if value.abs() > LARGEST_FORCE_N {
+            let message = format!(
+                "found {} in column `{}`, expected a force in newtons, at most {LARGEST_FORCE_N:e}",
+                table.text(row, column.index),
+                table.name(column.index)
+            );
+            mistakes.push(table.place(row, column.index), message);
         }
     }
 }

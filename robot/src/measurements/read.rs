@@ -5,7 +5,7 @@ use std::io::ErrorKind;
 use std::path::Path;
 
 use super::set::{
-    ANGLES, ConditionColumns, DIRECTION, POSITION, Set, TEMPERATURE, TIME, file_name,
+    ANGLES, ConditionColumns, DIRECTION, ForceColumns, POSITION, Set, TEMPERATURE, TIME, file_name,
     read_directions, vector,
 };
 use super::shape::{Actuator, Shape};
@@ -184,6 +184,7 @@ impl Folder {
             remarks,
         };
         folder.start_clock();
+        folder.share_tensions();
         Ok(folder)
     }
 }
@@ -265,7 +266,7 @@ fn read_tcp_poses(
     let sigmas = SIGMAS.map(str::to_owned);
     let pose_names = [POSITION, ANGLES].concat();
     let known: Vec<String> = pose_names.iter().map(|&name| name.to_owned()).collect();
-    let known = [&optional[..], &sigmas, &known].concat();
+    let known = [&optional[..], &sigmas, &known, &shape.force_names()].concat();
     let required = shape.pose_names().into_iter().map(str::to_owned);
     let required: Vec<String> = required.chain(shape.command_names()).collect();
     let set = Set::open(Source::new(name, text), ["pose"], &required, &known)?;
@@ -290,6 +291,7 @@ fn read_tcp_poses(
         .map(|name| read_directions(&table, name, &mut mistakes))
         .collect();
 
+    let forces = ForceColumns::read(&table, shape, &mut mistakes);
     let sigmas = SIGMAS.map(|name| {
         let index = table.column(name)?;
         let column = table.numbers_or_empty(index, &mut mistakes);
@@ -322,6 +324,7 @@ fn read_tcp_poses(
             directions: directions
                 .as_ref()
                 .map(|columns| columns.iter().map(|column| column.values[row]).collect()),
+            tensions_n: forces.at(row),
             sigmas: PoseSigmas {
                 position_m: [0, 1, 2].map(|axis| sigma(axis, row)),
                 rotation_rad: sigma(3, row),

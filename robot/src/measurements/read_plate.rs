@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 
 use super::plate::{DISTANCES, Distance, PlateKind, PlateRow};
-use super::set::{ConditionColumns, Set, TEMPERATURE, TIME, read_directions};
+use super::set::{ConditionColumns, ForceColumns, Set, TEMPERATURE, TIME, read_directions};
 use super::shape::Shape;
 use super::table::{Column, Table};
 use super::texts::TCP_POSES;
@@ -37,6 +37,7 @@ pub(super) fn read_rows(
         .chain(columns)
         .chain(sigma_names.iter().cloned())
         .chain(object.clone())
+        .chain(shape.force_names())
         .collect();
     let set = Set::open(
         Source::new(name, text),
@@ -71,6 +72,7 @@ pub(super) fn read_rows(
         .iter()
         .map(|name| read_directions(&table, name, &mut mistakes))
         .collect();
+    let forces = ForceColumns::read(&table, shape, &mut mistakes);
     let object = object.and_then(|name| table.column(&name));
 
     plausible::commands(&table, &commands, &shape.drives, &mut mistakes);
@@ -122,6 +124,7 @@ pub(super) fn read_rows(
             directions: directions
                 .as_ref()
                 .map(|columns| columns.iter().map(|column| column.values[row]).collect()),
+            tensions_n: forces.at(row),
             values: at(&values, row),
             sigmas: at(&sigmas, row),
             of: of.filter(|name| !name.is_empty()).map(str::to_owned),

@@ -315,6 +315,7 @@ mod tests {
             angles_rad: [0.0; 3],
             conditions: Conditions::default(),
             directions: None,
+            tensions_n: None,
             sigmas: crate::measurements::PoseSigmas::default(),
         }
     }

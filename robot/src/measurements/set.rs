@@ -3,6 +3,7 @@
 use std::path::Path;
 
 pub use super::shape::{ANGLES, POSITION};
+use super::shape::{Shape, force_name};
 use super::table::{Column, Table};
 use super::{Conditions, plausible};
 use crate::input_error::{InputError, Mistakes, Source, quoted};
@@ -109,6 +110,38 @@ impl ConditionColumns {
             time_s: value(&self.time_s),
             temperature_c: value(&self.temperature_c),
         }
+    }
+}
+
+/// The optional columns of measured forces.
+pub struct ForceColumns {
+    /// Of each link, where the table has it.
+    links: Vec<Option<Column>>,
+}
+
+impl ForceColumns {
+    /// The columns that the table has, checked.
+    pub fn read(table: &Table<'_>, shape: &Shape, mistakes: &mut Mistakes<'_>) -> Self {
+        let column = |drive: &Option<usize>| {
+            let index = table.column(&force_name((*drive)?))?;
+            let column = table.numbers_or_empty(index, mistakes);
+            plausible::forces(table, &column, mistakes);
+            Some(column)
+        };
+        Self {
+            links: shape.links.iter().map(column).collect(),
+        }
+    }
+
+    /// Tension of each link (N) in a row, NaN where it was not measured; `None` where none was.
+    pub fn at(&self, row: usize) -> Option<Vec<f64>> {
+        let of_link =
+            |column: &Option<Column>| column.as_ref().map_or(f64::NAN, |own| own.values[row]);
+        let tensions_n: Vec<f64> = self.links.iter().map(of_link).collect();
+        tensions_n
+            .iter()
+            .any(|tension| !tension.is_nan())
+            .then_some(tensions_n)
     }
 }
 

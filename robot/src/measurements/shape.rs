@@ -29,6 +29,11 @@ impl Actuator {
     }
 }
 
+/// Name of the column of a drive's measured force.
+pub(super) fn force_name(drive: usize) -> String {
+    format!("force{}_N", drive + 1)
+}
+
 /// Drives and plate of a robot, which its measurements must fit.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Shape {
@@ -36,6 +41,8 @@ pub struct Shape {
     pub drives: Vec<Actuator>,
     /// Freedoms of the plate.
     pub plate: Plate,
+    /// Of each link the drive that lengthens it, where there is one.
+    pub links: Vec<Option<usize>>,
 }
 
 impl Shape {
@@ -44,7 +51,14 @@ impl Shape {
         Self {
             drives: vec![Actuator::Cart; carts],
             plate: Plate::Body,
+            links: vec![],
         }
+    }
+
+    /// Names of the columns of measured forces, `force1_N`, of the drives that lengthen links.
+    pub fn force_names(&self) -> Vec<String> {
+        let drives = self.links.iter().flatten();
+        drives.map(|drive| force_name(*drive)).collect()
     }
 
     /// Number of commands.
@@ -109,6 +123,7 @@ impl From<&Robot> for Shape {
         Self {
             drives: (0..robot.commands).map(drive).collect(),
             plate: robot.plate,
+            links: robot.links.iter().map(|link| link.actuated_by).collect(),
         }
     }
 }

@@ -46,6 +46,23 @@ impl<R> Session<R> {
         Ok(self)
     }
 
+    /// The same for the search of effects. Positions whose noise is to be estimated stay what they are, measurements of
+    /// poses that are unknown.
+    ///
+    /// # Errors
+    /// As [`Self::comparing_poses`].
+    pub fn placing_poses(self) -> Result<Self, InputError> {
+        let stated = self.robot_file.noise_of(PlateKind::Position.file());
+        let is_known = self.robot_file.noise.position_m.is_finite()
+            || matches!(stated, Some(StatedNoise::Known(_)));
+        let is_exact_enough = is_known || self.folder.rows_of(PlateKind::Position).next().is_none();
+        if is_exact_enough {
+            self.comparing_poses()
+        } else {
+            Ok(self)
+        }
+    }
+
     /// Rows that calibrate and rows that are held out, by the [split](Self::split).
     pub fn row_division(&self) -> RowDivision {
         RowDivision::of(&self.folder, self.split)

@@ -1,0 +1,194 @@
+//! Discovery on lines that drums wind up and belts that are pulled.
+
+use std::fmt::Write;
+use std::fs;
+use std::path::Path;
+
+use serde_json::Value;
+
+use crate::discovery_folders::effects;
+use crate::support::{Random, number, tau_in};
+
+/// A folder of the virtual robot whose machine keeps the simplifications of a variant, and what is found from that.
+fn discovered(work: &Path, (robot, variant): (&str, &str), seed: u64, hidden: &[&str]) -> Value {
+    let hidden: Vec<String> = (hidden.iter())
+        .map(|effect| format!("--effect {effect}"))
+        .collect();
+    let line = format!(
+        "tau simulate --model {robot} --variant {variant} --random --poses 60 --seed {seed} --out DIR/measured {}",
+        hidden.join(" ")
+    );
+    tau_in(work, &line).done();
+    let line = format!(
+        "tau discover DIR/measured --model {robot} --base {variant} --out DIR/out --json -"
+    );
+    tau_in(work, &line).json()
+}
+
+/// True if a parameter of an effect that was found is the hidden one within four standard deviations and a share for
+/// what is of second order.
+fn is_near(effect: &Value, parameter: &str, hidden: f64) -> bool {
+    let found = &effect["parameters"][parameter];
+    let [value, sigma] = ["value", "sigma"].map(|key| number(&found[key]));
+    (value - hidden).abs() < 4.0 * sigma + 1e-2 * hidden.abs()
+}
+
+/// A radius off at one drum or at all, and build-up, each with its size, on machines that differ.
+#[test]
+fn drums_have_their_names() {
+    let cases = [
+        (1, ("drum_radius", "b", "error", 4e-3)),
+        (2, ("drum_radius", "all", "error", -3e-3)),
+        (3, ("line_buildup", "all", "growth", 3e-5)),
+        (4, ("line_buildup", "c", "growth", -2e-5)),
+    ];
+    for (seed, (name, place, parameter, value)) in cases {
+        let work = tempfile::tempdir().unwrap();
+        let hidden = format!("{name}({place}):{parameter}={value:e}");
+        let found = discovered(work.path(), ("four_lines", "Anchors"), seed, &[&hidden]);
+        assert_eq!(effects(&found), [format!("{name}({place})")], "{seed}");
+        assert_eq!(found["status"], "explained", "{seed}");
+        let effect = &found["effects"][0];
+        assert!(is_near(effect, parameter, value), "{effect}");
+    }
+}
+
+/// To first order a build-up is the description's own: b (q/gear)²/(4k) of the line at every drum, whatever its number k
+/// of parts, is `growth` = b/(2 r gear).
+#[test]
+fn build_up_is_that_of_the_description() {
+    let work = tempfile::tempdir().unwrap();
+    let line = "tau simulate --model four_lines --variant Radii --random --poses 60 --seed 5 --exact --out DIR/measured";
+    tau_in(work.path(), line).done();
+    // The same machine, taken for one without build-up.
+    let model = fs::read_to_string(concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../generated/models/four_lines.tau"
+    ))
+    .unwrap();
+    let without = model.replace(
+        "build_up: m/rad^2 = 14 um/rad^2",
+        "build_up: m/rad^2 = 0 um/rad^2",
+    );
+    assert_ne!(model, without);
+    fs::write(work.path().join("without.tau"), without).unwrap();
+    // The robot file states the build-up as well.
+    let file = work.path().join("measured/robot.toml");
+    let text = fs::read_to_string(&file).unwrap();
+    let kept: Vec<&str> = (text.lines())
+        .filter(|line| !line.starts_with("build_up"))
+        .collect();
+    fs::write(&file, kept.join("\n")).unwrap();
+    let line =
+        "tau discover DIR/measured --model DIR/without.tau --base Anchors --out DIR/out --json -";
+    let found = tau_in(work.path(), line).json();
+    assert_eq!(effects(&found), ["line_buildup(all)"]);
+    let growth = 14e-6 / (2.0 * 0.075 * 12.75);
+    assert!(is_near(&found["effects"][0], "growth", growth), "{found}");
+}
+
+/// At a constant pull that is known, stretch by tension, by an unknown pull and an error of scale are one signal: what is
+/// found has the others for rivals.
+#[test]
+fn stretch_at_a_constant_pull_has_rivals() {
+    for (seed, strain) in [(1, 1e-3), (2, -4e-4), (3, 5e-5)] {
+        let work = tempfile::tempdir().unwrap();
+        let hidden = format!("pull_strain(bottom_left):strain={strain:e}");
+        let found = discovered(work.path(), ("four_belts", "Full"), seed, &[&hidden]);
+        let named = found["effects"].as_array().unwrap();
+        assert_eq!(named.len(), 1, "{seed}: {named:?}");
+        let rivals = named[0]["rivals"].as_array().unwrap().iter();
+        let mut set: Vec<String> = (rivals.chain(named))
+            .map(|one| {
+                format!(
+                    "{}({})",
+                    one["name"].as_str().unwrap(),
+                    one["place"].as_str().unwrap()
+                )
+            })
+            .filter(|one| !one.starts_with("unnamed_"))
+            .collect();
+        set.sort_unstable();
+        let expected = ["length_scale", "link_compliance", "pull_strain"];
+        assert_eq!(
+            set,
+            expected.map(|name| format!("{name}(bottom_left)")),
+            "{seed}"
+        );
+    }
+}
+
+/// Both pulled belts stretched alike are one effect, which errors of scale at two places explain no better.
+#[test]
+fn all_that_is_pulled_is_a_place() {
+    for seed in [1, 2] {
+        let work = tempfile::tempdir().unwrap();
+        let hidden = "pull_strain(all):strain=1e-4";
+        let found = discovered(work.path(), ("four_belts", "Full"), seed, &[hidden]);
+        assert_eq!(effects(&found), ["pull_strain(all)"], "{seed}");
+        assert!(is_near(&found["effects"][0], "strain", 1e-4), "{found}");
+    }
+}
+
+/// Measured tensions stand in for statics: lines that stretch by them, in a folder that knows of no payload.
+#[test]
+fn stretch_is_told_from_measured_forces() {
+    const STRAIN: f64 = 8e-6;
+    let (radius, gear, build_up) = (0.075, 12.75, 14e-6);
+    let anchors = [
+        ([0.0, -1.62, -0.15], 2.0),
+        ([1.273, 1.273, -0.15], 2.0),
+        ([-1.403, 0.81, -0.15], 2.0),
+        ([0.0, 0.0, 2.35], 4.0),
+    ];
+    let paid_out = |q: f64, parts: f64| {
+        let angle = q / gear;
+        radius * angle / parts - build_up * angle * angle / (4.0 * parts)
+    };
+    let work = tempfile::tempdir().unwrap();
+    let line = "tau simulate --model four_lines --variant Anchors --random --poses 60 --seed 6 --exact --out DIR/measured";
+    tau_in(work.path(), line).done();
+    let path = work.path().join("measured/tcp_poses.csv");
+    let text = fs::read_to_string(&path).unwrap();
+    let mut lines = text.lines();
+    let header = lines.next().unwrap();
+    let first = header.split(',').position(|name| name == "q1_rad").unwrap();
+    let mut random = Random(11);
+    let mut stretched = format!("{header},force1_N,force2_N,force3_N,force4_N\n");
+    for line in lines {
+        let mut cells: Vec<String> = line.split(',').map(str::to_owned).collect();
+        for (drive, (anchor, parts)) in anchors.iter().enumerate() {
+            let origin = anchor.iter().map(|x: &f64| x * x).sum::<f64>().sqrt();
+            let tension = 30.0 + 25.0 * random.uniform();
+            let q: f64 = cells[first + drive].parse().unwrap();
+            let length = origin + paid_out(q, *parts);
+            // The drive pays out less, and the line stretches to the same length.
+            let wanted = length / (1.0 + STRAIN * tension) - origin;
+            let mut at = q;
+            for _ in 0..20 {
+                at += (wanted - paid_out(at, *parts)) * gear * parts / radius;
+            }
+            cells[first + drive] = format!("{at:.12}");
+            cells.push(format!("{tension}"));
+        }
+        writeln!(stretched, "{}", cells.join(",")).unwrap();
+    }
+    fs::write(&path, stretched).unwrap();
+    let line = "tau discover DIR/measured --model four_lines --base Anchors --out DIR/out --json -";
+    let found = tau_in(work.path(), line).json();
+    assert_eq!(effects(&found), ["link_compliance(all)"]);
+    assert!(is_near(&found["effects"][0], "strain", STRAIN), "{found}");
+    // The calibrated machine needs them as well.
+    let line = "tau calibrate DIR/measured --model DIR/out/discovered.tau --variant Discovered --out DIR/again --json -";
+    let again = tau_in(work.path(), line).json();
+    assert_eq!(again["fit"]["status"], "consistent");
+    let cut: Vec<&str> = fs::read_to_string(&path).unwrap().leak().lines().collect();
+    let cut: Vec<&str> = cut
+        .iter()
+        .map(|line| line.rsplitn(5, ',').last().unwrap())
+        .collect();
+    fs::write(&path, cut.join("\n")).unwrap();
+    let refused = tau_in(work.path(), line);
+    assert_eq!(refused.code, 2, "{}", refused.err);
+    assert!(refused.err.contains("force1_N"), "{}", refused.err);
+}

@@ -1,0 +1,19 @@
+//! Drums pay out.
+
+tau_macro::tau_model! {
+    robot Lines {
+        plate point;
+        param radius: m/rad = 75 mm/rad exact;
+        cluster lines on base {
+            link a actuated angle { length = norm(track_offset) + radius * q; }
+            link b, c actuated length;
+        }
+        effect e on driven link {
+            param gain: number;
+            length += gain * paid_out;
+        }
+        variant Full { arm full; }
+    }
+}
+
+fn main() {}

@@ -1,0 +1,20 @@
+//! A drum's command is an angle.
+
+tau_macro::tau_model! {
+    robot Lines {
+        plate point;
+        param radius: m/rad = 75 mm/rad exact;
+        cluster lines on base {
+            link a actuated angle { length = norm(track_offset) + radius * q; }
+            link b, c actuated length;
+        }
+        effect e on driven link {
+            param gain: number;
+            length += gain * q;
+        }
+        variant Full { arm full; }
+        variant Off = Full + e(a);
+    }
+}
+
+fn main() {}

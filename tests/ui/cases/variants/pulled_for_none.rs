@@ -1,0 +1,20 @@
+//! An effect at a pull needs a link that is pulled.
+
+tau_macro::tau_model! {
+    robot Lines {
+        plate point;
+        param radius: m/rad = 75 mm/rad exact;
+        cluster lines on base {
+            link a actuated angle { length = norm(track_offset) + radius * q; }
+            link b, c actuated length;
+        }
+        effect e on pulled link {
+            param gain: number;
+            length += gain * length;
+        }
+        variant Full { arm full; }
+        variant Off = Full + e(all);
+    }
+}
+
+fn main() {}
