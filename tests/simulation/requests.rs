@@ -370,7 +370,7 @@ fn what_has_no_noise_is_not_measured() {
         measures: vec!["heights".to_owned(), "poses".to_owned()],
         ..of_heights
     };
-    let error = of_poses.simulation(&robot).unwrap_err().to_string();
+    let error = of_poses.simulation(&robot).err().unwrap().to_string();
     assert!(
         error.contains("--noise-position") && error.contains("has no `position_m`"),
         "{error}"

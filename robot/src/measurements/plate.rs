@@ -144,22 +144,18 @@ impl Folder {
 
     /// Gives rows that lack tensions those of another row of the same pose at the same commands.
     pub(super) fn share_tensions(&mut self) {
-        let mut known: BTreeMap<u32, Vec<(Vec<f64>, Vec<f64>)>> = BTreeMap::new();
+        let key = |pose: u32, commands_m: &[f64]| {
+            let bits: Vec<u64> = commands_m.iter().map(|q| q.to_bits()).collect();
+            (pose, bits)
+        };
         let of_poses =
             (self.tcp_poses.iter()).map(|row| (row.pose, &row.commands_m, &row.tensions_n));
         let of_rows =
             (self.plate_rows.iter()).map(|row| (row.pose, &row.commands_m, &row.tensions_n));
-        for (pose, commands_m, tensions_n) in of_poses.chain(of_rows) {
-            if let Some(tensions_n) = tensions_n {
-                let own = known.entry(pose).or_default();
-                own.push((commands_m.clone(), tensions_n.clone()));
-            }
-        }
-        let shared = |pose: u32, commands_m: &[f64]| {
-            let mut own = known.get(&pose)?.iter();
-            own.find(|(at, _)| at == commands_m)
-                .map(|(_, tensions_n)| tensions_n.clone())
-        };
+        let known: BTreeMap<_, Vec<f64>> = (of_poses.chain(of_rows))
+            .filter_map(|(pose, commands_m, own)| Some((key(pose, commands_m), own.clone()?)))
+            .collect();
+        let shared = |pose: u32, commands_m: &[f64]| known.get(&key(pose, commands_m)).cloned();
         for row in self
             .plate_rows
             .iter_mut()
