@@ -60,6 +60,14 @@ impl Machine {
         }
     }
 
+    /// The pose of redundant drives to a step (m, rad) of Newton's method: for a fit that starts there, and moves it.
+    ///
+    /// # Errors
+    /// No pose from there; data missing.
+    pub fn forward_roughly(&self, start: &Sample<'_>, step: f64) -> Result<Pose, Error> {
+        Ok(newton::solve_to(self, start, self.pose_unknowns(), step)?.pose)
+    }
+
     /// Forward kinematics without the check for singular poses, for many small steps.
     pub fn forward_unchecked(&self, start: &Sample<'_>) -> Result<Pose, Error> {
         Ok(newton::solve(self, start, self.pose_unknowns())?.pose)

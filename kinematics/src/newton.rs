@@ -34,6 +34,16 @@ pub(crate) fn solve(
     start: &Sample<'_>,
     unknowns: &[usize],
 ) -> Result<Settled, Error> {
+    solve_to(machine, start, unknowns, SETTLED)
+}
+
+/// The same, but for an end at the first step (m, rad) that is shorter than `settled`.
+pub(crate) fn solve_to(
+    machine: &Machine,
+    start: &Sample<'_>,
+    unknowns: &[usize],
+    settled: f64,
+) -> Result<Settled, Error> {
     let mut pose = start.pose;
     let mut commands = start.commands_m.to_vec();
     let mut scratch = Scratch::default();
@@ -84,12 +94,12 @@ pub(crate) fn solve(
                 Err(error) => return Err(error),
             }
             // At the end of the iteration rounding alone decides whether a full step gains anything.
-            if longest * share < SETTLED {
+            if longest * share < settled {
                 break false;
             }
             share /= 2.0;
         };
-        if !moved || longest < SETTLED {
+        if !moved || longest < settled {
             let is_solution = !square || mismatch < 1e3 * ROUNDING_M;
             return if is_solution {
                 Ok(Settled {

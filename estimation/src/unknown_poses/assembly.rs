@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use nalgebra::{Cholesky, DMatrix, Vector3};
+use rayon::prelude::*;
 use tau_kinematics::{Machine, Pose};
 use tau_robot::input_error::InputError;
 use tau_robot::measurements::{Conditions, DISTANCES, Folder, PlateKind, PlateRow, TCP_POSES};
@@ -20,6 +21,9 @@ use super::rows::{DRIVES, Kind, LINKS, RowPlace, Rows};
 use crate::calibration::error::Error;
 use crate::problem::{CLOSURE_SHARE, POSE_UNKNOWNS, TruePose, by_pose, gradient};
 use crate::samples::Sample;
+
+/// A step of Newton's method (m, rad) that moves a pose by less than a sketch leaves open of it.
+const ROUGH_STEP: f64 = 1e-3;
 
 /// Readings of the drives at a pose.
 #[derive(Debug, Clone, PartialEq)]
@@ -98,12 +102,14 @@ pub(super) struct Assembly<'a> {
 }
 
 impl<'a> Assembly<'a> {
-    /// Poses that chosen rows are of, where the nominal machine puts them, or where they were measured.
+    /// Poses that chosen rows are of, where the machine puts them, or where they were measured; roughly where the
+    /// machine is, or comes from, a sketch.
     pub(super) fn new(
         machine: &Machine,
         file: &'a RobotFile,
         folder: &'a Folder,
         chosen: &Chosen<'_>,
+        is_sketch: bool,
     ) -> Result<Self, Error> {
         let mut assembly = Self {
             folder,
@@ -116,7 +122,13 @@ impl<'a> Assembly<'a> {
         };
         assembly.collect_poses(chosen);
         assembly.kinds = kinds_of_noise(folder, file, machine)?;
-        assembly.place(machine)?;
+        let is_redundant = machine.closure_count() > machine.pose_unknowns().len();
+        match &machine.surroundings.reference {
+            Some(stated) if is_sketch && is_redundant => {
+                assembly.place_roughly(machine, stated.into())?;
+            }
+            _ => assembly.place(machine)?,
+        }
         let at = |pose: &UnknownPose| (pose.number, pose.base.position);
         let poses = assembly.poses.iter().map(at).collect();
         assembly.objects = collect_objects(folder, &file.measuring, &poses)?;
@@ -205,11 +217,35 @@ impl<'a> Assembly<'a> {
         Ok(())
     }
 
+    /// Puts poses where they were measured, or where links miss their lengths least, sought from where the machine is
+    /// stated to stand. Ways between poses, along which links keep their lengths, a sketch has none.
+    fn place_roughly(&mut self, machine: &Machine, stated: Pose) -> Result<(), Error> {
+        let measured = self.measured_poses();
+        let placed = self.poses.par_iter_mut().map(|pose| {
+            if let Some(&base) = measured.get(&pose.number) {
+                pose.base = base;
+            } else if let Some(sample) = pose.first_sample() {
+                let view = sample.view();
+                let failed = |error| Error::at_pose(pose.number, machine.explained(error, &view));
+                let reached = machine.forward_roughly(&view.at(stated), ROUGH_STEP);
+                pose.base = reached.map_err(failed)?;
+            }
+            Ok(())
+        });
+        // The first error in order, whatever thread is faster.
+        placed.find_map_first(Result::err).map_or(Ok(()), Err)
+    }
+
+    fn measured_poses(&self) -> BTreeMap<u32, Pose> {
+        let poses = self.folder.tcp_poses.iter();
+        poses
+            .map(|pose| (pose.pose, Pose::from_zyz(pose.position_m, pose.angles_rad)))
+            .collect()
+    }
+
     /// Puts poses where they were measured, or where the machine stands at the commands.
     fn place(&mut self, machine: &Machine) -> Result<(), Error> {
-        let measured: BTreeMap<u32, Pose> = (self.folder.tcp_poses.iter())
-            .map(|pose| (pose.pose, Pose::from_zyz(pose.position_m, pose.angles_rad)))
-            .collect();
+        let measured = self.measured_poses();
         let stated: Option<Pose> = machine.surroundings.reference.as_ref().map(Pose::from);
         let is_redundant = machine.closure_count() > machine.pose_unknowns().len();
         let mut before: Option<(Vec<f64>, Pose)> = None;

@@ -53,16 +53,17 @@ impl<'a> Fit<'a> {
         let all: Vec<usize> = (0..folder.tcp_poses.len()).collect();
         let prepared = Prepared::new(robot, variant, file, Some(folder), &all)?;
         let machine = prepared.machine.clone();
-        Self::from(&prepared, machine, file, folder, division)
+        Self::from(&prepared, machine, file, folder, division, false)
     }
 
-    /// From the values of a machine, under the priors of the nominal ones.
+    /// From the values of a machine, under the priors of the nominal ones, which may be those of a sketch.
     pub(super) fn from(
         prepared: &Prepared,
         machine: Machine,
         file: &'a RobotFile,
         folder: &'a Folder,
         division: &'a RowDivision,
+        is_sketch: bool,
     ) -> Result<Self, Error> {
         let left_out = BTreeSet::new();
         let chosen = Chosen {
@@ -70,7 +71,7 @@ impl<'a> Fit<'a> {
             distances: &division.distances,
             left_out: &left_out,
         };
-        let assembly = Assembly::new(&machine, file, folder, &chosen)?;
+        let assembly = Assembly::new(&machine, file, folder, &chosen, is_sketch)?;
         if assembly.poses.is_empty() {
             let message = "no pose of the plate is left to calibrate";
             return Err(InputError::whole(&folder.name, message).into());

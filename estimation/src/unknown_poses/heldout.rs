@@ -56,7 +56,7 @@ impl HeldOut {
             distances: &distances,
             left_out: &nothing,
         };
-        let mut assembly = Assembly::new(machine, fit.file, fit.folder, &chosen)?;
+        let mut assembly = Assembly::new(machine, fit.file, fit.folder, &chosen, false)?;
         assembly.kinds.clone_from(&fit.assembly.kinds);
         assembly.objects.clone_from(&fit.assembly.objects);
         // Where the drives alone put the plate, so that what was measured is predicted.

@@ -25,6 +25,7 @@ mod rows;
 mod starts;
 #[cfg(test)]
 mod tests;
+mod unsolved;
 mod verdict;
 
 use tau_kinematics::Machine;
@@ -38,6 +39,7 @@ use crate::calibration::{self, Error};
 use crate::weighing::Loss;
 use fit::Fit;
 use refusals::refuse_tracker_effects;
+use starts::Search;
 
 pub use estimated::{EstimatedPoses, Placed, Side};
 pub use exchanged::mistakes;
@@ -46,6 +48,7 @@ pub use heldout::{HeldOut, HeldOutKind};
 pub use objects::Object;
 pub use outcome::{GrossRow, KindFit, ObjectEstimate, Rank, RowDivision, UnknownPoses};
 pub use rows::{Kind, RowPlace};
+pub use unsolved::Unsolved;
 
 /// Rounds of fit, weights and noise; a handful is usual. Estimated noise of kinds with little redundancy converges
 /// slowest.
@@ -100,11 +103,20 @@ pub fn calibrate(
     refuse_tracker_effects(variant, folder)?;
     let all: Vec<usize> = (0..folder.tcp_poses.len()).collect();
     let prepared = Prepared::new(robot, variant, file, Some(folder), &all)?;
-    let fitted = |machine: Machine| {
-        let fit = Fit::from(&prepared, machine, file, folder, division)?;
-        fitted(fit, options)
+    let sketch_m = starts::sketched(&prepared);
+    let fitted = |machine: Machine, division: &RowDivision, search: Search| {
+        let options = calibration::Options {
+            solver: search.options(&options.solver, division.calibration.len()),
+            ..options.clone()
+        };
+        let is_sketch = sketch_m.is_some();
+        let fit = Fit::from(&prepared, machine, file, folder, division, is_sketch)?;
+        fitted(fit, &options)
     };
-    starts::best(&prepared, fitted)
+    match sketch_m {
+        None => fitted(prepared.machine.clone(), division, Search::Whole),
+        Some(length_m) => starts::best(&prepared, length_m, division, fitted),
+    }
 }
 
 /// The fit from a start to its end, with the noise of kinds that ask for it and without gross rows.

@@ -1,9 +1,12 @@
 //! Starts of a fit: the nominal values, or, where they are those of a sketch, draws from their tolerances.
 
+use std::collections::BTreeSet;
+
 use tau_kinematics::{Machine, Pose, Sample};
 use tau_robot::robot::Parameter;
+use tau_solver::{Method, Options};
 
-use super::UnknownPoses;
+use super::{RowDivision, UnknownPoses};
 use crate::calibration::Error;
 use crate::calibration::nominal::Nominal;
 use crate::calibration::prepared::Prepared;
@@ -15,34 +18,94 @@ const DRAWS: u64 = 8;
 /// Tolerances of places beyond this share of the mean length of the links are those of a sketch: poses found by them may
 /// be those of another assembly.
 const SKETCH: f64 = 0.1;
+/// Residuals for each parameter, beyond what poses take, by which a machine is found from a sketch. From where they
+/// lead, all poses need some iterations, from the sketch dozens.
+const ROWS_EACH: usize = 6;
+/// Iterations after which a start is given up for the next: most descents take dozens, some crawl along a valley for
+/// thousands.
+const DESCENT: usize = 100;
+/// Poses up to which each is eliminated by orthogonal transformations; of more, normal equations are faster.
+const FEW: usize = 1000;
 /// Share of the mean length of the links that a machine may stand from where its reference says.
 const AT_REFERENCE: f64 = 0.1;
 
-/// The fit from the nominal values. Where these are a sketch, and from there the fit fails or leads to a machine that
-/// does not stand at its reference, such as a mirror image, draws from their tolerances are fitted too; the one that
-/// stands nearest to its reference among those with the least misfit counts.
+/// Manner of a fit.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Search {
+    /// From any start to the end.
+    Whole,
+    /// From one of several starts, soon given up.
+    Descent,
+}
+
+impl Search {
+    /// Options of the solver for it, for so many poses.
+    pub(super) fn options(self, options: &Options, poses: usize) -> Options {
+        let mut options = options.clone();
+        if self == Self::Descent {
+            options.max_iterations = options.max_iterations.min(DESCENT);
+            // A dense factor of all poses' columns would be most of the time.
+            if options.method == Method::Auto && poses <= FEW {
+                options.method = Method::Schur;
+            }
+        }
+        options
+    }
+}
+
+/// The fit from the nominal values, which are a sketch of links of so many metres. Where it fails or leads to a machine
+/// that does not stand at its reference, such as a mirror image, draws from their tolerances are fitted too, until one
+/// leads there. If none does, the one that stands nearest to its reference among those with the least misfit counts.
+///
+/// Of many poses, some find the machine from which all are then fitted.
 ///
 /// # Errors
 /// Of the fit from the nominal values, where no start leads to a fit.
 pub(super) fn best(
     prepared: &Prepared,
+    length_m: f64,
+    division: &RowDivision,
+    fitted: impl Fn(Machine, &RowDivision, Search) -> Result<UnknownPoses, Error>,
+) -> Result<UnknownPoses, Error> {
+    let is_found = |found: &UnknownPoses| {
+        let off_m = off_reference_m(&found.calibration.machine);
+        off_m.is_some_and(|off_m| off_m < AT_REFERENCE * length_m) && found.is_consistent()
+    };
+    let descents = |of: &RowDivision| {
+        let descents = (0..=DRAWS).map(|draw| fitted(drawn(prepared, draw), of, Search::Descent));
+        descents.flatten().find(is_found)
+    };
+    if let Some(some) = some_poses(prepared, division)
+        && let Some(near) = descents(&some)
+        && let Ok(found) = fitted(near.calibration.machine, division, Search::Whole)
+        && is_found(&found)
+    {
+        return Ok(found);
+    }
+    if let Some(found) = descents(division) {
+        return Ok(found);
+    }
+    of_several(prepared, length_m, |machine| {
+        fitted(machine, division, Search::Whole)
+    })
+}
+
+/// The best fit from the nominal values and draws about them.
+fn of_several(
+    prepared: &Prepared,
+    length_m: f64,
     fitted: impl Fn(Machine) -> Result<UnknownPoses, Error>,
 ) -> Result<UnknownPoses, Error> {
-    let machine = &prepared.machine;
-    let first = fitted(machine.clone());
-    let Some(length_m) = sketched(prepared) else {
-        return first;
-    };
     let off = |found: &UnknownPoses| off_reference_m(&found.calibration.machine);
     let stands = |found: &UnknownPoses| off(found).is_some_and(|off| off < AT_REFERENCE * length_m);
-    if first
-        .as_ref()
-        .is_ok_and(|found| stands(found) && found.is_consistent())
-    {
-        return first;
+    let mut all = vec![];
+    for draw in 0..=DRAWS {
+        let found = fitted(drawn(prepared, draw));
+        if (found.as_ref()).is_ok_and(|found| stands(found) && found.is_consistent()) {
+            return found;
+        }
+        all.push(found);
     }
-    let mut all = vec![first];
-    all.extend((1..=DRAWS).map(|seed| fitted(draw(prepared, seed))));
     let found = || all.iter().flatten();
     let costs = found().map(|found| found.calibration.cost);
     let least = costs.fold(f64::INFINITY, f64::min);
@@ -59,8 +122,29 @@ pub(super) fn best(
     all.swap_remove(index.unwrap_or(0))
 }
 
+/// Poses, evenly among all, whose redundant drives tell the parameters several times over; `None` where all are not many
+/// more, or distances couple them.
+fn some_poses(prepared: &Prepared, division: &RowDivision) -> Option<RowDivision> {
+    let machine = &prepared.machine;
+    let redundancy = machine
+        .closure_count()
+        .checked_sub(machine.pose_unknowns().len())?;
+    let closures = machine.closure_instances();
+    let of_links: BTreeSet<usize> = closures
+        .flat_map(|closure| closure.parameters.iter().copied())
+        .filter(|&index| prepared.nominal[index].tolerance != Some(0.0))
+        .collect();
+    let needed = (ROWS_EACH * of_links.len()).checked_div(redundancy)?;
+    let step = division.calibration.len() / needed.max(1);
+    let pays = division.distances.is_empty() && step > 1;
+    pays.then(|| RowDivision {
+        calibration: (division.calibration.iter().step_by(step).copied()).collect(),
+        ..RowDivision::default()
+    })
+}
+
 /// Mean length of the links (m) at the reference, if a place is known to no better than a share of it.
-fn sketched(prepared: &Prepared) -> Option<f64> {
+pub(super) fn sketched(prepared: &Prepared) -> Option<f64> {
     let machine = &prepared.machine;
     let stated = machine.surroundings.reference.as_ref()?;
     let sample = Sample::new(Pose::from(stated), &stated.commands_m);
@@ -85,9 +169,13 @@ fn off_reference_m(machine: &Machine) -> Option<f64> {
     Some((reached.pose.position - pose.position).norm())
 }
 
-/// The variant at values drawn evenly from as wide about the nominal ones as their tolerances say.
-fn draw(prepared: &Prepared, seed: u64) -> Machine {
-    let mut random = Random(seed);
+/// The variant at its nominal values, or, from the first draw on, at values drawn evenly from as wide about them as their
+/// tolerances say.
+fn drawn(prepared: &Prepared, draw: u64) -> Machine {
+    if draw == 0 {
+        return prepared.machine.clone();
+    }
+    let mut random = Random(draw);
     let values = prepared.nominal.iter().map(|nominal| {
         let even = random.bits() as f64 / u64::MAX as f64;
         let tolerance = nominal.tolerance.filter(|tolerance| tolerance.is_finite());

@@ -1,0 +1,63 @@
+//! A fit before its first step.
+
+use tau_kinematics::Pose;
+use tau_robot::measurements::Folder;
+use tau_robot::robot::{Robot, Variant};
+use tau_robot::robot_file::RobotFile;
+use tau_solver::Problem;
+
+use super::{RowDivision, fit::Fit, starts};
+use crate::calibration::{Error, prepared::Prepared};
+
+/// The first least-squares problem of a calibration, for other solvers to be compared with ours.
+pub struct Unsolved<'a>(Fit<'a>);
+
+impl<'a> Unsolved<'a> {
+    /// From the nominal values; `file` must be complete.
+    ///
+    /// # Errors
+    /// As [`super::calibrate`], but for what only a fit can fail on.
+    pub fn new(
+        robot: &Robot,
+        variant: &Variant,
+        file: &'a RobotFile,
+        folder: &'a Folder,
+        division: &'a RowDivision,
+    ) -> Result<Self, Error> {
+        let all: Vec<usize> = (0..folder.tcp_poses.len()).collect();
+        let prepared = Prepared::new(robot, variant, file, Some(folder), &all)?;
+        let is_sketch = starts::sketched(&prepared).is_some();
+        let machine = prepared.machine.clone();
+        let fit = Fit::from(&prepared, machine, file, folder, division, is_sketch)?;
+        Ok(Self(fit))
+    }
+
+    /// The shared unknowns, then six for each pose.
+    pub fn problem(&self) -> Problem<'_> {
+        self.0.problem(&self.0.start)
+    }
+
+    /// Number of shared unknowns.
+    pub fn shared(&self) -> usize {
+        self.0.shared()
+    }
+
+    /// Where poses are at zero.
+    pub fn poses(&self) -> impl Iterator<Item = Pose> {
+        self.0.assembly.poses.iter().map(|pose| pose.base)
+    }
+
+    /// Weight (1/m²) of each closure of each reading, where every drive has noise of its own and is that of one link.
+    pub fn closure_weights(&self) -> Vec<f64> {
+        let rows = &self.0.blocks[0];
+        let (count, width) = (rows.kinds.len(), rows.family.shape().data);
+        let of_row = |(row, weight): (usize, &f64)| {
+            let (sample, closure) = (row / count, row % count);
+            let data = &rows.data[..(sample + 1) * width];
+            let factor = &data[data.len() - count * count..];
+            let sigma = self.0.assembly.kinds[rows.kinds[closure]].sigma;
+            weight * factor[closure * count + closure] / sigma
+        };
+        rows.weights.iter().enumerate().map(of_row).collect()
+    }
+}
