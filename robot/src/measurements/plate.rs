@@ -144,7 +144,7 @@ impl Folder {
 
     /// Gives rows that lack tensions those of another row of the same pose at the same commands.
     pub(super) fn share_tensions(&mut self) {
-        let mut known: BTreeMap<u32, Vec<(Vec<f64>, Vec<f64>)>> = BTreeMap::new();
+        let mut known: BTreeMap<u32, Vec<[Vec<f64>; 2]>> = BTreeMap::new();
         let of_poses =
             (self.tcp_poses.iter()).map(|row| (row.pose, &row.commands_m, &row.tensions_n));
         let of_rows =
@@ -152,13 +152,13 @@ impl Folder {
         for (pose, commands_m, tensions_n) in of_poses.chain(of_rows) {
             if let Some(tensions_n) = tensions_n {
                 let own = known.entry(pose).or_default();
-                own.push((commands_m.clone(), tensions_n.clone()));
+                own.push([commands_m.clone(), tensions_n.clone()]);
             }
         }
         let shared = |pose: u32, commands_m: &[f64]| {
             let mut own = known.get(&pose)?.iter();
-            own.find(|(at, _)| at == commands_m)
-                .map(|(_, tensions_n)| tensions_n.clone())
+            own.find(|[at, _]| at == commands_m)
+                .map(|[_, tensions_n]| tensions_n.clone())
         };
         for row in self
             .plate_rows
