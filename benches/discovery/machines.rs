@@ -101,6 +101,9 @@ struct Record {
     truth: Vec<True>,
     found: Option<Found>,
     verdict: Option<Verdict>,
+    /// Of a confidently wrong answer without the effect in the catalogue: true if with it the answer lists both, one as a
+    /// rival of the other, so that these measurements can't tell them apart.
+    look_alike: bool,
     failure: Option<String>,
 }
 
@@ -190,6 +193,7 @@ impl<'a> Bench<'a> {
             truth: vec![],
             found: None,
             verdict: None,
+            look_alike: false,
             failure: None,
         };
         if let Err(failure) = self.fill(&mut record, simulation, &mut random) {
@@ -223,6 +227,28 @@ impl<'a> Bench<'a> {
         }
         simulation.noise = Noise::default();
         let measured = simulate(&simulation).map_err(|error| error.to_string())?;
+        let found = self.answer(&measured, catalogue)?;
+        let is_listed = record.subject != Subject::Withheld;
+        let verdict = Verdict::of(&record.truth, &found, is_listed);
+        if !is_listed && verdict.confidently_wrong {
+            let with = self.answer(&measured, CATALOGUE.to_owned())?;
+            let said = |(name, place): (&str, &str)| {
+                with.named.iter().any(|own| {
+                    let mut rivals = own.rivals.iter();
+                    (own.name == name && own.place == place)
+                        || rivals.any(|rival| rival.0 == name && rival.1 == place)
+                })
+            };
+            let mut names = found.named.iter();
+            record.look_alike = Verdict::of(&record.truth, &with, true).right_set
+                && names.all(|own| said((&own.name, &own.place)));
+        }
+        record.verdict = Some(verdict);
+        record.found = Some(found);
+        Ok(())
+    }
+
+    fn answer(&self, measured: &SimulatedFolder, catalogue: String) -> Result<Found, String> {
         let options = Options {
             split: Split::default(),
             catalogues: vec![catalogue],
@@ -230,12 +256,8 @@ impl<'a> Bench<'a> {
         };
         let (file, folder) = (&measured.file, &measured.folder);
         let outcome = discover(&self.robot, BASE, file, folder, &options, &mut |_| {});
-        let discovery = outcome.map_err(|error| error.to_string())?.discovery;
-        let found = Found::of(&discovery);
-        let is_listed = record.subject != Subject::Withheld;
-        record.verdict = Some(Verdict::of(&record.truth, &found, is_listed));
-        record.found = Some(found);
-        Ok(())
+        let outcome = outcome.map_err(|error| error.to_string())?;
+        Ok(Found::of(&outcome.discovery))
     }
 
     /// An effect of the catalogue at a random place, of the size that has a λ.
@@ -286,8 +308,8 @@ impl<'a> Bench<'a> {
 }
 
 fn table(records: &[Record]) -> String {
-    let mut text = "| machine | false names | λ 30 | λ 60 | λ 120 | confidently wrong, λ ≥ 60 | withheld: wrong name | \
-                    failed | s |\n| --- | --- | --- | --- | --- | --- | --- | --- | --- |\n"
+    let mut text = "| machine | false names | λ 30 | λ 60 | λ 120 | confidently wrong, λ ≥ 60 | withheld: confidently wrong | \
+                    of these a look-alike | failed | s |\n| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |\n"
         .to_owned();
     let mut machines: Vec<&str> = records.iter().map(|own| own.machine.as_str()).collect();
     machines.dedup();
@@ -312,12 +334,13 @@ fn table(records: &[Record]) -> String {
         let nulls = verdicts(Subject::Nothing, 0.0, 0.0);
         let strong = verdicts(Subject::Listed, 60.0, f64::INFINITY);
         let withheld = verdicts(Subject::Withheld, 0.0, f64::INFINITY);
+        let alike = own().filter(|record| record.look_alike).count();
         let failed = own().filter(|record| record.failure.is_some()).count();
         let seconds = own().filter_map(|record| Some(record.found.as_ref()?.seconds));
         let (sum, count) = seconds.fold((0.0, 0.0), |(sum, count), own| (sum + own, count + 1.0));
         let _ = writeln!(
             text,
-            "| {machine} | {} | {} | {} | {} | {} | {} | {failed} | {:.2} |",
+            "| {machine} | {} | {} | {} | {} | {} | {} | {alike} | {failed} | {:.2} |",
             share(Share::of(nulls.map(|verdict| verdict.named))),
             right(30.0),
             right(60.0),

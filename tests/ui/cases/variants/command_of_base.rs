@@ -2,7 +2,7 @@
 
 tau_macro::tau_model! {
     robot Slide {
-        cluster legs on base { link l1, l2 actuated length; }
+        cluster legs on base { link l1; link l2 actuated length; }
         effect stretch on link { param rate: number; length += rate * q; }
         variant Full { arm full; }
         variant Stretched = Full + stretch(l1);
