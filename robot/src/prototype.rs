@@ -11,9 +11,12 @@ use crate::robot_file::RobotFile;
 pub const NAME: &str = "prototype";
 /// Name of the robot that was measured.
 const ROBOT_NAME: &str = "GantryTau";
-/// Its three tracks, one command each.
+/// Its three tracks, one command each, and six rods.
 pub fn shape() -> Shape {
-    Shape::of_carts(3)
+    Shape {
+        links: vec![None; 6],
+        ..Shape::of_carts(3)
+    }
 }
 
 /// The measurements.

@@ -38,7 +38,7 @@ fn of_poses(mut folder: Folder, poses: &[TcpPose]) -> Folder {
                     // One coordinate is not measured.
                     [Some(pose.position_m[0]), None, Some(pose.position_m[2])]
                 } else {
-                    [Some(pose.position_m[2] - 1e-5), None, None]
+                    [Some(pose.position_m[2]), None, None]
                 },
                 sigmas: [Some(2e-5), None, None],
                 of: None,
