@@ -178,11 +178,7 @@ fn without_poses_false_names_are_as_rare_as_the_level() {
 fn without_poses_clear_effects_have_their_names() {
     let hidden = [
         ("backlash(a): gap=2e-4", "backlash", "a"),
-        (
-            "positioning_error(b): degree2=4e-4, degree3=-3e-4",
-            "positioning_error",
-            "b",
-        ),
+        ("rack_pitch(b): sine=8e-5, period=0.019", "rack_pitch", "b"),
     ];
     let seeds: Vec<u64> = (500..512).collect();
     let wrong: Vec<(u64, Vec<(String, String)>)> = (seeds.par_iter())
