@@ -87,3 +87,31 @@ gravity_m_s2 = [0.0, 0.0, -9.81]
     let [value, sigma] = ["value", "sigma"].map(|key| along[key].as_f64().unwrap());
     assert!((value - 7e-7).abs() < 4.0 * sigma, "{along}");
 }
+
+/// Without poses too, what is written is what is said: a period starts where it was found, not in the middle of its range.
+#[test]
+fn a_period_is_written_where_it_was_found() {
+    let folder = tempfile::tempdir().unwrap();
+    let robot = "robot = \"LinearDelta\"
+[noise]
+heights = { height_m = 1e-5 }
+distances = { distance_m = 2e-5 }
+";
+    fs::write(folder.path().join("delta.toml"), robot).unwrap();
+    let with = "--model linear_delta";
+    let line = format!(
+        "tau simulate {with} --robot DIR/delta.toml --out DIR/measured --variant Full --random --poses 160 --seed 4 \
+         --measure heights,distances --effect rack_pitch(b):sine=8e-5,period=0.0096"
+    );
+    tau_in(folder.path(), &line).done();
+    let line = format!("tau discover DIR/measured {with} --out DIR/out --json -");
+    let found = tau_in(folder.path(), &line).json();
+    assert_eq!(effects(&found), ["rack_pitch(b)"]);
+    let period = &found["effects"][0]["parameters"]["period"];
+    let [value, sigma] = ["value", "sigma"].map(|key| period[key].as_f64().unwrap());
+    let written = fs::read_to_string(folder.path().join("out/robot.toml")).unwrap();
+    let line = written.lines().find(|line| line.starts_with("period"));
+    let number = line.unwrap().split("value = ").nth(1).unwrap();
+    let number: f64 = number.split(',').next().unwrap().parse().unwrap();
+    assert!((number - value).abs() < 3.0 * sigma, "{number} {period}");
+}

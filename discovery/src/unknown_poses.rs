@@ -11,7 +11,6 @@ use tau_kinematics::Statics;
 use tau_robot::measurements::{Division, Folder, PlateRow, PoseCounts};
 use tau_robot::robot::Robot;
 use tau_robot::robot_file::{RobotFile, Value};
-use tau_runtime::Owner;
 
 use super::{Constants, DISCOVERED, Error, Input, Options, Outcome, searched, variant_of};
 
@@ -117,14 +116,7 @@ pub(super) fn search(
         };
         let mut outcome = searched(&input, started, progress)?;
         progress("calibrating what was found");
-        let fitted = stated(
-            &outcome,
-            (robot, base),
-            &file,
-            folder,
-            &rows,
-            &options.constants,
-        )?;
+        let fitted = outcome.stated(&file, folder, &rows, &options.constants)?;
         // What a base lacks may look like gross measurements or like noise, and may hide some.
         let is_other = fitted.left_out() != *unknown.poses.left_out()
             || unknown.poses.change_of_noise(&fitted) > OTHER_NOISE;
@@ -176,54 +168,77 @@ fn with_known_tensions(
     (folder, remark)
 }
 
-/// The calibration of what was found where poses are unknown, under the priors of the search: those of effects keep
-/// within what is plausible, and do not pull back what the data say.
-fn stated(
-    outcome: &Outcome,
-    (robot, base): (&Robot, &str),
-    file: &RobotFile,
-    folder: &Folder,
-    rows: &RowDivision,
-    constants: &Constants,
-) -> Result<UnknownPoses, Error> {
-    let found = outcome.robot();
-    let variant = variant_of(&found, DISCOVERED)?;
-    let known: BTreeSet<&str> = (variant_of(robot, base)?.parameters.iter())
-        .map(|parameter| parameter.name.as_str())
-        .collect();
-    let mut wide = file.clone();
-    let mut tolerances = vec![];
-    for parameter in &variant.parameters {
-        let key = parameter
-            .name
-            .split_once(").")
-            .map(|(key, _)| format!("{key})"));
-        let (Some(key), Some(tol)) = (key, parameter.tolerance) else {
-            continue;
-        };
-        if matches!(parameter.owner, Owner::Effect(_)) && !known.contains(parameter.name.as_str()) {
-            let values = wide.effects.entry(key.clone()).or_default();
-            let value = values
+impl Outcome {
+    /// The calibration of what was found where poses are unknown, under the priors of the search: those of effects keep
+    /// within what is plausible, and do not pull back what the data say.
+    ///
+    /// # Errors
+    /// As [`unknown_poses::calibrate`].
+    pub fn calibration_of_unknown_poses(
+        &self,
+        file: &RobotFile,
+        folder: &Folder,
+        rows: &RowDivision,
+    ) -> Result<UnknownPoses, Error> {
+        self.stated(file, folder, rows, &Constants::default())
+    }
+
+    fn stated(
+        &self,
+        file: &RobotFile,
+        folder: &Folder,
+        rows: &RowDivision,
+        constants: &Constants,
+    ) -> Result<UnknownPoses, Error> {
+        let robot = self.robot();
+        let variant = variant_of(&robot, DISCOVERED)?;
+        let found: BTreeSet<String> = (self.discovery.effects.iter())
+            .map(|effect| format!("{}({})", effect.name, effect.place))
+            .collect();
+        let mut wide = file.clone();
+        let mut tolerances = vec![];
+        for parameter in &variant.parameters {
+            let Some((key, _)) = parameter.name.split_once(").") else {
+                continue;
+            };
+            let key = format!("{key})");
+            if !found.contains(&key) {
+                continue;
+            }
+            // What is searched in a range has many minima there: it starts where it was found.
+            let prior = match (parameter.tolerance, parameter.search) {
+                (Some(tolerance), _) => {
+                    tolerances.push((key.clone(), parameter.quantity.clone(), tolerance));
+                    Some((parameter.nominal, constants.implausible * tolerance))
+                }
+                (None, Some((low, high))) => {
+                    Some((self.values.get(&parameter.name).copied(), high - low))
+                }
+                (None, None) => None,
+            };
+            let Some((at, tol)) = prior else {
+                continue;
+            };
+            let value = (wide.effects.entry(key).or_default())
                 .entry(parameter.quantity.clone())
                 .or_insert_with(|| Value {
                     value: vec![],
-                    tol: constants.implausible * tol,
+                    tol,
                     sigma: None,
                 });
-            value.value.push(parameter.nominal.unwrap_or_default());
-            tolerances.push((key, parameter.quantity.clone(), tol));
+            value.value.push(at.unwrap_or_default());
         }
-    }
-    let options = calibration::Options::default();
-    let mut fitted = unknown_poses::calibrate(&found, variant, &wide, folder, rows, &options)?;
-    let effects = &mut fitted.calibration.file.effects;
-    for (key, quantity, tol) in tolerances {
-        let value = effects
-            .get_mut(&key)
-            .and_then(|values| values.get_mut(&quantity));
-        if let Some(value) = value {
-            value.tol = tol;
+        let options = calibration::Options::default();
+        let mut fitted = unknown_poses::calibrate(&robot, variant, &wide, folder, rows, &options)?;
+        let effects = &mut fitted.calibration.file.effects;
+        for (key, quantity, tol) in tolerances {
+            let value = effects
+                .get_mut(&key)
+                .and_then(|values| values.get_mut(&quantity));
+            if let Some(value) = value {
+                value.tol = tol;
+            }
         }
+        Ok(fitted)
     }
-    Ok(fitted)
 }

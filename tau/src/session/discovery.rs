@@ -2,9 +2,9 @@
 
 use std::path::Path;
 
-use tau_discovery::{DISCOVERED, Options, Outcome, UNNAMED, reserved};
+use tau_discovery::{Options, Outcome, UNNAMED, reserved};
 use tau_estimation::calibration::Error;
-use tau_estimation::unknown_poses::{self, UnknownPoses};
+use tau_estimation::unknown_poses::UnknownPoses;
 use tau_model_dsl::{self as language, Model};
 use tau_robot::effects::CATALOGUE;
 use tau_robot::input_error::{self, InputError, Source, both};
@@ -85,10 +85,7 @@ impl<R> Session<R> {
     /// # Errors
     /// As [`Self::calibrate_unknown_poses`].
     pub fn refitted_of_unknown_poses(&self, found: &Outcome) -> Result<UnknownPoses, Error> {
-        let (robot, division) = (found.robot(), self.row_division());
-        let variant = robot.find(DISCOVERED, "what was found")?;
-        let (file, folder, options) = (&self.robot_file, &self.folder, self.options());
-        unknown_poses::calibrate(&robot, variant, file, folder, &division, &options)
+        found.calibration_of_unknown_poses(&self.robot_file, &self.folder, &self.row_division())
     }
 
     /// The effects of files, then those of the catalogue that ships; mistakes of all files are reported together.
