@@ -149,7 +149,7 @@ fn what_belts_hide_is_named_from_their_readings() {
     }
 }
 
-/// What is written is the machine that was found: it calibrates to the same values and meets its readings, and what is
+/// The machine that is written is the one that was found: it calibrates to the same values and meets its readings, and what is
 /// held out shrinks to its noise.
 #[test]
 fn what_is_written_is_what_was_found() {

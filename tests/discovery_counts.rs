@@ -142,7 +142,7 @@ fn named_by_heights_and_distances(seed: u64, effects: &[&str]) -> Vec<(String, S
         distances = { distance_m = 2e-5 }";
     let file = RobotFile::parse_for(text, "robot.toml", &robot).unwrap();
     let simulation = Simulation {
-        // What a variant holds the machine has as drawn.
+        // Values that a variant holds the machine has as drawn.
         variant: Some("Full".to_owned()),
         effects: (effects.iter())
             .map(|effect| Effect::parse(effect, &robot, "effect").unwrap())

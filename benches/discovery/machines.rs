@@ -81,7 +81,7 @@ const KINDS: [Kind; 4] = [
 const TRACKED: &str = "[noise]\nposition_m = 1e-5\nrotation_rad = 4e-5\n[payload]\nmass_kg = 3.0\n\
     centre_m = [0.0, 0.0, 0.0]\ngravity_m_s2 = [0.0, 0.0, -9.81]\n";
 
-/// What is hidden in a trial.
+/// Hidden part of a trial.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 enum Subject {

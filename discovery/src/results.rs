@@ -120,7 +120,7 @@ pub struct Validation {
 pub enum ErrorOf {
     /// Predicted less measured position of the TCP.
     Position,
-    /// What is left of the measurements of a pose that is unknown, drives' readings among them, once the plate stands
+    /// Rest of the measurements of a pose that is unknown, drives' readings among them, once the plate stands
     /// where they fit best: root of the sum of squares.
     Measurements,
 }

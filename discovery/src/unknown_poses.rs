@@ -117,7 +117,7 @@ pub(super) fn search(
         let mut outcome = searched(&input, started, progress)?;
         progress("calibrating what was found");
         let fitted = outcome.stated(&file, folder, &rows, &options.constants)?;
-        // What a base lacks may look like gross measurements or like noise, and may hide some.
+        // Effects that a base lacks may look like gross measurements or like noise, and may hide some.
         let is_other = fitted.left_out() != *unknown.poses.left_out()
             || unknown.poses.change_of_noise(&fitted) > OTHER_NOISE;
         if is_other && round < ROUNDS {
@@ -205,7 +205,7 @@ impl Outcome {
             if !found.contains(&key) {
                 continue;
             }
-            // What is searched in a range has many minima there: it starts where it was found.
+            // A parameter that is searched has many minima in its range: it starts where it was found.
             let prior = match (parameter.tolerance, parameter.search) {
                 (Some(tolerance), _) => {
                     tolerances.push((key.clone(), parameter.quantity.clone(), tolerance));

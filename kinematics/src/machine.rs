@@ -31,7 +31,7 @@ pub struct Closures {
     /// Derivatives by translation (m), rotation vector in the measurement frame (rad) and commands
     /// (m): one row per closure, `6 + commands` columns.
     pub jacobian: DMatrix<f64>,
-    /// What each was divided by (m), 1 where the closure does not depend on the position.
+    /// Divisor of each (m), 1 where the closure does not depend on the position.
     pub slopes: DVector<f64>,
 }
 

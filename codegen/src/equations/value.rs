@@ -20,7 +20,7 @@ impl<'a> Context<'a> {
         }
     }
 
-    /// What the length of a link is more than at command zero; nothing where no formula says how it follows from it.
+    /// Length of a link beyond that at command zero; nothing where no formula says how it follows from the command.
     pub(super) fn paid_out(&mut self, owner: Owner) -> Expr {
         let Some(formula) = self.formula_of(owner, Value::Length) else {
             return self.g.constant(0.0);

@@ -257,7 +257,7 @@ impl Fit {
 struct Judged {
     samples: Vec<usize>,
     origins: Vec<Origin>,
-    /// What is left of each over its noise, and the covariance that noise lets expect.
+    /// Rest of each over its noise, and the covariance that noise lets expect.
     left: DVector<f64>,
     covariance: DMatrix<f64>,
 }

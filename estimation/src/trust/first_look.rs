@@ -94,7 +94,7 @@ impl<'a> FirstLook<'a> {
             let plain = residuals.as_mut_slice();
             family.linearize_all(&prepared_data, &values, plain, &mut entries);
             residuals.component_mul_assign(&DVector::from_column_slice(weights));
-            // What priors and noise let residuals scatter by; the sum of squares in that is least.
+            // Covariance that priors and noise let residuals have; the sum of squares in it is least.
             let mut covariance = DMatrix::identity(poses, poses);
             for (place, &column) in columns.iter().enumerate() {
                 let of_poses = entries.iter().skip(place).step_by(columns.len());

@@ -168,7 +168,7 @@ fn residuals_without_poses_have_the_derivatives_of_their_closures() {
     let off = |times: f64| (moved(times) - &predicted * times).norm();
     assert!(before.norm() < 1e-3, "{}", before.norm());
     assert!(predicted.norm() > 10.0, "{}", predicted.norm());
-    // What is left is of second order.
+    // The rest is of second order.
     let [once, twice] = [1.0, 2.0].map(off);
     assert!(once < 1e-2 * predicted.norm(), "{once}");
     assert!((3.0..5.0).contains(&(twice / once)), "{once} {twice}");
